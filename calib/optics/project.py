@@ -1,0 +1,56 @@
+"""Forward projection: from a point in space to the pixel that sees it, by Newton's method on the rays."""
+
+import torch
+from torch import Tensor
+
+from calib.optics.params import Values
+from calib.optics.path import Path, by_pixel
+
+STEPS = 30
+LONGEST_STEP = 200.0
+"""px: where a start is poor, several short steps are safer than one long one."""
+CONVERGED = 1e-9
+"""px"""
+ACCEPTED = 1e-7
+"""px: the last step of a pixel that counts as found."""
+
+
+def project(path: Path, values: Values, points: Tensor, start: Tensor | None = None) -> Tensor:
+    """The pixel whose ray passes through each point.
+
+    Args:
+        points: (N, 3) m in the camera frame.
+        start: (N, 2) px to start from; without it, the pixel that would see the point if there were no cover.
+
+    Returns:
+        (N, 2) px; NaN for a point that is not in front of the camera or that no ray reaches.
+    """
+    front = points[..., 2] > 1e-6
+    goal = torch.where(front.unsqueeze(-1), points, torch.ones_like(points))
+    pixels = (path.lens.project(goal, values) if start is None else start).clone()
+    depth = goal[..., 2]
+    last = torch.full_like(depth, torch.inf)
+    for _ in range(STEPS):
+        error, slopes, failure = _miss(path, values, pixels, goal[..., :2], depth)
+        step = torch.linalg.solve_ex(slopes, error.unsqueeze(-1)).result.squeeze(-1)
+        length = step.norm(dim=-1)
+        usable = torch.isfinite(length) & (failure == 0)
+        last = torch.where(usable, length, torch.full_like(length, torch.inf))
+        short = (LONGEST_STEP / length.clamp_min(LONGEST_STEP)).unsqueeze(-1)
+        pixels = torch.where(usable.unsqueeze(-1), pixels - short * step, pixels)
+        if bool((last[front & usable] < CONVERGED).all()):
+            break
+    return torch.where((front & (last < ACCEPTED)).unsqueeze(-1), pixels, torch.full_like(pixels, torch.nan))
+
+
+def _miss(path: Path, values: Values, pixels: Tensor, goal: Tensor, depth: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """By how much (N, 2) m each pixel's ray passes the goal in the plane of its depth, the (N, 2, 2) derivative, (N) failures."""
+
+    def passing(at: Tensor) -> tuple[Tensor, Tensor]:
+        rays = path.trace(at, values)
+        forward = rays.direction[..., 2]
+        forward = torch.where(forward.abs() < 1e-9, torch.ones_like(forward), forward)
+        distance = (depth - rays.origin[..., 2]) / forward
+        return (rays.origin + distance.unsqueeze(-1) * rays.direction)[..., :2] - goal, rays.failure
+
+    return by_pixel(passing, pixels)
