@@ -10,7 +10,8 @@ import torch
 from torch import Tensor
 
 from calib.optics.params import Param, Values
-from calib.optics.rays import LENS, Rays, unit
+from calib.optics.rays import LENS, Rays
+from calib.optics.vector import Vector
 
 COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
 """OpenCV's order."""
@@ -39,8 +40,8 @@ class Lens:
         failed = torch.zeros_like(x, dtype=torch.bool)
         if self.count:
             x, y, failed = undistort(x, y, self._coefficients(values))
-        direction = unit(torch.stack([x, y, torch.ones_like(x)], -1))
-        return Rays(torch.zeros_like(direction), direction, failed.to(torch.uint8) * LENS)
+        zero = torch.zeros_like(x)
+        return Rays(Vector(zero, zero, zero), Vector(x, y, torch.ones_like(x)).unit(), failed.to(torch.uint8) * LENS)
 
     def project(self, points: Tensor, values: Values) -> Tensor:
         """(..., 3) m in front of the pinhole to (..., 2) px, as if there were no cover."""

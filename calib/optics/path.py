@@ -1,11 +1,10 @@
 """The way of a ray: the lens, then each surface of the cover in order, then the board."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
-from torch.func import jvp
 
 from calib.optics.interface import Interface
 from calib.optics.lens import Lens
@@ -40,19 +39,21 @@ class Path:
         return self.target(self.trace(pixels, values), poses)
 
 
-def by_pixel(function: Callable[[Tensor], tuple[Tensor, Tensor]], pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Differentiate a function of (..., 2) px row by row.
+def by_row(outputs: Tensor, inputs: Sequence[Tensor]) -> list[Tensor]:
+    """Derivatives of a function that treats every row by itself.
+
+    Two reverse passes serve any number of inputs, so this is far cheaper than a forward pass for each input.
 
     Args:
-        function: gives a (..., k) value and anything else that is not differentiated.
+        outputs: (N, k), computed from the inputs.
+        inputs: (N, ...) each, requiring gradients: row n of the outputs depends on row n alone.
 
     Returns:
-        The (..., k) value, its (..., k, 2) derivative by the pixel, and the function's second result.
+        For each input its (N, k, ...) derivative, zero where the outputs do not depend on it.
     """
-    columns = []
-    for axis in range(2):
-        tangent = torch.zeros_like(pixels)
-        tangent[..., axis] = 1
-        value, column, other = jvp(function, (pixels,), (tangent,), has_aux=True)  # type: ignore[misc]
-        columns.append(column)
-    return value, torch.stack(columns, -1), other
+    k = outputs.shape[-1]
+    passes = [
+        torch.autograd.grad(outputs[..., i].sum(), inputs, retain_graph=i < k - 1, allow_unused=True, materialize_grads=True)
+        for i in range(k)
+    ]
+    return [torch.stack(columns, 1) for columns in zip(*passes, strict=True)]

@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 
 from calib.optics.params import Values
-from calib.optics.path import Path, by_pixel
+from calib.optics.path import Path, by_row
 
 STEPS = 30
 LONGEST_STEP = 200.0
@@ -45,12 +45,9 @@ def project(path: Path, values: Values, points: Tensor, start: Tensor | None = N
 
 def _miss(path: Path, values: Values, pixels: Tensor, goal: Tensor, depth: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """By how much (N, 2) m each pixel's ray passes the goal in the plane of its depth, the (N, 2, 2) derivative, (N) failures."""
-
-    def passing(at: Tensor) -> tuple[Tensor, Tensor]:
+    with torch.enable_grad():
+        at = pixels.detach().requires_grad_()
         rays = path.trace(at, values)
-        forward = rays.direction[..., 2]
-        forward = torch.where(forward.abs() < 1e-9, torch.ones_like(forward), forward)
-        distance = (depth - rays.origin[..., 2]) / forward
-        return (rays.origin + distance.unsqueeze(-1) * rays.direction)[..., :2] - goal, rays.failure
-
-    return by_pixel(passing, pixels)
+        error = rays.at_depth(depth) - goal
+        (slopes,) = by_row(error, [at])
+    return error.detach(), slopes, rays.failure

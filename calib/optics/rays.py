@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from calib.optics.vector import Vector
+
 FAILURES = (
     "arrived",
     "the lens model cannot be inverted there",
@@ -23,23 +25,22 @@ LENS, MISSED_INNER, REFLECTED_INNER, MISSED_OUTER, REFLECTED_OUTER, MISSED_TARGE
 class Rays:
     """Rays in the camera frame. A failed ray stays finite, and so do its gradients; `failure` says that it means nothing."""
 
-    origin: Tensor
-    """(..., 3) m"""
-    direction: Tensor
-    """(..., 3) unit"""
+    origin: Vector
+    """(...) m"""
+    direction: Vector
+    """(...) unit"""
     failure: Tensor
     """(...) uint8, index into FAILURES"""
 
-    def fail(self, where: Tensor, code: int) -> Tensor:
-        """The failures with `code` entered where (...) bool is true and nothing went wrong before."""
-        return torch.where((self.failure == 0) & where, torch.full_like(self.failure, code), self.failure)
+    def moved(self, origin: Vector, direction: Vector, failed: tuple[Tensor, int], *more: tuple[Tensor, int]) -> "Rays":
+        """The rays after a stage; each (where, code) enters a failure where nothing went wrong before."""
+        failure = self.failure
+        for where, code in (failed, *more):
+            failure = torch.where((failure == 0) & where, torch.full_like(failure, code), failure)
+        return Rays(origin, direction, failure)
 
-    @property
-    def ok(self) -> Tensor:
-        """(...) bool, true for the rays that arrived."""
-        return self.failure == 0
-
-
-def unit(vectors: Tensor) -> Tensor:
-    """(..., 3) scaled to length one."""
-    return torch.nn.functional.normalize(vectors, dim=-1)
+    def at_depth(self, depth: Tensor) -> Tensor:
+        """(..., 2) m: x and y where each ray passes the plane z = depth (...) m."""
+        forward = torch.where(self.direction.z.abs() < 1e-9, torch.ones_like(self.direction.z), self.direction.z)
+        point = self.origin + self.direction * ((depth - self.origin.z) / forward)
+        return torch.stack([point.x, point.y], -1)

@@ -32,21 +32,21 @@ class Relief:
     @property
     def spacing(self) -> tuple[float, float]:
         """The distance between neighbouring centres, in chart units."""
-        return tuple((b - a) / (n - 1) for a, b, n in zip(self.low, self.high, self.grid, strict=True))  # type: ignore[return-value]
+        return (self.high[0] - self.low[0]) / (self.grid[0] - 1), (self.high[1] - self.low[1]) / (self.grid[1] - 1)
 
-    def height(self, chart: Tensor, values: Values) -> tuple[Tensor, Tensor]:
-        """(..., 2) chart coordinates to (...) m, and to its slopes (..., 2), m per chart unit."""
+    def height(self, chart: tuple[Tensor, Tensor], values: Values) -> tuple[Tensor, Tensor, Tensor]:
+        """Two (...) chart coordinates to (...) m, and to its two (...) slopes, m per chart unit."""
         amplitudes = values["relief.amplitudes"]  # (rows, columns)
-        first, rise_first = self._bells(chart[..., 0], 0)  # (..., rows)
-        second, rise_second = self._bells(chart[..., 1], 1)  # (..., columns)
-        mixed = first @ amplitudes  # (..., columns)
-        slopes = torch.stack([((rise_first @ amplitudes) * second).sum(-1), (mixed * rise_second).sum(-1)], -1)
-        return (mixed * second).sum(-1), slopes
+        first, rise_first = self.bells(chart[0], 0)  # (rows, ...)
+        second, rise_second = self.bells(chart[1], 1)  # (columns, ...)
+        mixed = torch.tensordot(amplitudes, second, dims=([1], [0]))  # (rows, ...)
+        rise_mixed = torch.tensordot(amplitudes, rise_second, dims=([1], [0]))
+        return (mixed * first).sum(0), (mixed * rise_first).sum(0), (rise_mixed * first).sum(0)
 
-    def _bells(self, coordinate: Tensor, axis: int) -> tuple[Tensor, Tensor]:
-        """The (..., n) one-dimensional Gaussians of one axis and their derivatives by the chart coordinate."""
+    def bells(self, coordinate: Tensor, axis: int) -> tuple[Tensor, Tensor]:
+        """The (n, ...) one-dimensional Gaussians of one axis, and their derivatives by the chart coordinate."""
         step = self.spacing[axis]
         centres = torch.arange(self.grid[axis], dtype=coordinate.dtype, device=coordinate.device)
-        away = ((coordinate - self.low[axis]) / step).unsqueeze(-1) - centres
-        bells = torch.exp(-(away**2) / (2 * self.beta))
-        return bells, -away / (self.beta * step) * bells
+        away = (coordinate - self.low[axis]) / step - centres.reshape(-1, *(1,) * coordinate.ndim)
+        bells = torch.exp(away * away * (-0.5 / self.beta))
+        return bells, away * bells * (-1 / (self.beta * step))

@@ -5,6 +5,7 @@ from typing import Protocol
 from torch import Tensor
 
 from calib.optics.params import Param, Values
+from calib.optics.vector import Vector
 
 
 class Surface(Protocol):
@@ -19,22 +20,22 @@ class Surface(Protocol):
         """The numbers that it reads from the values."""
         ...
 
-    def reach(self, origin: Tensor, direction: Tensor, height: Tensor, values: Values) -> tuple[Tensor, Tensor]:
-        """From (..., 3) m and (..., 3) unit, inside, to the surface at `height` m: (...) m along the ray, (...) bool missed."""
+    def reach(self, origin: Vector, direction: Vector, height: Tensor, values: Values) -> tuple[Tensor, Tensor]:
+        """From a point inside, along a unit direction, to the surface at `height` m: (...) m along the ray, (...) bool missed."""
         ...
 
-    def height(self, points: Tensor, values: Values) -> Tensor:
-        """(..., 3) m to (...) m above the inner surface."""
+    def height(self, points: Vector, values: Values) -> Tensor:
+        """(...) m above the inner surface."""
         ...
 
-    def gradient(self, points: Tensor, values: Values) -> Tensor:
-        """(..., 3): the derivative of `height` by the point. It points outwards; its length need not be one."""
+    def gradient(self, points: Vector, values: Values) -> Vector:
+        """The derivative of `height` by the point. It points outwards; its length need not be one."""
         ...
 
-    def chart(self, points: Tensor) -> Tensor:
-        """(..., 3) m to (..., 2) surface coordinates, in which the relief's centres lie on a regular grid."""
+    def chart(self, points: Vector) -> tuple[Tensor, Tensor]:
+        """The two (...) surface coordinates in which the relief's centres lie on a regular grid."""
         ...
 
-    def chart_gradient(self, points: Tensor) -> Tensor:
-        """(..., 2, 3): the derivative of `chart` by the point."""
+    def chart_gradient(self, points: Vector, first: Tensor, second: Tensor) -> Vector:
+        """first times the derivative of the first chart coordinate by the point, plus second times that of the second."""
         ...

@@ -7,6 +7,7 @@ from torch import Tensor
 
 from calib.optics import rotation
 from calib.optics.rays import MISSED_TARGET, Rays
+from calib.optics.vector import Vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,11 +24,11 @@ class Plane:
         Returns:
             (..., 2) m board coordinates, and (...) uint8 failures.
         """
-        turn = rotation.matrix(poses[..., :3])  # (..., 3, 3)
-        origin = ((rays.origin - poses[..., 3:]).unsqueeze(-2) @ turn).squeeze(-2)  # R^T (o - t)
-        direction = (rays.direction.unsqueeze(-2) @ turn).squeeze(-2)
-        along = direction[..., 2]
-        grazing = along.abs() < 1e-6
-        distance = -origin[..., 2] / torch.where(grazing, torch.ones_like(along), along)
-        landed = origin[..., :2] + distance.unsqueeze(-1) * direction[..., :2]
-        return landed, rays.fail(grazing | (distance <= 0), MISSED_TARGET)
+        turn = rotation.matrix(poses[..., :3])
+        origin = (rays.origin - Vector.of(poses[..., 3:])).turned(turn, back=True)
+        direction = rays.direction.turned(turn, back=True)
+        grazing = direction.z.abs() < 1e-6
+        distance = -origin.z / torch.where(grazing, torch.ones_like(direction.z), direction.z)
+        landed = origin + direction * distance
+        failed = rays.moved(landed, direction, (grazing | (distance <= 0), MISSED_TARGET))
+        return torch.stack([landed.x, landed.y], -1), failed.failure
