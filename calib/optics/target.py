@@ -32,3 +32,8 @@ class Plane:
         landed = origin + direction * distance
         failed = rays.moved(landed, direction, (grazing | (distance <= 0), MISSED_TARGET))
         return torch.stack([landed.x, landed.y], -1), failed.failure
+
+    def place(self, corners: Tensor, poses: Tensor) -> Tensor:
+        """(..., 2) m board coordinates on boards at (..., 6) to (..., 3) m in the camera frame."""
+        flat = Vector(corners[..., 0], corners[..., 1], torch.zeros_like(corners[..., 0]))
+        return flat.turned(rotation.matrix(poses[..., :3])).stacked() + poses[..., 3:]

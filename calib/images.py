@@ -1,0 +1,134 @@
+"""Pictures on disk: which there are, and their pixels as stored.
+
+Older OpenCV decodes half a picture without a word, so a truncated file is recognised before it is decoded.
+"""
+
+import re
+import tokenize
+import zlib
+from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.errors import InputError
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".npy")
+
+cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # what it would print is raised here, as a sentence
+
+Image = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+def list_images(folder: Path) -> tuple[Path, ...]:
+    """The pictures of a folder, in the order a person counts: 2.png before 10.png. Hidden files are left out."""
+    try:
+        found = [p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith(".") and not p.is_dir()]
+    except OSError as error:
+        raise InputError(f"{folder} cannot be listed ({error.strerror}): give a folder of pictures that may be read.") from error
+    return tuple(sorted(found, key=_natural))
+
+
+def read_image(path: Path) -> Image:
+    """(H, W) grey or (H, W, 3) BGR pixels, uint8 or uint16, as stored: not turned by EXIF, without an alpha channel."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}): check its name and permissions.") from error
+    if not data:
+        raise InputError(f"{path} is an empty file: copy it again, or remove it.")
+    if path.suffix.lower() == ".npy":
+        return _checked(path, _decode_npy(path, data))
+    for magic, is_whole in WHOLE.items():
+        if data.startswith(magic) and not is_whole(data):
+            raise InputError(f"{path} is truncated or damaged: copy it again, or remove it.")
+    try:
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        pixels = None
+    if pixels is None:
+        raise InputError(f"{path} is not an image, or a damaged one: replace it by a png, jpg, tiff, bmp or npy file, or remove it.")
+    return _checked(path, pixels)
+
+
+def read_grey(path: Path) -> Image:
+    """(H, W) pixels, uint8 or uint16."""
+    pixels = read_image(path)
+    return pixels if pixels.ndim == 2 else _native(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
+
+
+def image_size(path: Path) -> tuple[int, int]:
+    """Width and height, px."""
+    height, width = read_image(path).shape[:2]
+    return width, height
+
+
+def _natural(path: Path) -> tuple[list[str | int], str]:
+    parts = re.split(r"([0-9]+)", path.name.lower())
+    return [int(part) if odd % 2 else part for odd, part in enumerate(parts)], path.name
+
+
+def _decode_npy(path: Path, data: bytes) -> NDArray:
+    try:
+        return np.lib.format.read_array(BytesIO(data), allow_pickle=False)
+    except (ValueError, EOFError, MemoryError, OverflowError, SyntaxError, TypeError, tokenize.TokenError) as error:
+        raise InputError(
+            f"{path} is not a whole .npy array: write it by numpy.save as (height, width) or (height, width, 3) uint8 or uint16."
+        ) from error
+
+
+def _checked(path: Path, pixels: NDArray) -> Image:
+    if pixels.ndim == 3 and pixels.shape[2] == 1:
+        pixels = pixels[..., 0]
+    if pixels.ndim == 3 and pixels.shape[2] == 4:
+        pixels = pixels[..., :3]
+    if pixels.dtype.kind != "u" or pixels.dtype.itemsize > 2:
+        raise InputError(f"{path} has pixels of type {pixels.dtype}: convert it to uint8 or uint16.")
+    if pixels.size == 0 or not (pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 3)):
+        raise InputError(f"{path} is an array of shape {pixels.shape}: write it as (height, width) or (height, width, 3).")
+    return _native(pixels)
+
+
+def _native(pixels: NDArray) -> Image:
+    """The same numbers, contiguous and in this machine's byte order."""
+    if pixels.dtype.itemsize == 1:
+        return np.ascontiguousarray(pixels, np.uint8)
+    return np.ascontiguousarray(pixels, np.uint16)
+
+
+_JPEG_MARKER = re.compile(rb"\xff+([^\x00\xff\xd0-\xd7])")
+"""Any but a stuffed 0xff and the restart markers, which stand inside the compressed data."""
+
+
+def _jpeg_is_whole(data: bytes) -> bool:
+    """Whether the end marker comes when walking the segments: a thumbnail's own does not count, and bytes after it do no harm."""
+    at = 2
+    while found := _JPEG_MARKER.search(data, at):
+        if found[1] == b"\xd9":
+            return True
+        at = found.end() + int.from_bytes(data[found.end() : found.end() + 2], "big")
+    return False
+
+
+def _png_is_whole(data: bytes) -> bool:
+    """Whether every chunk up to IEND is there and agrees with its checksum."""
+    at = 8
+    while at + 12 <= len(data):
+        end = at + 8 + int.from_bytes(data[at : at + 4], "big")
+        if zlib.crc32(data[at + 4 : end]) != int.from_bytes(data[end : end + 4], "big"):
+            return False
+        if data[at + 4 : at + 8] == b"IEND":
+            return True
+        at = end + 4
+    return False
+
+
+def _bmp_is_whole(data: bytes) -> bool:
+    return len(data) >= int.from_bytes(data[2:6], "little")
+
+
+WHOLE: dict[bytes, Callable[[bytes], bool]] = {b"\xff\xd8\xff": _jpeg_is_whole, b"\x89PNG\r\n\x1a\n": _png_is_whole, b"BM": _bmp_is_whole}
+"""How to tell that a file is complete, by the bytes it starts with. OpenCV refuses half a TIFF by itself."""

@@ -1,0 +1,152 @@
+"""The camera without its cover: intrinsics and lens by Zhang's method (cv2.calibrateCamera).
+
+Source: Z. Zhang, A flexible new technique for camera calibration (2000), the paper's reference for its own intrinsics.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.board import Board
+from calib.camera import COEFFICIENTS, Camera, Intrinsics
+from calib.errors import NotEnoughDataError
+from calib.progress import Progress
+from calib.robust import outlying
+from calib.schema import Number
+from calib.views import Rejected, View
+
+FEWEST_VIEWS = 4
+FEWEST_CORNERS = 8
+"""A pose takes six numbers of the sixteen."""
+FOLDS = 4
+WORTH = 0.98
+"""More coefficients must leave at most this fraction of the held-out error."""
+CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-10)
+
+FLAGS = {
+    0: cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST,
+    4: cv2.CALIB_FIX_K3,
+    5: 0,
+    8: cv2.CALIB_RATIONAL_MODEL,
+    12: cv2.CALIB_RATIONAL_MODEL | cv2.CALIB_THIN_PRISM_MODEL,
+    14: cv2.CALIB_RATIONAL_MODEL | cv2.CALIB_THIN_PRISM_MODEL | cv2.CALIB_TILTED_MODEL,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class BareFit:
+    """A plain camera calibration."""
+
+    intrinsics: Intrinsics
+    """Each number with its standard deviation."""
+    rms_px: float
+    views: tuple[View, ...]
+    rejected: tuple[Rejected, ...]
+    held_out_px: dict[int, float]
+    """By number of lens coefficients: the error on held-out views, where it was asked."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Solved:
+    camera: NDArray[np.float64]  # (3, 3)
+    coefficients: NDArray[np.float64]  # (count,)
+    sigmas: NDArray[np.float64]  # (4 + count,) fx, fy, cx, cy, then the coefficients
+    per_view: NDArray[np.float64]  # (V,) px
+    rms: float
+
+
+def calibrate_bare(views: Sequence[View], board: Board, camera: Camera, progress: Progress) -> BareFit:
+    """Intrinsics from views of a board, with the number of lens coefficients that `camera` asks for or that held-out views do.
+
+    Raises:
+        NotEnoughDataError: too few views are left.
+    """
+    kept = [view for view in views if view.count >= FEWEST_CORNERS]
+    rejected = [
+        Rejected(v.name, f"only {v.count} corners are seen, and a pose needs {FEWEST_CORNERS}") for v in views if v.count < FEWEST_CORNERS
+    ]
+    _check_enough(kept, "Zhang's method")
+    size = camera.width, camera.height
+    held_out: dict[int, float] = {}
+    count = camera.lens_coefficients
+    if count is None:
+        count, held_out = _choose_count(kept, board, size, progress)
+    advance = progress.task("Intrinsics", 1)
+    while True:
+        solved = _solve(kept, board, size, count)
+        bad = outlying(solved.per_view)
+        if not bad.any():
+            break
+        rejected += [
+            Rejected(view.name, f"its {error:.2f} px do not fit the {np.median(solved.per_view):.2f} px of the other views")
+            for view, error, out in zip(kept, solved.per_view, bad, strict=True)
+            if out
+        ]
+        kept = [view for view, out in zip(kept, bad, strict=True) if not out]
+        _check_enough(kept, "Zhang's method")
+    advance(1, f"{solved.rms:.3f} px")
+    return BareFit(_intrinsics(solved), solved.rms, tuple(kept), tuple(rejected), held_out)
+
+
+def _choose_count(views: Sequence[View], board: Board, size: tuple[int, int], progress: Progress) -> tuple[int, dict[int, float]]:
+    """The fewest coefficients within 2 % of the least error on views that the fit has not seen."""
+    folds = min(FOLDS, len(views) // 2)
+    advance = progress.task("Lens coefficients", folds * len(COEFFICIENTS))
+    errors = {}
+    for i, count in enumerate(COEFFICIENTS):
+        per_view = np.empty(len(views))
+        for fold in range(folds):
+            solved = _solve([v for j, v in enumerate(views) if j % folds != fold], board, size, count)
+            for j in range(fold, len(views), folds):
+                per_view[j] = _held_out_rms(views[j], board, solved)
+            advance(i * folds + fold + 1, f"{count} coefficients")
+        errors[count] = np.nan_to_num(per_view, nan=np.inf)
+    # A few bad views would drown the rest: no view counts for more than four times the best model's median.
+    limit = 4 * min(float(np.median(e)) for e in errors.values())
+    scores = {count: float(np.minimum(e, 100 * limit if count == 0 else limit * 25).mean()) for count, e in errors.items()}
+    best = min(scores.values())
+    return next(count for count, score in scores.items() if WORTH * score <= best), scores
+
+
+def _solve(views: Sequence[View], board: Board, size: tuple[int, int], count: int) -> _Solved:
+    points = np.column_stack([board.points(), np.zeros(board.count)]).astype(np.float32)
+    objects = [points[view.seen] for view in views]
+    pixels = [view.corners[view.seen].astype(np.float32) for view in views]
+    start = _start(size)
+    rms, camera, coefficients, _, _, sigmas, _, per_view = cv2.calibrateCameraExtended(
+        objects, pixels, size, start, np.zeros(14), flags=FLAGS[count] | cv2.CALIB_USE_INTRINSIC_GUESS, criteria=CRITERIA
+    )
+    lens = np.ravel(coefficients)[:count]
+    return _Solved(np.asarray(camera), lens, np.ravel(sigmas)[: 4 + count], np.ravel(per_view), float(rms))
+
+
+def _start(size: tuple[int, int]) -> NDArray[np.float64]:
+    width, height = size
+    return np.array([[width, 0, (width - 1) / 2], [0, width, (height - 1) / 2], [0, 0, 1.0]])
+
+
+def _held_out_rms(view: View, board: Board, solved: _Solved) -> float:
+    points = np.column_stack([board.points(), np.zeros(board.count)])[view.seen]
+    pixels = view.corners[view.seen]
+    found, rotvec, translation = cv2.solvePnP(points, pixels, solved.camera, solved.coefficients)
+    if not found:
+        return float("nan")
+    seen, _ = cv2.projectPoints(points, rotvec, translation, solved.camera, solved.coefficients)
+    return float(np.sqrt(((seen.reshape(-1, 2) - pixels) ** 2).sum(-1).mean()))
+
+
+def _intrinsics(solved: _Solved) -> Intrinsics:
+    numbers = (solved.camera[0, 0], solved.camera[1, 1], solved.camera[0, 2], solved.camera[1, 2], *solved.coefficients)
+    fx, fy, cx, cy, *lens = (Number(float(v), float(s)) for v, s in zip(numbers, solved.sigmas, strict=True))
+    return Intrinsics(fx, fy, cx, cy, tuple(lens))
+
+
+def _check_enough(views: Sequence[View], what: str) -> None:
+    if len(views) < FEWEST_VIEWS:
+        raise NotEnoughDataError(
+            f"Only {len(views)} views without the cover are usable and {what} needs {FEWEST_VIEWS}: "
+            "take more pictures of the board, tilted in different directions."
+        )
