@@ -27,7 +27,7 @@ ADVICE = {
 """What a person can do about a write that failed."""
 
 
-def write_atomically(path: Path, data: bytes | str) -> None:
+def write_atomically(path: Path, data: bytes | memoryview | str) -> None:
     """Write a file, text as UTF-8. When that fails, an InputError says what to do, and a file that was there is still whole."""
     temporary = path.with_name(f".{secrets.token_hex(8)}.tmp")
     try:
@@ -44,11 +44,19 @@ def write_atomically(path: Path, data: bytes | str) -> None:
             temporary.unlink()
 
 
-def save_npz(path: Path, arrays: Mapping[str, NDArray]) -> None:
-    """Write named arrays, compressed and never pickled."""
+def make_folder(folder: Path) -> None:
+    """Make a folder for results, and those above it; one that exists is fine."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder} cannot be made ({error.strerror}): choose another folder with -o.") from error
+
+
+def save_npz(path: Path, arrays: Mapping[str, NDArray], *, compressed: bool = True) -> None:
+    """Write named arrays, never pickled. Large maps are written much faster if not compressed."""
     pickled = [name for name, array in arrays.items() if array.dtype.hasobject]
     if pickled:
         raise TypeError(f"arrays of Python objects cannot be saved: {', '.join(pickled)}")
     buffer = BytesIO()
-    np.savez_compressed(buffer, allow_pickle=False, **arrays)
-    write_atomically(path, buffer.getvalue())
+    (np.savez_compressed if compressed else np.savez)(buffer, allow_pickle=False, **arrays)
+    write_atomically(path, buffer.getbuffer())

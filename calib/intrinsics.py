@@ -104,9 +104,8 @@ def _choose_count(views: Sequence[View], board: Board, size: tuple[int, int], pr
                 per_view[j] = _held_out_rms(views[j], board, solved)
             advance(i * folds + fold + 1, f"{count} coefficients")
         errors[count] = np.nan_to_num(per_view, nan=np.inf)
-    # A few bad views would drown the rest: no view counts for more than four times the best model's median.
-    limit = 4 * min(float(np.median(e)) for e in errors.values())
-    scores = {count: float(np.minimum(e, 100 * limit if count == 0 else limit * 25).mean()) for count, e in errors.items()}
+    # A few bad views would drown the rest: none counts for more than four times its model's median.
+    scores = {count: float(np.minimum(e, 4 * np.median(e)).mean()) for count, e in errors.items()}
     best = min(scores.values())
     return next(count for count, score in scores.items() if WORTH * score <= best), scores
 
@@ -119,8 +118,10 @@ def _solve(views: Sequence[View], board: Board, size: tuple[int, int], count: in
     rms, camera, coefficients, _, _, sigmas, _, per_view = cv2.calibrateCameraExtended(
         objects, pixels, size, start, np.zeros(14), flags=FLAGS[count] | cv2.CALIB_USE_INTRINSIC_GUESS, criteria=CRITERIA
     )
-    lens = np.ravel(coefficients)[:count]
-    return _Solved(np.asarray(camera), lens, np.ravel(sigmas)[: 4 + count], np.ravel(per_view), float(rms))
+    lens = np.ravel(coefficients)[:count].astype(np.float64)
+    return _Solved(
+        camera.astype(np.float64), lens, np.ravel(sigmas)[: 4 + count].astype(np.float64), np.ravel(per_view).astype(np.float64), float(rms)
+    )
 
 
 def _start(size: tuple[int, int]) -> NDArray[np.float64]:

@@ -127,16 +127,15 @@ def minimise(
 
 
 def _normal_equations(starts: Tensor, at: Linearised) -> _Normal:
-    size_b, size_s = at.by_block.shape[-1], at.by_shared.shape[-1]
     rows = starts.tolist()
     block, cross, slope = [], [], []
     for first, last in pairwise(rows):
-        own = at.by_block[first:last].reshape(-1, size_b)
+        own = at.by_block[first:last].flatten(0, 1)
         block.append(own.mT @ own)
-        cross.append(own.mT @ at.by_shared[first:last].reshape(-1, size_s))
-        slope.append(own.mT @ at.residual[first:last].reshape(-1))
-    flat = at.by_shared.reshape(-1, size_s)
-    return _Normal(torch.stack(block), torch.stack(cross), flat.mT @ flat, torch.stack(slope), flat.mT @ at.residual.reshape(-1))
+        cross.append(own.mT @ at.by_shared[first:last].flatten(0, 1))
+        slope.append(own.mT @ at.residual[first:last].flatten())
+    flat = at.by_shared.flatten(0, 1)
+    return _Normal(torch.stack(block), torch.stack(cross), flat.mT @ flat, torch.stack(slope), flat.mT @ at.residual.flatten())
 
 
 def _damped_step(normal: _Normal, damping: float) -> tuple[Tensor, Tensor]:
@@ -145,12 +144,11 @@ def _damped_step(normal: _Normal, damping: float) -> tuple[Tensor, Tensor]:
     shared = normal.shared + damping * torch.diag_embed(_diagonal(normal.shared))
     solved = torch.linalg.solve(block, torch.cat([normal.cross, normal.block_slope.unsqueeze(-1)], -1))  # (V, B, S + 1)
     away, pull = solved[..., :-1], solved[..., -1]
-    size_s = shared.shape[0]
-    flat_cross = normal.cross.reshape(-1, size_s)
+    flat_cross = normal.cross.flatten(0, 1)
     move_shared = torch.zeros_like(normal.shared_slope)
-    if size_s:
-        reduced = shared - flat_cross.mT @ away.reshape(-1, size_s)
-        move_shared = -torch.linalg.solve(reduced, normal.shared_slope - flat_cross.mT @ pull.reshape(-1))
+    if len(move_shared):
+        reduced = shared - flat_cross.mT @ away.flatten(0, 1)
+        move_shared = -torch.linalg.solve(reduced, normal.shared_slope - flat_cross.mT @ pull.flatten())
     return move_shared, -(pull + away @ move_shared)
 
 

@@ -1,4 +1,4 @@
-"""One picture's corners, wherever they came from: detection or a corners file."""
+"""One picture's corners, wherever they came from: detection or a corners file; or why there are none."""
 
 from dataclasses import dataclass
 
@@ -26,3 +26,11 @@ class View:
     def count(self) -> int:
         """How many corners were seen."""
         return int(np.count_nonzero(self.weight > 0))
+
+
+@dataclass(frozen=True, slots=True)
+class Rejected:
+    """A picture that is not used, and why. It is always listed, never dropped in silence."""
+
+    name: str
+    reason: str

@@ -1,0 +1,213 @@
+"""The result: what rays a camera behind a cover sees along, with everything that it was fitted from.
+
+calibration.yaml is for people, calibration.npz beside it holds the arrays. Together they are enough to fit again.
+"""
+
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+import torch
+import yaml
+from numpy.typing import NDArray
+from torch import Tensor
+
+from calib.board import Board
+from calib.camera import Camera
+from calib.cover import Cover
+from calib.errors import InputError
+from calib.files import make_folder, save_npz, write_atomically
+from calib.maps import RayField, ray_field
+from calib.observations import Observations
+from calib.optics.build import covered_path, with_relief
+from calib.optics.path import Path
+from calib.optics.project import project
+from calib.optics.relief import Relief
+from calib.session import session_from_mapping, session_to_yaml
+from calib.strict_yaml import read_yaml
+from calib.views import Rejected, View
+
+FORMAT = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """How well the model did after one stage of the fit."""
+
+    name: str
+    """pinhole, cover, cover+rbf"""
+    rms_px: float
+    """Root mean square two-dimensional reprojection error."""
+    rmse_cm: float
+    """Root mean square distance on the board."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """A camera, its cover, and the evidence for both."""
+
+    board: Board
+    camera: Camera
+    """With its intrinsics."""
+    cover: Cover
+    relief: Relief | None
+    amplitudes: NDArray[np.float64]
+    """(rows, columns) m, of the relief; (0, 0) without one."""
+    exact_hit: bool
+    """Whether the relief moves the hit point, or only bends the normal as in the paper."""
+    views: tuple[View, ...]
+    """The views that it was fitted to."""
+    poses: NDArray[np.float64]
+    """(V, 6) T_camera_board of each view: rotation vector (rad) and translation (m)."""
+    rejected: tuple[Rejected, ...]
+    stages: tuple[Stage, ...]
+    noise_px: float
+    """The corners' noise, root mean square of the two-dimensional error, from the residual's short-scale part."""
+    settings: dict[str, Any]
+    """What the fit was asked to do."""
+    gauge: str
+    """What fixes the rigid motion that board views leave open."""
+    refracal: str = field(default_factory=lambda: version("refracal"))
+    """The version that made it."""
+
+    @property
+    def observations(self) -> Observations:
+        return Observations.of(self.views, self.board)
+
+    def model(self) -> tuple[Path, dict[str, Tensor]]:
+        """The ray path and its numbers, in torch."""
+        assert self.camera.intrinsics
+        path, values = covered_path(self.camera.intrinsics, self.cover)
+        if self.relief:
+            path = with_relief(path, self.relief, exact_hit=self.exact_hit)
+            values["relief.amplitudes"] = torch.from_numpy(self.amplitudes)
+        return path, values
+
+    def rays(self, pixels: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The rays along which pixels see.
+
+        Args:
+            pixels: (N, 2) px; (0, 0) is the centre of the top-left pixel.
+
+        Returns:
+            (N, 3) m where each ray leaves the cover and (N, 3) unit where it goes, in the camera frame; NaN where none leaves it.
+        """
+        path, values = self.model()
+        rays = path.trace(_rows(pixels, 2, "pixels"), values)
+        lost = (rays.failure != 0).unsqueeze(-1)
+        origins, directions = (torch.where(lost, torch.nan, v.stacked()).numpy() for v in (rays.origin, rays.direction))
+        return origins, directions
+
+    def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N, 3) m in the camera frame to the (N, 2) px that see them; NaN for a point that none sees."""
+        path, values = self.model()
+        return project(path, values, _rows(points, 3, "points")).numpy()
+
+    def ray_field(self) -> RayField:
+        """The rays of the whole image on a coarse grid: the undistortion of every depth."""
+        path, values = self.model()
+        return ray_field(path, values, self.camera.width, self.camera.height)
+
+    def undistort_maps(self, depth: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Maps for cv2.remap that show the scene at `depth` m as the bare pinhole camera would: (height, width) each.
+
+        A pixel that the camera does not see through the cover has NaN.
+        """
+        made = self.ray_field().map_at(depth)
+        return np.where(made.valid, made.x, np.float32(np.nan)), np.where(made.valid, made.y, np.float32(np.nan))
+
+    def save(self, folder: FilePath) -> FilePath:
+        """Write calibration.yaml and calibration.npz into a folder, and return the first's path."""
+        make_folder(folder)
+        save_npz(
+            folder / "calibration.npz",
+            {
+                "amplitudes": self.amplitudes,
+                "poses": self.poses,
+                "names": np.array([view.name for view in self.views]),
+                "corners": np.array([view.corners for view in self.views]).reshape(-1, self.board.count, 2),
+                "weights": np.array([view.weight for view in self.views]).reshape(-1, self.board.count),
+            },
+        )
+        path = folder / "calibration.yaml"
+        write_atomically(path, yaml.safe_dump(self._as_mapping(), sort_keys=False, allow_unicode=True, width=120))
+        return path
+
+    def _as_mapping(self) -> dict[str, object]:
+        relief = self.relief and {
+            "low": list(self.relief.low),
+            "high": list(self.relief.high),
+            "grid": list(self.relief.grid),
+            "beta": self.relief.beta,
+            "exact_hit": self.exact_hit,
+        }
+        return {
+            "format": FORMAT,
+            "refracal": self.refracal,
+            **session_to_yaml(self.board, self.camera, self.cover),
+            "relief": relief,
+            "gauge": self.gauge,
+            "settings": self.settings,
+            "noise_px": self.noise_px,
+            "stages": [{"name": s.name, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in self.stages],
+            "frames_rejected": [{"file": r.name, "reason": r.reason} for r in self.rejected],
+        }
+
+    @staticmethod
+    def load(path: str | FilePath) -> "Calibration":
+        """Read a calibration.yaml, or the folder that holds one, with the .npz beside it."""
+        path = FilePath(path)
+        path = path / "calibration.yaml" if path.is_dir() else path
+        if not path.is_file():
+            raise InputError(f"{path} does not exist: give the calibration.yaml that calib fit wrote.")
+        said = read_yaml(path)
+        if said.get("format") != FORMAT:
+            raise InputError(f"{path}: format is {said.get('format')!r} where this version of calib reads {FORMAT}: fit the session again.")
+        try:
+            return _from_mapping(said, path)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise InputError(f"{path} is not a whole calibration ({error}): fit the session again.") from error
+
+
+def _from_mapping(said: dict[str, Any], path: FilePath) -> Calibration:
+    board, camera, cover = session_from_mapping({key: said[key] for key in ("board", "camera", "cover")}, str(path))
+    arrays = _read_arrays(path.with_suffix(".npz"))
+    relief = said["relief"]
+    return Calibration(
+        board=board,
+        camera=camera,
+        cover=cover,
+        relief=relief and Relief(tuple(relief["low"]), tuple(relief["high"]), tuple(relief["grid"]), relief["beta"]),
+        amplitudes=arrays["amplitudes"],
+        exact_hit=relief["exact_hit"] if relief else True,
+        views=tuple(
+            View(str(name), corners, weight)
+            for name, corners, weight in zip(arrays["names"], arrays["corners"], arrays["weights"], strict=True)
+        ),
+        poses=arrays["poses"],
+        rejected=tuple(Rejected(r["file"], r["reason"]) for r in said["frames_rejected"]),
+        stages=tuple(Stage(**stage) for stage in said["stages"]),
+        noise_px=said["noise_px"],
+        settings=said["settings"],
+        gauge=said["gauge"],
+        refracal=said["refracal"],
+    )
+
+
+def _read_arrays(path: FilePath) -> dict[str, NDArray[Any]]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return dict(file)
+    except FileNotFoundError:
+        raise InputError(f"{path} is missing: keep calibration.yaml and calibration.npz in one folder.") from None
+    except Exception as error:  # numpy and zipfile raise a dozen kinds for a damaged file
+        raise InputError(f"{path} is damaged ({error}): fit the session again.") from error
+
+
+def _rows(rows: NDArray[np.float64], width: int, name: str) -> Tensor:
+    array = np.asarray(rows, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] != width:
+        raise ValueError(f"{name} has shape {array.shape} where (N, {width}) is expected")
+    return torch.from_numpy(array)

@@ -1,0 +1,58 @@
+"""Calibrates a camera that looks through a refractive cover, and undistorts its pictures at any depth.
+
+stdout carries the result, stderr the progress and remarks. Exit codes: 0 done, 1 a bug, 2 wrong usage or input, 3 not enough good
+data.
+"""
+
+import argparse
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from importlib.metadata import version
+
+from calib.commands import export, fit, undistort
+from calib.errors import RefracalError
+
+COMMANDS = (fit, undistort, export)
+"""In the order of the help."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command `calib`; returns its exit code."""
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+    args = _parser().parse_args(argv)
+    try:
+        args.run(args)
+    except RefracalError as error:
+        print(f"calib: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("calib: interrupted; nothing was changed.", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # the reader of a pipe has gone: its right
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as error:
+        if "REFRACAL_TRACEBACK" in os.environ:
+            traceback.print_exc()
+        print(
+            f"calib: this is a bug in calib ({type(error).__name__}: {error}): "
+            "run it again with REFRACAL_TRACEBACK=1 and report what it prints.",
+            file=sys.stderr,
+        )
+        return 1
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser("calib", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--version", action="version", version=f"refracal {version('refracal')}")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for command in COMMANDS:
+        name = command.__name__.rpartition(".")[2]
+        summary = (command.__doc__ or "").partition("\n")[0]
+        own = commands.add_parser(name, help=summary, description=command.__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+        command.add_arguments(own)
+        own.set_defaults(run=command.run)
+    return parser

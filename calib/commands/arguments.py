@@ -1,0 +1,44 @@
+"""Arguments that several commands share, each checked as it is read."""
+
+import argparse
+import math
+from pathlib import Path
+
+
+def depth(text: str) -> float:
+    """A distance in metres; `inf` is one."""
+    try:
+        metres = float(text)
+    except ValueError:
+        metres = math.nan
+    if not metres > 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a depth: write metres above 0, such as 1.0")
+    return metres
+
+
+def add_depths(parser: argparse.ArgumentParser, *, required: bool) -> None:
+    parser.add_argument(
+        "--depth", type=depth, nargs="+", action="extend", default=[], required=required, metavar="M", help="depth of a map, in metres"
+    )
+
+
+def add_calibration(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("calibration", type=Path, metavar="CALIBRATION", help="calibration.yaml, or the folder that holds it")
+
+
+def add_output(parser: argparse.ArgumentParser, help_text: str, *, required: bool) -> None:
+    parser.add_argument("-o", "--output", type=Path, metavar="DIR", required=required, help=help_text)
+
+
+def grid(text: str) -> tuple[int, int]:
+    """Centres of the relief, such as 8x8."""
+    around, _, along = text.partition("x")
+    if not (around.isdecimal() and along.isdecimal() and 2 <= int(around) <= 64 and 2 <= int(along) <= 64):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a grid: write two whole numbers from 2 to 64, such as 8x8")
+    return int(around), int(along)
+
+
+def steps(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of steps: write a whole number above 0, such as 1000")
+    return int(text)

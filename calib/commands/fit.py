@@ -1,0 +1,65 @@
+"""Calibrate a session: a folder of pictures in, a calibration and undistortion maps out.
+
+SESSION holds session.yaml and frames/. OUT gets calibration.yaml with calibration.npz, the ray field, and a map for every --depth.
+"""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from calib.commands.arguments import add_depths, add_output, grid, steps
+
+if TYPE_CHECKING:
+    from calib.calibration import Calibration
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("session", type=Path, metavar="SESSION", help="the session folder")
+    add_output(parser, "where the results go (default: SESSION/calibration)", required=False)
+    parser.add_argument("--method", choices=["paper"], default="paper", help="how to fit (default: %(default)s)")
+    parser.add_argument(
+        "--grid", type=grid, default=(8, 8), metavar="AxB", help="centres of the relief, around and along the cover (default: 8x8)"
+    )
+    parser.add_argument("--steps", type=steps, default=1000, metavar="N", help="gradient steps (default: 1000)")
+    parser.add_argument("--neglect-shift", action="store_true", help="let the relief bend the normal only, as the paper does")
+    add_depths(parser, required=False)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(args: argparse.Namespace) -> None:
+    import json
+    import time
+
+    from calib.console import Bars, print_fit
+    from calib.fit import Settings, fit
+    from calib.session import read_session
+
+    begun = time.monotonic()
+    session = read_session(args.session)
+    output = args.output or args.session / "calibration"
+    with Bars() as bars:
+        calibration = fit(session, Settings(args.grid, args.steps, not args.neglect_shift), bars)
+        saved = calibration.save(output)
+        written = [saved]
+        if calibration.relief or args.depth:
+            from calib.export.npz import write_npz
+
+            written += write_npz(calibration, args.depth, output, bars)
+    seconds = time.monotonic() - begun
+    if args.json:
+        print(json.dumps(summary(calibration, seconds)))
+    else:
+        print_fit(calibration, seconds, written)
+
+
+def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
+    """The contract's JSON object."""
+    return {
+        "frames_used": len(calibration.views),
+        "frames_rejected": [{"file": r.name, "reason": r.reason} for r in calibration.rejected],
+        "corners": sum(view.count for view in calibration.views),
+        "noise_px": calibration.noise_px,
+        "seconds": seconds,
+        "stages": [{"name": s.name, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in calibration.stages],
+        "effects": [],
+    }

@@ -1,0 +1,58 @@
+"""What a person sees: progress bars on stderr, tables on stdout."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from calib.calibration import Calibration
+from calib.progress import Advance
+
+
+class Bars:
+    """One bar for each task, on stderr."""
+
+    def __init__(self) -> None:
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=30),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TextColumn("{task.fields[words]}"),
+        )
+        self._progress = Progress(*columns, console=Console(stderr=True))
+
+    def __enter__(self) -> "Bars":
+        self._progress.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+        self._progress.stop()
+
+    def task(self, title: str, total: int) -> Advance:
+        bar: TaskID = self._progress.add_task(title, total=total, words="")
+        return lambda done, words: self._progress.update(bar, completed=done, words=words)
+
+
+def print_fit(calibration: Calibration, seconds: float, written: Sequence[Path]) -> None:
+    """The stage table, what was used and what was not, and where the results are."""
+    console = Console()
+    table = Table("stage", "reprojection error", "on the board", "against the pinhole", title="How the error fell (root mean square)")
+    first = calibration.stages[0]
+    for column in table.columns[1:]:
+        column.justify = "right"
+    for stage in calibration.stages:
+        change = f"{100 * (stage.rms_px / first.rms_px - 1):+.0f} %" if stage is not first else ""
+        table.add_row(stage.name, f"{stage.rms_px:.3f} px", f"{stage.rmse_cm:.4f} cm", change)
+    console.print(table)
+    corners = sum(view.count for view in calibration.views)
+    console.print(
+        f"{len(calibration.views)} views with {corners} corners, noise of the corners about {calibration.noise_px:.3f} px, {seconds:.1f} s."
+    )
+    for rejected in calibration.rejected:
+        console.print(f"Not used: {rejected.name}: {rejected.reason}.", markup=False)
+    for path in written:
+        console.print(f"Wrote {path}", soft_wrap=True, markup=False, highlight=False)

@@ -1,0 +1,140 @@
+"""Lens, Snell's law, rotations, relief and board, each against an oracle built another way."""
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from calib.optics import rotation
+from calib.optics.lens import ACCEPTED_COUNTS, COEFFICIENTS, Lens
+from calib.optics.rays import LENS, Rays
+from calib.optics.relief import Relief
+from calib.optics.snell import refract
+from calib.optics.target import Plane
+from calib.optics.vector import Vector
+from tests.optics import oracle
+
+LENS_NUMBERS = (-0.28, 0.11, 8e-4, -5e-4, -0.02, 0.05, -0.03, 0.01, 1e-3, -2e-4, 7e-4, 3e-4, 0.02, -0.03)
+PINHOLE = {"fx": 1279.18, "fy": 1270.0, "cx": 832.765, "cy": 636.575}
+
+
+def lens_values(count: int, numbers: tuple[float, ...] = LENS_NUMBERS) -> dict[str, torch.Tensor]:
+    named = {**PINHOLE, **dict(zip(COEFFICIENTS[:count], numbers, strict=False))}
+    return {f"camera.{name}": torch.tensor(value, dtype=torch.float64) for name, value in named.items()}
+
+
+@pytest.mark.parametrize("count", ACCEPTED_COUNTS)
+def test_lens_undoes_what_opencv_projects(count: int) -> None:
+    rng = np.random.default_rng(count)
+    points = np.column_stack([rng.uniform(-0.65, 0.65, 400), rng.uniform(-0.5, 0.5, 400), np.ones(400)])
+    camera = np.array([[PINHOLE["fx"], 0, PINHOLE["cx"]], [0, PINHOLE["fy"], PINHOLE["cy"]], [0, 0, 1]])
+    pixels = cv2.projectPoints(points, np.zeros(3), np.zeros(3), camera, np.array(LENS_NUMBERS[:count]))[0].reshape(-1, 2)
+    lens, values = Lens(count), lens_values(count)
+    rays = lens(torch.from_numpy(pixels), values)
+    back = (rays.direction.stacked() / rays.direction.z.unsqueeze(-1)).numpy()
+    assert not rays.failure.any()
+    assert np.abs(back - points).max() < 1e-9
+    assert np.abs(lens.project(torch.from_numpy(points), values).numpy() - pixels).max() < 1e-9
+
+
+def test_lens_fails_beyond_the_fold_and_stays_finite() -> None:
+    values = lens_values(4, (-0.5, 0.0, 0.0, 0.0))  # r (1 - r^2 / 2) never exceeds 0.544
+    values["camera.k1"].requires_grad_()
+    rays = Lens(4)(torch.tensor([[PINHOLE["cx"] + 900.0, PINHOLE["cy"]], [PINHOLE["cx"], PINHOLE["cy"]]], dtype=torch.float64), values)
+    rays.direction.stacked().sum().backward()  # type: ignore[no-untyped-call]
+    assert rays.failure.tolist() == [LENS, 0]
+    assert torch.isfinite(rays.direction.stacked()).all()
+    slope = values["camera.k1"].grad
+    assert slope is not None
+    assert torch.isfinite(slope)
+
+
+def test_lens_derivatives_agree_with_central_differences() -> None:
+    values = lens_values(14)
+    pixels = torch.tensor([[300.0, 900.0], [1500.0, 100.0]], dtype=torch.float64)
+    for param in Lens(14).params:
+        here = values[param.name].clone().requires_grad_()
+        rows = Lens(14)(pixels, {**values, param.name: here}).direction.stacked().reshape(-1)
+        analytic = torch.stack([torch.autograd.grad(row, here, retain_graph=True)[0] for row in rows])
+        size = 1e-3 * param.scale
+        up, down = (Lens(14)(pixels, {**values, param.name: here.detach() + s * size}).direction.stacked().reshape(-1) for s in (1, -1))
+        numeric = (up - down) / (2 * size)
+        assert (analytic - numeric).abs().max() < 1e-6 * numeric.abs().max(), param.name
+
+
+def test_rotation_is_opencv_s() -> None:
+    for rotvec in ([0.3, -1.2, 2.0], [1e-5, 2e-5, -1e-5], [0.0, 0.0, 0.0], [0.0, np.pi, 0.0]):
+        ours = rotation.matrix(torch.tensor(rotvec, dtype=torch.float64)).numpy()
+        assert np.abs(ours - cv2.Rodrigues(np.array(rotvec))[0]).max() < 1e-14
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-8])
+def test_rotation_is_smooth_at_zero(angle: float) -> None:
+    rotvec = torch.tensor([angle, 0.0, 0.0], dtype=torch.float64, requires_grad=True)
+    rotation.matrix(rotvec)[2, 1].backward()  # type: ignore[no-untyped-call]
+    assert rotvec.grad is not None
+    assert rotvec.grad.tolist() == pytest.approx([1.0, 0.0, 0.0], abs=1e-12)
+
+
+@pytest.mark.parametrize(("n_from", "n_to"), [(1.0, 1.5), (1.5, 1.0), (1.5, 1.333), (1.0, 1.0)])
+def test_refraction_is_snell_s_law_by_angles(n_from: float, n_to: float) -> None:
+    rng = np.random.default_rng(1)
+    normals = rng.normal(size=(100, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    directions = normals + rng.uniform(-0.35, 0.35, (100, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    ratio = torch.tensor(n_from / n_to, dtype=torch.float64)
+    bent, reflected = refract(Vector.of(torch.from_numpy(directions)), Vector.of(torch.from_numpy(normals)), ratio)
+    expected = np.array([oracle.bend(d, n, n_from, n_to) for d, n in zip(directions, normals, strict=True)])
+    assert not reflected.any()
+    assert np.abs(bent.stacked().numpy() - expected).max() < 1e-13
+
+
+def test_total_reflection_keeps_the_direction_and_finite_gradients() -> None:
+    steep = Vector.of(torch.tensor([[0.9, 0.0, 0.19**0.5]], dtype=torch.float64))
+    normal = Vector.of(torch.tensor([[0.0, 0.0, 1.0]], dtype=torch.float64))
+    ratio = torch.tensor(1.5, dtype=torch.float64, requires_grad=True)
+    bent, reflected = refract(steep, normal, ratio)
+    bent.stacked().sum().backward()  # type: ignore[no-untyped-call]
+    assert reflected.tolist() == [True]
+    assert torch.equal(bent.stacked().detach(), steep.stacked())
+    assert ratio.grad is not None
+    assert torch.isfinite(ratio.grad)
+
+
+def test_relief_is_the_paper_s_sum_of_gaussians() -> None:
+    relief = Relief((-0.01, -0.26), (0.01, 0.26), (4, 7))
+    rng = np.random.default_rng(5)
+    amplitudes = rng.normal(0, 1e-5, (4, 7))
+    rows, columns = np.linspace(-0.01, 0.01, 4), np.linspace(-0.26, 0.26, 7)
+    centres = np.array([(y, theta) for y in rows for theta in columns])
+    plain = oracle.bumps(centres, amplitudes.ravel(), (rows[1] - rows[0], columns[1] - columns[0]))
+    values = {"relief.amplitudes": torch.from_numpy(amplitudes)}
+    for y, theta in rng.uniform([-0.012, -0.3], [0.012, 0.3], (20, 2)):
+        at = torch.tensor(y, dtype=torch.float64), torch.tensor(theta, dtype=torch.float64)
+        height, by_y, by_theta = relief.height(at, values)
+        assert float(height) == pytest.approx(plain(y, theta), abs=1e-18)
+        assert float(by_y) == pytest.approx((plain(y + 1e-6, theta) - plain(y - 1e-6, theta)) / 2e-6, rel=1e-6, abs=1e-9)
+        assert float(by_theta) == pytest.approx((plain(y, theta + 1e-5) - plain(y, theta - 1e-5)) / 2e-5, rel=1e-6, abs=1e-10)
+
+
+def test_board_is_hit_where_opencv_s_homography_says() -> None:
+    rng = np.random.default_rng(2)
+    pose = np.array([0.4, -0.5, 0.2, 0.05, -0.03, 0.6])
+    corners = rng.uniform(-0.1, 0.1, (50, 2))
+    points = cv2.projectPoints(np.column_stack([corners, np.zeros(50)]), pose[:3], pose[3:], np.eye(3), np.zeros(4))[0].reshape(-1, 2)
+    directions = torch.from_numpy(np.column_stack([points, np.ones(50)]))
+    zero = torch.zeros(50, dtype=torch.float64)
+    rays = Rays(Vector(zero, zero, zero), Vector.of(directions).unit(), torch.zeros(50, dtype=torch.uint8))
+    landed, failure = Plane()(rays, torch.from_numpy(pose).expand(50, 6))
+    assert not failure.any()
+    assert np.abs(landed.numpy() - corners).max() < 1e-13
+    placed = Plane().place(landed, torch.from_numpy(pose).expand(50, 6))
+    assert (placed[:, :2] / placed[:, 2:] - torch.from_numpy(points)).abs().max() < 1e-13
+
+
+def test_a_board_behind_the_camera_is_missed() -> None:
+    zero, one = torch.zeros(1, dtype=torch.float64), torch.ones(1, dtype=torch.float64)
+    rays = Rays(Vector(zero, zero, zero), Vector(zero, zero, one), torch.zeros(1, dtype=torch.uint8))
+    _, failure = Plane()(rays, torch.tensor([[0.0, 0, 0, 0, 0, -1.0]], dtype=torch.float64))
+    assert failure.tolist() != [0]

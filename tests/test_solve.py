@@ -1,0 +1,104 @@
+"""The solver, on problems whose answer is known without it."""
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from calib.solve import Linearised, Outcome, minimise
+
+
+class Curves:
+    """Blocks of points on y = a exp(-k x) + c: every block has its own a and c, and all share k."""
+
+    def __init__(self, seed: int, blocks: int, noise: float) -> None:
+        rng = np.random.default_rng(seed)
+        self.k = torch.tensor([1.7], dtype=torch.float64)
+        self.own = torch.from_numpy(rng.uniform(0.5, 2.0, (blocks, 2)))
+        self.starts = torch.arange(0, 12 * blocks + 1, 12)
+        self.block = torch.arange(blocks).repeat_interleave(12)
+        self.x = torch.from_numpy(rng.uniform(0, 2, 12 * blocks))
+        self.y = self.curve(self.k, self.own) + noise * torch.from_numpy(rng.normal(size=12 * blocks))
+
+    def curve(self, shared: Tensor, blocks: Tensor) -> Tensor:
+        a, c = blocks[self.block].unbind(-1)
+        return a * torch.exp(-shared * self.x) + c
+
+    def residual(self, shared: Tensor, blocks: Tensor) -> Tensor:
+        return (self.curve(shared, blocks) - self.y).unsqueeze(-1)
+
+    def linearise(self, shared: Tensor, blocks: Tensor) -> Linearised:
+        bell = torch.exp(-shared * self.x)
+        by_block = torch.stack([bell, torch.ones_like(bell)], -1).unsqueeze(1)
+        by_shared = (-self.x * blocks[self.block][:, 0] * bell).reshape(-1, 1, 1)
+        return Linearised(self.residual(shared, blocks), by_block, by_shared)
+
+
+def start(problem: Curves) -> tuple[Tensor, Tensor]:
+    return torch.tensor([0.3], dtype=torch.float64), torch.ones_like(problem.own)
+
+
+def test_recovers_shared_and_own_numbers() -> None:
+    problem = Curves(0, blocks=7, noise=0.0)
+    solution = minimise(problem, *start(problem))
+    assert solution.outcome is Outcome.CONVERGED
+    assert solution.iterations < 20
+    assert (solution.shared - problem.k).abs().max() < 1e-6
+    assert (solution.blocks - problem.own).abs().max() < 1e-6
+
+
+def test_agrees_with_a_dense_solver_that_knows_no_blocks() -> None:
+    from scipy.optimize import least_squares
+
+    problem = Curves(1, blocks=5, noise=0.05)
+    solution = minimise(problem, *start(problem))
+
+    def flat(z: np.ndarray) -> np.ndarray:
+        numbers = torch.from_numpy(z)
+        return problem.residual(numbers[:1], numbers[1:].reshape(-1, 2)).ravel().numpy()
+
+    dense = least_squares(flat, np.concatenate([[0.3], np.ones(10)]), xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    ours = np.concatenate([solution.shared.numpy(), solution.blocks.numpy().ravel()])
+    assert solution.cost == pytest.approx(2 * dense.cost, rel=1e-9)
+    assert np.abs(ours - dense.x).max() < 1e-4  # where the cost is flat to 1e-10
+
+
+def test_works_without_shared_numbers() -> None:
+    problem = Curves(2, blocks=3, noise=0.0)
+    held = problem.k
+
+    class Own:
+        starts = problem.starts
+
+        def residual(self, shared: Tensor, blocks: Tensor) -> Tensor:
+            del shared
+            return problem.residual(held, blocks)
+
+        def linearise(self, shared: Tensor, blocks: Tensor) -> Linearised:
+            at = problem.linearise(held, blocks)
+            return Linearised(at.residual, at.by_block, at.by_shared[..., : len(shared)])
+
+    solution = minimise(Own(), torch.zeros(0, dtype=torch.float64), torch.ones_like(problem.own))
+    assert solution.outcome is Outcome.CONVERGED
+    assert (solution.blocks - problem.own).abs().max() < 1e-6
+
+
+def test_says_that_its_steps_are_used_up() -> None:
+    problem = Curves(0, blocks=7, noise=0.0)
+    assert minimise(problem, *start(problem), steps=2).outcome is Outcome.STEPS_USED_UP
+
+
+def test_refuses_a_step_into_what_is_not_finite_and_says_that_it_is_stuck() -> None:
+    class Cliff(Curves):
+        def residual(self, shared: Tensor, blocks: Tensor) -> Tensor:
+            del shared, blocks
+            return torch.full((len(self.x), 1), torch.inf, dtype=torch.float64)
+
+        def linearise(self, shared: Tensor, blocks: Tensor) -> Linearised:
+            at = Curves.linearise(self, shared, blocks)
+            return Linearised(Curves.residual(self, shared, blocks), at.by_block, at.by_shared)
+
+    problem = Cliff(0, blocks=2, noise=0.0)
+    solution = minimise(problem, *start(problem))
+    assert solution.outcome is Outcome.STUCK
+    assert torch.equal(solution.shared, start(problem)[0])
