@@ -5,6 +5,7 @@ calibration.yaml is for people, calibration.npz beside it holds the arrays. Toge
 
 from dataclasses import dataclass, field
 from importlib.metadata import version
+from io import BytesIO
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -198,7 +199,7 @@ def _from_mapping(said: dict[str, Any], path: FilePath) -> Calibration:
 
 def _read_arrays(path: FilePath) -> dict[str, NDArray[Any]]:
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with np.load(BytesIO(path.read_bytes()), allow_pickle=False) as file:
             return dict(file)
     except FileNotFoundError:
         raise InputError(f"{path} is missing: keep calibration.yaml and calibration.npz in one folder.") from None

@@ -26,13 +26,13 @@ class Bars:
         self._progress = Progress(*columns, console=Console(stderr=True))
 
     def __enter__(self) -> "Bars":
-        self._progress.start()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
         self._progress.stop()
 
     def task(self, title: str, total: int) -> Advance:
+        self._progress.start()
         bar: TaskID = self._progress.add_task(title, total=total, words="")
         return lambda done, words: self._progress.update(bar, completed=done, words=words)
 

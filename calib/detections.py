@@ -133,7 +133,7 @@ class _Store:
             digest = hashlib.sha256(path.read_bytes()).hexdigest()
         except OSError:
             digest = ""  # reading the picture says what is wrong
-        with suppress(ValueError, KeyError, TypeError):
+        with suppress(ValueError, KeyError, TypeError, OverflowError):
             return _recalled(self._files[path.name], digest, board)
         found = detector.find_corners(read_grey(path), board)
         corners = None if found is None else found.corners.tolist()
@@ -148,7 +148,7 @@ class _Store:
 
 
 def _recalled(entry: Any, digest: str, board: Board) -> Found | None:
-    """An entry's result; ValueError, KeyError or TypeError where it is another picture's, or damaged."""
+    """An entry's result; ValueError, KeyError, TypeError or OverflowError where it is another picture's, or damaged."""
     if entry["sha256"] != digest:
         raise ValueError("another picture")
     if entry["corners"] is None:

@@ -25,6 +25,7 @@ from calib.progress import Progress
 from calib.residuals import Residuals, residuals
 from calib.robust import outlying
 from calib.session import Session, check_images
+from calib.threads import single_thread
 from calib.views import Rejected, View
 from calib.vnlog import read_corners
 
@@ -66,7 +67,8 @@ def fit(session: Session, settings: Settings, progress: Progress) -> Calibration
     while True:
         _check_enough(views, rejected)
         observations = Observations.of(views, session.board)
-        fitted = _fit_once(session, intrinsics, observations, settings, progress)
+        with single_thread():
+            fitted = _fit_once(session, intrinsics, observations, settings, progress)
         views, bad = _without_outliers(views, observations, fitted)
         if not bad:
             break

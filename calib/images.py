@@ -18,7 +18,8 @@ from calib.errors import InputError
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".npy")
 
-cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # what it would print is raised here, as a sentence
+# What OpenCV would print is raised here, as a sentence. Its log moved between versions; 0 is silent in all of them.
+(cv2.utils.logging.setLogLevel if hasattr(cv2.utils, "logging") else cv2.setLogLevel)(0)  # type: ignore[attr-defined]
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 

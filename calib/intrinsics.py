@@ -24,7 +24,7 @@ FEWEST_CORNERS = 8
 FOLDS = 4
 WORTH = 0.98
 """More coefficients must leave at most this fraction of the held-out error."""
-CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-10)
+CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-9)
 
 FLAGS = {
     0: cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST,
@@ -92,41 +92,66 @@ def calibrate_bare(views: Sequence[View], board: Board, camera: Camera, progress
 
 
 def _choose_count(views: Sequence[View], board: Board, size: tuple[int, int], progress: Progress) -> tuple[int, dict[int, float]]:
-    """The fewest coefficients within 2 % of the least error on views that the fit has not seen."""
+    """The fewest coefficients within 2 % of the least error on views that the fit has not seen.
+
+    The tilted sensor's fourteen take minutes, so they are tried only where the thin prism's twelve were worth having.
+    """
     folds = min(FOLDS, len(views) // 2)
     advance = progress.task("Lens coefficients", folds * len(COEFFICIENTS))
-    errors = {}
+    previous: list[_Solved | None] = [None] * folds
+    scores: dict[int, float] = {}
     for i, count in enumerate(COEFFICIENTS):
+        if count == 14 and scores[12] > WORTH * scores[8]:
+            break
         per_view = np.empty(len(views))
         for fold in range(folds):
-            solved = _solve([v for j, v in enumerate(views) if j % folds != fold], board, size, count)
+            solved = previous[fold] = _step([view for j, view in enumerate(views) if j % folds != fold], board, size, count, previous[fold])
             for j in range(fold, len(views), folds):
                 per_view[j] = _held_out_rms(views[j], board, solved)
             advance(i * folds + fold + 1, f"{count} coefficients")
-        errors[count] = np.nan_to_num(per_view, nan=np.inf)
-    # A few bad views would drown the rest: none counts for more than four times its model's median.
-    scores = {count: float(np.minimum(e, 4 * np.median(e)).mean()) for count, e in errors.items()}
-    best = min(scores.values())
-    return next(count for count, score in scores.items() if WORTH * score <= best), scores
+        # A few bad views would drown the rest: none counts for more than four times its model's median.
+        per_view = np.nan_to_num(per_view, nan=np.inf)
+        scores[count] = float(np.minimum(per_view, 4 * np.median(per_view)).mean())
+    advance(folds * len(COEFFICIENTS), "")
+    return next(count for count, score in scores.items() if WORTH * score <= min(scores.values())), scores
 
 
 def _solve(views: Sequence[View], board: Board, size: tuple[int, int], count: int) -> _Solved:
+    """Zhang's method, from few coefficients to many: started with many at once, it stops in poor places."""
+    solved = None
+    for fewer in COEFFICIENTS:
+        if fewer < count:
+            solved = _step(views, board, size, fewer, solved)
+    return _step(views, board, size, count, solved)
+
+
+def _step(views: Sequence[View], board: Board, size: tuple[int, int], count: int, start: _Solved | None) -> _Solved:
     points = np.column_stack([board.points(), np.zeros(board.count)]).astype(np.float32)
     objects = [points[view.seen] for view in views]
     pixels = [view.corners[view.seen].astype(np.float32) for view in views]
-    start = _start(size)
-    rms, camera, coefficients, _, _, sigmas, _, per_view = cv2.calibrateCameraExtended(
-        objects, pixels, size, start, np.zeros(14), flags=FLAGS[count] | cv2.CALIB_USE_INTRINSIC_GUESS, criteria=CRITERIA
-    )
-    lens = np.ravel(coefficients)[:count].astype(np.float64)
-    return _Solved(
-        camera.astype(np.float64), lens, np.ravel(sigmas)[: 4 + count].astype(np.float64), np.ravel(per_view).astype(np.float64), float(rms)
-    )
-
-
-def _start(size: tuple[int, int]) -> NDArray[np.float64]:
+    coefficients = np.zeros(max(5, count))
+    if start:
+        coefficients[: len(start.coefficients)] = start.coefficients
     width, height = size
-    return np.array([[width, 0, (width - 1) / 2], [0, width, (height - 1) / 2], [0, 0, 1.0]])
+    camera = start.camera.copy() if start else np.array([[width, 0, (width - 1) / 2], [0, width, (height - 1) / 2], [0, 0, 1.0]])
+    guess = cv2.CALIB_USE_INTRINSIC_GUESS if start else 0
+    try:
+        rms, found, bent, _, _, sigmas, _, per_view = cv2.calibrateCameraExtended(
+            objects, pixels, size, camera, coefficients, flags=FLAGS[count] | guess, criteria=CRITERIA
+        )
+    except cv2.error as error:
+        raise NotEnoughDataError(
+            "No intrinsics fit these views: take pictures of the board tilted in different directions, "
+            "and check board.columns and board.rows."
+        ) from error
+    lens = np.ravel(bent)[:count].astype(np.float64)
+    return _Solved(
+        found.astype(np.float64),
+        lens,
+        np.ravel(sigmas)[: 4 + count].astype(np.float64),
+        np.ravel(per_view).astype(np.float64),
+        float(rms),
+    )
 
 
 def _held_out_rms(view: View, board: Board, solved: _Solved) -> float:

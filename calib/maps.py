@@ -22,12 +22,17 @@ Array = NDArray[np.float64]
 
 SPACING = 16
 """px between nodes, before refinement."""
-FINEST = 2
+FINEST = 4
 TOLERANCE = 0.002
 """px: how far a spline may be from the traced rays. It leaves room for the second spline under the promised 0.01 px."""
 MARGIN = 0.06
 """How far the nodes reach beyond the image, as a fraction of its side: a spline needs neighbours at the border."""
 PROBES = 600
+NEWTON_STEPS = 15
+LONGEST_STEP = 100.0
+"""px"""
+CONVERGED = 1e-6
+"""px"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,20 +76,27 @@ class RayField:
         splines = self._splines(depth)
         columns, rows = (_grid(size, self.spacing, 0.0) for size in (self.width, self.height))
         goal = np.stack(np.meshgrid(columns, rows), -1).reshape(-1, 2)
-        found = goal.copy()
-        for _ in range(30):
-            reached, slopes = _at(splines, self, found)
-            folded = np.linalg.det(slopes) < 1e-3  # next to where no ray leaves the cover; such pixels come out as not valid
-            slopes[folded] = np.eye(2)
-            step = np.linalg.solve(slopes, (reached - goal)[..., None])[..., 0]
-            step *= np.minimum(1, 100 / np.maximum(np.linalg.norm(step, axis=-1, keepdims=True), 1e-12))
-            found -= step
-            if np.abs(step).max() < 1e-6:
-                break
+        found = self._inverse(splines, goal)
         nodes = found.reshape(len(rows), len(columns), 2)
         x, y = (_upsampled(rows, columns, nodes[..., i], self.height, self.width) for i in range(2))
         valid = (x >= -0.5) & (x <= self.width - 0.5) & (y >= -0.5) & (y <= self.height - 0.5) & self._seen(x, y)
         return DepthMap(depth, np.where(valid, x, np.float32(-1)), np.where(valid, y, np.float32(-1)), valid)
+
+    def _inverse(self, splines: list[RectBivariateSpline], goal: Array) -> Array:
+        """The (N, 2) distorted px of (N, 2) undistorted px, by Newton's method; any value where there is none."""
+        found = goal.copy()
+        open_rows = np.arange(len(goal))
+        for _ in range(NEWTON_STEPS):
+            reached, slopes = _at(splines, self, found[open_rows])
+            folded = np.linalg.det(slopes) < 1e-3  # next to where no ray leaves the cover; such pixels come out as not valid
+            slopes[folded] = np.eye(2)
+            step = np.linalg.solve(slopes, (reached - goal[open_rows])[..., None])[..., 0]
+            length = np.linalg.norm(step, axis=-1)
+            found[open_rows] -= step * np.minimum(1, LONGEST_STEP / np.maximum(length, 1e-12))[:, None]
+            open_rows = open_rows[length > CONVERGED]
+            if not len(open_rows):
+                break
+        return found
 
     @property
     def spacing(self) -> float:

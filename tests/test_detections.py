@@ -23,7 +23,7 @@ def write(folder: Path, scenes: list[Scene | None]) -> list[Path]:
     folder.mkdir(exist_ok=True)
     paths = []
     for number, scene in enumerate(scenes):
-        picture = np.full((480, 640), 120, np.uint8) if scene is None else scene.draw()[0]
+        picture = np.full((120, 160), 120, np.uint8) if scene is None else scene.draw()[0]
         paths.append(folder / f"{number:04}.png")
         assert cv2.imwrite(str(paths[-1]), picture)
     return paths
@@ -115,15 +115,16 @@ def test_the_size_of_a_square_does_not_matter_to_what_is_kept(tmp_path: Path, lo
 
 
 CORRUPTIONS: dict[str, Callable[[bytes], bytes]] = {
-    "empty": lambda data: b"",
+    "empty": lambda _: b"",
     "half": lambda data: data[: len(data) // 2],
-    "not text": lambda data: b"\xff\xfe\x00\x01",
-    "a list": lambda data: b"[]",
-    "deep": lambda data: b"[" * 100_000,
+    "not text": lambda _: b"\xff\xfe\x00\x01",
+    "a list": lambda _: b"[]",
+    "deep": lambda _: b"[" * 100_000,
     "no files": lambda data: data.replace(b'"files"', b'"flies"'),
     "entries of another kind": lambda data: json.dumps({**json.loads(data), "files": {f"{k:04}.png": 7 for k in range(3)}}).encode(),
     "short corners": lambda data: data.replace(b'"corners": [', b'"corners": [[1.0, 2.0]], "rest": ['),
     "undefined corners": lambda data: data.replace(b'"corners": [[', b'"corners": [[NaN, 1.0], ['),
+    "an endless number": lambda data: data.replace(b'"corners": [[', b'"corners": [[1' + b"0" * 400 + b", 1.0], ["),
     "no detector": lambda data: data.replace(b'"sb"', b'"guess"'),
 }
 

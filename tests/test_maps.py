@@ -56,13 +56,13 @@ def test_field_is_enough_for_any_depth(made: Scene, field: RayField) -> None:
 
 
 def test_where_no_ray_leaves_the_cover_the_map_says_so(made: Scene) -> None:
-    """A glass with total reflection near steep bumps."""
+    """A bump so steep that light is totally reflected on its flanks."""
     values = {**made.values, "relief.amplitudes": made.values["relief.amplitudes"].clone()}
-    values["relief.amplitudes"][2, 2] = 8e-3
-    values["cover.refractive_index"] = torch.tensor(2.0, dtype=torch.float64)
-    field = ray_field(made.path, values, WIDTH // 4, HEIGHT // 4)
+    values["relief.amplitudes"][1, 1] = 3e-3
+    values["cover.refractive_index"] = torch.tensor(2.6, dtype=torch.float64)
+    field = ray_field(made.path, values, WIDTH // 2, HEIGHT // 2)
     made_map = field.map_at(1.0)
-    assert not field.valid.all()
+    assert 0.5 < field.valid.mean() < 1
     assert np.isfinite(field.infinite).all()
     assert 0.05 < made_map.valid.mean() < 1
 

@@ -43,7 +43,7 @@ def test_a_symmetric_board_keeps_its_order_while_rolled_little(board: Board, rol
 
 
 @pytest.mark.parametrize("roll", range(0, 360, 45))
-@pytest.mark.parametrize("board", (*TOLD_BY_COLOUR, *SYMMETRIC), ids=str)
+@pytest.mark.parametrize("board", [*TOLD_BY_COLOUR, *SYMMETRIC], ids=str)
 def test_an_order_is_never_mirrored(board: Board, roll: int) -> None:
     picture, truth = Scene(board=board, roll=np.deg2rad(roll + 3)).draw()
     for reading in readings(truth, board):

@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 import torch
 from torch import Tensor
 
+from calib.camera import Intrinsics
+from calib.cover import Cover
 from calib.errors import InputError
 from calib.optics.cone import Cone
 from calib.optics.frame import Frame, Names
@@ -14,7 +16,6 @@ from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.relief import Relief
 from calib.optics.surface import Surface
-from calib.session import Cover, Intrinsics
 
 SHAPES = ("none", "cone", "cylinder")
 """The covers that can be traced."""

@@ -25,7 +25,7 @@ def bend(direction: Vec, normal: Vec, n_from: float, n_to: float) -> Vec:
     if sine_in < 1e-15:
         return direction
     angle = np.arcsin(n_from / n_to * sine_in)
-    return np.cos(angle) * normal + np.sin(angle) * tangent / sine_in
+    return np.asarray(np.cos(angle) * normal + np.sin(angle) * tangent / sine_in)
 
 
 def gradient(function: Callable[[Vec], float], point: Vec, size: float = 1e-5) -> Vec:

@@ -1,0 +1,30 @@
+"""Who may import whom, checked in fresh interpreters: a Pi captures without torch, and calib never needs capture."""
+
+import subprocess
+import sys
+
+import pytest
+
+FORBIDDEN = {
+    "calib": {"torch", "cv2", "numpy"},
+    "calib.cli": {"torch", "cv2", "numpy", "rich"},
+    "calib.session": {"torch", "rich", "capture"},
+    "calib.board": {"torch", "cv2"},
+    "calib.detect": {"torch", "rich", "capture"},
+    "calib.detections": {"torch", "rich", "capture"},
+    "calib.vnlog": {"torch", "cv2"},
+    "calib.intrinsics": {"torch", "capture"},
+    "calib.optics.path": {"cv2", "rich", "textual", "calib.session", "calib.solve", "capture"},
+    "calib.optics.build": {"cv2", "rich", "calib.solve", "calib.fit", "capture"},
+    "calib.solve": {"cv2", "calib.optics.path", "calib.session", "capture"},
+    "calib.calibration": {"rich", "calib.fit", "calib.solve", "capture"},
+    "calib.fit": {"rich", "textual", "capture"},
+}
+"""The module, and what importing it must not load."""
+
+
+@pytest.mark.parametrize("module", FORBIDDEN)
+def test_importing(module: str) -> None:
+    code = f"import sys, {module}; print('\\n'.join(sys.modules))"
+    loaded = set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split())
+    assert not loaded & FORBIDDEN[module]
