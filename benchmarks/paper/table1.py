@@ -54,7 +54,7 @@ def _once_more(fitted: Fitted, seen: Observations) -> float:
 def _text(fits: Sequence[Fitted], again: Sequence[float]) -> str:
     lines = [
         "Table 1  RMSE in cm; ours: 45 rendered views, glass 3 mm with bumps of 30 um, board at 0.6 to 1.2 m, poses unknown",
-        f"{'':>4} |{'ours':^33}|{'the paper':^33}",
+        f"{'':>4} |{'ours':^33}|{'the paper':^33}|",
         f"{'set':>4} |" + 2 * f"{'initial':>10}{'final':>10}{'rel. imp.':>12} |",
     ]
     for k, (fit, (initial, final, gain)) in enumerate(zip(fits, PAPER, strict=True), 1):
