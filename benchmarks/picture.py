@@ -14,6 +14,7 @@ from calib.undistort import undistort
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
 
 DEPTH = 0.35  # m
 MAGNIFIED = 12
@@ -44,7 +45,7 @@ def main() -> None:
     figure.savefig("docs/picture.png", dpi=80)
 
 
-def _arrows(panel: plt.Axes, made: DepthMap) -> None:
+def _arrows(panel: Axes, made: DepthMap) -> None:
     v, u = np.mgrid[40 : made.x.shape[0] : 96, 40 : made.x.shape[1] : 96]
     seen = made.valid[v, u]
     at = np.stack([made.x[v, u], made.y[v, u]], -1)[seen]
