@@ -63,9 +63,13 @@ class _PoseProblem:
     def starts(self) -> Tensor:
         return self.observations.starts
 
-    def residual(self, shared: Tensor, blocks: Tensor) -> Tensor:
+    @property
+    def precision(self) -> Tensor:
+        return torch.zeros(0, 0, dtype=torch.float64)
+
+    def cost(self, shared: Tensor, blocks: Tensor) -> float:
         del shared
-        return self._weighted(blocks[self.observations.view])
+        return float((self._weighted(blocks[self.observations.view]) ** 2).sum())
 
     def linearise(self, shared: Tensor, blocks: Tensor) -> Linearised:
         poses = blocks[self.observations.view].requires_grad_()

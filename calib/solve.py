@@ -8,7 +8,7 @@ B. Triggs et al., Bundle adjustment: a modern synthesis (2000), section 6.1, for
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import pairwise
 from typing import Protocol
@@ -27,7 +27,7 @@ class Outcome(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Linearised:
-    """Residuals and their derivatives at one point, in units of their standard deviation."""
+    """Residuals and their derivatives at one point, in units of their standard deviation, robust weights included."""
 
     residual: Tensor
     """(M, D)"""
@@ -38,19 +38,24 @@ class Linearised:
 
 
 class Problem(Protocol):
-    """What is to be minimised: the sum of squared residuals. A row that is not finite makes the solver refuse the step to it."""
+    """What is to be minimised: a sum over rows, plus a quadratic prior on the shared numbers."""
 
     @property
     def starts(self) -> Tensor:
         """(V + 1,) int64: the rows of block v are starts[v] to starts[v + 1]."""
         ...
 
-    def residual(self, shared: Tensor, blocks: Tensor) -> Tensor:
-        """(S,) and (V, B) to (M, D)."""
+    @property
+    def precision(self) -> Tensor:
+        """(S, S) P of the prior's cost x^T P x on the shared numbers x."""
+        ...
+
+    def cost(self, shared: Tensor, blocks: Tensor) -> float:
+        """(S,) and (V, B) to the sum over rows, the prior left out; infinite where the model fails, which forbids the step."""
         ...
 
     def linearise(self, shared: Tensor, blocks: Tensor) -> Linearised:
-        """(S,) and (V, B) to the residuals with their derivatives."""
+        """(S,) and (V, B) to rows whose squares have the cost's gradient, and about its curvature."""
         ...
 
 
@@ -64,19 +69,32 @@ class Solution:
     blocks: Tensor
     """(V, B)"""
     cost: float
-    """The sum of squared residuals."""
+    """The sum over rows and the prior."""
     iterations: int
 
 
 @dataclass(frozen=True, slots=True)
-class _Normal:
-    """The normal equations in blocks."""
+class Normal:
+    """The normal equations of the rows, without the prior, in blocks."""
 
-    block: Tensor  # (V, B, B)
-    cross: Tensor  # (V, B, S)
-    shared: Tensor  # (S, S)
-    block_slope: Tensor  # (V, B)
-    shared_slope: Tensor  # (S,)
+    block: Tensor
+    """(V, B, B)"""
+    cross: Tensor
+    """(V, B, S)"""
+    shared: Tensor
+    """(S, S)"""
+    block_slope: Tensor
+    """(V, B)"""
+    shared_slope: Tensor
+    """(S,)"""
+
+    def reduced(self) -> tuple[Tensor, Tensor]:
+        """What the rows say of the shared numbers once every block has adapted: (S, S) curvature and (S,) slope."""
+        damped = self.block + 1e-12 * torch.diag_embed(_diagonal(self.block))
+        solved = torch.linalg.solve(damped, torch.cat([self.cross, self.block_slope.unsqueeze(-1)], -1))
+        flat = self.cross.flatten(0, 1)
+        curvature = self.shared - flat.mT @ solved[..., :-1].flatten(0, 1)
+        return (curvature + curvature.mT) / 2, self.shared_slope - flat.mT @ solved[..., -1].flatten()
 
 
 def minimise(
@@ -88,28 +106,29 @@ def minimise(
     tolerance: float = 1e-10,
     progress: Callable[[int, float], None] | None = None,
 ) -> Solution:
-    """Minimise the sum of squared residuals.
+    """Minimise the problem's cost.
 
     Args:
-        problem: the residuals.
+        problem: the rows and the prior.
         shared: (S,) start; S may be 0.
         blocks: (V, B) start.
         steps: linearisations at most.
         tolerance: stop when a step promises to lower the cost by less than this fraction.
         progress: called with the step's number and the cost after each accepted step.
     """
-    here = problem.linearise(shared, blocks)
-    cost = float((here.residual**2).sum())
+    precision = problem.precision
+    cost = problem.cost(shared, blocks) + float(shared @ precision @ shared)
     damping, growth = 1e-4, 2.0
     for step in range(1, steps + 1):
-        normal = _normal_equations(problem.starts, here)
+        rows = normal_equations(problem.starts, problem.linearise(shared, blocks))
+        normal = replace(rows, shared=rows.shared + precision, shared_slope=rows.shared_slope + precision @ shared)
         while True:
             move_shared, move_blocks = _damped_step(normal, damping)
             promised = -_model_change(normal, move_shared, move_blocks)
             if promised <= tolerance * cost or cost == 0:
                 return Solution(Outcome.CONVERGED, shared, blocks, cost, step)
-            trial = problem.residual(shared + move_shared, blocks + move_blocks)
-            new_cost = float((trial**2).sum())
+            moved = shared + move_shared
+            new_cost = problem.cost(moved, blocks + move_blocks) + float(moved @ precision @ moved)
             gain = (cost - new_cost) / promised
             if gain > 0:  # false for a cost that is not finite
                 break
@@ -117,16 +136,16 @@ def minimise(
             growth *= 2
             if damping > 1e12:
                 return Solution(Outcome.STUCK, shared, blocks, cost, step)
-        shared, blocks = shared + move_shared, blocks + move_blocks
+        shared, blocks, cost = moved, blocks + move_blocks, new_cost
         damping *= max(1 / 3, 1 - (2 * gain - 1) ** 3)
         growth = 2.0
-        here, cost = problem.linearise(shared, blocks), new_cost
         if progress:
             progress(step, cost)
     return Solution(Outcome.STEPS_USED_UP, shared, blocks, cost, steps)
 
 
-def _normal_equations(starts: Tensor, at: Linearised) -> _Normal:
+def normal_equations(starts: Tensor, at: Linearised) -> Normal:
+    """The normal equations of linearised rows, block by block."""
     rows = starts.tolist()
     block, cross, slope = [], [], []
     for first, last in pairwise(rows):
@@ -135,10 +154,10 @@ def _normal_equations(starts: Tensor, at: Linearised) -> _Normal:
         cross.append(own.mT @ at.by_shared[first:last].flatten(0, 1))
         slope.append(own.mT @ at.residual[first:last].flatten())
     flat = at.by_shared.flatten(0, 1)
-    return _Normal(torch.stack(block), torch.stack(cross), flat.mT @ flat, torch.stack(slope), flat.mT @ at.residual.flatten())
+    return Normal(torch.stack(block), torch.stack(cross), flat.mT @ flat, torch.stack(slope), flat.mT @ at.residual.flatten())
 
 
-def _damped_step(normal: _Normal, damping: float) -> tuple[Tensor, Tensor]:
+def _damped_step(normal: Normal, damping: float) -> tuple[Tensor, Tensor]:
     """The (S,) and (V, B) step of the equations damped by a fraction of their own diagonal."""
     block = normal.block + damping * torch.diag_embed(_diagonal(normal.block))
     shared = normal.shared + damping * torch.diag_embed(_diagonal(normal.shared))
@@ -159,7 +178,7 @@ def _diagonal(matrix: Tensor) -> Tensor:
     return diagonal.clamp_min(1e-30) + floor
 
 
-def _model_change(normal: _Normal, shared: Tensor, blocks: Tensor) -> float:
+def _model_change(normal: Normal, shared: Tensor, blocks: Tensor) -> float:
     """By how much the quadratic model says that the cost changes."""
     linear = 2 * (normal.shared_slope @ shared + (normal.block_slope * blocks).sum())
     bent = torch.einsum("vb,vbc,vc->", blocks, normal.block, blocks) + shared @ normal.shared @ shared

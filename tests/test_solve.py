@@ -5,7 +5,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from calib.solve import Linearised, Outcome, minimise
+from calib.solve import Linearised, Outcome, minimise, normal_equations
 
 
 class Curves:
@@ -18,6 +18,7 @@ class Curves:
         self.starts = torch.arange(0, 12 * blocks + 1, 12)
         self.block = torch.arange(blocks).repeat_interleave(12)
         self.x = torch.from_numpy(rng.uniform(0, 2, 12 * blocks))
+        self.precision = torch.zeros(1, 1, dtype=torch.float64)
         self.y = self.curve(self.k, self.own) + noise * torch.from_numpy(rng.normal(size=12 * blocks))
 
     def curve(self, shared: Tensor, blocks: Tensor) -> Tensor:
@@ -26,6 +27,9 @@ class Curves:
 
     def residual(self, shared: Tensor, blocks: Tensor) -> Tensor:
         return (self.curve(shared, blocks) - self.y).unsqueeze(-1)
+
+    def cost(self, shared: Tensor, blocks: Tensor) -> float:
+        return float((self.residual(shared, blocks) ** 2).sum())
 
     def linearise(self, shared: Tensor, blocks: Tensor) -> Linearised:
         bell = torch.exp(-shared * self.x)
@@ -69,10 +73,11 @@ def test_works_without_shared_numbers() -> None:
 
     class Own:
         starts = problem.starts
+        precision = torch.zeros(0, 0, dtype=torch.float64)
 
-        def residual(self, shared: Tensor, blocks: Tensor) -> Tensor:
+        def cost(self, shared: Tensor, blocks: Tensor) -> float:
             del shared
-            return problem.residual(held, blocks)
+            return problem.cost(held, blocks)
 
         def linearise(self, shared: Tensor, blocks: Tensor) -> Linearised:
             at = problem.linearise(held, blocks)
@@ -90,15 +95,47 @@ def test_says_that_its_steps_are_used_up() -> None:
 
 def test_refuses_a_step_into_what_is_not_finite_and_says_that_it_is_stuck() -> None:
     class Cliff(Curves):
-        def residual(self, shared: Tensor, blocks: Tensor) -> Tensor:
-            del shared, blocks
-            return torch.full((len(self.x), 1), torch.inf, dtype=torch.float64)
+        steps = 0
 
-        def linearise(self, shared: Tensor, blocks: Tensor) -> Linearised:
-            at = Curves.linearise(self, shared, blocks)
-            return Linearised(Curves.residual(self, shared, blocks), at.by_block, at.by_shared)
+        def cost(self, shared: Tensor, blocks: Tensor) -> float:
+            self.steps += 1
+            return Curves.cost(self, shared, blocks) if self.steps == 1 else float("inf")
 
     problem = Cliff(0, blocks=2, noise=0.0)
     solution = minimise(problem, *start(problem))
     assert solution.outcome is Outcome.STUCK
     assert torch.equal(solution.shared, start(problem)[0])
+
+
+def test_a_prior_pulls_as_its_precision_says() -> None:
+    """One shared number seen once at 1 with unit noise, prior precision 3 around 0: the answer is 1 / (1 + 3)."""
+
+    class Seen:
+        starts = torch.tensor([0, 1])
+        precision = torch.tensor([[3.0]], dtype=torch.float64)
+
+        def cost(self, shared: Tensor, blocks: Tensor) -> float:
+            del blocks
+            return float((shared - 1).square().sum())
+
+        def linearise(self, shared: Tensor, blocks: Tensor) -> Linearised:
+            del blocks
+            one = torch.ones(1, 1, 1, dtype=torch.float64)
+            return Linearised((shared - 1).reshape(1, 1), torch.zeros(1, 1, 0, dtype=torch.float64), one)
+
+    solution = minimise(Seen(), torch.zeros(1, dtype=torch.float64), torch.zeros(1, 0, dtype=torch.float64))
+    assert solution.shared.item() == pytest.approx(0.25, abs=1e-9)
+
+
+def test_reduced_equations_are_the_dense_schur_complement() -> None:
+    problem = Curves(3, blocks=4, noise=0.1)
+    at = problem.linearise(*start(problem))
+    curvature, slope = normal_equations(problem.starts, at).reduced()
+    dense = torch.zeros(48, 9, dtype=torch.float64)
+    dense[:, 0] = at.by_shared[:, 0, 0]
+    for block in range(4):
+        dense[12 * block : 12 * block + 12, 1 + 2 * block : 3 + 2 * block] = at.by_block[12 * block : 12 * block + 12, 0]
+    own = dense[:, 1:]
+    keep = torch.eye(48, dtype=torch.float64) - own @ torch.linalg.pinv(own)
+    assert curvature.item() == pytest.approx(float(dense[:, 0] @ keep @ dense[:, 0]), rel=1e-6)
+    assert slope.item() == pytest.approx(float(dense[:, 0] @ keep @ at.residual[:, 0]), rel=1e-6)
