@@ -19,7 +19,8 @@ from calib.views import View
 
 WIDTH, HEIGHT = 3280, 2464
 INTRINSICS = Intrinsics(Number(2558.36), Number(2558.36), Number(1666.03), Number(1273.65))
-PATCH = (-0.010, -np.pi / 12), (0.010, np.pi / 12)
+Patch = tuple[tuple[float, float], tuple[float, float]]
+PATCH: Patch = (-0.010, -np.pi / 12), (0.010, np.pi / 12)
 """The paper's 20 mm by 30 degrees, as low and high (y, theta)."""
 
 
@@ -42,6 +43,7 @@ def paper_cone(thickness: float = 0.003) -> Cover:
 @dataclass(frozen=True)
 class Scene:
     board: Board
+    cover: Cover
     path: Path
     values: dict[str, Tensor]
     poses: Tensor
@@ -61,12 +63,14 @@ def scene(
     depths: tuple[float, float] = (0.6, 1.2),
     cover: Cover | None = None,
     board: Board | None = None,
+    patch: Patch = PATCH,
 ) -> Scene:
-    """Boards at random poses, every corner within the image, seen through a cone with random bumps."""
+    """Boards at random poses, every corner within the image, seen through a cover (the paper's cone) with random bumps on a patch of it."""
     rng = np.random.default_rng(seed)
     board = board or Board(9, 9, 0.020)
-    relief = Relief(*PATCH, grid)
-    smooth, values = covered_path(INTRINSICS, cover or paper_cone())
+    cover = cover or paper_cone()
+    relief = Relief(*patch, grid)
+    smooth, values = covered_path(INTRINSICS, cover)
     path = with_relief(smooth, relief)
     values["relief.amplitudes"] = torch.from_numpy(rng.normal(amplitude, amplitude / 4, grid))
     kept: list[View] = []
@@ -79,7 +83,7 @@ def scene(
         pixels = pixels + rng.normal(0, noise, pixels.shape) if noise else pixels
         kept.append(View(f"{len(kept):04d}.png", pixels, np.ones(board.count)))
         poses.append(pose)
-    return Scene(board, path, values, torch.stack(poses), tuple(kept))
+    return Scene(board, cover, path, values, torch.stack(poses), tuple(kept))
 
 
 def _random_pose(rng: np.random.Generator, depths: tuple[float, float]) -> np.ndarray:

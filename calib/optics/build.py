@@ -1,7 +1,5 @@
 """From the description in a session to a ray path and its numbers."""
 
-from collections.abc import Mapping, Sequence
-
 import torch
 from torch import Tensor
 
@@ -9,6 +7,8 @@ from calib.camera import Intrinsics
 from calib.cover import Cover
 from calib.errors import InputError
 from calib.optics.cone import Cone
+from calib.optics.dome import Dome
+from calib.optics.flat import Flat
 from calib.optics.frame import Frame, Names
 from calib.optics.interface import Interface
 from calib.optics.lens import COEFFICIENTS, Lens
@@ -17,8 +17,9 @@ from calib.optics.path import Path
 from calib.optics.relief import Relief
 from calib.optics.surface import Surface
 
-SHAPES = ("none", "cone", "cylinder")
-"""The covers that can be traced."""
+BEYOND = 0.2
+"""How far the relief's centres reach beyond what the image sees, as a fraction of it, on each side. Without centres beyond the edge a
+sum of Gaussians falls off there, and an even thickness, say, could not be held (the bumps fixture keeps 0.065 px, not 0.032)."""
 
 LATTICE = 41
 """Pixels along each side of the image that measure which part of the glass it sees."""
@@ -40,13 +41,11 @@ def covered_path(intrinsics: Intrinsics, cover: Cover) -> tuple[Path, dict[str, 
     path, values = pinhole_path(intrinsics)
     if cover.shape == "none":
         return path, values
-    if cover.shape not in SHAPES:
-        raise InputError(f"cover.shape: {cover.shape!r} cannot be calibrated by this version, which knows {', '.join(SHAPES)}.")
     numbers = {f"cover.{name}": torch.tensor(number.value, dtype=torch.float64) for name, number in cover.numbers.items()}
     if cover.shape == "cylinder":
         numbers["cover.radius_slope"] = torch.zeros((), dtype=torch.float64)
-    frame = Frame(origin=_present(numbers, "axis_offset"), tilt=_turned(cover, "tilt"))
-    return Path(path.lens, _pair(Cone(), frame)), values | numbers
+    surface, frame = _placed(cover)
+    return Path(path.lens, (Interface("inner", surface, frame), Interface("outer", surface, frame))), values | numbers
 
 
 def with_relief(path: Path, relief: Relief, *, exact_hit: bool = True) -> Path:
@@ -56,7 +55,7 @@ def with_relief(path: Path, relief: Relief, *, exact_hit: bool = True) -> Path:
 
 
 def footprint(path: Path, values: Values, width: int, height: int) -> tuple[tuple[float, float], tuple[float, float]]:
-    """The patch of the outer surface that an image of width x height px sees: low and high chart coordinates."""
+    """The patch for the relief, low and high chart coordinates: what an image of width x height px sees of the glass, and some more."""
     columns = torch.linspace(-0.5, width - 0.5, LATTICE, dtype=torch.float64)
     rows = torch.linspace(-0.5, height - 0.5, LATTICE, dtype=torch.float64)
     pixels = torch.cartesian_prod(columns, rows)
@@ -67,25 +66,34 @@ def footprint(path: Path, values: Values, width: int, height: int) -> tuple[tupl
     if not bool(seen.any()):
         raise InputError("cover: no ray of the camera leaves this cover; check its radius, offset and thickness in session.yaml.")
     first, second = first[seen], second[seen]
-    return (float(first.min()), float(second.min())), (float(first.max()), float(second.max()))
+    lows, highs = [c.min() for c in (first, second)], [c.max() for c in (first, second)]
+    beyond = [BEYOND * (high - low) for low, high in zip(lows, highs, strict=True)]
+    (a, b), (c, d) = (
+        [float(edge + sign * more) for edge, more in zip(edges, beyond, strict=True)] for edges, sign in ((lows, -1), (highs, 1))
+    )
+    return (a, b), (c, d)
 
 
-def _pair(surface: Surface, frame: Frame) -> tuple[Interface, Interface]:
-    return Interface("inner", surface, frame), Interface("outer", surface, frame)
+def _placed(cover: Cover) -> tuple[Surface, Frame]:
+    """The cover's surface, and where it stands. Every shape of calib.cover.SHAPES that has glass is here."""
+    match cover.shape:
+        case "cone" | "cylinder":
+            return Cone(), Frame(origin=_names(cover, "axis_offset"), tilt=_turned(cover))
+        case "flat":  # turned about the point of its inner face on the optical axis, so the distance along that axis stays
+            return Flat(), Frame(origin=(None, None, "cover.distance"), tilt=_turned(cover))
+        case "dome":
+            return Dome(), Frame(origin=_names(cover, "centre"))
+        case other:
+            raise ValueError(f"{other!r} is not a shape of calib.cover.SHAPES")
 
 
-def _present(numbers: Mapping[str, Tensor], key: str) -> Names:
-    return _names([f"cover.{key}.{axis}" if f"cover.{key}.{axis}" in numbers else None for axis in "xyz"])
-
-
-def _turned(cover: Cover, key: str) -> Names:
-    """The tilt's names; none for a tilt that is zero and stays zero, which saves the rotations."""
-    numbers = cover.numbers
-    names = [f"{key}.{axis}" if f"{key}.{axis}" in numbers else None for axis in "xyz"]
-    still = all(numbers[name].value == 0 and numbers[name].sigma == 0 for name in names if name)
-    return (None, None, None) if still else _names([f"cover.{name}" if name else None for name in names])
-
-
-def _names(names: Sequence[str | None]) -> Names:
-    x, y, z = names
+def _names(cover: Cover, key: str) -> Names:
+    """What the values call a number's x, y and z; None for those that the shape does not have."""
+    x, y, z = (f"cover.{key}.{axis}" if f"{key}.{axis}" in cover.numbers else None for axis in "xyz")
     return x, y, z
+
+
+def _turned(cover: Cover) -> Names:
+    """The tilt's names; none for a tilt that is zero and stays zero, which saves the rotations."""
+    tilt = [number for name, number in cover.numbers.items() if name.startswith("tilt.")]
+    return (None, None, None) if all(number.value == 0 and number.sigma == 0 for number in tilt) else _names(cover, "tilt")

@@ -7,6 +7,10 @@ from torch import Tensor
 
 from calib.optics.params import Param, Values
 
+PROBES = ("probe.height", "probe.first", "probe.second")
+"""Optional values, (...) each: what is added to the height and to the two slopes at each ray's own hit. Derivatives by these three
+give those by every amplitude, through `columns`."""
+
 
 @dataclass(frozen=True, slots=True)
 class Relief:
@@ -41,7 +45,22 @@ class Relief:
         second, rise_second = self.bells(chart[1], 1)  # (columns, ...)
         mixed = torch.tensordot(amplitudes, second, dims=([1], [0]))  # (rows, ...)
         rise_mixed = torch.tensordot(amplitudes, rise_second, dims=([1], [0]))
-        return (mixed * first).sum(0), (mixed * rise_first).sum(0), (rise_mixed * first).sum(0)
+        height, by_first, by_second = (mixed * first).sum(0), (mixed * rise_first).sum(0), (rise_mixed * first).sum(0)
+        if PROBES[0] not in values:
+            return height, by_first, by_second
+        level, tilt_first, tilt_second = (values[name] for name in PROBES)
+        lean = tilt_first * (chart[0] - chart[0].detach()) + tilt_second * (chart[1] - chart[1].detach())  # zero, but for its slopes
+        return height + level + lean, by_first + tilt_first, by_second + tilt_second
+
+    def columns(self, chart: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
+        """The (M, rows * columns) derivatives of height and slopes at (M,) points by every amplitude, row by row."""
+        first, rise_first = self.bells(chart[0], 0)
+        second, rise_second = self.bells(chart[1], 1)
+
+        def spread(a: Tensor, b: Tensor) -> Tensor:
+            return (a.mT.unsqueeze(-1) * b.mT.unsqueeze(-2)).flatten(1)
+
+        return spread(first, second), spread(rise_first, second), spread(first, rise_second)
 
     def bells(self, coordinate: Tensor, axis: int) -> tuple[Tensor, Tensor]:
         """The (n, ...) one-dimensional Gaussians of one axis, and their derivatives by the chart coordinate."""

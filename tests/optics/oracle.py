@@ -1,6 +1,6 @@
 """A ray tracer that shares nothing with calib.optics: numpy, one ray at a time, bisection, numeric normals, Snell by angles."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,7 @@ def gradient(function: Callable[[Vec], float], point: Vec, size: float = 1e-5) -
     return slopes
 
 
-def through(surfaces: list[tuple[Callable[[Vec], float], float, float]], origin: Vec, direction: Vec, reach: float) -> tuple[Vec, Vec]:
+def through(surfaces: Sequence[tuple[Callable[[Vec], float], float, float]], origin: Vec, direction: Vec, reach: float) -> tuple[Vec, Vec]:
     """A ray through surfaces given as (height above it, index before, index behind)."""
     for height, n_from, n_to in surfaces:
         distance = bisect(lambda t, o=origin, d=direction, f=height: f(o + t * d), 0.0, reach)  # type: ignore[misc]

@@ -1,0 +1,53 @@
+"""A dome: concentric spheres around the origin of the cover's frame."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from calib.optics.params import Param, Values
+from calib.optics.vector import Vector
+
+
+@dataclass(frozen=True, slots=True)
+class Dome:
+    """Surfaces r = inner_radius + height: the thickness is constant along the radius.
+
+    Its chart is (elevation, azimuth) in rad: elevation from the XOZ plane towards +y, azimuth around the y axis from +z towards
+    +x. Both are 0 straight ahead; the grid's poles are straight up and down, where no forward-looking camera sees.
+    """
+
+    params: tuple[Param, ...] = (Param("cover.inner_radius", "m", 1e-3),)
+
+    def reach(self, origin: Vector, direction: Vector, height: Tensor, values: Values) -> tuple[Tensor, Tensor]:
+        along = origin.dot(direction)
+        inside = (values["cover.inner_radius"] + height) ** 2 - origin.dot(origin)  # (...) m^2
+        missed = inside <= 0
+        root = torch.where(missed, torch.ones_like(inside), along**2 + inside).sqrt()
+        return torch.where(missed, torch.zeros_like(root), root - along), missed
+
+    def height(self, points: Vector, values: Values) -> Tensor:
+        return _length(points) - values["cover.inner_radius"]
+
+    def gradient(self, points: Vector, values: Values) -> Vector:  # noqa: ARG002
+        return points * (1 / _length(points))
+
+    def chart(self, points: Vector) -> tuple[Tensor, Tensor]:
+        return torch.atan2(points.y, _rho2(points).sqrt()), torch.atan2(points.x, points.z)
+
+    def chart_gradient(self, points: Vector, first: Tensor, second: Tensor) -> Vector:
+        rho2 = _rho2(points)
+        up = first / ((rho2 + points.y**2) * rho2.sqrt())
+        around = second / rho2
+        fall = -up * points.y
+        return Vector(fall * points.x + around * points.z, up * rho2, fall * points.z - around * points.x)
+
+
+def _length(points: Vector) -> Tensor:
+    """(...) m from the centre, never quite zero, so that its derivative exists."""
+    return (points.dot(points) + 1e-30).sqrt()
+
+
+def _rho2(points: Vector) -> Tensor:
+    """(...) m^2, squared distance from the y axis, never quite zero."""
+    return points.x**2 + points.z**2 + 1e-30

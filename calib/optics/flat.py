@@ -1,0 +1,39 @@
+"""A window: parallel planes across the z axis of the cover's frame."""
+# ruff: noqa: ARG002 - a plane has no use for some of what the protocol passes.
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from calib.optics.params import Param, Values
+from calib.optics.vector import Vector
+
+
+@dataclass(frozen=True, slots=True)
+class Flat:
+    """Surfaces z = height: the thickness is constant along the normal. It has no numbers of its own, only its frame's.
+
+    Its chart is (y, x) in m, so that the first coordinate runs down and the second to the right, as on an upright cone.
+    """
+
+    params: tuple[Param, ...] = ()
+
+    def reach(self, origin: Vector, direction: Vector, height: Tensor, values: Values) -> tuple[Tensor, Tensor]:
+        away = direction.z <= 1e-6
+        distance = (height - origin.z) / torch.where(away, torch.ones_like(direction.z), direction.z)
+        missed = away | (distance < 0)
+        return torch.where(missed, torch.zeros_like(distance), distance), missed
+
+    def height(self, points: Vector, values: Values) -> Tensor:
+        return points.z
+
+    def gradient(self, points: Vector, values: Values) -> Vector:
+        zero = torch.zeros_like(points.z)
+        return Vector(zero, zero, torch.ones_like(points.z))
+
+    def chart(self, points: Vector) -> tuple[Tensor, Tensor]:
+        return points.y, points.x
+
+    def chart_gradient(self, points: Vector, first: Tensor, second: Tensor) -> Vector:
+        return Vector(second, first, torch.zeros_like(points.z))
