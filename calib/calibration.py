@@ -62,6 +62,8 @@ class Calibration:
     """The views that it was fitted to."""
     poses: NDArray[np.float64]
     """(V, 6) T_camera_board of each view: rotation vector (rad) and translation (m)."""
+    covariance: NDArray[np.float64]
+    """(S, S) of the amplitudes (m), then of the estimated numbers over their scales; poses integrated out. (0, 0): not estimated."""
     rejected: tuple[Rejected, ...]
     stages: tuple[Stage, ...]
     noise_px: float
@@ -127,6 +129,7 @@ class Calibration:
             {
                 "amplitudes": self.amplitudes,
                 "poses": self.poses,
+                "covariance": self.covariance,
                 "names": np.array([view.name for view in self.views]),
                 "corners": np.array([view.corners for view in self.views]).reshape(-1, self.board.count, 2),
                 "weights": np.array([view.weight for view in self.views]).reshape(-1, self.board.count),
@@ -188,6 +191,7 @@ def _from_mapping(said: dict[str, Any], path: FilePath) -> Calibration:
             for name, corners, weight in zip(arrays["names"], arrays["corners"], arrays["weights"], strict=True)
         ),
         poses=arrays["poses"],
+        covariance=arrays["covariance"],
         rejected=tuple(Rejected(r["file"], r["reason"]) for r in said["frames_rejected"]),
         stages=tuple(Stage(**stage) for stage in said["stages"]),
         noise_px=said["noise_px"],

@@ -11,10 +11,10 @@ import traceback
 from collections.abc import Sequence
 from importlib.metadata import version
 
-from calib.commands import export, fit, undistort
+from calib.commands import evaluate, export, fit, undistort
 from calib.errors import RefracalError
 
-COMMANDS = (fit, undistort, export)
+COMMANDS = (fit, evaluate, undistort, export)
 """In the order of the help."""
 
 

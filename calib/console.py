@@ -9,7 +9,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.table import Table
 
 from calib.calibration import Calibration
+from calib.evaluate import Evaluation
 from calib.progress import Advance
+from calib.views import Rejected
 
 
 class Bars:
@@ -52,7 +54,27 @@ def print_fit(calibration: Calibration, seconds: float, written: Sequence[Path])
     console.print(
         f"{len(calibration.views)} views with {corners} corners, noise of the corners about {calibration.noise_px:.3f} px, {seconds:.1f} s."
     )
-    for rejected in calibration.rejected:
-        console.print(f"Not used: {rejected.name}: {rejected.reason}.", markup=False)
+    _list_rejected(console, calibration.rejected)
     for path in written:
         console.print(f"Wrote {path}", soft_wrap=True, markup=False, highlight=False)
+
+
+def print_evaluation(evaluation: Evaluation) -> None:
+    """The held-out error, in all and by depth."""
+    console = Console()
+    table = Table("depth", "corners", "reprojection error", "on the board", title="Error on held-out views (root mean square)")
+    for column in table.columns[1:]:
+        column.justify = "right"
+    for band in evaluation.by_depth:
+        table.add_row(f"{band.from_m:g} to {band.to_m:g} m", str(band.corners), f"{band.rms_px:.3f} px", f"{band.rmse_cm:.4f} cm")
+    table.add_section()
+    total = sum(band.corners for band in evaluation.by_depth)
+    table.add_row("all", str(total), f"{evaluation.rms_px:.3f} px", f"{evaluation.rmse_cm:.4f} cm")
+    console.print(table)
+    console.print(f"{evaluation.frames_used} views, their poses refitted.")
+    _list_rejected(console, evaluation.rejected)
+
+
+def _list_rejected(console: Console, rejected: Sequence[Rejected]) -> None:
+    for one in rejected:
+        console.print(f"Not used: {one.name}: {one.reason}.", markup=False)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import torch
@@ -10,9 +11,9 @@ from torch import Tensor
 
 from calib.calibration import Calibration, Stage
 from calib.camera import Intrinsics
-from calib.detections import detect
 from calib.errors import NotEnoughDataError
-from calib.intrinsics import FEWEST_CORNERS, calibrate_bare
+from calib.gather import gather
+from calib.joint import JointFit, fit_joint
 from calib.noise import short_scale_noise
 from calib.observations import Observations
 from calib.optics.build import covered_path, footprint, pinhole_path, with_relief
@@ -21,27 +22,34 @@ from calib.optics.path import Path
 from calib.optics.relief import Relief
 from calib.paper import descend
 from calib.poses import pinhole_poses, refine_poses
+from calib.priors import freed, with_estimates
 from calib.progress import Progress
 from calib.residuals import Residuals, residuals
 from calib.robust import outlying
-from calib.session import Session, check_images
+from calib.session import Session
 from calib.threads import single_thread
 from calib.views import Rejected, View
-from calib.vnlog import read_corners
 
 FEWEST_VIEWS = 3
-GAUGE = "camera frame at the pinhole; cover and intrinsics held at the session's numbers; poses as a smooth cover gives them"
-GAUGE_BARE = "camera frame at the pinhole"
+LINEARISATIONS = 40
+"""About as many as a joint fit takes; the bar's length."""
+GAUGES = {
+    "bare": "camera frame at the pinhole",
+    "paper": "camera frame at the pinhole; cover and intrinsics held at the session's numbers; poses as a smooth cover gives them",
+    "joint": "camera frame at the pinhole; cover and intrinsics held at the session's numbers or near them by their priors; relief "
+    "near zero by its prior",
+}
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
     """What a fit is asked to do."""
 
+    method: Literal["joint", "paper"] = "joint"
     grid: tuple[int, int] = (8, 8)
     """Centres of the relief around and along the cover (horizontally and vertically for an upright cone)."""
     steps: int = 1000
-    """Gradient steps."""
+    """Gradient steps of the paper's procedure."""
     exact_hit: bool = True
     """False neglects that the relief moves the hit point, as the paper does."""
 
@@ -54,79 +62,52 @@ class _Fitted:
     stages: tuple[Stage, ...]
     residuals: Residuals
     relief: Relief | None = None
+    joint: JointFit | None = None
 
 
 def fit(session: Session, settings: Settings, progress: Progress) -> Calibration:
-    """Calibrate a session by the paper's procedure (its section 4.2).
+    """Calibrate a session.
 
     Raises:
         InputError: a picture or corners file is damaged.
         NotEnoughDataError: too few views show the board.
     """
-    views, rejected, intrinsics, lens_tried = _gather(session, progress)
+    start = gather(session, progress)
+    views, rejected = start.views, start.rejected
     while True:
         _check_enough(views, rejected)
         observations = Observations.of(views, session.board)
         with single_thread():
-            fitted = _fit_once(session, intrinsics, observations, settings, progress)
-        views, bad = _without_outliers(views, observations, fitted)
+            fitted = _fit_once(session, start.intrinsics, observations, settings, progress)
+        views, bad = _without_outliers(views, observations, fitted.residuals)
         if not bad:
             break
         rejected = (*rejected, *bad)
+    intrinsics, cover = with_estimates(start.intrinsics, session.cover, fitted.joint)
+    joint = fitted.joint
     return Calibration(
         board=session.board,
         camera=replace(session.camera, intrinsics=intrinsics),
-        cover=session.cover,
+        cover=cover,
         relief=fitted.relief,
         amplitudes=fitted.values["relief.amplitudes"].numpy() if fitted.relief else np.zeros((0, 0)),
         exact_hit=settings.exact_hit,
         views=views,
         poses=fitted.poses.numpy(),
+        covariance=joint.covariance.numpy() if joint else np.zeros((0, 0)),
         rejected=rejected,
         stages=fitted.stages,
         noise_px=short_scale_noise(_on_board(fitted.residuals.image, views), session.board),
         settings={
-            "method": "paper",
+            "method": settings.method,
             "grid": list(settings.grid),
             "steps": settings.steps,
             "exact_hit": settings.exact_hit,
-            "lens_held_out_px": lens_tried,
-        },
-        gauge=GAUGE if fitted.relief else GAUGE_BARE,
+            "lens_held_out_px": start.lens_held_out_px,
+        }
+        | (joint.said() if joint else {}),
+        gauge=GAUGES[settings.method if fitted.relief else "bare"],
     )
-
-
-def read_views(session: Session, progress: Progress) -> tuple[tuple[View, ...], tuple[Rejected, ...]]:
-    """The session's corners: from its corners file, or detected in its pictures."""
-    if session.corners:
-        return read_corners(session.corners, session.board), ()
-    check_images(session)
-    advance = progress.task(f"Corners in {session.path.name}", len(session.frames))
-    found = detect(session.frames, session.board, lambda done, hits: advance(done, f"{hits} boards found"))
-    return found.views, found.rejected
-
-
-def _gather(session: Session, progress: Progress) -> tuple[tuple[View, ...], tuple[Rejected, ...], Intrinsics, dict[int, float]]:
-    """The usable views, the others, the intrinsics, and the held-out errors by which their lens was chosen.
-
-    Intrinsics come from the session where it states them, else from bare/, else, without a cover, from the views themselves.
-    """
-    views, rejected = read_views(session, progress)
-    bare: tuple[Rejected, ...] = ()
-    tried: dict[int, float] = {}
-    if session.camera.intrinsics:
-        intrinsics = session.camera.intrinsics
-    elif session.bare:
-        shown, dropped = read_views(session.bare, progress)
-        fitted = calibrate_bare(shown, session.bare.board, session.camera, progress)
-        bare = tuple(Rejected(f"{session.bare.path.name}/{r.name}", r.reason) for r in (*dropped, *fitted.rejected))
-        intrinsics, tried = fitted.intrinsics, fitted.held_out_px
-    else:
-        fitted = calibrate_bare(views, session.board, session.camera, progress)
-        views, bare, intrinsics, tried = fitted.views, fitted.rejected, fitted.intrinsics, fitted.held_out_px
-    few = [view for view in views if view.count < FEWEST_CORNERS]
-    too_few = (Rejected(v.name, f"only {v.count} corners are seen, and a pose needs {FEWEST_CORNERS}") for v in few)
-    return tuple(view for view in views if view.count >= FEWEST_CORNERS), (*rejected, *bare, *too_few), intrinsics, tried
 
 
 def _fit_once(session: Session, intrinsics: Intrinsics, observations: Observations, settings: Settings, progress: Progress) -> _Fitted:
@@ -134,7 +115,7 @@ def _fit_once(session: Session, intrinsics: Intrinsics, observations: Observatio
     poses = pinhole_poses(observations, values)
     missed = residuals(path, values, observations, poses)
     stages = [Stage("pinhole", missed.rms_px, missed.rmse_cm)]
-    if session.cover.shape == "none":
+    if session.cover.shape == "none" or not bool(torch.isfinite(poses).all()):  # a view without a pose is rejected first
         return _Fitted(path, values, poses, tuple(stages), missed)
     path, values = covered_path(intrinsics, session.cover)
     poses = refine_poses(path, values, observations, poses).blocks
@@ -145,23 +126,43 @@ def _fit_once(session: Session, intrinsics: Intrinsics, observations: Observatio
     relief = Relief(low, high, (along, around))
     path = with_relief(path, relief, exact_hit=settings.exact_hit)
     values["relief.amplitudes"] = torch.zeros(along, around, dtype=torch.float64)
-    advance = progress.task("Relief", settings.steps)
+    joint = None
+    if settings.method == "paper":
+        values["relief.amplitudes"] = _descend(path, values, observations, poses, settings.steps, progress)
+    else:
+        advance = progress.task("Joint fit", LINEARISATIONS)
+        joint = fit_joint(
+            path,
+            values,
+            observations,
+            poses,
+            free=freed(session, path),
+            progress=lambda spent, rms: advance(min(spent, LINEARISATIONS), f"{rms:.3f} px"),
+        )
+        advance(LINEARISATIONS, "")
+        values, poses = joint.values, joint.poses
+    missed = residuals(path, values, observations, poses)
+    stages.append(Stage("cover+rbf", missed.rms_px, missed.rmse_cm))
+    return _Fitted(path, values, poses, tuple(stages), missed, relief, joint)
+
+
+def _descend(path: Path, values: Values, observations: Observations, poses: Tensor, steps: int, progress: Progress) -> Tensor:
+    advance = progress.task("Relief", steps)
     corners = len(observations.weight)
-    values["relief.amplitudes"] = descend(
+    return descend(
         path,
         values,
         observations,
         poses,
-        steps=settings.steps,
+        steps=steps,
         progress=lambda step, loss: advance(step, f"{100 * (loss / corners) ** 0.5:.4f} cm"),
     )
-    missed = residuals(path, values, observations, poses)
-    stages.append(Stage("cover+rbf", missed.rms_px, missed.rmse_cm))
-    return _Fitted(path, values, poses, tuple(stages), missed, relief)
 
 
-def _without_outliers(views: Sequence[View], observations: Observations, fitted: _Fitted) -> tuple[tuple[View, ...], tuple[Rejected, ...]]:
-    squared = (fitted.residuals.image**2).sum(-1)
+def _without_outliers(
+    views: Sequence[View], observations: Observations, missed: Residuals
+) -> tuple[tuple[View, ...], tuple[Rejected, ...]]:
+    squared = (missed.image**2).sum(-1)
     errors = np.array([float(own.nanmean().sqrt()) for own in observations.per_view(squared)])
     bad = outlying(errors)
     reasons = (

@@ -40,6 +40,11 @@ class Observations:
             starts=torch.tensor(np.cumsum(counts)),
         )
 
+    def kept(self, rows: Tensor) -> "Observations":
+        """Only the rows where (M,) bool is true; no view disappears."""
+        ends = torch.cat([torch.zeros(1, dtype=torch.int64), rows.cumsum(0)])[self.starts]
+        return Observations(self.names, self.pixels[rows], self.corners[rows], self.weight[rows], ends)
+
     @property
     def view(self) -> Tensor:
         """(M,) int64: each row's view."""

@@ -14,14 +14,14 @@ from calib.progress import Silent
 from calib.session import read_session, session_to_yaml
 from calib.views import View
 from calib.vnlog import write_corners
-from tests.scenes import HEIGHT, INTRINSICS, WIDTH, Scene, paper_cone, scene
+from tests.scenes import HEIGHT, INTRINSICS, WIDTH, Scene, scene
 
 SHORT = Settings(grid=(5, 5), steps=60)
 
 
 def write_session(folder: Path, made: Scene, views: tuple[View, ...] | None = None) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
-    setup = session_to_yaml(made.board, Camera(WIDTH, HEIGHT, intrinsics=INTRINSICS), paper_cone())
+    setup = session_to_yaml(made.board, Camera(WIDTH, HEIGHT, intrinsics=INTRINSICS), made.cover)
     (folder / "session.yaml").write_text(yaml.safe_dump({"format": 1, **setup, "corners": "corners.vnl"}))
     write_corners(folder / "corners.vnl", views or made.views)
     return folder

@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("session", type=Path, metavar="SESSION", help="the session folder")
     add_output(parser, "where the results go (default: SESSION/calibration)", required=False)
-    parser.add_argument("--method", choices=["paper"], default="paper", help="how to fit (default: %(default)s)")
+    parser.add_argument("--method", choices=["joint", "paper"], default="joint", help="how to fit (default: %(default)s)")
     parser.add_argument(
         "--grid", type=grid, default=(8, 8), metavar="AxB", help="centres of the relief, around and along the cover (default: 8x8)"
     )
-    parser.add_argument("--steps", type=steps, default=1000, metavar="N", help="gradient steps (default: 1000)")
+    parser.add_argument("--steps", type=steps, default=1000, metavar="N", help="gradient steps of the paper's method (default: 1000)")
     parser.add_argument("--neglect-shift", action="store_true", help="let the relief bend the normal only, as the paper does")
     add_depths(parser, required=False)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> None:
     session = read_session(args.session)
     output = args.output or args.session / "calibration"
     with Bars() as bars:
-        calibration = fit(session, Settings(args.grid, args.steps, not args.neglect_shift), bars)
+        calibration = fit(session, Settings(args.method, args.grid, args.steps, not args.neglect_shift), bars)
         saved = calibration.save(output)
         written = [saved]
         if calibration.relief or args.depth:

@@ -1,0 +1,103 @@
+"""How good a calibration is on views that it has not seen: only each view's pose is refitted."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import torch
+from torch import Tensor
+
+from calib.calibration import Calibration
+from calib.errors import InputError, NotEnoughDataError
+from calib.gather import read_views, with_enough_corners
+from calib.joint import JointProblem
+from calib.observations import Observations
+from calib.optics.params import Values
+from calib.optics.path import Path
+from calib.poses import pinhole_poses, refine_poses
+from calib.progress import Progress
+from calib.residuals import Residuals, residuals
+from calib.session import Session
+from calib.solve import minimise
+from calib.threads import single_thread
+from calib.views import Rejected
+
+NARROWEST = 0.125
+"""m: where the depth bands begin to double; what is nearer is one band."""
+TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """The error of the corners at some depths."""
+
+    from_m: float
+    to_m: float
+    rms_px: float
+    rmse_cm: float
+    corners: int
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """Held-out quality."""
+
+    rms_px: float
+    """Root mean square two-dimensional reprojection error."""
+    rmse_cm: float
+    frames_used: int
+    by_depth: tuple[Band, ...]
+    """By each corner's own depth, near to far; bands without corners are left out."""
+    rejected: tuple[Rejected, ...]
+    """Pictures in which no board with enough corners was found. No view is dropped for its error."""
+
+
+def evaluate(calibration: Calibration, session: Session, progress: Progress) -> Evaluation:
+    """Refit the poses of a session's views, with the camera and cover of a calibration, and measure what is left.
+
+    Raises:
+        InputError: the session is of another camera mode.
+        NotEnoughDataError: no view can be used.
+    """
+    ours, theirs = calibration.camera, session.camera
+    if (ours.width, ours.height) != (theirs.width, theirs.height):
+        raise InputError(
+            f"{session.path} is of {theirs.width}x{theirs.height} px and the calibration for {ours.width}x{ours.height}: "
+            "evaluate with a session of the calibrated camera mode."
+        )
+    views, rejected = read_views(session, progress)
+    views, few = with_enough_corners(views)
+    path, values = calibration.model()
+    poses = pinhole_poses(Observations.of(views, session.board), values)
+    found = torch.isfinite(poses).all(-1).tolist()
+    lost = tuple(Rejected(view.name, "no board pose explains its corners") for view, ok in zip(views, found, strict=True) if not ok)
+    views = tuple(view for view, ok in zip(views, found, strict=True) if ok)
+    if not views:
+        raise NotEnoughDataError(f"{session.path} has no view to evaluate with: take pictures that show the whole board.")
+    observations = Observations.of(views, session.board)
+    with single_thread():
+        poses, missed = refit_poses(path, values, observations, poses[torch.tensor(found)])
+    depth = path.target.place(observations.corners, poses[observations.view])[:, 2]
+    return Evaluation(missed.rms_px, missed.rmse_cm, len(views), _bands(missed, depth), (*rejected, *few, *lost))
+
+
+def refit_poses(path: Path, values: Values, observations: Observations, start: Tensor) -> tuple[Tensor, Residuals]:
+    """The (V, 6) poses of least reprojection error through a known path, and what they leave."""
+    poses = refine_poses(path, values, observations, start).blocks
+    usable = observations.kept(path.land(observations.pixels, values, poses[observations.view])[1] == 0)
+    nothing = torch.zeros(0, dtype=torch.float64)
+    problem = JointProblem(path, values, usable, (), 1.0, torch.zeros(0, 0, dtype=torch.float64), relief_known=True)
+    poses = minimise(problem, nothing, poses, tolerance=TOLERANCE).blocks
+    return poses, residuals(path, values, observations, poses)
+
+
+def _bands(missed: Residuals, depth: Tensor) -> tuple[Band, ...]:
+    edges = [0.0, NARROWEST]
+    while edges[-1] <= float(depth.max()):
+        edges.append(2 * edges[-1])
+    bands = []
+    for low, high in pairwise(edges):
+        inside = (depth >= low) & (depth < high)
+        if bool(inside.any()):
+            part = Residuals(missed.image[inside], missed.board[inside])
+            bands.append(Band(low, high, part.rms_px, part.rmse_cm, int(inside.sum())))
+    return tuple(bands)

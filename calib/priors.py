@@ -1,0 +1,33 @@
+"""Numbers that a session states with a standard deviation: freed for the joint fit, and written back with what it found."""
+
+from dataclasses import replace
+
+from calib.camera import Intrinsics
+from calib.cover import Cover
+from calib.joint import JointFit
+from calib.optics.lens import COEFFICIENTS
+from calib.optics.path import Path
+from calib.schema import Number
+from calib.session import Session
+
+
+def freed(session: Session, path: Path) -> dict[str, float]:
+    """The prior's standard deviation of each number of the path that the session states with one (SI units)."""
+    stated = {f"cover.{name}": number.sigma for name, number in session.cover.numbers.items()}
+    if session.camera.intrinsics:
+        stated |= {name: number.sigma for name, number in _named(session.camera.intrinsics).items()}
+    known = {param.name for param in path.params}
+    return {name: sigma for name, sigma in stated.items() if sigma > 0 and name in known}
+
+
+def with_estimates(intrinsics: Intrinsics, cover: Cover, joint: JointFit | None) -> tuple[Intrinsics, Cover]:
+    """The same description with the estimated numbers and their standard deviations."""
+    found = joint.estimates() if joint else {}
+    numbers = {name: found.get(f"cover.{name}", number) for name, number in cover.numbers.items()}
+    fx, fy, cx, cy, *lens = (found.get(name, number) for name, number in _named(intrinsics).items())
+    return Intrinsics(fx, fy, cx, cy, tuple(lens)), replace(cover, numbers=numbers)
+
+
+def _named(intrinsics: Intrinsics) -> dict[str, Number]:
+    pinhole = {f"camera.{name}": getattr(intrinsics, name) for name in ("fx", "fy", "cx", "cy")}
+    return pinhole | {f"camera.{name}": number for name, number in zip(COEFFICIENTS, intrinsics.distortion, strict=False)}
