@@ -70,16 +70,18 @@ def test_detected_corners_are_the_renderer_s(name: str, tmp_path: Path) -> None:
         either = [view.corners - true, view.corners - true[::-1]]  # a board turned by 180 degrees looks the same
         errors.append(min(either, key=lambda error: float(np.abs(error).max())))
     off = np.concatenate(errors)
+    print(f"{name}: corners {np.sqrt((off**2).sum(-1).mean()):.3f} px RMS, mean {off.mean(0).round(3)}, worst {np.hypot(*off.T).max():.2f}")
     assert np.sqrt((off**2).sum(-1).mean()) < 0.06
     assert np.abs(off.mean(0)).max() < 0.01
 
 
 def test_rays_of_the_clean_session_are_the_renderer_s(fitted: dict[str, Calibration], by_the_paper: Calibration) -> None:
-    """Measured at 0.3, 0.5 and 1 m: 0.027, 0.020, 0.052 px by the joint fit, 0.120, 0.101, 0.196 px by the paper's procedure."""
-    for result, bar in ((fitted["clean"], 0.10), (by_the_paper, 0.25)):
-        error = map_error(result, FIXTURES / "clean" / "truth.npz", near=40.0)
+    """Measured at 0.3, 0.5 and 1 m: 0.027, 0.020, 0.052 px by the joint fit, 0.120, 0.101, 0.196 px by the paper's procedure; through
+    the strong bumps, by the joint fit, 0.053, 0.039, 0.102 px."""
+    for name, result, bar in (("clean", fitted["clean"], 0.10), ("clean", by_the_paper, 0.25), ("bumps", fitted["bumps"], 0.13)):
+        error = map_error(result, FIXTURES / name / "truth.npz", near=40.0)
         assert error.pixels > 2000
-        print(f"{result.settings['method']}: map error of the clean session, px RMS by depth: {error.by_depth}")
+        print(f"{name}, {result.settings['method']}: map error, px RMS by depth: {error.by_depth}")
         assert max(error.by_depth.values()) < bar
 
 
