@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -11,6 +12,7 @@ from rich.table import Table
 from calib.calibration import Calibration
 from calib.evaluate import Evaluation
 from calib.progress import Advance
+from calib.solve import Outcome
 from calib.views import Rejected
 
 
@@ -55,8 +57,29 @@ def print_fit(calibration: Calibration, seconds: float, written: Sequence[Path])
         f"{len(calibration.views)} views with {corners} corners, noise of the corners about {calibration.noise_px:.3f} px, {seconds:.1f} s."
     )
     _list_rejected(console, calibration.rejected)
+    for remark in remarks(calibration):
+        console.print(f"Take care: {remark}", markup=False, highlight=False)
     for path in written:
         console.print(f"Wrote {path}", soft_wrap=True, markup=False, highlight=False)
+
+
+def remarks(calibration: Calibration) -> list[str]:
+    """What a person should know before trusting a fit, a sentence each."""
+    said = []
+    errors = {stage.name: stage.rms_px for stage in calibration.stages}
+    if errors.get("cover", 0.0) > 1.5 * errors["pinhole"]:
+        said.append(
+            "the cover as it is described makes the error larger than no cover at all: check its numbers in session.yaml."
+        )
+    if calibration.settings.get("outcome", Outcome.CONVERGED.value) != Outcome.CONVERGED.value:
+        said.append(str(calibration.settings["outcome"]))
+    last = calibration.stages[-1].rms_px
+    if np.isfinite(calibration.noise_px) and last > 2 * calibration.noise_px:
+        said.append(
+            f"{last:.3f} px are left where the corners' noise is about {calibration.noise_px:.3f} px: the model lacks something, or the "
+            "board, cover or intrinsics are not as described."
+        )
+    return said
 
 
 def print_evaluation(evaluation: Evaluation) -> None:

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from calib.calibration import Calibration
 from calib.errors import InputError, NotEnoughDataError
-from calib.gather import read_views, with_enough_corners
+from calib.gather import read_views
 from calib.joint import JointProblem
 from calib.observations import Observations
 from calib.optics.params import Values
@@ -19,6 +19,7 @@ from calib.residuals import Residuals, residuals
 from calib.session import Session
 from calib.solve import minimise
 from calib.threads import single_thread
+from calib.usable import with_poses
 from calib.views import Rejected
 
 NARROWEST = 0.125
@@ -65,7 +66,7 @@ def evaluate(calibration: Calibration, session: Session, progress: Progress) -> 
             "evaluate with a session of the calibrated camera mode."
         )
     views, rejected = read_views(session, progress)
-    views, few = with_enough_corners(views)
+    views, few = with_poses(views, session.board)
     path, values = calibration.model()
     poses = pinhole_poses(Observations.of(views, session.board), values)
     found = torch.isfinite(poses).all(-1).tolist()

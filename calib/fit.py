@@ -31,13 +31,15 @@ from calib.threads import single_thread
 from calib.views import Rejected, View
 
 FEWEST_VIEWS = 3
+MOST_LOST = 0.2
+"""Of the corners: more cannot be seen through the cover as it is described."""
 LINEARISATIONS = 40
 """About as many as a joint fit takes; the bar's length."""
 GAUGES = {
     "bare": "camera frame at the pinhole",
-    "paper": "camera frame at the pinhole; cover and intrinsics held at the session's numbers; poses as a smooth cover gives them",
-    "joint": "camera frame at the pinhole; cover and intrinsics held at the session's numbers or near them by their priors; relief "
-    "near zero by its prior",
+    "paper": "camera frame at the pinhole; cover and intrinsics held as stated, or as bare/ gives them; poses as a smooth cover gives them",
+    "joint": "camera frame at the pinhole; cover and intrinsics held as stated, or as bare/ gives them, or near that by their priors; "
+    "relief near zero by its prior",
 }
 
 
@@ -103,7 +105,7 @@ def fit(session: Session, settings: Settings, progress: Progress) -> Calibration
             "grid": list(settings.grid),
             "steps": settings.steps,
             "exact_hit": settings.exact_hit,
-            "lens_held_out_px": start.lens_held_out_px,
+            "lens_held_out_px": {str(count): error for count, error in start.lens_held_out_px.items()},
         }
         | (joint.said() if joint else {}),
         gauge=GAUGES[settings.method if fitted.relief else "bare"],
@@ -120,6 +122,7 @@ def _fit_once(session: Session, intrinsics: Intrinsics, observations: Observatio
     path, values = covered_path(intrinsics, session.cover)
     poses = refine_poses(path, values, observations, poses).blocks
     missed = residuals(path, values, observations, poses)
+    _check_cover(missed)
     stages.append(Stage("cover", missed.rms_px, missed.rmse_cm))
     low, high = footprint(path, values, session.camera.width, session.camera.height)
     around, along = settings.grid
@@ -175,11 +178,20 @@ def _without_outliers(
     return tuple(view for view, out in zip(views, bad, strict=True) if not out), rejected
 
 
+def _check_cover(missed: Residuals) -> None:
+    lost = float((~torch.isfinite(missed.image + missed.board)).any(-1).double().mean())
+    if lost > MOST_LOST:
+        raise NotEnoughDataError(
+            f"{100 * lost:.0f} % of the corners are seen where this cover lets no ray from the camera to the board: "
+            "check the cover's numbers and board.square_mm in session.yaml."
+        )
+
+
 def _check_enough(views: Sequence[View], rejected: Sequence[Rejected]) -> None:
     if len(views) < FEWEST_VIEWS:
         why = f" (the first that was dropped, {rejected[0].name}: {rejected[0].reason})" if rejected else ""
         raise NotEnoughDataError(
-            f"Only {len(views)} views are usable and a fit needs {FEWEST_VIEWS}: take more pictures of the board{why}."
+            f"A fit needs {FEWEST_VIEWS} usable views and there are {len(views)}: take more pictures of the board{why}."
         )
 
 

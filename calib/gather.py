@@ -3,11 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from calib.camera import Intrinsics
 from calib.detections import detect
-from calib.intrinsics import FEWEST_CORNERS, calibrate_bare
+from calib.errors import InputError
+from calib.intrinsics import calibrate_bare
 from calib.progress import Progress
 from calib.session import Session, check_images
+from calib.usable import with_poses
 from calib.views import Rejected, View
 from calib.vnlog import read_corners
 
@@ -27,18 +31,13 @@ class Gathered:
 def read_views(session: Session, progress: Progress) -> tuple[tuple[View, ...], tuple[Rejected, ...]]:
     """The session's corners: from its corners file, or detected in its pictures."""
     if session.corners:
-        return read_corners(session.corners, session.board), ()
+        views = read_corners(session.corners, session.board)
+        _check_inside(views, session)
+        return views, ()
     check_images(session)
-    advance = progress.task(f"Corners in {session.path.name}", len(session.frames))
+    advance = progress.task(f"Corners in {session.path.resolve().name}", len(session.frames))
     found = detect(session.frames, session.board, lambda done, hits: advance(done, f"{hits} boards found"))
     return found.views, found.rejected
-
-
-def with_enough_corners(views: Sequence[View]) -> tuple[tuple[View, ...], tuple[Rejected, ...]]:
-    """The views whose corners give a pose, and the others."""
-    few = [view for view in views if view.count < FEWEST_CORNERS]
-    reasons = tuple(Rejected(v.name, f"only {v.count} corners are seen, and a pose needs {FEWEST_CORNERS}") for v in few)
-    return tuple(view for view in views if view.count >= FEWEST_CORNERS), reasons
 
 
 def gather(session: Session, progress: Progress) -> Gathered:
@@ -59,5 +58,18 @@ def gather(session: Session, progress: Progress) -> Gathered:
     else:
         fitted = calibrate_bare(views, session.board, session.camera, progress)
         views, bare, intrinsics, tried = fitted.views, fitted.rejected, fitted.intrinsics, fitted.held_out_px
-    kept, too_few = with_enough_corners(views)
+    kept, too_few = with_poses(views, session.board)
     return Gathered(kept, (*rejected, *bare, *too_few), intrinsics, tried)
+
+
+def _check_inside(views: Sequence[View], session: Session) -> None:
+    size = session.camera.width, session.camera.height
+    for view in views:
+        seen = view.corners[view.seen]
+        outside = ((seen < -0.5) | (seen > np.array(size) - 0.5)).any(-1)
+        if outside.any():
+            x, y = seen[outside][0]
+            raise InputError(
+                f"{session.corners}: {view.name} has a corner at ({x:g}, {y:g}), outside the camera's {size[0]}x{size[1]} px: "
+                "correct camera.width and camera.height, or use corners of this camera mode."
+            )

@@ -16,11 +16,12 @@ from calib.errors import NotEnoughDataError
 from calib.progress import Progress
 from calib.robust import outlying
 from calib.schema import Number
+from calib.usable import with_poses
 from calib.views import Rejected, View
 
 FEWEST_VIEWS = 4
-FEWEST_CORNERS = 8
-"""A pose takes six numbers of the sixteen."""
+LEAST_SPREAD_DEG = 5.0
+"""Between the most different normals of the board."""
 FOLDS = 4
 WORTH = 0.98
 """More coefficients must leave at most this fraction of the held-out error."""
@@ -55,6 +56,7 @@ class _Solved:
     coefficients: NDArray[np.float64]  # (count,)
     sigmas: NDArray[np.float64]  # (4 + count,) fx, fy, cx, cy, then the coefficients
     per_view: NDArray[np.float64]  # (V,) px
+    normals: NDArray[np.float64]  # (V, 3) unit, of the board in the camera frame
     rms: float
 
 
@@ -64,11 +66,9 @@ def calibrate_bare(views: Sequence[View], board: Board, camera: Camera, progress
     Raises:
         NotEnoughDataError: too few views are left.
     """
-    kept = [view for view in views if view.count >= FEWEST_CORNERS]
-    rejected = [
-        Rejected(v.name, f"only {v.count} corners are seen, and a pose needs {FEWEST_CORNERS}") for v in views if v.count < FEWEST_CORNERS
-    ]
-    _check_enough(kept, "Zhang's method")
+    usable, poseless = with_poses(views, board)
+    kept, rejected = list(usable), list(poseless)
+    _check_enough(kept)
     size = camera.width, camera.height
     held_out: dict[int, float] = {}
     count = camera.lens_coefficients
@@ -86,7 +86,13 @@ def calibrate_bare(views: Sequence[View], board: Board, camera: Camera, progress
             if out
         ]
         kept = [view for view, out in zip(kept, bad, strict=True) if not out]
-        _check_enough(kept, "Zhang's method")
+        _check_enough(kept)
+    spread = _spread_deg(solved.normals)
+    if spread < LEAST_SPREAD_DEG:
+        raise NotEnoughDataError(
+            f"All views without the cover show the board at the same angle, within {spread:.1f} degrees, and no focal length follows: "
+            "take more pictures, with the board tilted in different directions."
+        )
     advance(1, f"{solved.rms:.3f} px")
     return BareFit(_intrinsics(solved), solved.rms, tuple(kept), tuple(rejected), held_out)
 
@@ -136,7 +142,7 @@ def _step(views: Sequence[View], board: Board, size: tuple[int, int], count: int
     camera = start.camera.copy() if start else np.array([[width, 0, (width - 1) / 2], [0, width, (height - 1) / 2], [0, 0, 1.0]])
     guess = cv2.CALIB_USE_INTRINSIC_GUESS if start else 0
     try:
-        rms, found, bent, _, _, sigmas, _, per_view = cv2.calibrateCameraExtended(
+        rms, found, bent, rotvecs, _, sigmas, _, per_view = cv2.calibrateCameraExtended(
             objects, pixels, size, camera, coefficients, flags=FLAGS[count] | guess, criteria=CRITERIA
         )
     except cv2.error as error:
@@ -150,6 +156,7 @@ def _step(views: Sequence[View], board: Board, size: tuple[int, int], count: int
         lens,
         np.ravel(sigmas)[: 4 + count].astype(np.float64),
         np.ravel(per_view).astype(np.float64),
+        np.array([cv2.Rodrigues(rotvec)[0][:, 2] for rotvec in rotvecs]),
         float(rms),
     )
 
@@ -170,9 +177,14 @@ def _intrinsics(solved: _Solved) -> Intrinsics:
     return Intrinsics(fx, fy, cx, cy, tuple(lens))
 
 
-def _check_enough(views: Sequence[View], what: str) -> None:
+def _spread_deg(normals: NDArray[np.float64]) -> float:
+    """Degrees between the two most different of (V, 3) unit normals."""
+    return float(np.degrees(np.arccos(np.clip((normals @ normals.T).min(), -1, 1))))
+
+
+def _check_enough(views: Sequence[View]) -> None:
     if len(views) < FEWEST_VIEWS:
         raise NotEnoughDataError(
-            f"Only {len(views)} views without the cover are usable and {what} needs {FEWEST_VIEWS}: "
+            f"Intrinsics need {FEWEST_VIEWS} usable views without the cover and there are {len(views)}: "
             "take more pictures of the board, tilted in different directions."
         )

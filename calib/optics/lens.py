@@ -15,7 +15,6 @@ from calib.optics.vector import Vector
 
 COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
 """OpenCV's order."""
-ACCEPTED_COUNTS = (0, 4, 5, 8, 12, 14)
 
 NEWTON_STEPS = 40
 CONVERGED = 1e-12
@@ -102,11 +101,10 @@ def undistort(x: Tensor, y: Tensor, coefficients: Sequence[Tensor]) -> tuple[Ten
             break
     step_u, step_v, folded = _newton_step(u, v, goal_x, goal_y, coefficients)  # differentiable: Newton's last step is exact
     unsolved = ~((step_u.detach() ** 2 + step_v.detach() ** 2) < (1e3 * CONVERGED) ** 2) | folded
-    keep = torch.where(unsolved, torch.zeros_like(x), torch.ones_like(x)).detach()
     u = torch.where(unsolved, torch.zeros_like(u), u)
     v = torch.where(unsolved, torch.zeros_like(v), v)
     zero = torch.zeros_like(step_u)
-    return u - torch.where(unsolved, zero, step_u) * keep, v - torch.where(unsolved, zero, step_v) * keep, unsolved
+    return u - torch.where(unsolved, zero, step_u), v - torch.where(unsolved, zero, step_v), unsolved
 
 
 def _newton_step(u: Tensor, v: Tensor, goal_x: Tensor, goal_y: Tensor, coefficients: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor]:

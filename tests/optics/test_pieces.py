@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 import torch
 
+from calib.camera import COEFFICIENTS as ACCEPTED_COUNTS
 from calib.optics import rotation
-from calib.optics.lens import ACCEPTED_COUNTS, COEFFICIENTS, Lens
+from calib.optics.lens import COEFFICIENTS, Lens
 from calib.optics.rays import LENS, Rays
 from calib.optics.relief import Relief
 from calib.optics.snell import refract
