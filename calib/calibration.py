@@ -3,7 +3,10 @@
 calibration.yaml is for people, calibration.npz beside it holds the arrays. Together they are enough to fit again.
 """
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from hashlib import sha256
 from importlib.metadata import version
 from io import BytesIO
 from pathlib import Path as FilePath
@@ -19,7 +22,7 @@ from calib.board import Board
 from calib.camera import Camera
 from calib.cover import Cover
 from calib.errors import InputError
-from calib.files import make_folder, save_npz, write_atomically
+from calib.files import make_folder, reading, save_npz, write_atomically
 from calib.maps import RayField, ray_field
 from calib.observations import Observations
 from calib.optics.build import covered_path, with_relief
@@ -116,15 +119,15 @@ class Calibration:
     def undistort_maps(self, depth: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Maps for cv2.remap that show the scene at `depth` m as the bare pinhole camera would: (height, width) each.
 
-        A pixel that the camera does not see through the cover has NaN.
+        A pixel that the camera does not see through the cover has -1, outside the picture, so cv2.remap's constant border fills it.
         """
         made = self.ray_field().map_at(depth)
-        return np.where(made.valid, made.x, np.float32(np.nan)), np.where(made.valid, made.y, np.float32(np.nan))
+        return made.x, made.y
 
     def save(self, folder: FilePath) -> FilePath:
         """Write calibration.yaml and calibration.npz into a folder, and return the first's path."""
         make_folder(folder)
-        save_npz(
+        digest = save_npz(
             folder / "calibration.npz",
             {
                 "amplitudes": self.amplitudes,
@@ -136,10 +139,10 @@ class Calibration:
             },
         )
         path = folder / "calibration.yaml"
-        write_atomically(path, yaml.safe_dump(self._as_mapping(), sort_keys=False, allow_unicode=True, width=120))
+        write_atomically(path, yaml.safe_dump(self._as_mapping(digest), sort_keys=False, allow_unicode=True, width=120))
         return path
 
-    def _as_mapping(self) -> dict[str, object]:
+    def _as_mapping(self, digest: str) -> dict[str, object]:
         relief = self.relief and {
             "low": list(self.relief.low),
             "high": list(self.relief.high),
@@ -150,6 +153,7 @@ class Calibration:
         return {
             "format": FORMAT,
             "refracal": self.refracal,
+            "arrays_sha256": digest,
             **session_to_yaml(self.board, self.camera, self.cover),
             "relief": relief,
             "gauge": self.gauge,
@@ -163,29 +167,38 @@ class Calibration:
     def load(path: str | FilePath) -> "Calibration":
         """Read a calibration.yaml, or the folder that holds one, with the .npz beside it."""
         path = FilePath(path)
-        path = path / "calibration.yaml" if path.is_dir() else path
-        if not path.is_file():
+        with reading(path):
+            path = path / "calibration.yaml" if path.is_dir() else path
+            missing = not path.is_file()
+        if missing:
             raise InputError(f"{path} does not exist: give the calibration.yaml that calib fit wrote.")
         said = read_yaml(path)
         if said.get("format") != FORMAT:
             raise InputError(f"{path}: format is {said.get('format')!r} where this version of calib reads {FORMAT}: fit the session again.")
         try:
             return _from_mapping(said, path)
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
+        except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise InputError(f"{path} is not a whole calibration ({error}): fit the session again.") from error
 
 
 def _from_mapping(said: dict[str, Any], path: FilePath) -> Calibration:
     board, camera, cover = session_from_mapping({key: said[key] for key in ("board", "camera", "cover")}, str(path))
-    arrays = _read_arrays(path.with_suffix(".npz"))
-    relief = said["relief"]
+    arrays, digest = _read_arrays(path.with_suffix(".npz"))
+    if said["arrays_sha256"] != digest:
+        raise InputError(f"{path} and {path.with_suffix('.npz').name} do not belong together: fit the session again.")
+    if not camera.intrinsics:
+        raise ValueError("camera.intrinsics is missing")
+    relief = None if said["relief"] is None else _relief(said["relief"])
+    if relief and cover.shape == "none":
+        raise ValueError("there is a relief and no cover")
+    _check_arrays(arrays, relief, board)
     return Calibration(
         board=board,
         camera=camera,
         cover=cover,
-        relief=relief and Relief(tuple(relief["low"]), tuple(relief["high"]), tuple(relief["grid"]), relief["beta"]),
+        relief=relief,
         amplitudes=arrays["amplitudes"],
-        exact_hit=relief["exact_hit"] if relief else True,
+        exact_hit=bool(said["relief"]["exact_hit"]) if relief else True,
         views=tuple(
             View(str(name), corners, weight)
             for name, corners, weight in zip(arrays["names"], arrays["corners"], arrays["weights"], strict=True)
@@ -193,20 +206,56 @@ def _from_mapping(said: dict[str, Any], path: FilePath) -> Calibration:
         poses=arrays["poses"],
         covariance=arrays["covariance"],
         rejected=tuple(Rejected(r["file"], r["reason"]) for r in said["frames_rejected"]),
-        stages=tuple(Stage(**stage) for stage in said["stages"]),
-        noise_px=said["noise_px"],
-        settings=said["settings"],
+        stages=tuple(Stage(s["name"], float(s["rms_px"]), float(s["rmse_cm"])) for s in said["stages"]),
+        noise_px=float(said["noise_px"]),
+        settings=dict(said["settings"]),
         gauge=said["gauge"],
         refracal=said["refracal"],
     )
 
 
-def _read_arrays(path: FilePath) -> dict[str, NDArray[Any]]:
+def _relief(said: Mapping[str, Any]) -> Relief:
+    low, high = _pair(said["low"], "low"), _pair(said["high"], "high")
+    first, second = grid = _pair(said["grid"], "grid")
+    relief = Relief(low, high, (int(first), int(second)), float(said["beta"]))
+    if relief.grid != grid or min(relief.grid) < 2:
+        raise ValueError("relief.grid is not two whole numbers of 2 or more")
+    if not (low[0] < high[0] and low[1] < high[1] and 0 < relief.beta < math.inf):
+        raise ValueError("relief.low is not below relief.high, or relief.beta not above 0")
+    return relief
+
+
+def _pair(written: object, key: str) -> tuple[float, float]:
+    match written:
+        case [int() | float() as first, int() | float() as second] if math.isfinite(first) and math.isfinite(second):
+            return first, second
+    raise ValueError(f"relief.{key} is not two numbers")
+
+
+def _check_arrays(arrays: Mapping[str, NDArray[Any]], relief: Relief | None, board: Board) -> None:
+    views, numbers = len(arrays["names"]), len(arrays["covariance"])
+    shapes = {
+        "amplitudes": relief.grid if relief else (0, 0),
+        "poses": (views, 6),
+        "covariance": (numbers, numbers),
+        "corners": (views, board.count, 2),
+        "weights": (views, board.count),
+    }
+    for name, shape in shapes.items():
+        array = arrays[name]
+        if array.shape != shape or array.dtype != np.float64:
+            raise ValueError(f"{name} are {array.dtype} of shape {array.shape} where float64 of shape {shape} is expected")
+
+
+def _read_arrays(path: FilePath) -> tuple[dict[str, NDArray[Any]], str]:
+    """The arrays, and the SHA-256 of their file."""
+    with reading(path):
+        if not path.exists():
+            raise InputError(f"{path} is missing: keep calibration.yaml and calibration.npz in one folder.")
+        data = path.read_bytes()
     try:
-        with np.load(BytesIO(path.read_bytes()), allow_pickle=False) as file:
-            return dict(file)
-    except FileNotFoundError:
-        raise InputError(f"{path} is missing: keep calibration.yaml and calibration.npz in one folder.") from None
+        with np.load(BytesIO(data), allow_pickle=False) as file:
+            return dict(file), sha256(data).hexdigest()
     except Exception as error:  # numpy and zipfile raise a dozen kinds for a damaged file
         raise InputError(f"{path} is damaged ({error}): fit the session again.") from error
 

@@ -24,16 +24,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = _parser().parse_args(argv)
     try:
         args.run(args)
+        print(end="", flush=True)  # here a full disk is a sentence; at exit it would be a traceback
     except RefracalError as error:
         print(f"calib: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
-        print("calib: interrupted; nothing was changed.", file=sys.stderr)
+        print("calib: interrupted.", file=sys.stderr)
         return 130
     except BrokenPipeError:  # the reader of a pipe has gone: its right
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_stdout()
         return 0
     except Exception as error:
+        if isinstance(error, OSError) and error.errno and error.filename is None:  # of no file by name, so of stdout
+            print(f"calib: the result cannot be printed ({error.strerror}): send stdout to another place.", file=sys.stderr)
+            _drop_stdout()
+            return 2
         if "REFRACAL_TRACEBACK" in os.environ:
             traceback.print_exc()
         print(
@@ -43,6 +48,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         return 1
     return 0
+
+
+def _drop_stdout() -> None:
+    """What is still buffered goes nowhere, so that Python does not try again at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _parser() -> argparse.ArgumentParser:

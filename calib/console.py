@@ -68,9 +68,7 @@ def remarks(calibration: Calibration) -> list[str]:
     said = []
     errors = {stage.name: stage.rms_px for stage in calibration.stages}
     if errors.get("cover", 0.0) > 1.5 * errors["pinhole"]:
-        said.append(
-            "the cover as it is described makes the error larger than no cover at all: check its numbers in session.yaml."
-        )
+        said.append("the cover as it is described makes the error larger than no cover at all: check its numbers in session.yaml.")
     if calibration.settings.get("outcome", Outcome.CONVERGED.value) != Outcome.CONVERGED.value:
         said.append(str(calibration.settings["outcome"]))
     last = calibration.stages[-1].rms_px

@@ -1,12 +1,14 @@
-"""Writing so that a reader finds the old file or the new one, never half of it."""
+"""Files that a person named: what fails is a sentence, and a reader finds the old file or the new one, never half of it."""
 
 import errno
 import secrets
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from hashlib import sha256
 from io import BytesIO
 from os import fsync
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,11 +39,19 @@ def write_atomically(path: Path, data: bytes | memoryview | str) -> None:
             fsync(file.fileno())
         temporary.replace(path)
     except OSError as error:
-        advice = ADVICE.get(error.errno or 0, "choose another place")
-        raise InputError(f"{path} cannot be written ({error.strerror}): {advice}.") from error
+        raise _unwritable(path, error) from error
     finally:
         with suppress(OSError):
             temporary.unlink()
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Around what only looks at a path: an OSError becomes the sentence of a path that cannot be read."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{error.filename or path} cannot be read ({error.strerror}): check its name and permissions.") from error
 
 
 def make_folder(folder: Path) -> None:
@@ -52,11 +62,27 @@ def make_folder(folder: Path) -> None:
         raise InputError(f"{folder} cannot be made ({error.strerror}): choose another folder with -o.") from error
 
 
-def save_npz(path: Path, arrays: Mapping[str, NDArray], *, compressed: bool = True) -> None:
-    """Write named arrays, never pickled. Large maps are written much faster if not compressed."""
+def check_writable(folder: Path) -> None:
+    """Make a folder for results and write there for a trial, so that long work is not lost at its end."""
+    make_folder(folder)
+    try:
+        with NamedTemporaryFile(dir=folder, prefix=".", suffix=".tmp") as trial:
+            trial.write(b"trial")
+            trial.flush()
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+
+
+def save_npz(path: Path, arrays: Mapping[str, NDArray], *, compressed: bool = True) -> str:
+    """Write named arrays, never pickled, and return the file's SHA-256. Large maps are written much faster if not compressed."""
     pickled = [name for name, array in arrays.items() if array.dtype.hasobject]
     if pickled:
         raise TypeError(f"arrays of Python objects cannot be saved: {', '.join(pickled)}")
     buffer = BytesIO()
     (np.savez_compressed if compressed else np.savez)(buffer, allow_pickle=False, **arrays)
     write_atomically(path, buffer.getbuffer())
+    return sha256(buffer.getbuffer()).hexdigest()
+
+
+def _unwritable(path: Path, error: OSError) -> InputError:
+    return InputError(f"{path} cannot be written ({error.strerror}): {ADVICE.get(error.errno or 0, 'choose another place')}.")

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from calib.errors import InputError
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".npy")
+SIXTEEN_BIT = (".png", ".tif", ".tiff", ".npy")
+"""Those that can hold uint16."""
 
 # What OpenCV would print is raised here, as a sentence. Its log moved between versions; 0 is silent in all of them.
 (cv2.utils.logging.setLogLevel if hasattr(cv2.utils, "logging") else cv2.setLogLevel)(0)  # type: ignore[attr-defined]

@@ -1,6 +1,10 @@
 """A calibration from a session folder of known truth, saved, loaded and asked."""
 
+from collections.abc import Callable
+from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -64,11 +68,23 @@ def test_what_is_saved_comes_back(calibration: Calibration, tmp_path: Path) -> N
 
 
 def test_a_saved_calibration_can_be_fitted_again_from_itself(calibration: Calibration, tmp_path: Path) -> None:
-    """It carries its inputs: the same corners, camera and cover give the same result."""
+    """It carries its inputs: the same board, camera, cover, corners and settings give the same rays."""
     calibration.save(tmp_path)
     back = Calibration.load(tmp_path)
-    assert back.observations.pixels.equal(calibration.observations.pixels)
-    assert session_to_yaml(back.board, back.camera, back.cover) == session_to_yaml(calibration.board, calibration.camera, calibration.cover)
+    session = {"format": 1, **session_to_yaml(back.board, back.camera, back.cover), "corners": "corners.vnl"}
+    (tmp_path / "session.yaml").write_text(yaml.safe_dump(session))
+    write_corners(tmp_path / "corners.vnl", back.views)
+    said = back.settings
+    again = fit(read_session(tmp_path), Settings(said["method"], tuple(said["grid"]), said["steps"], said["exact_hit"]), Silent())
+    pixels = np.random.default_rng(2).uniform(0, [WIDTH, HEIGHT], (200, 2))
+    for first, second in zip(calibration.rays(pixels), again.rays(pixels), strict=True):
+        assert np.abs(first - second).max() < 1e-9
+
+
+def test_settings_come_back_equal(calibration: Calibration, tmp_path: Path) -> None:
+    settings = calibration.settings | {"lens_held_out_px": {"0": 1.0, "12": 0.25}}
+    replace(calibration, settings=settings).save(tmp_path)
+    assert Calibration.load(tmp_path).settings == settings
 
 
 def test_projection_inverts_rays(calibration: Calibration) -> None:
@@ -80,6 +96,11 @@ def test_projection_inverts_rays(calibration: Calibration) -> None:
 def test_maps_are_the_rays(calibration: Calibration) -> None:
     map_x, map_y = calibration.undistort_maps(depth=0.8)
     assert map_x.shape == map_y.shape == (HEIGHT, WIDTH)
+    valid = calibration.ray_field().map_at(0.8).valid
+    assert 0 < np.count_nonzero(~valid) < valid.size
+    assert (map_x[~valid] == -1).all()
+    assert (map_y[~valid] == -1).all()
+    assert min(map_x[valid].min(), map_y[valid].min()) >= -0.5
     u, v = 1000, 700
     at = np.array([[(u - INTRINSICS.cx.value) / INTRINSICS.fx.value, (v - INTRINSICS.cy.value) / INTRINSICS.fy.value, 1.0]]) * 0.8
     assert np.abs(calibration.project(at)[0] - [map_x[v, u], map_y[v, u]]).max() < 0.01
@@ -109,7 +130,7 @@ def test_a_view_that_disagrees_is_rejected_and_listed(made: Scene, tmp_path: Pat
 
 
 def test_too_few_views_say_so(made: Scene, tmp_path: Path) -> None:
-    with pytest.raises(NotEnoughDataError, match="Only 2 views are usable and a fit needs 3"):
+    with pytest.raises(NotEnoughDataError, match="A fit needs 3 usable views and there are 2"):
         fit(read_session(write_session(tmp_path, made, made.views[:2])), SHORT, Silent())
 
 
@@ -127,4 +148,100 @@ def test_a_damaged_calibration_gets_its_sentence(calibration: Calibration, tmp_p
     calibration.save(tmp_path)
     spoil(tmp_path)  # type: ignore[operator]
     with pytest.raises(InputError, match=says):
+        Calibration.load(tmp_path)
+
+
+def rewrite_npz(folder: Path, **changed: np.ndarray) -> None:
+    """Other arrays with the digest that belongs to them, as someone bent on it would."""
+    path = folder / "calibration.npz"
+    with np.load(path) as file:
+        arrays = dict(file) | changed
+    np.savez(path, **arrays)
+    edit_yaml(folder, lambda said: said.update(arrays_sha256=sha256(path.read_bytes()).hexdigest()))
+
+
+def edit_yaml(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    path = folder / "calibration.yaml"
+    said = yaml.safe_load(path.read_text())
+    change(said)
+    path.write_text(yaml.safe_dump(said))
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda said: said["relief"].update(grid=[5, 6]), "amplitudes are float64 of shape"),
+        (lambda said: said["relief"].update(grid=["a", 5]), "relief.grid is not two numbers"),
+        (lambda said: said["relief"].update(grid=[1, 64]), "relief.grid is not two whole numbers of 2 or more"),
+        (lambda said: said["relief"].update(grid=[5.5, 5]), "relief.grid is not two whole numbers"),
+        (lambda said: said["relief"].update(low=[1]), "relief.low is not two numbers"),
+        (lambda said: said["relief"].update(low="ab"), "relief.low is not two numbers"),
+        (lambda said: said["relief"].update(low=said["relief"]["high"]), "relief.low is not below relief.high"),
+        (lambda said: said["relief"].update(beta="wide"), "wide"),
+        (lambda said: said.update(relief=[]), "is not a whole calibration"),
+        (lambda said: said.update(relief=None), "amplitudes are float64 of shape"),
+        (lambda said: said["camera"].pop("intrinsics"), "camera.intrinsics is missing"),
+        (lambda said: said.update(cover={"shape": "none"}), "there is a relief and no cover"),
+        (lambda said: said["board"].update(columns=8), "corners are float64 of shape"),
+        (lambda said: said.update(settings=3), "is not a whole calibration"),
+        (lambda said: said.update(stages=[3]), "is not a whole calibration"),
+        (lambda said: said.update(noise_px="loud"), "is not a whole calibration"),
+        (lambda said: said.pop("arrays_sha256"), "arrays_sha256"),
+        (
+            lambda said: said.update(arrays_sha256="0" * 64),
+            "calibration.yaml and calibration.npz do not belong together: fit the session again",
+        ),
+    ],
+)
+def test_an_edited_calibration_gets_its_sentence(
+    calibration: Calibration, tmp_path: Path, change: Callable[[dict[str, Any]], object], says: str
+) -> None:
+    calibration.save(tmp_path)
+    edit_yaml(tmp_path, change)
+    with pytest.raises(InputError, match=says):
+        Calibration.load(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"amplitudes": np.zeros((2, 3))}, "amplitudes are float64 of shape"),
+        ({"amplitudes": np.zeros((5, 5), np.float32)}, "amplitudes are float32"),
+        ({"poses": np.zeros((3, 6))}, "poses are float64 of shape"),
+        ({"corners": np.zeros((8, 80, 2))}, "corners are float64 of shape"),
+        ({"weights": np.zeros((8, 80))}, "weights are float64 of shape"),
+        ({"covariance": np.zeros((2, 3))}, "covariance are float64 of shape"),
+        ({"names": np.array("one")}, "is not a whole calibration"),
+    ],
+)
+def test_arrays_of_another_shape_get_their_sentence(
+    calibration: Calibration, tmp_path: Path, changed: dict[str, np.ndarray], says: str
+) -> None:
+    calibration.save(tmp_path)
+    rewrite_npz(tmp_path, **changed)
+    with pytest.raises(InputError, match=says):
+        Calibration.load(tmp_path)
+
+
+def test_a_new_npz_beside_an_old_yaml_is_refused(calibration: Calibration, tmp_path: Path) -> None:
+    """What a fit leaves that is interrupted between its two files."""
+    calibration.save(tmp_path)
+    replace(calibration, poses=calibration.poses + 1e-3).save(tmp_path / "new")
+    (tmp_path / "new" / "calibration.npz").replace(tmp_path / "calibration.npz")
+    with pytest.raises(InputError, match="do not belong together"):
+        Calibration.load(tmp_path)
+
+
+def test_paths_that_cannot_be_looked_up_get_their_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match=r"cannot be read \(File name too long\)"):
+        Calibration.load(tmp_path / ("x" * 300))
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    with pytest.raises(InputError, match=r"does not exist|cannot be read"):
+        Calibration.load(tmp_path / "loop")
+
+    def locked(path: Path) -> bool:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "is_dir", locked)
+    with pytest.raises(InputError, match=r"cannot be read \(Permission denied\)"):
         Calibration.load(tmp_path)

@@ -1,6 +1,7 @@
 """The command as a person runs it: names, exit codes, JSON keys, sentences, and no traceback ever."""
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -12,6 +13,8 @@ import numpy as np
 import pytest
 
 from calib.cli import main
+from calib.commands.printing import print_json
+from calib.files import check_writable
 from tests.malformed import MALFORMED, Malformed, write_good_session
 from tests.scenes import scene
 from tests.test_calibration import write_session
@@ -67,9 +70,9 @@ def test_the_field_gives_any_other_depth(fitted: tuple[Path, dict[str, object]])
     from calib.export.npz import read_field
 
     out = fitted[0] / "calibration"
-    field = read_field(out / "rays.npz", 3280, 2464)
+    field = read_field(out / "rays.npz")
     direct = Calibration.load(out).undistort_maps(0.33)[0]
-    assert np.nanmax(np.abs(np.where(field.map_at(0.33).valid, field.map_at(0.33).x, np.nan) - direct)) < 1e-3
+    assert np.abs(field.map_at(0.33).x - direct).max() < 1e-3
 
 
 @pytest.mark.parametrize(("depth", "colour"), [(np.uint8, False), (np.uint8, True), (np.uint16, False), (np.uint16, True)])
@@ -134,15 +137,99 @@ def test_undistort_refuses_what_would_overwrite_or_does_not_fit(
     out = str(fitted[0] / "calibration")
     picture = tmp_path / "small.png"
     cv2.imwrite(str(picture), np.zeros((48, 64), np.uint8))
+    (tmp_path / "loop.png").symlink_to(tmp_path / "loop.png")
     for arguments, says in (
         ([str(picture), "-o", str(tmp_path)], "would be overwritten"),
         ([str(picture), "-o", str(tmp_path / "out")], "is 64x48 px where the calibration is for 3280x2464"),
         ([str(tmp_path / "none.png"), "-o", str(tmp_path / "out")], "none.png"),
         ([str(tmp_path / "empty"), "-o", str(tmp_path / "out")], "There are no pictures to undistort"),
+        ([str(tmp_path / f"{'x' * 300}.jpg"), "-o", str(tmp_path / "out")], "File name too long"),
+        ([str(tmp_path / "loop.png"), "-o", str(tmp_path / "out")], "loop.png cannot be read"),
+        ([str(picture), "-o", str(tmp_path / "loop.png")], "loop.png cannot be made"),
+        ([str(tmp_path / "noext"), "-o", str(tmp_path / "out")], "noext does not say what to write"),
+        ([str(tmp_path / "b.jpg.bak"), "-o", str(tmp_path / "out")], "one of .png, .jpg"),
+        ([str(tmp_path / "a.gif"), "-o", str(tmp_path / "out")], "a.gif does not say what to write"),
     ):
         (tmp_path / "empty").mkdir(exist_ok=True)
         assert main(["undistort", out, *arguments, "--depth", "1"]) == 2
         assert says in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["deep.jpg", "deep.BMP"])
+def test_sixteen_bits_are_not_clipped_into_eight(
+    fitted: tuple[Path, dict[str, object]], tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    cv2.imwrite(str(tmp_path / "deep.png"), np.full((2464, 3280), 40000, np.uint16))
+    (tmp_path / "deep.png").rename(tmp_path / name)
+    out = str(fitted[0] / "calibration")
+    assert main(["undistort", out, str(tmp_path / name), "--depth", "1", "-o", str(tmp_path / "flat")]) == 2
+    assert f"{name} holds 16-bit pixels, which a {Path(name).suffix.lower()} cannot" in capsys.readouterr().err
+    assert list((tmp_path / "flat").iterdir()) == []
+
+
+def test_unreadable_pictures_are_one_sentence(
+    fitted: tuple[Path, dict[str, object]], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    is_dir = Path.is_dir
+
+    def locked(path: Path) -> bool:
+        if path.parent.name == "locked":
+            raise PermissionError(13, "Permission denied", str(path))
+        return is_dir(path)
+
+    monkeypatch.setattr(Path, "is_dir", locked)
+    picture = str(tmp_path / "locked" / "a.png")
+    assert main(["undistort", str(fitted[0] / "calibration"), picture, "--depth", "1", "-o", str(tmp_path / "out")]) == 2
+    assert f"{picture} cannot be read (Permission denied)" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("failing", ["make", "write"])
+def test_an_output_folder_is_tried_before_the_fit(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, failing: str
+) -> None:
+    def late(*_: object) -> None:
+        raise AssertionError("the fit began")
+
+    def full(**_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("calib.fit.fit", late)
+    folder = write_session(tmp_path / "s", scene(8, views=3))
+    if failing == "make":
+        (tmp_path / "out").write_text("in the way")
+    else:
+        monkeypatch.setattr("calib.files.NamedTemporaryFile", full)
+    assert main(["fit", str(folder), "-o", str(tmp_path / "out")]) == 2
+    says = "out cannot be made" if failing == "make" else "out cannot be written (No space left on device): free some space there"
+    assert says in capsys.readouterr().err
+
+
+def test_a_trial_write_leaves_nothing(tmp_path: Path) -> None:
+    check_writable(tmp_path / "a" / "b")
+    assert list((tmp_path / "a" / "b").iterdir()) == []
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has a disk that is always full")
+def test_a_result_that_cannot_be_printed_is_one_sentence(fitted: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "calib", "export", str(fitted[0] / "calibration"), "--format", "npz", "-o", str(tmp_path)]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.endswith("calib: the result cannot be printed (No space left on device): send stdout to another place.\n")
+
+
+def test_interrupted_says_no_more_than_that(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def interrupt(_: Path) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("calib.session.read_session", interrupt)
+    assert main(["fit", "x"]) == 130
+    assert capsys.readouterr().err == "calib: interrupted.\n"
+
+
+def test_json_has_null_where_a_number_is_not_finite(capsys: pytest.CaptureFixture[str]) -> None:
+    print_json({"a": math.nan, "b": [{"c": np.float64(np.inf), "d": 1.5}], "e": (1, "NaN", None)})
+    assert capsys.readouterr().out == '{"a": null, "b": [{"c": null, "d": 1.5}], "e": [1, "NaN", null]}\n'
 
 
 def test_results_that_cannot_be_written_are_one_sentence(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 import torch
 
+from calib.camera import Intrinsics
 from calib.errors import InputError
-from calib.maps import RayField, ray_field
+from calib.maps import DepthMap, RayField, ray_field
+from calib.optics.build import pinhole_path
+from calib.optics.params import Values
+from calib.optics.path import Path
 from calib.optics.project import project
+from calib.schema import Number
 from tests.scenes import HEIGHT, WIDTH, Scene, scene
 
 
@@ -71,3 +76,49 @@ def test_where_no_ray_leaves_the_cover_the_map_says_so(made: Scene) -> None:
 def test_a_depth_that_is_none_is_refused(field: RayField, depth: float) -> None:
     with pytest.raises(InputError, match="write metres above 0"):
         field.map_at(depth)
+
+
+@pytest.mark.parametrize("depth", [9e-4, 1e-300])
+def test_a_depth_inside_the_lens_is_refused(field: RayField, depth: float) -> None:
+    with pytest.raises(InputError, match="too near"):
+        field.map_at(depth)
+
+
+def off_projection(path: Path, values: Values, made: DepthMap, every: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of every so many pixels: how far (px) the map is from projecting, whether projecting lands on the image, whether the map is valid."""
+    height, width = made.valid.shape
+    rows, columns = (grid.ravel() for grid in np.mgrid[0:height:every, 0:width:every])
+    fx, fy, cx, cy = (float(values[f"camera.{name}"]) for name in ("fx", "fy", "cx", "cy"))
+    points = np.column_stack([(columns - cx) / fx, (rows - cy) / fy, np.ones(len(rows))]) * made.depth
+    seen = project(path, values, torch.from_numpy(points)).numpy()
+    inside = (np.abs(seen - [(width - 1) / 2, (height - 1) / 2]) < [width / 2, height / 2]).all(-1)
+    off = np.hypot(made.x[rows, columns] - seen[:, 0], made.y[rows, columns] - seen[:, 1])
+    return off, inside, made.valid[rows, columns]
+
+
+@pytest.mark.parametrize("depth", [0.002, 0.005, 0.01, 0.03])
+def test_nearby_a_map_is_right_or_not_valid(made: Scene, field: RayField, depth: float) -> None:
+    off, inside, valid = off_projection(made.path, made.values, field.map_at(depth), 24)
+    assert off[inside & valid].max(initial=0) < 0.01
+
+
+def lens_path(*coefficients: float) -> tuple[Path, Values]:
+    return pinhole_path(Intrinsics(Number(335.0), Number(335.0), Number(342.0), Number(231.0), tuple(map(Number, coefficients))))
+
+
+def test_a_wide_rational_lens_is_held_to_a_hundredth_of_a_pixel() -> None:
+    path, values = lens_path(0.9, 0.1, 3e-4, 7e-4, 0.002, 1.2, 0.3, 0.015)
+    off, inside, valid = off_projection(path, values, ray_field(path, values, 640, 480).map_at(1.0), 3)
+    assert inside.all()
+    assert valid.mean() > 0.99
+    assert off[valid].max() < 0.01
+
+
+def test_around_a_pole_of_the_lens_the_map_is_right_or_not_valid() -> None:
+    """Zhang's method with eight coefficients may fit a pole and a zero that nearly cancel, here about 300 px from the middle."""
+    path, values = lens_path(-0.074, -0.30661, 3e-4, 7e-4, -0.01694, 0.28435, -0.42004, -0.08308)
+    field = ray_field(path, values, 640, 480)
+    off, inside, valid = off_projection(path, values, field.map_at(1.0), 2)
+    assert not field.valid.all()
+    assert off[inside & valid].max() < 0.01
+    assert valid.mean() > 0.99

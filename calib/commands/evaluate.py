@@ -16,10 +16,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    import json
     from dataclasses import asdict
 
     from calib.calibration import Calibration
+    from calib.commands.printing import print_json
     from calib.console import Bars, print_evaluation
     from calib.evaluate import evaluate
     from calib.session import read_session
@@ -29,6 +29,6 @@ def run(args: argparse.Namespace) -> None:
     with Bars() as bars:
         evaluation = evaluate(calibration, session, bars)
     if args.json:
-        print(json.dumps({key: value for key, value in asdict(evaluation).items() if key != "rejected"}))
+        print_json({key: value for key, value in asdict(evaluation).items() if key != "rejected"})
     else:
         print_evaluation(evaluation)

@@ -27,27 +27,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    import json
     import time
 
+    from calib.commands.printing import print_json
     from calib.console import Bars, print_fit
+    from calib.export.npz import write_npz
+    from calib.files import check_writable
     from calib.fit import Settings, fit
     from calib.session import read_session
 
     begun = time.monotonic()
     session = read_session(args.session)
     output = args.output or args.session / "calibration"
+    check_writable(output)
     with Bars() as bars:
         calibration = fit(session, Settings(args.method, args.grid, args.steps, not args.neglect_shift), bars)
         saved = calibration.save(output)
-        written = [saved]
-        if calibration.relief or args.depth:
-            from calib.export.npz import write_npz
-
-            written += write_npz(calibration, args.depth, output, bars)
+        written = [saved, *write_npz(calibration, args.depth, output, bars, replace=True)]
     seconds = time.monotonic() - begun
     if args.json:
-        print(json.dumps(summary(calibration, seconds)))
+        print_json(summary(calibration, seconds))
     else:
         print_fit(calibration, seconds, written)
 

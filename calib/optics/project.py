@@ -23,7 +23,7 @@ def project(path: Path, values: Values, points: Tensor, start: Tensor | None = N
         start: (N, 2) px to start from; without it, the pixel that would see the point if there were no cover.
 
     Returns:
-        (N, 2) px; NaN for a point that is not in front of the camera or that no ray reaches.
+        (N, 2) px; NaN for a point that is not in front of the camera and its cover, or that no ray reaches.
     """
     front = points[..., 2] > 1e-6
     goal = torch.where(front.unsqueeze(-1), points, torch.ones_like(points))
@@ -31,7 +31,7 @@ def project(path: Path, values: Values, points: Tensor, start: Tensor | None = N
     depth = goal[..., 2]
     last = torch.full_like(depth, torch.inf)
     for _ in range(STEPS):
-        error, slopes, failure = _miss(path, values, pixels, goal[..., :2], depth)
+        error, slopes, ahead, failure = _miss(path, values, pixels, goal[..., :2], depth)
         step = torch.linalg.solve_ex(slopes, error.unsqueeze(-1)).result.squeeze(-1)
         length = step.norm(dim=-1)
         usable = torch.isfinite(length) & (failure == 0)
@@ -40,14 +40,15 @@ def project(path: Path, values: Values, points: Tensor, start: Tensor | None = N
         pixels = torch.where(usable.unsqueeze(-1), pixels - short * step, pixels)
         if bool((last[front & usable] < CONVERGED).all()):
             break
-    return torch.where((front & (last < ACCEPTED)).unsqueeze(-1), pixels, torch.full_like(pixels, torch.nan))
+    return torch.where((front & ahead & (last < ACCEPTED)).unsqueeze(-1), pixels, torch.full_like(pixels, torch.nan))
 
 
-def _miss(path: Path, values: Values, pixels: Tensor, goal: Tensor, depth: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """By how much (N, 2) m each pixel's ray passes the goal in the plane of its depth, the (N, 2, 2) derivative, (N) failures."""
+def _miss(path: Path, values: Values, pixels: Tensor, goal: Tensor, depth: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """By how much (N, 2) m each pixel's ray passes the goal in the plane of its depth, the (N, 2, 2) derivative, (N) bool whether the
+    goal lies beyond the ray's exit from the cover, (N) failures."""
     with torch.enable_grad():
         at = pixels.detach().requires_grad_()
         rays = path.trace(at, values)
         error = rays.at_depth(depth) - goal
         (slopes,) = by_row(error, [at])
-    return error.detach(), slopes, rays.failure
+    return error.detach(), slopes, (depth > rays.origin.z).detach(), rays.failure

@@ -184,6 +184,16 @@ def test_projection_says_nan_where_no_ray_goes(example: Example) -> None:
 
 
 @each_shape
+def test_projection_says_nan_for_a_point_inside_the_cover(example: Example) -> None:
+    """The line of the ray is the light's way only from where it leaves the cover on."""
+    path, values = nominal(example)
+    rays = path.trace(some_pixels(50), values)
+    before, beyond = ((rays.origin + rays.direction * torch.tensor(way, dtype=torch.float64)).stacked() for way in (-1e-3, 1e-3))
+    assert torch.isnan(project(path, values, before)).all()
+    assert torch.isfinite(project(path, values, beyond)).all()
+
+
+@each_shape
 def test_exit_ray_gives_the_undistorted_pixel_affine_in_inverse_depth(example: Example) -> None:
     """DESIGN: p_u(Z) = A + B / Z exactly, so three depths lie on a line."""
     path, values = nominal(example)
