@@ -110,8 +110,8 @@ def test_a_wide_rational_lens_is_held_to_a_hundredth_of_a_pixel() -> None:
     path, values = lens_path(0.9, 0.1, 3e-4, 7e-4, 0.002, 1.2, 0.3, 0.015)
     off, inside, valid = off_projection(path, values, ray_field(path, values, 640, 480).map_at(1.0), 3)
     assert inside.all()
-    assert valid.mean() > 0.99
-    assert off[valid].max() < 0.01
+    assert valid.all()
+    assert off.max() < 0.01
 
 
 def test_around_a_pole_of_the_lens_the_map_is_right_or_not_valid() -> None:
