@@ -9,22 +9,19 @@ from torch import Tensor
 from calib.calibration import Calibration
 from calib.errors import InputError, NotEnoughDataError
 from calib.gather import read_views
-from calib.joint import JointProblem
 from calib.observations import Observations
 from calib.optics.params import Values
 from calib.optics.path import Path
-from calib.poses import pinhole_poses, refine_poses
+from calib.poses import pinhole_poses, refine_poses, refine_poses_in_image
 from calib.progress import Progress
 from calib.residuals import Residuals, residuals
 from calib.session import Session
-from calib.solve import minimise
 from calib.threads import single_thread
 from calib.usable import with_poses
 from calib.views import Rejected
 
 NARROWEST = 0.125
 """m: where the depth bands begin to double; what is nearer is one band."""
-TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,10 +81,7 @@ def evaluate(calibration: Calibration, session: Session, progress: Progress) -> 
 def refit_poses(path: Path, values: Values, observations: Observations, start: Tensor) -> tuple[Tensor, Residuals]:
     """The (V, 6) poses of least reprojection error through a known path, and what they leave."""
     poses = refine_poses(path, values, observations, start).blocks
-    usable = observations.kept(path.land(observations.pixels, values, poses[observations.view])[1] == 0)
-    nothing = torch.zeros(0, dtype=torch.float64)
-    problem = JointProblem(path, values, usable, (), 1.0, torch.zeros(0, 0, dtype=torch.float64), relief_known=True)
-    poses = minimise(problem, nothing, poses, tolerance=TOLERANCE).blocks
+    poses = refine_poses_in_image(path, values, observations, poses).blocks
     return poses, residuals(path, values, observations, poses)
 
 

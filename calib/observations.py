@@ -45,10 +45,16 @@ class Observations:
         ends = torch.cat([torch.zeros(1, dtype=torch.int64), rows.cumsum(0)])[self.starts]
         return Observations(self.names, self.pixels[rows], self.corners[rows], self.weight[rows], ends)
 
+    def run(self, views: range) -> "Observations":
+        """Some consecutive views."""
+        rows = slice(int(self.starts[views.start]), int(self.starts[views.stop]))
+        starts = self.starts[views.start : views.stop + 1] - self.starts[views.start]
+        return Observations(self.names[views.start : views.stop], self.pixels[rows], self.corners[rows], self.weight[rows], starts)
+
     @property
     def view(self) -> Tensor:
         """(M,) int64: each row's view."""
-        return torch.repeat_interleave(torch.arange(len(self.names)), self.starts.diff())
+        return torch.repeat_interleave(torch.arange(len(self.names), device=self.starts.device), self.starts.diff())
 
     def per_view(self, rows: Tensor) -> list[Tensor]:
         """(M, ...) split into one (n, ...) for each view."""

@@ -16,6 +16,7 @@ from calib.observations import Observations
 from calib.optics.interface import Interface
 from calib.optics.params import Values
 from calib.optics.path import Path
+from calib.optics.target import Placement
 
 POWER_STEPS = 12
 SAFETY = 1.1
@@ -68,7 +69,7 @@ def _loss(path: Path, values: Values, observations: Observations, poses: Tensor)
     """The sum of squared distances on the board as a function of the amplitudes. What they cannot change is traced once."""
     *before, outer = path.cover
     rays = Path(path.lens, tuple[Interface, ...](before)).trace(observations.pixels, values)
-    own = poses[observations.view]
+    own = Placement.of(poses)[observations.view]
 
     def loss(amplitudes: Tensor) -> Tensor:
         landed, failure = path.target(outer(rays, {**values, "relief.amplitudes": amplitudes}), own)

@@ -1,20 +1,18 @@
 """Where the board was in each view: a start from the pinhole model, then refined through the whole ray path."""
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from calib.landing import landings, pixel_weights
 from calib.observations import Observations
 from calib.optics.lens import COEFFICIENTS
 from calib.optics.params import Values
-from calib.optics.path import Path, by_row
-from calib.optics.rays import Rays
-from calib.optics.target import Plane
-from calib.solve import Linearised, Solution, minimise
+from calib.optics.path import Path
+from calib.problem import HUBER, LandingProblem, Shared
+from calib.solve import Solution, minimise
 
 
 def pinhole_poses(observations: Observations, values: Values) -> Tensor:
@@ -47,42 +45,23 @@ def refine_poses(path: Path, values: Values, observations: Observations, poses: 
     Returns:
         The solution; its blocks are the (V, 6) poses.
     """
-    problem = _PoseProblem(path.trace(observations.pixels, values), path.target, observations)
-    return minimise(problem, torch.zeros(0, dtype=torch.float64), poses)
+    # A corner whose ray never leaves the cover says nothing of its board.
+    observations = observations.kept(path.trace(observations.pixels, values).failure == 0)
+    eye = torch.eye(2, dtype=poses.dtype, device=poses.device)
+    return _refined(path, values, observations, poses, eye * observations.weight[:, None, None], torch.inf)
 
 
-@dataclass(frozen=True, slots=True)
-class _PoseProblem:
-    """Rays are fixed, boards move."""
+def refine_poses_in_image(path: Path, values: Values, observations: Observations, poses: Tensor) -> Solution:
+    """Each view's pose of least reprojection error, robust against single bad corners from 3 px on; as `refine_poses` otherwise."""
+    observations = observations.kept(path.land(observations.pixels, values, poses[observations.view])[1] == 0)
+    return _refined(path, values, observations, poses, pixel_weights(path, values, observations, poses, 1.0), HUBER)
 
-    rays: Rays
-    target: Plane
-    observations: Observations
 
-    @property
-    def starts(self) -> Tensor:
-        return self.observations.starts
-
-    @property
-    def precision(self) -> Tensor:
-        return torch.zeros(0, 0, dtype=torch.float64)
-
-    def cost(self, shared: Tensor, blocks: Tensor) -> float:
-        del shared
-        return float((self._weighted(blocks[self.observations.view]) ** 2).sum())
-
-    def linearise(self, shared: Tensor, blocks: Tensor) -> Linearised:
-        poses = blocks[self.observations.view].requires_grad_()
-        residual = self._weighted(poses)
-        (by_pose,) = by_row(residual, [poses])
-        return Linearised(residual.detach(), by_pose, torch.zeros(*residual.shape, shared.shape[0], dtype=residual.dtype))
-
-    def _weighted(self, poses: Tensor) -> Tensor:
-        landed, failure = self.target(self.rays, poses)
-        off = (landed - self.observations.corners) * self.observations.weight.unsqueeze(-1)
-        # A ray that never left the cover says nothing of the board; one that now misses the board forbids the step.
-        off = torch.where((self.rays.failure != 0).unsqueeze(-1), torch.zeros_like(off), off)
-        return torch.where(((failure != 0) & (self.rays.failure == 0)).unsqueeze(-1), torch.full_like(off, torch.inf), off)
+def _refined(path: Path, values: Values, observations: Observations, poses: Tensor, weights: Tensor, huber: float) -> Solution:
+    views = tuple(landings(path, values, observations, weights, (), relief_moves=False))
+    nothing = poses.new_zeros(0)
+    problem = LandingProblem(Shared(values, None, {}), views, poses.new_zeros(0, 0), huber)
+    return minimise(problem, nothing, poses)
 
 
 def _pnp(

@@ -10,11 +10,13 @@ machine learning (2006), section 4.2.1, for the squared exponential.
 from dataclasses import dataclass
 
 import numpy as np
-import torch
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from scipy.optimize import minimize
-from torch import Tensor
 
 from calib.optics.relief import Relief
+
+Array = NDArray[np.float64]
 
 JITTER = 1e-5
 """Of the height's variance: what is left independent from centre to centre, so that the covariance can be inverted."""
@@ -35,86 +37,94 @@ class Smoothness:
     length: float
     """The correlation exp(-d^2 / (2 length^2)), d measured with the patch's sides as one."""
 
-    def precision(self, relief: Relief) -> Tensor:
+    def precision(self, relief: Relief) -> Array:
         """(n, n) inverse covariance of the amplitudes, row by row, that gives the heights at the centres this distribution."""
-        basis = _basis(relief)
-        precision: Tensor = basis.mT @ torch.linalg.inv(self._covariance(relief)) @ basis
+        root = solve_triangular(self.root(relief), basis(relief), lower=True)
+        precision: Array = root.T @ root
         return precision
 
-    def log_det_precision(self, relief: Relief) -> float:
-        return float(2 * torch.linalg.slogdet(_basis(relief)).logabsdet - torch.linalg.slogdet(self._covariance(relief)).logabsdet)
+    def root(self, relief: Relief) -> Array:
+        """(n, n) m, the lower Cholesky factor of the covariance of the heights at the centres."""
+        rows, columns = (np.linspace(0, 1, n) for n in relief.grid)
+        one, two = (np.exp(-((c[:, None] - c) ** 2) / (2 * self.length**2)) for c in (rows, columns))
+        root: Array = self.height * cholesky(np.kron(one, two) + JITTER * np.eye(rows.size * columns.size), lower=True)
+        return root
 
-    def _covariance(self, relief: Relief) -> Tensor:
-        """(n, n) m^2, of the heights at the centres."""
-        rows, columns = (torch.linspace(0, 1, n, dtype=torch.float64) for n in relief.grid)
-        at = torch.cartesian_prod(rows, columns)
-        away2 = ((at.unsqueeze(1) - at) ** 2).sum(-1)
-        return self.height**2 * (torch.exp(-away2 / (2 * self.length**2)) + JITTER * torch.eye(len(at), dtype=torch.float64))
+
+def basis(relief: Relief) -> Array:
+    """(n, n) heights at the centres by the amplitudes."""
+    one, two = (np.exp(-((np.arange(n)[:, None] - np.arange(n)) ** 2) / (2 * relief.beta)) for n in relief.grid)
+    return np.asarray(np.kron(one, two), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
-class Rows:
-    """What the corners say of the shared numbers near a fit, poses adapted, for corners of one pixel's standard deviation."""
+class Quadratic:
+    """What the corners say of the shared numbers x, poses adapted: cost(x) = cost - 2 pull^T x + x^T curvature x, in px^2."""
 
-    curvature: Tensor
+    curvature: Array
     """(S, S)"""
-    slope: Tensor
+    pull: Array
     """(S,)"""
     cost: float
-    """px^2, the sum of squared errors."""
+    """px^2, at x = 0."""
     freedom: int
     """Residuals less the numbers of the poses."""
 
+    @staticmethod
+    def around(curvature: Array, slope: Array, square: float, freedom: int, shared: Array) -> "Quadratic":
+        """From the (S, S) curvature, the (S,) slope and the sum of squares at (S,) numbers."""
+        bent = curvature @ shared
+        return Quadratic(curvature, bent - slope, square - 2 * float(slope @ shared) + float(shared @ bent), freedom)
 
-def most_probable(
-    rows: Rows, shared: Tensor, relief: Relief | None, start: Smoothness | None, fixed: Tensor
-) -> tuple[float, Smoothness | None]:
-    """The noise (px, per axis) and the smoothness with the largest evidence.
 
-    Args:
-        rows: the quadratic that the corners leave around `shared`.
-        shared: (S,) amplitudes, then the free numbers.
-        start: where the search begins; None without a relief.
-        fixed: (F,) precision of the free numbers.
-    """
-    scale = [(rows.cost / rows.freedom) ** 0.5]
-    bounds = [SIGMA_BOUNDS]
-    if start:
-        scale += [start.height, start.length]
-        bounds += [HEIGHT_BOUNDS, LENGTH_BOUNDS]
+class Evidence:
+    """The probability of the corners, amplitudes and free numbers integrated out, for any noise and smoothness."""
 
-    def badness(logs: np.ndarray) -> float:
-        sigma, *rest = np.exp(logs)
-        return -log_evidence(rows, shared, relief, float(sigma), Smoothness(*map(float, rest)) if rest else None, fixed)
+    def __init__(self, quadratic: Quadratic, relief: Relief | None, fixed: Array) -> None:
+        """
+        Args:
+            quadratic: of the amplitudes, then the free numbers.
+            relief: whose amplitudes are estimated; None without one.
+            fixed: (F,) precision of the free numbers' priors.
+        """
+        self._relief, self._freedom, self._cost = relief, quadratic.freedom, quadratic.cost
+        amplitudes = len(quadratic.pull) - len(fixed)
+        to_x = np.diag(np.concatenate([np.ones(amplitudes), fixed**-0.5]))  # free numbers over their priors' sigmas
+        if relief:
+            to_x[:amplitudes, :amplitudes] = np.linalg.inv(basis(relief))  # heights at the centres
+        self._curvature, self._pull = to_x.T @ quadratic.curvature @ to_x, to_x.T @ quadratic.pull
+
+    def log(self, sigma: float, smoothness: Smoothness | None) -> float:
+        """The logarithm, up to a constant; -infinity where it cannot be computed.
+
+        With heights = root z, z standard normal, everything is a correction to the identity: no prior is ever inverted.
+        """
+        root = np.eye(len(self._pull))
+        try:
+            if self._relief and smoothness:
+                heights = self._relief.grid[0] * self._relief.grid[1]
+                root[:heights, :heights] = smoothness.root(self._relief)
+            posterior = np.eye(len(root)) + root.T @ self._curvature @ root / sigma**2
+            factor = cholesky(posterior, lower=True)
+        except LinAlgError:
+            return -np.inf
+        explained = solve_triangular(factor, root.T @ self._pull / sigma**2, lower=True)
+        least = self._cost / sigma**2 - float(explained @ explained)
+        return float(-np.log(factor.diagonal()).sum() - 0.5 * least - self._freedom * np.log(sigma))
+
+
+def most_probable(evidence: Evidence, sigma: float, start: Smoothness | None) -> tuple[float, Smoothness | None]:
+    """The noise (px, per axis) and the smoothness with the largest evidence, searched from a start; no smoothness without a relief."""
+    begin = [sigma, start.height, start.length] if start else [sigma]
+    bounds = [SIGMA_BOUNDS, HEIGHT_BOUNDS, LENGTH_BOUNDS][: len(begin)]
+
+    def badness(logs: Array) -> float:
+        noise, *rest = np.exp(logs).tolist()
+        return -max(evidence.log(noise, Smoothness(*rest) if rest else None), -1e300)
 
     limits = [(float(np.log(low)), float(np.log(high))) for low, high in bounds]
-    begin = np.clip(np.log(np.maximum(scale, 1e-300)), *np.transpose(limits))
-    found = minimize(badness, begin, bounds=limits, method="Nelder-Mead", options={"xatol": 0.01, "fatol": 0.01})
-    sigma, *rest = (float(value) for value in np.exp(found.x))
-    return sigma, Smoothness(*rest) if rest else None
-
-
-def log_evidence(rows: Rows, shared: Tensor, relief: Relief | None, sigma: float, smoothness: Smoothness | None, fixed: Tensor) -> float:
-    """The logarithm of the probability of the corners, amplitudes and free numbers integrated out, up to a constant."""
-    precision, log_det = torch.zeros(len(shared), len(shared), dtype=torch.float64), 0.0
-    count = len(shared) - len(fixed)
-    precision[count:, count:] = torch.diag(fixed)
-    if relief and smoothness:
-        precision[:count, :count] = smoothness.precision(relief)
-        log_det = smoothness.log_det_precision(relief)
-    posterior = rows.curvature / sigma**2 + precision
-    pull = rows.slope / sigma**2 + precision @ shared
-    factor, failed = torch.linalg.cholesky_ex(posterior)
-    if bool(failed):
-        return -1e300
-    solved = torch.cholesky_solve(pull.unsqueeze(-1), factor).squeeze(-1)
-    least = rows.cost / sigma**2 + float(shared @ precision @ shared - pull @ solved)
-    return float(0.5 * (log_det - least - rows.freedom * np.log(sigma**2)) - float(factor.diagonal().log().sum()))
-
-
-def _basis(relief: Relief) -> Tensor:
-    """(n, n) heights at the centres by the amplitudes."""
-    one, two = (
-        torch.exp(-((torch.arange(n, dtype=torch.float64).unsqueeze(1) - torch.arange(n)) ** 2) / (2 * relief.beta)) for n in relief.grid
+    found = minimize(
+        badness, np.clip(np.log(begin), *np.transpose(limits)), bounds=limits, method="Nelder-Mead", options={"xatol": 0.01, "fatol": 0.01}
     )
-    return torch.kron(one, two)
+    sigma, *rest = np.exp(found.x).tolist()
+    return sigma, Smoothness(*rest) if rest else None

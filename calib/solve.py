@@ -7,7 +7,7 @@ Sources: K. Madsen, H. B. Nielsen, O. Tingleff, Methods for non-linear least squ
 B. Triggs et al., Bundle adjustment: a modern synthesis (2000), section 6.1, for the elimination.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import pairwise
@@ -15,6 +15,14 @@ from typing import Protocol
 
 import torch
 from torch import Tensor
+
+FIRST_DAMPING = 1e-9
+"""Of the diagonal: next to none, for the fits here are nearly linear."""
+SMALLEST_HELP = 1e-5
+"""Where a step fails or gains little, the damping is at least this."""
+
+ROUNDING = 1e-26
+"""A cost that exact data leave."""
 
 
 class Outcome(Enum):
@@ -27,8 +35,11 @@ class Outcome(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Linearised:
-    """Residuals and their derivatives at one point, in units of their standard deviation, robust weights included."""
+    """The residuals of some consecutive blocks and their derivatives at one point, in units of their standard deviation, robust
+    weights included."""
 
+    starts: Tensor
+    """(v + 1,) int64: the rows of the v-th of these blocks are starts[v] to starts[v + 1]."""
     residual: Tensor
     """(M, D)"""
     by_block: Tensor
@@ -41,11 +52,6 @@ class Problem(Protocol):
     """What is to be minimised: a sum over rows, plus a quadratic prior on the shared numbers."""
 
     @property
-    def starts(self) -> Tensor:
-        """(V + 1,) int64: the rows of block v are starts[v] to starts[v + 1]."""
-        ...
-
-    @property
     def precision(self) -> Tensor:
         """(S, S) P of the prior's cost x^T P x on the shared numbers x."""
         ...
@@ -54,9 +60,36 @@ class Problem(Protocol):
         """(S,) and (V, B) to the sum over rows, the prior left out; infinite where the model fails, which forbids the step."""
         ...
 
-    def linearise(self, shared: Tensor, blocks: Tensor) -> Linearised:
-        """(S,) and (V, B) to rows whose squares have the cost's gradient, and about its curvature."""
+    def linearise(self, shared: Tensor, blocks: Tensor) -> Iterable[Linearised]:
+        """(S,) and (V, B) to rows whose squares have the cost's gradient, and about its curvature: all blocks, some at a time, so that
+        the memory need not hold every row's derivatives at once."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class Normal:
+    """The normal equations of the rows, without the prior, in blocks; B numbers in each of V, and S shared ones."""
+
+    block: Tensor
+    """(V, B, B)"""
+    cross: Tensor
+    """(V, B, S)"""
+    shared: Tensor
+    """(S, S)"""
+    block_slope: Tensor
+    """(V, B)"""
+    shared_slope: Tensor
+    """(S,)"""
+    square: float
+    """The rows' sum of squares."""
+
+    def reduced(self) -> tuple[Tensor, Tensor]:
+        """What the rows say of the shared numbers once every block has adapted: (S, S) curvature and (S,) slope."""
+        damped = self.block + 1e-12 * torch.diag_embed(_diagonal(self.block))
+        solved = torch.linalg.solve(damped, torch.cat([self.cross, self.block_slope.unsqueeze(-1)], -1))
+        flat = self.cross.flatten(0, 1)
+        curvature = self.shared - flat.mT @ solved[..., :-1].flatten(0, 1)
+        return (curvature + curvature.mT) / 2, self.shared_slope - flat.mT @ solved[..., -1].flatten()
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,30 +104,8 @@ class Solution:
     cost: float
     """The sum over rows and the prior."""
     iterations: int
-
-
-@dataclass(frozen=True, slots=True)
-class Normal:
-    """The normal equations of the rows, without the prior, in blocks."""
-
-    block: Tensor
-    """(V, B, B)"""
-    cross: Tensor
-    """(V, B, S)"""
-    shared: Tensor
-    """(S, S)"""
-    block_slope: Tensor
-    """(V, B)"""
-    shared_slope: Tensor
-    """(S,)"""
-
-    def reduced(self) -> tuple[Tensor, Tensor]:
-        """What the rows say of the shared numbers once every block has adapted: (S, S) curvature and (S,) slope."""
-        damped = self.block + 1e-12 * torch.diag_embed(_diagonal(self.block))
-        solved = torch.linalg.solve(damped, torch.cat([self.cross, self.block_slope.unsqueeze(-1)], -1))
-        flat = self.cross.flatten(0, 1)
-        curvature = self.shared - flat.mT @ solved[..., :-1].flatten(0, 1)
-        return (curvature + curvature.mT) / 2, self.shared_slope - flat.mT @ solved[..., -1].flatten()
+    normal: Normal
+    """Of the rows there."""
 
 
 def minimise(
@@ -118,43 +129,49 @@ def minimise(
     """
     precision = problem.precision
     cost = problem.cost(shared, blocks) + float(shared @ precision @ shared)
-    damping, growth = 1e-4, 2.0
+    damping, growth = FIRST_DAMPING, 2.0
     for step in range(1, steps + 1):
-        rows = normal_equations(problem.starts, problem.linearise(shared, blocks))
+        rows = normal_equations(problem.linearise(shared, blocks))
         normal = replace(rows, shared=rows.shared + precision, shared_slope=rows.shared_slope + precision @ shared)
         while True:
             move_shared, move_blocks = _damped_step(normal, damping)
             promised = -_model_change(normal, move_shared, move_blocks)
-            if promised <= tolerance * cost or cost == 0:
-                return Solution(Outcome.CONVERGED, shared, blocks, cost, step)
+            if promised <= tolerance * cost or cost < ROUNDING:
+                # A heavily damped step promises little whatever the slope.
+                outcome = Outcome.CONVERGED if damping <= 1 or cost < ROUNDING else Outcome.STUCK
+                return Solution(outcome, shared, blocks, cost, step, rows)
             moved = shared + move_shared
             new_cost = problem.cost(moved, blocks + move_blocks) + float(moved @ precision @ moved)
             gain = (cost - new_cost) / promised
             if gain > 0:  # false for a cost that is not finite
                 break
-            damping *= growth
+            damping = max(damping, SMALLEST_HELP) * growth
             growth *= 2
-            if damping > 1e12:
-                return Solution(Outcome.STUCK, shared, blocks, cost, step)
         shared, blocks, cost = moved, blocks + move_blocks, new_cost
-        damping *= max(1 / 3, 1 - (2 * gain - 1) ** 3)
+        damping = (max(damping, SMALLEST_HELP) if gain < 0.25 else damping) * max(1 / 3, 1 - (2 * gain - 1) ** 3)
         growth = 2.0
         if progress:
             progress(step, cost)
-    return Solution(Outcome.STEPS_USED_UP, shared, blocks, cost, steps)
+    rows = normal_equations(problem.linearise(shared, blocks))
+    return Solution(Outcome.STEPS_USED_UP, shared, blocks, cost, steps, rows)
 
 
-def normal_equations(starts: Tensor, at: Linearised) -> Normal:
+def normal_equations(pieces: Iterable[Linearised]) -> Normal:
     """The normal equations of linearised rows, block by block."""
-    rows = starts.tolist()
-    block, cross, slope = [], [], []
-    for first, last in pairwise(rows):
-        own = at.by_block[first:last].flatten(0, 1)
-        block.append(own.mT @ own)
-        cross.append(own.mT @ at.by_shared[first:last].flatten(0, 1))
-        slope.append(own.mT @ at.residual[first:last].flatten())
-    flat = at.by_shared.flatten(0, 1)
-    return Normal(torch.stack(block), torch.stack(cross), flat.mT @ flat, torch.stack(slope), flat.mT @ at.residual.flatten())
+    block, cross, slope, shared, shared_slope = [], [], [], [], []
+    square = 0.0
+    for at in pieces:
+        for first, last in pairwise(at.starts.tolist()):
+            own = at.by_block[first:last].flatten(0, 1)
+            block.append(own.mT @ own)
+            cross.append(own.mT @ at.by_shared[first:last].flatten(0, 1))
+            slope.append(own.mT @ at.residual[first:last].flatten())
+        flat, residual = at.by_shared.flatten(0, 1), at.residual.flatten()
+        shared.append(flat.mT @ flat)
+        shared_slope.append(flat.mT @ residual)
+        square += float(residual @ residual)
+    whole, whole_slope = (torch.stack(part).sum(0) for part in (shared, shared_slope))
+    return Normal(torch.stack(block), torch.stack(cross), whole, torch.stack(slope), whole_slope, square)
 
 
 def _damped_step(normal: Normal, damping: float) -> tuple[Tensor, Tensor]:

@@ -18,6 +18,8 @@ FORBIDDEN = {
     "calib.optics.build": {"cv2", "rich", "calib.solve", "calib.fit", "capture"},
     "calib.solve": {"cv2", "calib.optics.path", "calib.session", "capture"},
     "calib.prior": {"cv2", "calib.solve", "calib.session", "capture"},
+    "calib.landing": {"cv2", "rich", "calib.session", "calib.calibration", "capture"},
+    "calib.problem": {"cv2", "rich", "calib.session", "calib.calibration", "capture"},
     "calib.joint": {"cv2", "rich", "calib.session", "calib.calibration", "capture"},
     "calib.evaluate": {"rich", "calib.fit", "calib.paper", "capture"},
     "calib.calibration": {"rich", "calib.fit", "calib.solve", "capture"},

@@ -1,5 +1,7 @@
 """The solver, on problems whose answer is known without it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -31,11 +33,15 @@ class Curves:
     def cost(self, shared: Tensor, blocks: Tensor) -> float:
         return float((self.residual(shared, blocks) ** 2).sum())
 
-    def linearise(self, shared: Tensor, blocks: Tensor) -> Linearised:
+    def linearise(self, shared: Tensor, blocks: Tensor) -> list[Linearised]:
         bell = torch.exp(-shared * self.x)
         by_block = torch.stack([bell, torch.ones_like(bell)], -1).unsqueeze(1)
         by_shared = (-self.x * blocks[self.block][:, 0] * bell).reshape(-1, 1, 1)
-        return Linearised(self.residual(shared, blocks), by_block, by_shared)
+        half = len(self.own) // 2
+        rows = slice(0, 12 * half), slice(12 * half, None)
+        starts = self.starts[: half + 1], self.starts[half:] - 12 * half
+        residual = self.residual(shared, blocks)
+        return [Linearised(first, residual[some], by_block[some], by_shared[some]) for first, some in zip(starts, rows, strict=True)]
 
 
 def start(problem: Curves) -> tuple[Tensor, Tensor]:
@@ -72,16 +78,14 @@ def test_works_without_shared_numbers() -> None:
     held = problem.k
 
     class Own:
-        starts = problem.starts
         precision = torch.zeros(0, 0, dtype=torch.float64)
 
         def cost(self, shared: Tensor, blocks: Tensor) -> float:
             del shared
             return problem.cost(held, blocks)
 
-        def linearise(self, shared: Tensor, blocks: Tensor) -> Linearised:
-            at = problem.linearise(held, blocks)
-            return Linearised(at.residual, at.by_block, at.by_shared[..., : len(shared)])
+        def linearise(self, shared: Tensor, blocks: Tensor) -> list[Linearised]:
+            return [replace(at, by_shared=at.by_shared[..., : len(shared)]) for at in problem.linearise(held, blocks)]
 
     solution = minimise(Own(), torch.zeros(0, dtype=torch.float64), torch.ones_like(problem.own))
     assert solution.outcome is Outcome.CONVERGED
@@ -111,17 +115,16 @@ def test_a_prior_pulls_as_its_precision_says() -> None:
     """One shared number seen once at 1 with unit noise, prior precision 3 around 0: the answer is 1 / (1 + 3)."""
 
     class Seen:
-        starts = torch.tensor([0, 1])
         precision = torch.tensor([[3.0]], dtype=torch.float64)
 
         def cost(self, shared: Tensor, blocks: Tensor) -> float:
             del blocks
             return float((shared - 1).square().sum())
 
-        def linearise(self, shared: Tensor, blocks: Tensor) -> Linearised:
+        def linearise(self, shared: Tensor, blocks: Tensor) -> list[Linearised]:
             del blocks
             one = torch.ones(1, 1, 1, dtype=torch.float64)
-            return Linearised((shared - 1).reshape(1, 1), torch.zeros(1, 1, 0, dtype=torch.float64), one)
+            return [Linearised(torch.tensor([0, 1]), (shared - 1).reshape(1, 1), torch.zeros(1, 1, 0, dtype=torch.float64), one)]
 
     solution = minimise(Seen(), torch.zeros(1, dtype=torch.float64), torch.zeros(1, 0, dtype=torch.float64))
     assert solution.shared.item() == pytest.approx(0.25, abs=1e-9)
@@ -129,13 +132,14 @@ def test_a_prior_pulls_as_its_precision_says() -> None:
 
 def test_reduced_equations_are_the_dense_schur_complement() -> None:
     problem = Curves(3, blocks=4, noise=0.1)
-    at = problem.linearise(*start(problem))
-    curvature, slope = normal_equations(problem.starts, at).reduced()
+    pieces = problem.linearise(*start(problem))
+    curvature, slope = normal_equations(pieces).reduced()
+    by_block, residual = (torch.cat([getattr(at, name) for at in pieces]) for name in ("by_block", "residual"))
     dense = torch.zeros(48, 9, dtype=torch.float64)
-    dense[:, 0] = at.by_shared[:, 0, 0]
+    dense[:, 0] = torch.cat([at.by_shared for at in pieces])[:, 0, 0]
     for block in range(4):
-        dense[12 * block : 12 * block + 12, 1 + 2 * block : 3 + 2 * block] = at.by_block[12 * block : 12 * block + 12, 0]
+        dense[12 * block : 12 * block + 12, 1 + 2 * block : 3 + 2 * block] = by_block[12 * block : 12 * block + 12, 0]
     own = dense[:, 1:]
     keep = torch.eye(48, dtype=torch.float64) - own @ torch.linalg.pinv(own)
     assert curvature.item() == pytest.approx(float(dense[:, 0] @ keep @ dense[:, 0]), rel=1e-6)
-    assert slope.item() == pytest.approx(float(dense[:, 0] @ keep @ at.residual[:, 0]), rel=1e-6)
+    assert slope.item() == pytest.approx(float(dense[:, 0] @ keep @ residual[:, 0]), rel=1e-6)

@@ -10,7 +10,7 @@ from calib.optics.interface import Interface
 from calib.optics.lens import Lens
 from calib.optics.params import Param, Values
 from calib.optics.rays import Rays
-from calib.optics.target import Plane
+from calib.optics.target import Placement, Plane
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,16 +27,24 @@ class Path:
         read = (*self.lens.params, *(param for interface in self.cover for param in interface.params))
         return tuple({param.name: param for param in read}.values())
 
+    @property
+    def stages(self) -> tuple[Lens | Interface, ...]:
+        """What a ray passes before the board."""
+        return (self.lens, *self.cover)
+
     def trace(self, pixels: Tensor, values: Values) -> Rays:
         """(..., 2) px to the rays that leave the cover."""
-        rays = self.lens(pixels, values)
-        for interface in self.cover:
+        return self.onward(self.lens(pixels, values), values, 1)
+
+    def onward(self, rays: Rays, values: Values, passed: int) -> Rays:
+        """Rays that have passed the lens and `passed` stages in all to the rays that leave the cover."""
+        for interface in self.cover[passed - 1 :]:
             rays = interface(rays, values)
         return rays
 
     def land(self, pixels: Tensor, values: Values, poses: Tensor) -> tuple[Tensor, Tensor]:
         """(..., 2) px and (..., 6) board poses to (..., 2) m on the board and (...) uint8 failures."""
-        return self.target(self.trace(pixels, values), poses)
+        return self.target(self.trace(pixels, values), Placement.of(poses))
 
 
 def by_row(outputs: Tensor, inputs: Sequence[Tensor]) -> list[Tensor]:

@@ -9,7 +9,7 @@ from calib.optics.params import Param, Values
 
 PROBES = ("probe.height", "probe.first", "probe.second")
 """Optional values, (...) each: what is added to the height and to the two slopes at each ray's own hit. Derivatives by these three
-give those by every amplitude, through `columns`."""
+give those by every amplitude, through `spread`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,15 +52,21 @@ class Relief:
         lean = tilt_first * (chart[0] - chart[0].detach()) + tilt_second * (chart[1] - chart[1].detach())  # zero, but for its slopes
         return height + level + lean, by_first + tilt_first, by_second + tilt_second
 
-    def columns(self, chart: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
-        """The (M, rows * columns) derivatives of height and slopes at (M,) points by every amplitude, row by row."""
-        first, rise_first = self.bells(chart[0], 0)
-        second, rise_second = self.bells(chart[1], 1)
+    def spread(self, by_probe: Tensor, chart: tuple[Tensor, Tensor]) -> Tensor:
+        """Derivatives by every amplitude, row by row, from those by the height and the two slopes at each point.
 
-        def spread(a: Tensor, b: Tensor) -> Tensor:
-            return (a.mT.unsqueeze(-1) * b.mT.unsqueeze(-2)).flatten(1)
+        Args:
+            by_probe: (M, k, 3), in the order of PROBES.
+            chart: (M,) coordinates each.
 
-        return spread(first, second), spread(rise_first, second), spread(first, rise_second)
+        Returns:
+            (M, k, rows * columns)
+        """
+        first, rise_first = (bells.mT[:, None, :, None] for bells in self.bells(chart[0], 0))  # (M, 1, rows, 1)
+        second, rise_second = (bells.mT[:, None, :] for bells in self.bells(chart[1], 1))  # (M, 1, columns)
+        level, by_first, by_second = by_probe.unsqueeze(-2).unbind(-1)  # (M, k, 1)
+        along = (level * second + by_second * rise_second).unsqueeze(-2)  # (M, k, 1, columns)
+        return torch.addcmul(first * along, rise_first, (by_first * second).unsqueeze(-2)).flatten(2)
 
     def bells(self, coordinate: Tensor, axis: int) -> tuple[Tensor, Tensor]:
         """The (n, ...) one-dimensional Gaussians of one axis, and their derivatives by the chart coordinate."""

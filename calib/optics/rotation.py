@@ -20,11 +20,42 @@ def matrix(rotvec: Tensor) -> Tensor:
     # Taylor to the second order in angle^2: at 1e-8 the next term is below 1e-19.
     sine = torch.where(small, 1 - angle2 / 6 + angle2**2 / 120, angle.sin() / angle)
     cosine = torch.where(small, 0.5 - angle2 / 24 + angle2**2 / 720, (1 - angle.cos()) / safe2)
-    x, y, z = rotvec.unbind(-1)
-    zero = torch.zeros_like(x)
-    cross = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(*rotvec.shape[:-1], 3, 3)
+    cross = _cross(rotvec)
     outer = rotvec.unsqueeze(-1) * rotvec.unsqueeze(-2)
     eye = torch.eye(3, dtype=rotvec.dtype, device=rotvec.device)
     # exp(w) = I + s [w] + c [w]^2, and [w]^2 = w w^T - |w|^2 I
     turned: Tensor = (1 - cosine * angle2)[..., None, None] * eye + sine[..., None, None] * cross + cosine[..., None, None] * outer
     return turned
+
+
+def slopes(rotvec: Tensor, turn: Tensor) -> Tensor:
+    """How rotation matrices change with their rotation vectors.
+
+    With J = I + a [w] + b [w]^2 (the left Jacobian of SO(3)), dR / dw_i = [J e_i] R. Source: T. D. Barfoot, State estimation for
+    robotics (2017), equations 7.77 and 7.85.
+
+    Args:
+        rotvec: (..., 3) rad.
+        turn: (..., 3, 3) their matrices.
+
+    Returns:
+        (..., 3, 3, 3): the i-th of the first three is the derivative by component i.
+    """
+    angle2 = (rotvec**2).sum(-1)[..., None, None]  # (..., 1, 1)
+    small = angle2 < 1e-6
+    safe2 = torch.where(small, torch.ones_like(angle2), angle2)
+    angle = safe2.sqrt()
+    # Taylor to the first order in angle^2: at 1e-6 the next term is below 1e-14.
+    a = torch.where(small, 0.5 - angle2 / 24, (1 - angle.cos()) / safe2)
+    b = torch.where(small, 1 / 6 - angle2 / 120, (angle - angle.sin()) / (safe2 * angle))
+    cross = _cross(rotvec)
+    eye = torch.eye(3, dtype=rotvec.dtype, device=rotvec.device)
+    jacobian = eye + a * cross + b * (cross @ cross)  # (..., 3, 3), column i for component i
+    return _cross(jacobian.mT) @ turn.unsqueeze(-3)
+
+
+def _cross(vectors: Tensor) -> Tensor:
+    """(..., 3) to the (..., 3, 3) matrices [v] of v x."""
+    x, y, z = vectors.unbind(-1)
+    zero = torch.zeros_like(x)
+    return torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(*vectors.shape[:-1], 3, 3)

@@ -1,5 +1,7 @@
 """The board: where a ray lands on it."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import torch
@@ -11,22 +13,39 @@ from calib.optics.vector import Vector
 
 
 @dataclass(frozen=True, slots=True)
-class Plane:
-    """A flat board. A pose is a rotation vector (rad) and a translation (m): T_camera_board as six numbers."""
+class Placement:
+    """Where boards stand: T_camera_board as a rotation and a translation."""
 
-    def __call__(self, rays: Rays, poses: Tensor) -> tuple[Tensor, Tensor]:
+    turn: Tensor
+    """(..., 3, 3)"""
+    shift: Tensor
+    """(..., 3) m"""
+
+    @staticmethod
+    def of(poses: Tensor) -> Placement:
+        """From (..., 6): rotation vector (rad) and translation (m)."""
+        return Placement(rotation.matrix(poses[..., :3]), poses[..., 3:])
+
+    def __getitem__(self, rows: Tensor) -> Placement:
+        return Placement(self.turn[rows], self.shift[rows])
+
+
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """A flat board."""
+
+    def __call__(self, rays: Rays, placement: Placement) -> tuple[Tensor, Tensor]:
         """Where rays meet the board.
 
         Args:
             rays: (...) bundle in the camera frame.
-            poses: (..., 6) T_camera_board of each ray's board.
+            placement: (...) of each ray's board.
 
         Returns:
             (..., 2) m board coordinates, and (...) uint8 failures.
         """
-        turn = rotation.matrix(poses[..., :3])
-        origin = (rays.origin - Vector.of(poses[..., 3:])).turned(turn, back=True)
-        direction = rays.direction.turned(turn, back=True)
+        origin = (rays.origin - Vector.of(placement.shift)).turned(placement.turn, back=True)
+        direction = rays.direction.turned(placement.turn, back=True)
         grazing = direction.z.abs() < 1e-6
         distance = -origin.z / torch.where(grazing, torch.ones_like(direction.z), direction.z)
         landed = origin + direction * distance

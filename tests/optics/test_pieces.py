@@ -11,7 +11,7 @@ from calib.optics.lens import COEFFICIENTS, Lens
 from calib.optics.rays import LENS, Rays
 from calib.optics.relief import Relief
 from calib.optics.snell import refract
-from calib.optics.target import Plane
+from calib.optics.target import Placement, Plane
 from calib.optics.vector import Vector
 from tests.optics import oracle
 
@@ -67,6 +67,15 @@ def test_rotation_is_opencv_s() -> None:
     for rotvec in ([0.3, -1.2, 2.0], [1e-5, 2e-5, -1e-5], [0.0, 0.0, 0.0], [0.0, np.pi, 0.0]):
         ours = rotation.matrix(torch.tensor(rotvec, dtype=torch.float64)).numpy()
         assert np.abs(ours - cv2.Rodrigues(np.array(rotvec))[0]).max() < 1e-14
+
+
+@pytest.mark.parametrize("rotvec", [[0.3, -1.2, 2.0], [3e-4, 2e-4, -1e-4], [2e-3, 0.0, 1e-3], [0.0, 0.0, 0.0]])
+def test_rotation_slopes_agree_with_central_differences(rotvec: list[float]) -> None:
+    here = torch.tensor(rotvec, dtype=torch.float64)
+    slopes = rotation.slopes(here, rotation.matrix(here))
+    for axis, step in enumerate(1e-6 * torch.eye(3, dtype=torch.float64)):
+        numeric = (rotation.matrix(here + step) - rotation.matrix(here - step)) / 2e-6
+        assert (slopes[axis] - numeric).abs().max() < 1e-9
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-8])
@@ -127,7 +136,7 @@ def test_board_is_hit_where_opencv_s_homography_says() -> None:
     directions = torch.from_numpy(np.column_stack([points, np.ones(50)]))
     zero = torch.zeros(50, dtype=torch.float64)
     rays = Rays(Vector(zero, zero, zero), Vector.of(directions).unit(), torch.zeros(50, dtype=torch.uint8))
-    landed, failure = Plane()(rays, torch.from_numpy(pose).expand(50, 6))
+    landed, failure = Plane()(rays, Placement.of(torch.from_numpy(pose).expand(50, 6)))
     assert not failure.any()
     assert np.abs(landed.numpy() - corners).max() < 1e-13
     placed = Plane().place(landed, torch.from_numpy(pose).expand(50, 6))
@@ -137,5 +146,5 @@ def test_board_is_hit_where_opencv_s_homography_says() -> None:
 def test_a_board_behind_the_camera_is_missed() -> None:
     zero, one = torch.zeros(1, dtype=torch.float64), torch.ones(1, dtype=torch.float64)
     rays = Rays(Vector(zero, zero, zero), Vector(zero, zero, one), torch.zeros(1, dtype=torch.uint8))
-    _, failure = Plane()(rays, torch.tensor([[0.0, 0, 0, 0, 0, -1.0]], dtype=torch.float64))
+    _, failure = Plane()(rays, Placement.of(torch.tensor([[0.0, 0, 0, 0, 0, -1.0]], dtype=torch.float64)))
     assert failure.tolist() != [0]

@@ -1,0 +1,88 @@
+"""What the solver minimises: how far the corners of all views land from where they are, by the numbers of a ray path and by the poses."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from calib.landing import Landing
+from calib.optics.params import Values
+from calib.optics.relief import Relief
+from calib.solve import Linearised
+
+HUBER = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """The numbers that all views share, and where they stand in the solver's vector: the relief's amplitudes, row by row, then the free
+    numbers over their scales, as deviations from where the fit starts."""
+
+    start: Values
+    relief: Relief | None
+    """Whose amplitudes are estimated."""
+    free: Mapping[str, float]
+    """The scale of each free number."""
+
+    @property
+    def amplitudes(self) -> int:
+        return self.relief.grid[0] * self.relief.grid[1] if self.relief else 0
+
+    @property
+    def count(self) -> int:
+        return self.amplitudes + len(self.free)
+
+    @property
+    def scales(self) -> Tensor:
+        """One for each free number."""
+        some = next(iter(self.start.values()))
+        return some.new_tensor(list(self.free.values()))
+
+    def at(self, shared: Tensor) -> dict[str, Tensor]:
+        """The path's numbers for (S,) shared ones."""
+        moved = dict(self.start)
+        if self.relief:
+            moved["relief.amplitudes"] = moved["relief.amplitudes"] + shared[: self.amplitudes].reshape(self.relief.grid)
+        for (name, scale), change in zip(self.free.items(), shared[self.amplitudes :], strict=True):
+            moved[name] = moved[name] + scale * change
+        return moved
+
+
+@dataclass(frozen=True, slots=True)
+class LandingProblem:
+    """The solver's view of boards seen through a ray path; its blocks are their poses."""
+
+    shared: Shared
+    views: tuple[Landing, ...]
+    precision: Tensor
+    """(S, S) of the prior on the shared numbers."""
+    huber: float = HUBER
+    """Standard deviations beyond which a corner counts by its distance, not by its square."""
+
+    def cost(self, shared: Tensor, blocks: Tensor) -> float:
+        values = self.shared.at(shared)
+        total = 0.0
+        for landing, poses in self._split(blocks):
+            residual, lands = landing.residual(values, poses)
+            squared = (residual**2).sum(-1)
+            robust = torch.where(squared <= self.huber**2, squared, 2 * self.huber * squared.sqrt() - self.huber**2)
+            total += float(torch.where(lands, robust, torch.inf).sum())
+        return total
+
+    def linearise(self, shared: Tensor, blocks: Tensor) -> Iterator[Linearised]:
+        values = self.shared.at(shared)
+        for landing, poses in self._split(blocks):
+            at = landing.linearise(values, poses, self.shared.scales)
+            size = at.residual.norm(dim=-1)
+            if bool((size > self.huber).any()):
+                robust = (self.huber / size.clamp_min(self.huber)).sqrt()[:, None, None]  # the square root of Huber's weight
+                at = Linearised(at.starts, at.residual * robust[..., 0], at.by_block * robust, at.by_shared * robust)
+            yield at
+
+    def _split(self, blocks: Tensor) -> Iterator[tuple[Landing, Tensor]]:
+        begin = 0
+        for landing in self.views:
+            count = len(landing.observations.names)
+            yield landing, blocks[begin : begin + count]
+            begin += count
