@@ -24,6 +24,11 @@ FORBIDDEN = {
     "calib.evaluate": {"rich", "calib.fit", "calib.paper", "capture"},
     "calib.calibration": {"rich", "calib.fit", "calib.solve", "capture"},
     "calib.fit": {"rich", "textual", "capture"},
+    "capture.cli": {"torch", "cv2", "numpy", "rich", "textual"},
+    "capture.frames": {"torch", "cv2"},
+    "capture.record": {"torch", "rich", "textual"},
+    "capture.sources.registry": {"torch", "cv2"},
+    "capture.sources.libcamera": {"torch", "cv2", "libcamera"},
 }
 """The module, and what importing it must not load."""
 

@@ -1,0 +1,204 @@
+"""How fast the live finder is, what it costs in corners, and how often the gate is wrong: `python -m benchmarks.gate [SEED]`.
+
+500 good views: the fixtures' 92 pictures, rendered by Mitsuba, four times each with a flip, another exposure and more noise; and 132
+pictures that `benchmarks.views` warps, of 9x9 and 9x6 corners at 1640x1232. Each is judged with a frame before it, of the same pose with
+its own noise, 0.1 s earlier. Each is then spoiled in one way at a time, rendered or warped alike: streaked by 3 px of motion in a random
+direction; blurred to a sigma of 2.5 px and more; moved by 3 px since the frame before; overexposed until white is cut off; cut by a border
+that runs through the outermost corners or squares; and offered again. The speed at 3280x2464 is taken on warped pictures of that size,
+without a board on their clutter alone. Thresholds were chosen with other seeds than the one that runs by default.
+"""
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from statistics import median
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.views import clutter_view, motion_blurred, warped_view
+from calib.board import Board
+from calib.detect import eight_bits, find_corners
+from calib.images import list_images, read_grey
+from capture.finder import Finder, Sighting
+from capture.frames import Frame
+from capture.gate import judge
+
+THREADS = 2
+PERIOD = 0.1  # s, between frames
+RENDERED = Board(9, 9, 0.02)
+SMALLER = Board(9, 6, 0.02)
+AUGMENTED, GOOD_VIEWS = 4, 500
+BINNED, FULL = (1640, 1232), (3280, 2464)
+
+NOISE_SHIFT = 400  # px
+NOISE = np.random.default_rng(0).standard_normal((BINNED[1] + NOISE_SHIFT, BINNED[0] + NOISE_SHIFT), np.float32)
+
+Floats = NDArray[np.float32]
+Bytes = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    board: Board
+    light: Floats
+    """(H, W) grey levels, not cut off."""
+    noise: float
+    """Grey levels, sigma of what each frame adds."""
+
+    def frame(self, rng: np.random.Generator, light: Floats | None = None, time_s: float = 1.0) -> Frame:
+        shown = self.light if light is None else light
+        row, column = rng.integers(0, NOISE_SHIFT, 2)  # another part of one field: drawing a field would take longer than the look
+        noisy = shown + self.noise * NOISE[row : row + shown.shape[0], column : column + shown.shape[1]]
+        return Frame(np.asarray(np.clip(np.rint(noisy), 0, 255), np.uint8), 0, time_s)
+
+
+def main(seed: int = 2026) -> None:
+    cv2.setNumThreads(THREADS)
+    rng = np.random.default_rng(seed)
+    _speed(rng)
+    _verdicts(rng)
+
+
+def _speed(rng: np.random.Generator) -> None:
+    table = Table("median, 2 threads", "ms", "findChessboardCornersSB, same run", "ratio")
+
+    def add(name: str, pictures: list[Bytes], board: Board) -> None:
+        finder, size = Finder(board), (board.columns, board.rows)
+        live = median(_milliseconds(partial(_live, finder, picture), 15) for picture in pictures)
+        peer = median(_milliseconds(partial(cv2.findChessboardCornersSB, picture, size), 3) for picture in pictures)
+        table.add_row(f"verdict, {name}", f"{live:.1f}", f"{peer:.0f}", f"{peer / live:.1f}")
+
+    for size in (BINNED, FULL):
+        view = warped_view(rng, SMALLER.columns, SMALLER.rows, size)
+        empty = clutter_view(rng, size)
+        for name, picture in (("with a board", view.exposed(rng)), ("without", empty.exposed(rng))):
+            add(f"{size[0]}x{size[1]}, warped, {name}", [picture], SMALLER)
+    paths = list_images(Path("fixtures/clean/frames"))[:12]
+    add("1640x1232, 12 rendered views", [eight_bits(read_grey(path)) for path in paths], RENDERED)
+    Console().print(table)
+
+
+def _live(finder: Finder, picture: Bytes) -> None:
+    sighting = finder.look(Frame(picture, 0, 1.0))
+    judge(sighting, sighting, ())
+
+
+def _verdicts(rng: np.random.Generator) -> None:
+    refused: list[str] = []
+    caught: dict[str, list[bool]] = {name: [] for name in (*SPOILED, "moving", "offered again")}
+    apart = []
+    for number, scene in enumerate(_scenes(rng)):
+        finder = Finder(scene.board)
+        frame = scene.frame(rng)
+        now, before = finder.look(frame), finder.look(scene.frame(rng, time_s=1.0 - PERIOD))
+        verdict = judge(now, before, ())
+        if not verdict.keep:
+            refused.append(verdict.sentence)
+            continue
+        corners = finder.refine(frame, now)
+        if number % 5 == 0 and corners is not None:
+            whole = find_corners(frame.pixels, scene.board)
+            if whole is not None:
+                apart.append(_rms(corners, whole.corners))
+        for name, spoil in SPOILED.items():
+            light = spoil(scene.light, _corners(now), scene.board, rng)
+            caught[name].append(not _is_kept(finder, scene, light, rng))
+        angle = rng.uniform(0, 2 * np.pi)
+        shift = np.array([[1, 0, 3 * np.cos(angle)], [0, 1, 3 * np.sin(angle)]])
+        moved = np.asarray(cv2.warpAffine(scene.light, shift, scene.light.shape[::-1], borderMode=cv2.BORDER_REPLICATE), np.float32)
+        caught["moving"].append(not judge(finder.look(scene.frame(rng, moved, 1.0)), before, ()).keep)
+        caught["offered again"].append(not judge(now, before, [_corners(now) if corners is None else corners]).keep)
+    table = Table("views", "how many", "refused", "share")
+    table.add_row("good", str(GOOD_VIEWS), str(len(refused)), f"{len(refused) / GOOD_VIEWS:.1%}")
+    for name, outcomes in caught.items():
+        table.add_row(name, str(len(outcomes)), str(sum(outcomes)), f"{np.mean(outcomes):.1%}")
+    Console().print(table)
+    for sentence in sorted(set(refused)):
+        print(f"{refused.count(sentence)} good views refused: {sentence}")
+    rms, worst = np.sqrt(np.mean(np.square(apart))), max(apart)
+    print(f"Refined corners are {rms:.4f} px RMS from those of the whole frame in {len(apart)} good views, {worst:.4f} px in the worst.")
+
+
+def _is_kept(finder: Finder, scene: Scene, light: Floats, rng: np.random.Generator) -> bool:
+    """Where nothing but this light is spoiled: the board is still, and the session empty."""
+    now, before = (finder.look(scene.frame(rng, light, time_s)) for time_s in (1.0, 1.0 - PERIOD))
+    return judge(now, before, ()).keep
+
+
+def _scenes(rng: np.random.Generator) -> Iterator[Scene]:
+    paths = [path for folder in sorted(Path("fixtures").glob("**/")) if folder.name in ("frames", "bare") for path in list_images(folder)]
+    for path in paths:
+        rendered = eight_bits(read_grey(path))
+        for flip in range(AUGMENTED):
+            light = rendered[:: (1, -1)[flip // 2], :: (1, -1)[flip % 2]].astype(np.float32) * np.float32(rng.uniform(0.5, 1.1))
+            yield Scene(RENDERED, np.ascontiguousarray(light), float(rng.uniform(0.5, 2.5)))
+    for number in range(GOOD_VIEWS - AUGMENTED * len(paths)):
+        board = (RENDERED, SMALLER)[number % 2]
+        yield Scene(board, warped_view(rng, board.columns, board.rows, BINNED).light, float(rng.uniform(0.5, 2.5)))
+
+
+Spoil = Callable[[Floats, NDArray[np.float64], Board, np.random.Generator], Floats]
+"""Of a good view's light, its corners and its board: the light of a bad one."""
+
+
+def _streaked(light: Floats, _corners: NDArray, _board: Board, rng: np.random.Generator) -> Floats:
+    angle = rng.uniform(0, np.pi)
+    return np.asarray(motion_blurred(light, (3 * np.cos(angle), 3 * np.sin(angle))), np.float32)
+
+
+def _defocused(light: Floats, _corners: NDArray, _board: Board, rng: np.random.Generator) -> Floats:
+    return np.asarray(cv2.GaussianBlur(light, (0, 0), rng.uniform(2.5, 4)), np.float32)
+
+
+def _overexposed(light: Floats, corners: NDArray, _board: Board, rng: np.random.Generator) -> Floats:
+    area = light[int(corners[:, 1].min()) : int(corners[:, 1].max()), int(corners[:, 0].min()) : int(corners[:, 0].max())]
+    return np.asarray(light * (rng.uniform(1.1, 1.6) * 255 / np.percentile(area, 80)), np.float32)
+
+
+def _cut(light: Floats, corners: NDArray, board: Board, rng: np.random.Generator) -> Floats:
+    """Ends the picture on one side between the outermost corner and two and a half squares further in."""
+    grid = corners.reshape(board.rows, board.columns, 2)
+    square = np.linalg.norm(np.diff(grid, axis=0), axis=-1).mean()
+    inward = rng.uniform(0, 2.5) * square
+    left, top = np.ceil(corners.min(0) + inward).astype(int)
+    right, bottom = np.floor(corners.max(0) - inward).astype(int)
+    return np.ascontiguousarray((light[:, left:], light[top:], light[:, : right + 1], light[: bottom + 1])[rng.integers(4)])
+
+
+SPOILED: dict[str, Spoil] = {
+    "streaked by 3 px": _streaked,
+    "defocused by 2.5-4 px": _defocused,
+    "overexposed": _overexposed,
+    "cut off": _cut,
+}
+
+
+def _corners(sighting: Sighting) -> NDArray[np.float64]:
+    assert sighting.corners is not None, "It was judged to be good."
+    return sighting.corners
+
+
+def _rms(one: NDArray, other: NDArray) -> float:
+    return float(np.sqrt(((one - other) ** 2).sum(1).mean()))
+
+
+def _milliseconds(work: Callable[[], object], times: int) -> float:
+    """Median wall time after a first run."""
+    work()
+    spent = []
+    for _ in range(times):
+        begun = time.perf_counter()
+        work()
+        spent.append(time.perf_counter() - begun)
+    return 1e3 * median(spent)
+
+
+if __name__ == "__main__":
+    main(*(int(argument) for argument in sys.argv[1:2]))

@@ -1,0 +1,125 @@
+"""Calibrate the same corners with this project, the paper's procedure, OpenCV and mrcal, and compare.
+
+Errors are px RMS on views that were not trained on, with each view's pose refitted: "test" at the training depths, 0.6-1.2 m, and
+"near" at 0.15-0.3 m with boards partly in the picture. mrcal is found where Debian puts it: apt-get install mrcal python3-mrcal.
+"""
+
+import argparse
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from statistics import median
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.peers.child import Report, start
+from benchmarks.peers.scenes import GLASSES, make
+from calib.console import Bars
+from calib.threads import single_thread
+
+DEBIAN = "/usr/bin/python3"
+SPLINED = "SPLINED_STEREOGRAPHIC_order=3_Nx={}_Ny={}_fov_x_deg=75"
+
+OURS = "refracal joint fit, 8x8"
+PEERS = (
+    (OURS, "refracal", "joint 8"),
+    ("refracal joint fit, 12x12", "refracal", "joint 12"),
+    ("paper's procedure, 8x8", "refracal", "paper 8"),
+    ("OpenCV, 5 coefficients", "opencv", "5"),
+    ("OpenCV, 8", "opencv", "8"),
+    ("OpenCV, 14", "opencv", "14"),
+    ("mrcal OPENCV8", "mrcal", "OPENCV8"),
+    ("mrcal splined 8x7", "mrcal", SPLINED.format(8, 7)),
+    ("mrcal splined 10x8", "mrcal", SPLINED.format(10, 8)),
+)
+"""The name in the table, the module, and what that is told. Ours comes first: the others are divided by it."""
+
+
+COLUMNS = (
+    ("test\npx", ".3f", True),
+    ("near\npx", ".3f", True),
+    ("fit\ns", ".2f", True),
+    ("process\ncpu s", ".1f", False),
+    ("peak\nMB", ".0f", True),
+    ("steps", ".0f", True),
+)
+"""Head, format, and whether a column with the ratio to ours follows."""
+Row = tuple[float | None, ...]
+"""One number for each of COLUMNS."""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.peers", description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="only the first scene")
+    parser.add_argument("--seeds", type=int, default=1, metavar="N", help="scenes of each kind; figures are medians; by default 1")
+    parser.add_argument("--opencv", metavar="PYTHON", help="a Python with another OpenCV, numpy and scipy, to be added")
+    options = parser.parse_args()
+    if options.seeds < 1:
+        parser.error("--seeds must be at least 1")
+    missing = _mrcal_missing()
+    pythons = {"refracal": sys.executable, "opencv": sys.executable, "mrcal": DEBIAN}
+    peers = [(name, pythons[module], module, which) for name, module, which in PEERS if not (missing and module == "mrcal")]
+    if options.opencv:
+        other = shutil.which(options.opencv)
+        if not other:
+            parser.error(f"--opencv: {options.opencv} is not a program; give the path of a Python interpreter")
+        peers += [(f"the other {name}", str(Path(other).absolute()), module, which) for name, module, which in PEERS if module == "opencv"]
+    glasses = GLASSES[:1] if options.quick else GLASSES
+    versions = {f"Python {platform.python_version()}"}
+    console = Console(width=120)
+    with Bars() as bars:
+        advance = bars.task("Peers", len(glasses) * len(peers))
+        for i, glass in enumerate(glasses):
+            with single_thread():
+                cases = [make(glass, seed) for seed in range(1, options.seeds + 1)]
+            test, near = (median(floors) for floors in zip(*(floor for _, floor in cases), strict=True))
+            rows: dict[str, Row] = {"true glass (the floor)": (test, near, None, None, None, None)}
+            for j, (name, python, module, which) in enumerate(peers):
+                advance(i * len(peers) + j, name)
+                reports = [start(python, module, which, case) for case, _ in cases]
+                done = [report for report in reports if isinstance(report, Report)]
+                versions |= {report.version for report in done}
+                rows[name] = _medians(done)
+                for complaint in sorted({report for report in reports if isinstance(report, str)}):
+                    console.print(f"{name}, {len(reports) - len(done)} of {len(reports)} fits failed: {complaint}")
+            console.print(_table(str(glass), rows))
+        advance(len(glasses) * len(peers), "")
+    console.print(f"{', '.join(sorted(versions))}; {platform.machine()}, {os.cpu_count()} processors, every fit on one thread.")
+    if missing:
+        console.print(missing)
+
+
+def _mrcal_missing() -> str | None:
+    found = shutil.which("mrcal-calibrate-cameras") and shutil.which(DEBIAN)
+    if found and subprocess.run([DEBIAN, "-c", "import mrcal, scipy"], capture_output=True, check=False).returncode == 0:
+        return None
+    return "mrcal is not installed, so it is left out: on Debian or Ubuntu, apt-get install mrcal python3-mrcal."
+
+
+def _medians(reports: list[Report]) -> Row:
+    columns = [(r.test, r.near, r.seconds, r.cpu, r.memory, r.iterations) for r in reports]
+    return tuple(None if None in column else median(column) for column in zip(*columns, strict=True)) or (None,) * len(COLUMNS)
+
+
+def _table(title: str, rows: dict[str, Row]) -> Table:
+    table = Table("", title=title, title_justify="left", box=SIMPLE_HEAD)
+    for head, _, compared in COLUMNS:
+        for text in (head, "x\nours")[: 1 + compared]:
+            table.add_column(text, justify="right")
+    for name, row in rows.items():
+        cells = [name]
+        for value, own, (_, form, compared) in zip(row, rows[OURS], COLUMNS, strict=True):
+            cells.append("" if value is None else format(value, form))
+            if compared:
+                cells.append("" if value is None or own is None else f"{value / own:.2f}" if value < 10 * own else f"{value / own:.0f}")
+        table.add_row(*cells)
+    return table
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,83 @@
+"""The process of one peer: read a case, fit, say what it took, then score. And how the benchmark starts one."""
+
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from benchmarks.peers.case import Case, Shots
+
+ROOT = Path(__file__).parents[2]
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """What a peer's fit returns."""
+
+    version: str
+    """Of the software, in words."""
+    seconds: float
+    """Wall time from corners to model, after imports."""
+    iterations: int | None
+    """None where the software does not tell."""
+    score: Callable[[Shots], float]
+    """px RMS with each view's pose refitted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What a peer's process hands back."""
+
+    version: str
+    seconds: float
+    cpu: float
+    """s, of the whole process with its imports, up to the end of the fit."""
+    memory: float
+    """MB, the most that the process held up to the end of the fit."""
+    iterations: int | None
+    test: float
+    """px RMS"""
+    near: float
+    """px RMS"""
+
+
+def main(fit: Callable[[Case, str], Fitted]) -> None:
+    """The arguments are the case, the file for the report, and what the peer is to be told."""
+    given, asked, which = sys.argv[1:]
+    case = Case.load(Path(given))
+    done = fit(case, which)
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    report = Report(
+        done.version,
+        done.seconds,
+        used.ru_utime + used.ru_stime,
+        _peak(),
+        done.iterations,
+        done.score(case.test),
+        done.score(case.near),
+    )
+    Path(asked).write_text(json.dumps(asdict(report)))
+
+
+def start(python: str, module: str, which: str, case: Case) -> Report | str:
+    """Run one peer on a case: its report, or the last line of its complaint."""
+    with tempfile.TemporaryDirectory() as folder:
+        given, asked = Path(folder, "case.npz"), Path(folder, "report.json")
+        case.save(given)
+        command = [python, "-W", "ignore", "-m", f"benchmarks.peers.{module}", str(given), str(asked), which]
+        ended = subprocess.run(command, cwd=ROOT, env={**os.environ, **ONE_THREAD}, capture_output=True, text=True, check=False)
+        if ended.returncode:
+            return (ended.stderr.strip().splitlines() or [f"exit code {ended.returncode}"])[-1]
+        return Report(**json.loads(asked.read_text()))
+
+
+def _peak() -> float:
+    """MB. Linux's own figure for this program: ru_maxrss would count the process that started it."""
+    line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
+    return int(line.split()[1]) * 1024 / 1e6

@@ -1,0 +1,43 @@
+"""This project: the joint fit or the paper's procedure, with the camera and the smooth cover known."""
+
+import time
+from functools import partial
+
+import torch
+
+from benchmarks.peers.case import Case
+from benchmarks.peers.child import Fitted, main
+from benchmarks.peers.scenes import left, observed
+from calib.joint import fit_joint
+from calib.optics.build import covered_path, footprint, with_relief
+from calib.optics.relief import Relief
+from calib.paper import descend
+from calib.poses import pinhole_poses, refine_poses
+from calib.threads import single_thread
+from tests.scenes import INTRINSICS, paper_cone
+
+STEPS = 1000
+
+
+def fit(case: Case, which: str) -> Fitted:
+    method, centres = which.split()
+    grid = int(centres), int(centres)
+    seen = observed(case.train)
+    begun = time.perf_counter()
+    smooth, values = covered_path(INTRINSICS, paper_cone(case.thickness))
+    poses = refine_poses(smooth, values, seen, pinhole_poses(seen, values)).blocks
+    path = with_relief(smooth, Relief(*footprint(smooth, values, *case.size), grid))
+    values["relief.amplitudes"] = torch.zeros(grid, dtype=torch.float64)
+    if method == "joint":
+        found = fit_joint(path, values, seen, poses)
+        values, iterations = found.values, found.iterations
+    else:
+        values["relief.amplitudes"] = descend(path, values, seen, poses, steps=STEPS)
+        iterations = STEPS
+    seconds = time.perf_counter() - begun
+    return Fitted(f"torch {torch.__version__}", seconds, iterations, partial(left, path, values))
+
+
+if __name__ == "__main__":
+    with single_thread():
+        main(fit)

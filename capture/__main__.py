@@ -1,0 +1,7 @@
+"""`python -m capture` is the command."""
+
+import sys
+
+from capture.cli import main
+
+sys.exit(main())

@@ -1,0 +1,103 @@
+"""Record a session without a screen: keep the frames in which the board is seen well and adds something.
+
+SOURCE is v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE; options follow a question mark, such as
+v4l2:/dev/video0?size=1640x1232. A session that has pictures is continued. Ctrl-C ends the recording, and loses nothing.
+"""
+
+import argparse
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from calib.board import Board
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("session", type=Path, metavar="SESSION", help="the session folder, which is made if need be")
+    parser.add_argument("--source", required=True, help="where frames come from; `capture sources` lists the cameras")
+    parser.add_argument("--board", type=_board, metavar="CxR", help="inner corners of the board, such as 9x6, for a new session")
+    parser.add_argument("--square-mm", type=_positive, metavar="MM", help="side of a square, for a new session")
+    parser.add_argument("--cover-from", type=Path, metavar="FILE", help="session.yaml that describes cover and camera of a new session")
+    parser.add_argument("--bare", action="store_true", help="the cover is off: record into bare/")
+    parser.add_argument("--views", type=_count, metavar="N", help="views to keep, then end (default: 30; with --all, no end)")
+    parser.add_argument("--burst", type=_count, default=1, metavar="N", help="pictures of each view, of the still board (default: 1)")
+    parser.add_argument("--every", type=_positive, default=0.0, metavar="S", help="the least time between two views, in seconds")
+    parser.add_argument("--all", action="store_true", help="keep every frame, whatever is in it")
+    parser.add_argument("--json", action="store_true", help="print one JSON object at the end")
+
+
+def run(args: argparse.Namespace) -> None:
+    from itertools import islice
+
+    from calib.commands.printing import print_json
+    from calib.errors import NotEnoughDataError, RefracalError
+    from capture.finder import Finder
+    from capture.interrupt import ending_by
+    from capture.narrator import Narrator
+    from capture.reader import Reader
+    from capture.record import Plan, corners_of, record
+    from capture.recorder import Recorder
+    from capture.setup import board_of, read_setup
+    from capture.sources.registry import open_source
+
+    source = open_source(args.source)
+    board = board_of(args.session, _asked_board(args))
+    like = read_setup(args.cover_from) if args.cover_from else None
+    views = args.views or (None if args.all else 30)
+    with Reader(source) as reader, Recorder(args.session, board, like=like, bare=args.bare) as recorder, ending_by(reader.close) as wish:
+        narrator = Narrator(reader, recorder, views, json=args.json)
+        try:
+            if args.all:
+                for view, frame in enumerate(islice(reader, views), start=1):
+                    narrator.kept(recorder.keep(frame), view)
+            else:
+                finder = Finder(board)
+                plan = Plan(views or 0, args.burst, args.every)
+                for step in record(reader, finder, recorder, plan, corners_of(recorder.pictures, finder)):
+                    narrator.tell(step)
+        except RefracalError:
+            narrator.reassure()
+            raise
+    if not narrator.pictures and not wish.came:
+        raise NotEnoughDataError(f"No frame of {args.source} was kept: {narrator.sentence}")
+    ended = "interrupted" if wish.came else "views" if narrator.views == views else "source"
+    if args.json:
+        print_json(narrator.as_json(ended=ended))
+    else:
+        narrator.sum_up()
+
+
+def _asked_board(args: argparse.Namespace) -> "Board | None":
+    from calib.board import Board
+    from calib.errors import InputError
+
+    if (args.board is None) != (args.square_mm is None):
+        raise InputError("--board and --square-mm belong together: write both, such as --board 9x6 --square-mm 25.")
+    if args.board is None:
+        return None
+    columns, rows = args.board
+    return Board(columns, rows, args.square_mm / 1000)
+
+
+def _board(text: str) -> tuple[int, int]:
+    columns, _, rows = text.partition("x")
+    if not (columns.isdecimal() and rows.isdecimal() and 3 <= int(columns) <= 1000 and 3 <= int(rows) <= 1000):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a board: write its inner corners as two whole numbers from 3, such as 9x6")
+    return int(columns), int(rows)
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of them: write a whole number above 0")
+    return int(text)
+
+
+def _positive(text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not 0 < number < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r} will not do: write a number above 0")
+    return number

@@ -1,0 +1,30 @@
+"""List the cameras of this machine, with their modes, and say what is missing.
+
+The first column is what `--source` takes.
+"""
+
+import argparse
+from dataclasses import asdict
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(args: argparse.Namespace) -> None:
+    from calib.commands.printing import print_json
+    from capture.sources.registry import SCHEMES
+
+    found = {scheme.name: scheme.backend().inventory() for scheme in SCHEMES}
+    if args.json:
+        cameras = [asdict(camera) for inventory in found.values() for camera in inventory.cameras]
+        missing = [{"scheme": name, "reason": inventory.missing} for name, inventory in found.items() if inventory.missing]
+        print_json({"cameras": cameras, "missing": missing})
+        return
+    for name, inventory in found.items():
+        for camera in inventory.cameras:
+            print(f"{camera.source}  {camera.problem or camera.name}")
+            for mode in camera.modes:
+                print(f"    {mode}")
+        if inventory.missing:
+            print(f"{name}: {inventory.missing}")

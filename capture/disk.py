@@ -1,0 +1,82 @@
+"""The disk that a recording goes to: what fails is a sentence, what is written stays written, and one recorder holds a folder."""
+
+import errno
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from calib.errors import InputError
+from calib.files import ADVICE
+from calib.files import write_atomically as write_whole
+from capture.errors import CaptureError
+
+FAILED = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+"""What is the disk's own fault. Any other failure is of the place that was chosen."""
+
+
+def write_durably(path: Path, data: bytes | memoryview | str) -> None:
+    """Write a file as a whole, and wait until the disk has both it and its name."""
+    with writing(path):
+        write_whole(path, data)
+        sync_folder(path.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def append_durably(path: Path, line: str) -> None:
+    """Add a line and wait until the disk has it. When that fails, the file is as it was."""
+    data = line.encode()
+    with writing(path):
+        handle = os.open(path, os.O_WRONLY | os.O_APPEND)
+        try:
+            before = os.fstat(handle).st_size
+            try:
+                while data:  # where there is room for a part only, the rest says why
+                    data = data[os.write(handle, data) :]
+                os.fsync(handle)
+            except OSError:
+                os.ftruncate(handle, before)
+                raise
+        finally:
+            os.close(handle)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Around what writes at a path: CaptureError where the disk fails, InputError where the place is wrong."""
+    try:
+        yield
+    except (OSError, InputError) as error:
+        cause = error if isinstance(error, OSError) else error.__cause__
+        if not isinstance(cause, OSError):
+            raise
+        kind = CaptureError if cause.errno in FAILED else InputError
+        advice = ADVICE.get(cause.errno or 0, "choose another place")
+        raise kind(f"{path} cannot be written ({cause.strerror}): {advice}.") from error
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold a folder; InputError if another process does. The system lets go of it when this process ends, however it ends."""
+    with writing(folder):
+        handle = os.open(folder / ".recording", os.O_RDWR | os.O_CREAT, 0o666)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            holder = os.pread(handle, 20, 0).decode(errors="replace").strip() or "unknown"
+            raise InputError(f"Another recorder (process {holder}) writes to {folder}: end it first, or record elsewhere.") from error
+        with writing(folder):
+            os.ftruncate(handle, 0)
+            os.pwrite(handle, f"{os.getpid()}\n".encode(), 0)
+        yield
+    finally:
+        os.close(handle)

@@ -1,0 +1,80 @@
+"""The loop from frames to pictures: look, judge, keep. What shows it to a person stands above it."""
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.detect import eight_bits
+from calib.images import read_grey
+from capture.finder import Finder, Sighting
+from capture.frames import Frame
+from capture.gate import Verdict, judge
+from capture.recorder import Recorder
+
+UNMEASURED = Verdict(False, "Hold the board still and closer: its corners cannot be measured in the whole picture.")
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What to keep of a stream of frames."""
+
+    views: int
+    """Poses of the board, after which the loop ends."""
+    burst: int = 1
+    """Pictures of each, as long as the board stays still."""
+    every_s: float = 0.0
+    """The least time from one view to the next."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """One frame, and what became of it."""
+
+    frame: Frame
+    sighting: Sighting
+    verdict: Verdict
+    picture: Path | None
+    """Where it was kept; None if it was not."""
+    view: int
+    """How many views there are, with this one."""
+
+
+def record(frames: Iterable[Frame], finder: Finder, recorder: Recorder, plan: Plan, kept: list[NDArray[np.float64]]) -> Iterator[Step]:
+    """Judge each frame, keep the good ones, and end after the planned views.
+
+    `kept` has the (count, 2) px corners of the views that the session has already; those of new views are added to it.
+    """
+    before: Sighting | None = None
+    views, left, last_s = 0, 0, -math.inf
+    for frame in frames:
+        now = finder.look(frame)
+        picture = None
+        if left:  # a burst: the same board once more
+            verdict = judge(now, before, ())
+            left = left - 1 if verdict.keep else 0
+            if verdict.keep:
+                picture = recorder.keep(frame, same_view=True)
+        else:
+            verdict = judge(now, before, kept)
+            if verdict.keep and frame.time_s - last_s >= plan.every_s:
+                corners = finder.refine(frame, now)
+                if corners is None:
+                    verdict = UNMEASURED
+                else:
+                    picture = recorder.keep(frame)
+                    kept.append(corners)
+                    views, left, last_s = views + 1, plan.burst - 1, frame.time_s
+        before = now
+        yield Step(frame, now, verdict, picture, views)
+        if views == plan.views and not left:
+            return
+
+
+def corners_of(pictures: Iterable[Path], finder: Finder) -> list[NDArray[np.float64]]:
+    """(count, 2) px for every picture in which the board is seen: what a session has before it is continued."""
+    sightings = (finder.look(Frame(eight_bits(read_grey(picture)), 0, 0.0)) for picture in pictures)
+    return [sighting.corners for sighting in sightings if sighting.corners is not None]

@@ -1,0 +1,127 @@
+"""Writes a session folder so that nothing is lost: not by a kill, not by a full disk, not by a second recorder.
+
+A picture is written under a temporary name, forced to the disk and renamed; then its row is added to frames.csv. So at every moment the
+folder is a session, and a recording that was cut short is continued by recording again.
+"""
+
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+
+import cv2
+
+from calib.board import Board
+from calib.errors import InputError
+from calib.files import reading
+from calib.images import list_images
+from capture.disk import append_durably, locked, write_durably, writing
+from capture.frames import Frame
+from capture.setup import Setup, read_setup, write_setup
+from capture.state import State
+from capture.table import NAME, Row, columns, last_view, mended, read_table, to_csv
+
+PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY)
+"""The fastest, and on noisy pictures the smallest: filters and repeats find nothing in noise."""
+
+
+class Recorder:
+    """One session folder, opened by `with` and held by one recorder at a time."""
+
+    def __init__(self, session: Path, board: Board, *, like: Setup | None = None, bare: bool = False) -> None:
+        """`like` gives cover and camera to a folder that has no session.yaml; `bare` records the camera without its cover."""
+        self.session = session
+        self.remarks: list[str] = []
+        """What a person should know of this recording, a sentence each, as they come up."""
+        self._board = board
+        self._like = like
+        self._folder = session / ("bare" if bare else "frames")
+        self._table = (self._folder if bare else session) / NAME
+        self._rows: list[Row] = []
+        self._columns: list[str] = []
+        self._state = State()
+        self._size: tuple[int, int] | None = None
+        self._unix_offset = time.time() - time.monotonic()  # s
+        self._held = ExitStack()
+
+    @property
+    def pictures(self) -> tuple[Path, ...]:
+        """Those that are there, in their order."""
+        return list_images(self._folder)
+
+    def __enter__(self) -> "Recorder":
+        if (self._folder / "session.yaml").exists():
+            raise InputError(f"{self._folder} is a session of its own: record into it by capture record {self._folder}, without --bare.")
+        with writing(self._folder):
+            self._folder.mkdir(parents=True, exist_ok=True)
+        with ExitStack() as held:
+            held.enter_context(locked(self.session))
+            self._take_up()
+            self._held = held.pop_all()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+        self._held.close()
+
+    def keep(self, frame: Frame, *, same_view: bool = False) -> Path:
+        """Write a frame as the next picture. `same_view`: the board stands where it stood in the last one."""
+        self._check_size(frame)
+        picture = self._folder / f"{self._next:04d}.png"
+        write_durably(picture, cv2.imencode(".png", frame.pixels, PNG)[1].data)
+        self._next += 1
+        self._view += not same_view
+        self._note(
+            {
+                "file": picture.name,
+                "time_s": f"{frame.time_s + self._unix_offset:.6f}",
+                "sequence": str(frame.sequence),
+                "view": str(self._view),
+                **{key: str(value) for key, value in frame.metadata.items()},
+            }
+        )
+        return picture
+
+    def _note(self, row: Row) -> None:
+        self._rows.append(row)
+        if set(row) <= set(self._columns):
+            append_durably(self._table, to_csv([row], self._columns, header=False))
+        else:
+            self._columns = columns(self._rows)
+            write_durably(self._table, to_csv(self._rows, self._columns))
+        self.remarks += self._state.changes(row)
+
+    def _take_up(self) -> None:
+        """Begin where a recording ended, and put in order what a kill left."""
+        with reading(self._folder):
+            for stale in self._folder.glob(".*.tmp"):  # whoever wrote it is gone: the folder is ours
+                stale.unlink()
+        pictures = self.pictures
+        for table in (self.session / "bare" / NAME, self.session / NAME):
+            for row in read_table(table):
+                self._state.changes(row)
+        self._rows = mended(read_table(self._table), pictures)
+        if self._rows:
+            self._columns = columns(self._rows)
+            whole = to_csv(self._rows, self._columns)
+            if not self._table.exists() or self._table.read_text(errors="replace") != whole:
+                write_durably(self._table, whole)
+        self._next = 1 + max((int(picture.stem) for picture in pictures if picture.stem.isdecimal()), default=-1)
+        self._view = last_view(self._rows)
+
+    def _check_size(self, frame: Frame) -> None:
+        """The first frame's size is written down unless session.yaml says one; every frame must have it."""
+        if self._size is None:
+            file = self.session / "session.yaml"
+            if file.exists():
+                camera = read_setup(file)[1]
+                self._size = camera.width, camera.height
+            else:
+                cover = write_setup(self.session, self._board, frame.size, self._like)
+                self._size = frame.size
+                self.remarks.append(f"Wrote {file} with cover.shape {cover.shape}: correct it there if the camera's cover is another.")
+        if frame.size != self._size:
+            (width, height), (asked, high) = frame.size, self._size
+            raise InputError(
+                f"The camera's pictures are {width}x{height} px where {self.session / 'session.yaml'} says {asked}x{high}: "
+                f"write ?size={asked}x{high} after --source, or record another session."
+            )

@@ -1,0 +1,26 @@
+"""Options of a source that are no plain number."""
+
+import re
+
+from calib.schema import Quantity, Section
+
+EXPOSURE_US = Quantity("exposure_us", low=1, high=1e7)
+GAIN = Quantity("gain", low=0, high=1e5)
+
+
+def read_number(options: Section, quantity: Quantity) -> float | None:
+    """The option's value; None where it is not given and has no default."""
+    if quantity.key not in options.values and quantity.default is None:
+        return None
+    return options.numbers(quantity)[quantity.names[0]].value
+
+
+def read_size(options: Section) -> tuple[int, int] | None:
+    """Width and height, px, of `size=1640x1232`; None where it is not given."""
+    if "size" not in options.values:
+        return None
+    expected = "width and height in px, such as 1640x1232"
+    found = re.fullmatch(r"([1-9][0-9]{0,4})x([1-9][0-9]{0,4})", options.text("size", expected))
+    if not found:
+        raise options.wrong("size", options.values["size"], expected)
+    return int(found[1]), int(found[2])

@@ -1,0 +1,97 @@
+"""Where frames can come from, by the first word of `--source`."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from importlib import import_module
+from typing import Protocol, cast
+
+from calib.errors import InputError
+from calib.schema import Section
+from capture.frames import FrameSource
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A camera of this machine."""
+
+    source: str
+    """What `--source` takes."""
+    name: str
+    modes: tuple[str, ...]
+    """Pixel format and size, as `?format=` and `?size=` take them, with rates where they are known."""
+    problem: str = ""
+    """A sentence on why it cannot be used as it is."""
+
+
+@dataclass(frozen=True, slots=True)
+class Inventory:
+    """What one backend finds."""
+
+    cameras: tuple[Camera, ...] = ()
+    missing: str = ""
+    """A sentence on what keeps this backend from finding any."""
+
+
+class Backend(Protocol):
+    """A module of this package. It is imported when it is asked for, and imports its own driver as late."""
+
+    def open_source(self, place: str, options: Section) -> FrameSource:
+        """What stands after the scheme's colon, and the options after its question mark. Nothing is opened before `with`."""
+        ...
+
+    def inventory(self) -> Inventory: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Scheme:
+    name: str
+    module: str
+    example: str
+
+    def backend(self) -> Backend:
+        return cast(Backend, import_module(self.module))
+
+
+SCHEMES: tuple[Scheme, ...] = (
+    Scheme("v4l2", "capture.sources.v4l2", "v4l2:/dev/video0"),
+    Scheme("libcamera", "capture.sources.libcamera", "libcamera:0"),
+    Scheme("rpicam", "capture.sources.rpicam", "rpicam:0"),
+    Scheme("folder", "capture.sources.folder", "folder:PATH"),
+    Scheme("video", "capture.sources.video", "video:FILE"),
+)
+"""Cameras first, in the order in which `capture sources` lists them."""
+
+
+def open_source(text: str) -> FrameSource:
+    """The source that `SCHEME:PLACE?key=value&...` names; an InputError says what is wrong with the text."""
+    name, colon, rest = text.partition(":")
+    scheme = next((scheme for scheme in SCHEMES if scheme.name == name), None)
+    if scheme is None:
+        raise InputError(_unknown(text, name if colon else ""))
+    place, mark, query = rest.rpartition("?")
+    if not (mark and "=" in query):  # a question mark of the path's own
+        place, query = rest, ""
+    if not place:
+        raise InputError(f"--source {text} does not say where: write it like {scheme.example}.")
+    return scheme.backend().open_source(place, Section(_pairs(text, query), f"--source {text}"))
+
+
+def _pairs(text: str, query: str) -> dict[str, object]:
+    pairs: dict[str, object] = {}
+    for pair in query.split("&") if query else ():
+        key, equals, value = pair.partition("=")
+        if not (key and equals and value) or key in pairs:
+            raise InputError(f"--source {text}: {pair!r} is not an option: write each once, as key=value with & between.")
+        try:
+            pairs[key] = float(value)
+        except ValueError:
+            pairs[key] = value
+    return pairs
+
+
+def _unknown(text: str, name: str) -> str:
+    close = get_close_matches(name, [scheme.name for scheme in SCHEMES], n=1) if name else []
+    hint = f" (did you mean {close[0]}?)" if close else " (did you mean v4l2?)" if text.startswith("/dev/video") else ""
+    examples: Sequence[str] = [scheme.example for scheme in SCHEMES]
+    return f"--source {text} names no kind of source{hint}: write one of {', '.join(examples)}."

@@ -1,0 +1,196 @@
+"""A Raspberry Pi's camera through the program rpicam-vid, which needs no Python bindings.
+
+`rpicam:0?size=1640x1232&exposure_us=8000&gain=1&lens_position=2.0`; `mode=3280:2464:10:P` picks the sensor's mode, `awbgains=1.8,1.6` the
+colours, `fps=10` the rate. Focus, exposure, gain and white balance are fixed from the start. The program writes YUV420 with rows padded to
+64 bytes; its Y plane is the full-range grey picture.
+"""
+
+import os
+import re
+import selectors
+import shutil
+import subprocess
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from types import TracebackType
+from typing import IO, Self
+
+import numpy as np
+
+from calib.errors import InputError
+from calib.schema import Quantity, Section
+from capture.errors import CaptureError
+from capture.frames import Frame
+from capture.sources.options import read_number, read_size
+from capture.sources.registry import Camera, Inventory
+
+ALIGNMENT = 64  # bytes, of a row
+START = 10.0  # s, until the first picture: the program sets up the sensor
+SILENCE = 1.5  # s beyond the frame's own time
+INSTALL = "sudo apt install rpicam-apps"
+QUANTITIES = (
+    Quantity("exposure_us", low=1, high=1e7, default=8000.0),
+    Quantity("gain", low=1, high=1000, default=1.0),
+    Quantity("lens_position", low=0, high=100, default=0.0),
+    Quantity("fps", low=0.1, high=1000, default=10.0),
+)
+CONFIGURED = re.compile(r"configuring streams: \(0\) (\d+)x(\d+)")
+STATE = re.compile(r"^#\d+ .* exp (?P<exposure_us>[0-9.]+) ag (?P<gain>[0-9.]+)")
+"""The line that the program prints for each frame when it has no preview window."""
+
+
+class RpicamSource:
+    live = True
+    remarks: Sequence[str] = ()
+
+    def __init__(self, camera: int, size: tuple[int, int], numbers: Mapping[str, float], mode: str, awbgains: str) -> None:
+        self._size = size
+        self._fps = numbers["fps"]
+        self._state: dict[str, float | str] = {key: value for key, value in numbers.items() if key != "fps"}
+        self._state |= {"awbgains": awbgains.replace(",", " ")} | ({"mode": mode} if mode else {})
+        self._command = [
+            *("rpicam-vid", "--nopreview", "--timeout", "0", "--camera", str(camera), "--codec", "yuv420", "--flush"),
+            *("--width", str(size[0]), "--height", str(size[1]), "--framerate", f"{self._fps:g}"),
+            *("--autofocus-mode", "manual", "--lens-position", f"{numbers['lens_position']:g}"),
+            *("--shutter", f"{numbers['exposure_us']:.0f}", "--gain", f"{numbers['gain']:g}", "--awbgains", awbgains),
+            *("--denoise", "off", *(("--mode", mode) if mode else ()), "--output", "-"),
+        ]
+        self._lines: deque[str] = deque(maxlen=50)
+        self._closed = False
+
+    def __enter__(self) -> Self:
+        pipe = subprocess.PIPE
+        try:  # in a session of its own: Ctrl-C is ours to answer
+            self._process = subprocess.Popen(
+                self._command,
+                stdin=subprocess.DEVNULL,
+                stdout=pipe,
+                stderr=pipe,
+                start_new_session=True,
+                env={**os.environ, "LIBCAMERA_LOG_LEVELS": "*:INFO"},  # it then says which size it configures
+            )
+        except OSError as error:
+            raise CaptureError(f"rpicam-vid cannot be started ({error.strerror}): on Raspberry Pi OS, run {INSTALL}.") from error
+        assert self._process.stdout
+        assert self._process.stderr
+        self._pipe = self._process.stdout
+        self._listener = threading.Thread(target=self._listen, args=(self._process.stderr,), daemon=True)
+        self._listener.start()
+        try:
+            self._first = self._take(0, START)
+            if self._first is None:
+                raise self._failure("ended before its first picture")
+        except BaseException:
+            self.__exit__(None, None, None)
+            raise
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+        try:
+            self._process.wait(2)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._pipe.close()
+        self._listener.join(2)
+
+    def __iter__(self) -> Iterator[Frame]:
+        frame, sequence = self._first, 0
+        while frame is not None:
+            yield frame
+            sequence += 1
+            frame = self._take(sequence, SILENCE + 1 / self._fps)
+
+    def close(self) -> None:
+        self._closed = True
+        self._process.terminate()
+
+    def _take(self, sequence: int, patience: float) -> Frame | None:
+        """The next picture; None when closed, or when the program ended as it should. The rest of a frame is dropped."""
+        width, height = self._size
+        stride = -(-width // ALIGNMENT) * ALIGNMENT
+        buffer = bytearray(stride * height + 2 * (stride // 2) * (height // 2))
+        view, filled = memoryview(buffer), 0
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._pipe, selectors.EVENT_READ)
+            deadline = time.monotonic() + patience
+            while filled < len(buffer) and not self._closed:
+                if not selector.select(max(deadline - time.monotonic(), 0)):
+                    raise self._failure(f"has sent nothing for {patience:.1f} s")
+                count = os.readv(self._pipe.fileno(), [view[filled:]])
+                if count == 0:
+                    self._check_end(filled)
+                    return None
+                filled += count
+        if self._closed:
+            return None
+        self._check_configured()
+        pixels = np.frombuffer(buffer, np.uint8, stride * height).reshape(height, stride)[:, :width]
+        return Frame(np.ascontiguousarray(pixels), sequence, time.monotonic(), dict(self._state))
+
+    def _check_end(self, filled: int) -> None:
+        code = self._process.wait()
+        self._listener.join(2)
+        if code and not self._closed:
+            raise self._failure(f"ended with exit code {code}{' in the middle of a picture' if filled else ''}")
+
+    def _check_configured(self) -> None:
+        for line in tuple(self._lines):
+            found = CONFIGURED.search(line)
+            if found and (int(found[1]), int(found[2])) != self._size:
+                raise CaptureError(
+                    f"The camera gives pictures of {found[1]}x{found[2]} px: write ?size={found[1]}x{found[2]} after --source."
+                )
+
+    def _listen(self, stderr: IO[bytes]) -> None:
+        with stderr:
+            for raw in stderr:
+                line = re.sub(r"\x1b\[[0-9;]*m", "", raw.decode(errors="replace")).strip()
+                if state := STATE.match(line):
+                    self._state = {**self._state, **{key: float(value) for key, value in state.groupdict().items()}}
+                elif line:
+                    self._lines.append(line)
+
+    def _failure(self, what: str) -> CaptureError:
+        """With the last that the program complained of."""
+        lines = list(self._lines)
+        said = next((line for line in reversed(lines) if "ERROR" in line or "***" in line), lines[-1] if lines else "nothing")
+        return CaptureError(f"rpicam-vid {what} (it said: {said}): check the cable and that no other program uses the camera.")
+
+
+def open_source(place: str, options: Section) -> RpicamSource:
+    options.only(("size", "mode", "awbgains", *(quantity.key for quantity in QUANTITIES)), "known option")
+    if not place.isdecimal():
+        raise InputError(f"{options.file} names no camera: write its number, such as rpicam:0.")
+    numbers = {quantity.key: read_number(options, quantity) or 0.0 for quantity in QUANTITIES}
+    texts = []
+    for key, default, pattern, example in (
+        ("mode", "", r"\d+:\d+(:\d+(:[UP])?)?", "3280:2464:10:P"),
+        ("awbgains", "1.8,1.6", r"\d+(\.\d+)?,\d+(\.\d+)?", "1.8,1.6"),
+    ):
+        text = options.text(key, f"text such as {example}", default)
+        if text and not re.fullmatch(pattern, text):
+            raise options.wrong(key, text, f"it like {example}")
+        texts.append(text)
+    return RpicamSource(int(place), read_size(options) or (1640, 1232), numbers, texts[0], texts[1])
+
+
+def inventory() -> Inventory:
+    if not shutil.which("rpicam-hello"):
+        return Inventory(missing=f"rpicam-apps is not installed: on Raspberry Pi OS, run {INSTALL}.")
+    try:
+        done = subprocess.run(["rpicam-hello", "--list-cameras"], capture_output=True, text=True, timeout=20, errors="replace", check=False)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return Inventory(missing=f"rpicam-hello does not answer ({error}): start the machine again.")
+    cameras: list[Camera] = []
+    for line in (done.stdout + done.stderr).splitlines():
+        if head := re.match(r"(\d+) : (\S+)", line):
+            cameras.append(Camera(f"rpicam:{head[1]}", head[2], ()))
+        elif cameras and (mode := re.search(r"(\d+x\d+) \[([0-9.]+) fps", line)):
+            last = cameras.pop()
+            cameras.append(Camera(last.source, last.name, (*last.modes, f"{mode[1]} {mode[2]} fps")))
+    missing = "" if cameras else "rpicam-apps sees no camera: check its cable, with the power off, and start the machine again."
+    return Inventory(tuple(cameras), missing)

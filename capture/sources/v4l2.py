@@ -1,0 +1,228 @@
+"""A V4L2 camera: a webcam, a capture card, or a loopback device.
+
+`v4l2:/dev/video0?size=1640x1232&format=YUYV`; without options, the largest pictures of the best format that the camera has. The driver's
+own grey values are kept: those of YUYV are its Y, not a colour picture turned grey. `exposure_us`, `gain` and `focus` (in the driver's
+units) set what is otherwise held where it is.
+"""
+
+import os
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.errors import InputError
+from calib.schema import Quantity, Section
+from capture.errors import CaptureError
+from capture.frames import Frame
+from capture.sources import v4l2_device as device
+from capture.sources.options import EXPOSURE_US, GAIN, read_number, read_size
+from capture.sources.registry import Camera, Inventory
+
+os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")  # s, for which OpenCV waits for a frame; it reads this at its first use
+
+START = 5.0  # s, until the first frame must have come
+SILENCE = 0.9  # s without a frame: together with OpenCV's wait, an unplugged camera is reported within 2 s
+FOCUS = Quantity("focus", low=0, high=1e5)
+RAW_ONLY = "a Raspberry Pi's camera is read by libcamera:0 or rpicam:0."
+
+Grey = NDArray[np.uint8]
+
+
+def _plane(raw: Grey, width: int, height: int) -> Grey:
+    return raw.reshape(-1)[: width * height].reshape(height, width)
+
+
+def _decoded(raw: Grey, _width: int, _height: int) -> Grey | None:
+    grey = cv2.imdecode(raw.reshape(-1), cv2.IMREAD_GRAYSCALE)
+    return None if grey is None else np.asarray(grey, np.uint8)
+
+
+FORMATS: Mapping[str, Callable[[Grey, int, int], Grey | None]] = {
+    "GREY": _plane,
+    "YUYV": lambda raw, width, height: raw.reshape(height, width, 2)[..., 0],
+    "UYVY": lambda raw, width, height: raw.reshape(height, width, 2)[..., 1],
+    "NV12": _plane,
+    "YU12": _plane,
+    "MJPG": _decoded,
+}
+"""How the (height, width) grey values are taken from a raw buffer, the exact and cheap formats first. None: a damaged JPEG."""
+
+
+class V4l2Source:
+    live = True
+
+    def __init__(
+        self, path: str, size: tuple[int, int] | None = None, pixels: str | None = None, controls: Mapping[int, int] | None = None
+    ) -> None:
+        """`controls` are set after the locking, by their V4L2 numbers."""
+        self.remarks: Sequence[str] = ()
+        self._path = path
+        self._size = size
+        self._pixels = pixels
+        self._controls = controls or {}
+        self._closed = threading.Event()
+        self._open = ExitStack()
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            self._handle = stack.enter_context(device.opened(self._path))
+            mode = self._mode()
+            remarks = device.lock(self._handle)
+            for control, value in self._controls.items():
+                try:
+                    device.write(self._handle, control, value)
+                except OSError as error:
+                    raise CaptureError(
+                        f"{self._path} refuses a control set to {value} ({error.strerror}): leave that option out."
+                    ) from error
+            if mode.format == "MJPG":
+                remarks.append(
+                    "The camera compresses its pictures, which moves corners a little: choose an uncompressed format if it has one."
+                )
+            self.remarks = remarks
+            self._capture = cv2.VideoCapture()
+            stack.callback(self._capture.release)
+            self._start(mode)
+            self._open = stack.pop_all()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+        self._open.close()
+
+    def __iter__(self) -> Iterator[Frame]:
+        grey, time_s = self._first
+        sequence, nominal = 0, 1 / (self._capture.get(cv2.CAP_PROP_FPS) or 30.0)  # s
+        recent: deque[float] = deque(maxlen=15)  # s, from frame to frame
+        while not self._closed.is_set():
+            yield Frame(grey, sequence, time_s, self._state())
+            before = time_s
+            if (taken := self._take(SILENCE)) is None:
+                return
+            grey, time_s = taken
+            passed = time_s - before  # OpenCV keeps the driver's counter to itself, not its clock
+            sequence += max(round(passed / max(nominal, min(recent))), 1) if recent else 1
+            recent.append(passed)
+
+    def close(self) -> None:
+        self._closed.set()
+
+    def _mode(self) -> device.Mode:
+        """The largest that fits what was asked for, in the best format."""
+        offered = [mode for mode in device.modes(self._handle) if mode.format in FORMATS]
+        fit = [m for m in offered if (self._size is None or m.gives(self._size)) and self._pixels in (None, m.format)]
+        if not fit:
+            if not offered:
+                raise CaptureError(f"{self._path} has none of the formats {', '.join(FORMATS)}: {RAW_ONLY}")
+            raise CaptureError(f"{self._path} has no such mode: choose ?size= and ?format= from those that `capture sources` lists.")
+        best = min(fit, key=lambda m: (m.format == "MJPG", -m.width * m.height, list(FORMATS).index(m.format)))
+        if self._size:
+            return replace(best, width=self._size[0], height=self._size[1])
+        if best.scales:
+            raise InputError(
+                f"{self._path} gives any size up to {best.width}x{best.height} px: write the one you want, as ?size=1640x1232."
+            )
+        return best
+
+    def _start(self, mode: device.Mode) -> None:
+        """Stream, and see a first picture: a camera that was unplugged still opens."""
+        self._pixels, self._size = mode.format, (mode.width, mode.height)
+        code = cv2.VideoWriter.fourcc(*mode.format)
+        wanted = (
+            (cv2.CAP_PROP_FOURCC, code),
+            (cv2.CAP_PROP_FRAME_WIDTH, mode.width),
+            (cv2.CAP_PROP_FRAME_HEIGHT, mode.height),
+            (cv2.CAP_PROP_CONVERT_RGB, 0),
+        )
+        if not self._capture.open(self._path, cv2.CAP_V4L2, [number for pair in wanted for number in pair]):
+            raise CaptureError(device.why_silent(self._path))
+        given = tuple(int(self._capture.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+        if given != self._size:
+            raise CaptureError(
+                f"{self._path} gives pictures of {given[0]}x{given[1]} px: write ?size={given[0]}x{given[1]} after --source."
+            )
+        try:
+            first = self._take(START)
+        except CaptureError as error:
+            self._capture.release()
+            raise CaptureError(device.why_silent(self._path)) from error
+        if first is None:
+            raise CaptureError(f"{self._path} was closed before its first picture.")
+        self._first = first
+
+    def _take(self, patience: float) -> tuple[Grey, float] | None:
+        """The next picture, and its time in s; None once closed. A damaged buffer is passed over."""
+        begun = time.monotonic()
+        while not self._closed.is_set():
+            good, raw = self._capture.read()
+            if good and (grey := self._grey(np.asarray(raw, np.uint8))) is not None:
+                now, said = time.monotonic(), self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+                return grey, said if 0 <= now - said < START else now  # some drivers have another clock
+            if not good and not device.is_there(self._handle):
+                raise CaptureError(f"{self._path} was unplugged: plug the camera in again, and run the same command to continue.")
+            if time.monotonic() - begun > patience:
+                raise CaptureError(f"{self._path} sends no more pictures: plug the camera in again, and run the same command to continue.")
+            if not good:
+                self._closed.wait(0.01)
+        return None
+
+    def _grey(self, raw: NDArray[np.uint8]) -> Grey | None:
+        width, height = self._size or (0, 0)
+        try:
+            grey = FORMATS[self._pixels or "GREY"](raw, width, height)
+        except ValueError:  # a buffer of another length
+            return None
+        return None if grey is None or grey.shape != (height, width) else np.array(grey)
+
+    def _state(self) -> dict[str, float | str]:
+        """What the camera says of itself, of the controls that it has."""
+        state: dict[str, float | str] = {}
+        for key, control, unit in (
+            ("exposure_us", device.EXPOSURE_100US, 100.0),
+            ("gain", device.GAIN, 1.0),
+            ("focus", device.FOCUS, 1.0),
+            ("white_balance_k", device.WHITE_BALANCE, 1.0),
+        ):
+            if (value := device.read(self._handle, control)) is not None:
+                state[key] = value * unit
+        return state
+
+
+def open_source(place: str, options: Section) -> V4l2Source:
+    options.only(("size", "format", EXPOSURE_US.key, GAIN.key, FOCUS.key), "known option")
+    pixels = options.choice("format", tuple(FORMATS), f"one of {', '.join(FORMATS)}") if "format" in options.values else None
+    controls = {}
+    for control, quantity, unit in ((device.EXPOSURE_100US, EXPOSURE_US, 100), (device.GAIN, GAIN, 1), (device.FOCUS, FOCUS, 1)):
+        if (value := read_number(options, quantity)) is not None:
+            controls[control] = round(value / unit)
+    return V4l2Source(place, read_size(options), pixels, controls)
+
+
+def inventory() -> Inventory:
+    cameras = []
+    nodes = sorted(Path("/dev").glob("video[0-9]*"), key=lambda node: int(node.name.removeprefix("video")))
+    for node in nodes:
+        source = f"v4l2:{node}"
+        try:
+            with device.opened(str(node)) as handle:
+                modes = [mode for mode in device.modes(handle) if mode.format in FORMATS]
+                problem = "" if modes else f"It has no picture format that can be read: {RAW_ONLY}"
+                cameras.append(Camera(source, device.card(handle), tuple(map(str, modes)), problem))
+        except device.NoCameraError:
+            continue
+        except CaptureError as error:
+            cameras.append(Camera(source, "", (), str(error)))
+    if cameras:
+        return Inventory(tuple(cameras))
+    return Inventory(
+        missing=f"None of {len(nodes)} nodes captures video: plug a camera in." if nodes else "There is no /dev/video*: plug a camera in."
+    )

@@ -1,0 +1,205 @@
+"""A V4L2 node as the kernel shows it: what it is, its modes and its controls. Functions on a file descriptor, and nothing of OpenCV.
+
+Numbers and layouts are those of linux/videodev2.h, the same on every machine for the calls used here.
+"""
+
+import errno
+import os
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from fcntl import ioctl
+from pathlib import Path
+
+from capture.errors import CaptureError
+
+QUERYCAP, ENUM_FMT, ENUM_FRAMESIZES, ENUM_FRAMEINTERVALS = 0x80685600, 0xC0405602, 0xC02C564A, 0xC034564B
+QUERYCTRL, G_CTRL, S_CTRL = 0xC0445624, 0xC008561B, 0xC008561C
+REQBUFS, QBUF, STREAMON = 0xC0145608, 0xC058560F, 0x40045612
+CAPTURE = 1  # V4L2_BUF_TYPE_VIDEO_CAPTURE, and V4L2_CAP_VIDEO_CAPTURE
+STREAMING = 0x04000000
+MMAP = 1
+DISABLED = 0x0001
+
+AUTO_WHITE_BALANCE, AUTOGAIN, GAIN, WHITE_BALANCE = 0x0098090C, 0x00980912, 0x00980913, 0x0098091A
+EXPOSURE_AUTO, EXPOSURE_100US, EXPOSURE_PRIORITY = 0x009A0901, 0x009A0902, 0x009A0903
+FOCUS, FOCUS_AUTO = 0x009A090A, 0x009A090C
+LOCKED = {FOCUS_AUTO: 0, EXPOSURE_AUTO: 1, EXPOSURE_PRIORITY: 0, AUTOGAIN: 0, AUTO_WHITE_BALANCE: 0}
+"""The controls by which a camera changes itself, and the value with which it does not."""
+NAMES = {
+    FOCUS_AUTO: "focus",
+    EXPOSURE_AUTO: "exposure",
+    EXPOSURE_PRIORITY: "frame rate",
+    AUTOGAIN: "gain",
+    AUTO_WHITE_BALANCE: "white balance",
+}
+
+
+class NoCameraError(CaptureError):
+    """A node that captures nothing: a codec's, or a loopback device that nobody feeds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mode:
+    format: str
+    """The four characters of its pixel format."""
+    width: int
+    height: int
+    fps: float = 0.0
+    """The highest rate; 0 if the driver does not say."""
+    scales: bool = False
+    """Whether the camera gives any size up to this one."""
+
+    def gives(self, size: tuple[int, int]) -> bool:
+        return size == (self.width, self.height) or (self.scales and size[0] <= self.width and size[1] <= self.height)
+
+    def __str__(self) -> str:
+        return f"{self.format} {'up to ' if self.scales else ''}{self.width}x{self.height}{f' {self.fps:g} fps' if self.fps else ''}"
+
+
+@contextmanager
+def opened(path: str) -> Iterator[int]:
+    """The descriptor of a node that captures video; CaptureError says why it is none."""
+    try:
+        if Path(path).exists() and not Path(path).is_char_device():
+            raise CaptureError(f"{path} is not a device: `capture sources` lists the cameras of this machine.")
+        handle = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError as error:
+        raise CaptureError(_reason(path, error)) from error
+    try:
+        try:
+            abilities = struct.unpack_from("=2I", ioctl(handle, QUERYCAP, bytes(104)), 84)
+        except OSError as error:
+            gone = error.errno == errno.ENODEV
+            raise CaptureError(
+                _reason(path, error) if gone else f"{path} is not a camera: `capture sources` lists those there are."
+            ) from error
+        able = abilities[1] or abilities[0]  # of this node, or of the whole device where the driver is old
+        if not (able & CAPTURE and able & STREAMING):
+            raise NoCameraError(
+                f"{path} gives no video: choose another node of the camera, or start what feeds it if it is a loopback device."
+            )
+        yield handle
+    finally:
+        os.close(handle)
+
+
+def card(handle: int) -> str:
+    """What the camera is called."""
+    return str(ioctl(handle, QUERYCAP, bytes(104))[16:48].split(b"\0")[0].decode(errors="replace"))
+
+
+def modes(handle: int) -> list[Mode]:
+    """Those that the camera offers, in its own order."""
+    found = []
+    for index in range(64):
+        try:
+            described = ioctl(handle, ENUM_FMT, struct.pack("=2I56x", index, CAPTURE))
+        except OSError:
+            break
+        pixels = described[44:48]
+        name = pixels.decode("ascii", "replace").strip()
+        found += [Mode(name, w, h, _fastest(handle, pixels, w, h), scales) for w, h, scales in _sizes(handle, pixels)]
+    return found
+
+
+def lock(handle: int) -> list[str]:
+    """Hold focus, exposure, gain and white balance where they are; a sentence for each that the camera does not let go of."""
+    remarks = []
+    for control, value in LOCKED.items():
+        if read(handle, control) is None:
+            continue
+        try:
+            write(handle, control, value)
+        except OSError as error:
+            remarks.append(f"The camera keeps changing its {NAMES[control]} ({error.strerror}): light and distance should not change.")
+    return remarks
+
+
+def read(handle: int, control: int) -> int | None:
+    """A control's value; None where the camera has no such control."""
+    with suppress(OSError):
+        flags = struct.unpack_from("=I", ioctl(handle, QUERYCTRL, struct.pack("=I64x", control)), 56)[0]
+        if not flags & DISABLED:
+            return int(struct.unpack("=Ii", ioctl(handle, G_CTRL, struct.pack("=Ii", control, 0)))[1])
+    return None
+
+
+def write(handle: int, control: int, value: int) -> None:
+    """Set a control; OSError says why it cannot be."""
+    ioctl(handle, S_CTRL, struct.pack("=Ii", control, value))
+
+
+def why_silent(path: str) -> str:
+    """A sentence on a camera that can be opened but gives no picture."""
+    try:
+        with opened(path) as handle:
+            ioctl(handle, REQBUFS, struct.pack("=3I8x", 2, CAPTURE, MMAP))
+            if struct.calcsize("P") == 8:  # where a buffer's description has the layout below
+                for index in range(2):
+                    ioctl(handle, QBUF, struct.pack("=2I52xI24x", index, CAPTURE, MMAP))
+                ioctl(handle, STREAMON, struct.pack("=I", CAPTURE))
+    except CaptureError as error:
+        return str(error)
+    except OSError as error:
+        if error.errno in (errno.EBUSY, errno.ENODEV):
+            return _reason(path, error)
+        if error.errno == errno.ENOSPC:
+            return f"{path} finds no room on its USB bus: plug the camera into another port, or choose a smaller ?size=."
+        return (
+            f"{path} opens but does not stream ({error.strerror}): plug the camera in again, or choose another mode by ?size= and ?format=."
+        )
+    return (
+        f"{path} can be opened but sends no pictures: plug the camera in again, into a port of its own, or choose another mode by ?size=."
+    )
+
+
+def is_there(handle: int) -> bool:
+    """Whether the camera is still plugged in."""
+    try:
+        ioctl(handle, QUERYCAP, bytes(104))
+    except OSError:
+        return False
+    return True
+
+
+def _reason(path: str, error: OSError) -> str:
+    match error.errno:
+        case errno.ENOENT | errno.ENOTDIR:
+            return f"{path} is not there: plug the camera in; `capture sources` lists the cameras of this machine."
+        case errno.EACCES | errno.EPERM:
+            return f"{path} may not be opened ({error.strerror}): run sudo usermod -aG video $USER and log in again."
+        case errno.EBUSY:
+            return f"{path} is in use by another program: close that one (fuser -v {path} names it)."
+        case errno.ENODEV | errno.ENXIO:
+            return f"{path} is not connected any more: plug the camera in again."
+    return f"{path} cannot be opened ({error.strerror}): `capture sources` lists the cameras of this machine."
+
+
+def _sizes(handle: int, pixels: bytes) -> Iterator[tuple[int, int, bool]]:
+    """Width, height, and whether those are the largest of a range."""
+    for index in range(256):
+        try:
+            kind, *numbers = struct.unpack_from("=7I", ioctl(handle, ENUM_FRAMESIZES, struct.pack("=I4s36x", index, pixels)), 8)
+        except OSError:
+            return
+        if kind != 1:  # a range: the smallest width, the largest, the step, and the same of the height
+            yield numbers[1], numbers[4], True
+            return
+        yield numbers[0], numbers[1], False
+
+
+def _fastest(handle: int, pixels: bytes, width: int, height: int) -> float:
+    """Frames a second; 0 where the driver does not say."""
+    fastest = 0.0
+    for index in range(256):
+        try:
+            said = ioctl(handle, ENUM_FRAMEINTERVALS, struct.pack("=I4s2I36x", index, pixels, width, height))
+        except OSError:
+            break
+        kind, numerator, denominator = struct.unpack_from("=3I", said, 16)
+        fastest = max(fastest, denominator / numerator if numerator else 0.0)
+        if kind != 1:  # a range: its shortest interval comes first
+            break
+    return fastest

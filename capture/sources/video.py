@@ -1,0 +1,68 @@
+"""A video file, frame by frame, as fast as it is read.
+
+A video's compression moves corners; a lossless one (FFV1, say) does not.
+"""
+
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import cv2
+import numpy as np
+
+from calib.errors import InputError
+from calib.files import reading
+from calib.schema import Section
+from capture.frames import Frame
+from capture.sources.registry import Inventory
+
+
+class VideoSource:
+    live = False
+    remarks: Sequence[str] = ()
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+        self._closed = threading.Event()
+
+    def __enter__(self) -> Self:
+        with reading(self._file):
+            self._file.open("rb").close()
+        self._capture = cv2.VideoCapture(str(self._file), cv2.CAP_FFMPEG)
+        self._next = self._read()
+        if self._next is None:
+            self._capture.release()
+            raise InputError(f"{self._file} is not a video that can be read: convert it, or give a folder of its frames.")
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+        self._capture.release()
+
+    def __iter__(self) -> Iterator[Frame]:
+        begun, sequence = time.monotonic(), 0
+        while (frame := self._next) is not None and not self._closed.is_set():
+            pixels, time_s = frame
+            yield Frame(pixels, sequence, begun + time_s)
+            self._next = self._read()
+            sequence += 1
+
+    def close(self) -> None:
+        self._closed.set()
+
+    def _read(self) -> tuple[np.ndarray, float] | None:
+        """(H, W, 3) uint8 BGR, and s from the beginning; None at the end."""
+        good, pixels = self._capture.read()
+        return (np.asarray(pixels, np.uint8), self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000) if good else None
+
+
+def open_source(place: str, options: Section) -> VideoSource:
+    if options.values:
+        raise InputError(f"{options.file}: a video has no options: leave out what follows the question mark.")
+    return VideoSource(Path(place))
+
+
+def inventory() -> Inventory:
+    return Inventory()

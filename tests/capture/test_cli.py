@@ -1,0 +1,194 @@
+"""The command as a person runs it: what is kept, exit codes, sentences, and no traceback ever."""
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.images import read_image
+from calib.session import read_session
+from capture.cli import main
+from capture.table import read_table
+from tests.capture.recordings import BOARD_FLAGS, FIXTURE, capture, noise, read_pictures, write_recording
+
+POSES, REPEATS = (0, 1, 2, 3), 4
+
+
+@pytest.fixture(scope="module")
+def still_poses(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A board that is held still in one pose after another: each of the fixture's pictures four times, 0.1 s apart."""
+    folder = tmp_path_factory.mktemp("still")
+    (folder / "frames").mkdir()
+    rows = ["file,time_s,sequence,exposure_us"]
+    for index in range(len(POSES) * REPEATS):
+        name = f"{index:04d}.jpg"
+        shutil.copy(FIXTURE / "frames" / f"{POSES[index // REPEATS]:04d}.jpg", folder / "frames" / name)
+        rows.append(f"{name},{index / 10},{index},8000.0")
+    (folder / "frames.csv").write_text("\n".join(rows) + "\n")
+    return folder
+
+
+def pose_of(picture: np.ndarray) -> int:
+    """Which of the fixture's pictures this is, bit for bit."""
+    for pose in POSES:
+        if np.array_equal(picture, read_image(FIXTURE / "frames" / f"{pose:04d}.jpg")):
+            return pose
+    raise AssertionError("not a picture of the source")
+
+
+def test_record_keeps_each_pose_once_and_says_so(still_poses: Path, tmp_path: Path) -> None:
+    session = tmp_path / "session"
+    cover = FIXTURE / "session.yaml"
+    done = capture("record", session, "--source", f"folder:{still_poses}?speed=max", *BOARD_FLAGS, "--cover-from", cover)
+    assert done.returncode == 0, done.stderr
+    assert [pose_of(picture) for picture in read_pictures(session / "frames")] == list(POSES)
+    *lines, summary = done.stdout.splitlines()
+    assert lines == [f"{session}/frames/{view:04d}.png  view {view + 1} of 30" for view in range(len(POSES))]
+    assert summary == f"4 views with 4 pictures (16 frames taken) in {session}."
+    sentences = done.stderr.splitlines()
+    assert f"Wrote {session}/session.yaml with cover.shape cone: correct it there if the camera's cover is another." in sentences
+    assert len(sentences) <= 1 + 2 * len(POSES)  # a verdict is told when it changes
+    described, given = read_session(session), read_session(FIXTURE)
+    assert (described.board, described.camera, described.cover) == (given.board, given.camera, given.cover)
+    assert [row["exposure_us"] for row in read_table(session / "frames.csv")] == ["8000.0"] * 4
+
+    again = capture("record", session, "--source", f"folder:{still_poses}?speed=max")
+    assert again.returncode == 3
+    assert again.stderr.splitlines()[-1].startswith(f"capture: No frame of folder:{still_poses}?speed=max was kept: ")
+    assert len(read_pictures(session / "frames")) == 4
+
+
+def test_a_burst_is_of_one_pose_and_the_views_end_it(still_poses: Path, tmp_path: Path) -> None:
+    source = f"folder:{still_poses}?speed=max"
+    done = capture("record", tmp_path, "--source", source, *BOARD_FLAGS, "--burst", "2", "--views", "3", "--json")
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert list(said) == [
+        *("session", "pictures", "views", "frames_judged", "frames_passed_over", "frames_lost", "remarks", "ended"),
+    ]
+    assert said["pictures"] == [f"frames/{number:04d}.png" for number in range(6)]
+    assert (said["views"], said["ended"], said["frames_passed_over"]) == (3, "views", 0)
+    assert [pose_of(picture) for picture in read_pictures(tmp_path / "frames")] == [0, 0, 1, 1, 2, 2]
+    assert [row["view"] for row in read_table(tmp_path / "frames.csv")] == ["0", "0", "1", "1", "2", "2"]
+
+
+def test_every_spaces_the_views(still_poses: Path, tmp_path: Path) -> None:
+    done = capture("record", tmp_path, "--source", f"folder:{still_poses}?speed=max", *BOARD_FLAGS, "--every", "0.7")
+    assert done.returncode == 0, done.stderr
+    times = [float(row["time_s"]) for row in read_table(tmp_path / "frames.csv")]
+    assert 2 <= len(times) < len(POSES)
+    assert min(np.diff(times)) > 0.699
+
+
+def test_all_keeps_every_frame_without_looking(tmp_path: Path) -> None:
+    pictures = noise(5)
+    source = write_recording(tmp_path / "source", pictures)
+    done = capture("record", tmp_path / "session", "--source", f"folder:{source}", *BOARD_FLAGS, "--all", "--views", "4", "--bare")
+    assert done.returncode == 0, done.stderr
+    kept = read_pictures(tmp_path / "session" / "bare")
+    assert all(np.array_equal(a, b) for a, b in zip(kept, pictures[:4], strict=True))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_ends_with_a_summary(tmp_path: Path, number: signal.Signals) -> None:
+    source = write_recording(tmp_path / "source", noise(3), 30.0)
+    command = [sys.executable, "-m", "capture", "record", str(tmp_path / "session"), "--source", f"folder:{source}", *BOARD_FLAGS, "--all"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout
+        assert process.stderr
+        assert process.stdout.readline().endswith("view 1\n")
+        begun = time.monotonic()
+        process.send_signal(number)
+        out, err = process.communicate(timeout=10)
+        assert process.returncode == 0, err
+        assert time.monotonic() - begun < 3
+    assert out.startswith("1 views with 1 pictures")
+    assert "Traceback" not in err
+    assert len(read_table(tmp_path / "session" / "frames.csv")) == 1
+
+
+def test_no_torch_is_loaded_by_a_recording(still_poses: Path, tmp_path: Path) -> None:
+    code = (
+        "import sys; from capture.cli import main; code = main(sys.argv[1:]); print(code, 'torch' in sys.modules, 'textual' in sys.modules)"
+    )
+    command = [sys.executable, "-c", code, "record", str(tmp_path), "--source", f"folder:{still_poses}", *BOARD_FLAGS, "--views", "1"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "0 False False"
+
+
+def test_help_is_quick() -> None:
+    """Torch would take 1.5 s, OpenCV 0.15 s; the best of five, as this machine may be busy."""
+    times = []
+    for _ in range(5):
+        begun = time.monotonic()
+        done = capture("--help")
+        times.append(time.monotonic() - begun)
+        assert done.returncode == 0
+        assert "stdout carries the result" in done.stdout
+    assert min(times) < 0.3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "says"),
+    [
+        (["{}/new", "--source", "folder:{}/source"], 2, "has no session.yaml yet: describe the board by --board 9x9 --square-mm 20"),
+        (["{}/new", "--source", "folder:{}/source", "--board", "9x9"], 2, "--board and --square-mm belong together"),
+        (["{}/new", "--source", "camera", *BOARD_FLAGS], 2, "names no kind of source"),
+        (["{}/new", "--source", "v4l2:{}/none", *BOARD_FLAGS], 4, "none is not there: plug the camera in"),
+        (["{}/new", "--source", "v4l2:/dev/null", *BOARD_FLAGS], 4, "/dev/null is not a camera"),
+        (["{}/new", "--source", "libcamera:0", *BOARD_FLAGS], 4, "sudo apt install -y python3-libcamera"),
+        (["{}/new", "--source", "folder:{}/source", *BOARD_FLAGS, "--cover-from", "{}/none.yaml"], 2, "none.yaml cannot be read"),
+        (["{}/new", "--source", "folder:{}/source", *BOARD_FLAGS], 3, "was kept: "),
+        (["/dev/null/new", "--source", "folder:{}/source", *BOARD_FLAGS, "--all"], 2, "(Not a directory): choose a place inside a folder"),
+        (["{}/file", "--source", "folder:{}/source", *BOARD_FLAGS, "--all"], 2, "cannot be written"),
+    ],
+)
+def test_what_cannot_be_recorded_gets_one_sentence(
+    tmp_path: Path, arguments: list[str], code: int, says: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    write_recording(tmp_path / "source", noise(2))
+    (tmp_path / "file").write_text("not a folder")
+    assert main(["record", *(argument.format(tmp_path) for argument in arguments)]) == code
+    out, err = capfd.readouterr()
+    assert out == ""
+    last = err.splitlines()[-1]
+    assert last.startswith("capture: ")
+    assert says in last
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["record", "x"], "--source"),
+        (["record", "x", "--source", "y", "--board", "9"], "write its inner corners as two whole numbers from 3, such as 9x6"),
+        (["record", "x", "--source", "y", "--square-mm", "0"], "write a number above 0"),
+        (["record", "x", "--source", "y", "--views", "0"], "write a whole number above 0"),
+        (["record", "x", "--source", "y", "--every", "inf"], "write a number above 0"),
+        (["show"], "invalid choice"),
+        ([], "COMMAND"),
+    ],
+)
+def test_wrong_usage_exits_with_2(arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 2
+    assert says in capsys.readouterr().err
+
+
+def test_sources_says_what_there_is_and_what_is_missing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    done = capture("sources")
+    assert done.returncode == 0, done.stderr
+    assert "libcamera: The libcamera bindings are not installed: run sudo apt install -y python3-libcamera" in done.stdout
+    assert "rpicam: rpicam-apps is not installed: on Raspberry Pi OS, run sudo apt install rpicam-apps." in done.stdout
+    said = json.loads(capture("sources", "--json").stdout)
+    assert list(said) == ["cameras", "missing"]
+    assert {"libcamera", "rpicam"} <= {one["scheme"] for one in said["missing"]}
+    assert all(list(one) == ["source", "name", "modes", "problem"] for one in said["cameras"])

@@ -1,0 +1,119 @@
+"""The live finder on rendered views: it agrees with the detector that calibrates, and looks at pictures of any kind without harm."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calib.board import Board
+from calib.detect import find_corners
+from calib.images import list_images, read_grey
+from capture.finder import Finder, Sighting
+from capture.frames import Frame
+from tests.test_detect import Scene, rms
+
+BOARD = Board(9, 9, 0.02)
+FIXTURES = Path(__file__).parents[2] / "fixtures"
+
+
+def frame(pixels: NDArray[np.uint8]) -> Frame:
+    return Frame(pixels, 7, 2.5)
+
+
+def look(pixels: NDArray[np.uint8], board: Board = BOARD) -> Sighting:
+    return Finder(board).look(frame(pixels))
+
+
+@pytest.mark.parametrize("folder", ["clean/holdout/frames", "bumps/frames", "covered-bare/frames", "covered-bare/bare"])
+def test_corners_are_those_of_the_full_detector(folder: str) -> None:
+    finder = Finder(BOARD)
+    for path in list_images(FIXTURES / folder)[::4]:
+        seen = frame(np.asarray(read_grey(path), np.uint8))
+        whole = find_corners(seen.pixels, BOARD)
+        sighting = finder.look(seen)
+        refined = finder.refine(seen, sighting)
+        assert whole is not None
+        assert sighting.corners is not None, path
+        assert refined is not None, path
+        assert rms(sighting.corners, whole.corners) < 0.2, path
+        assert rms(refined, whole.corners) < 0.02, path
+        assert (sighting.width, sighting.height, sighting.time_s) == (*seen.size, 2.5)
+
+
+def test_every_rendered_board_is_found() -> None:
+    for folder in ("clean/frames", "clean/holdout/frames", "bumps/holdout/frames"):
+        for path in list_images(FIXTURES / folder):
+            assert look(np.asarray(read_grey(path), np.uint8)).corners is not None, path
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        Scene(),
+        Scene(distance=30.0),
+        Scene(distance=14.0, tilt=(0.9, 0.2), focal=400.0),
+        Scene(size=(3280, 2464), focal=2558.0, distance=10.0, tilt=(0.2, -0.3)),
+        Scene(size=(641, 483), ground=10),
+        Scene(board=Board(6, 9, 0.02), roll=1.2),
+        Scene(board=Board(3, 3, 0.02), distance=9.0),
+    ],
+)
+def test_drawn_boards(scene: Scene) -> None:
+    picture, truth = scene.draw()
+    finder = Finder(scene.board)
+    sighting = finder.look(frame(picture))
+    refined = finder.refine(frame(picture), sighting)
+    assert refined is not None
+    assert min(rms(refined, truth), rms(refined, truth[::-1])) < 0.1
+
+
+def test_colour_is_seen_as_grey() -> None:
+    grey, _ = Scene().draw()
+    board = Scene().board
+    one, other = look(grey, board).corners, look(np.repeat(grey[..., None], 3, 2), board).corners
+    assert one is not None
+    assert other is not None
+    assert rms(one, other) == 0
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (5, 7), (3, 2000), (480, 640), (481, 643, 3)])
+@pytest.mark.parametrize("level", [0, 128, 255])
+def test_pictures_of_nothing(shape: tuple[int, ...], level: int) -> None:
+    sighting = look(np.full(shape, level, np.uint8))
+    assert sighting.corners is None
+    assert sighting.part is None
+    assert Finder(BOARD).refine(frame(np.full(shape, level, np.uint8)), sighting) is None
+
+
+def test_blur_is_measured_in_px() -> None:
+    """Oracle: normal blurs add their variances; the renderer's own is 0.6 px and the pixel's square."""
+    pixels = np.asarray(read_grey(FIXTURES / "clean/frames/0002.jpg"), np.uint8)
+    for added in (0.0, 0.8, 1.6):
+        blurred = pixels if added == 0 else np.asarray(cv2.GaussianBlur(pixels, (0, 0), added), np.uint8)
+        blur = look(blurred).blur
+        assert blur is not None
+        assert blur.sigma == pytest.approx((0.6**2 + 1 / 12 + added**2) ** 0.5, abs=0.06)
+        assert blur.streak < 1.0
+
+
+@pytest.mark.parametrize("angle", np.linspace(0, np.pi, 7)[:-1])
+def test_a_streak_is_measured_in_any_direction(angle: float) -> None:
+    pixels = np.asarray(read_grey(FIXTURES / "clean/frames/0002.jpg"), np.uint8)
+    shifts = [5 * step * np.array([np.cos(angle), np.sin(angle)]) for step in np.linspace(-0.5, 0.5, 26)]
+    size = pixels.shape[::-1]
+    passing = [cv2.warpAffine(pixels, np.array([[1, 0, x], [0, 1, y]]), size, borderMode=cv2.BORDER_REPLICATE) for x, y in shifts]
+    blur = look(np.asarray(np.mean(passing, 0).round(), np.uint8)).blur
+    assert blur is not None
+    assert blur.streak == pytest.approx(5.0, abs=0.75)  # its spread is no normal blur's
+
+
+def test_exposure_is_measured_on_the_squares() -> None:
+    pixels = np.asarray(read_grey(FIXTURES / "clean/frames/0002.jpg"), np.uint8)
+    plain, bright = look(pixels).exposure, look(np.asarray(np.minimum(pixels * 1.6, 255), np.uint8)).exposure
+    assert plain is not None
+    assert bright is not None
+    assert plain.clipped == 0
+    assert plain.contrast == pytest.approx(165, abs=10)
+    assert bright.clipped > 0.9

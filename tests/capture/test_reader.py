@@ -1,0 +1,90 @@
+"""The newest-frame rule: a slow user neither delays the camera nor is given an old picture."""
+
+import threading
+import time
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.errors import InputError
+from capture.frames import Frame
+from capture.reader import Reader
+from capture.sources.folder import FolderSource
+from tests.capture.recordings import noise, write_recording
+
+INTERVAL = 0.03  # s, of the recorded camera
+DETECTION = 0.01  # s, of a detector that keeps up
+SLACK = 0.03  # s, for a machine that does other things too
+
+
+def worst_age(frames: Iterable[Frame], detection: float) -> float:
+    """s, by which the oldest picture exceeds one detection and one frame at the moment of its verdict."""
+    worst = -np.inf
+    for frame in frames:
+        begun = time.monotonic()
+        time.sleep(detection)
+        judged = time.monotonic()
+        worst = max(worst, judged - frame.time_s - (judged - begun) - INTERVAL)
+    return float(worst)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_recording(tmp_path_factory.mktemp("recorded"), noise(60, 64, 48), INTERVAL)
+
+
+@pytest.mark.parametrize("slower", [1, 10])
+def test_the_picture_judged_is_never_older_than_one_detection_plus_one_frame(recorded: Path, slower: int) -> None:
+    with Reader(FolderSource(recorded, 1.0)) as reader:
+        assert worst_age(reader, slower * DETECTION) < SLACK
+    assert reader.lost == 0
+    assert (reader.unseen > 30) == (slower == 10)
+
+
+def test_without_the_reader_pictures_grow_old(recorded: Path) -> None:
+    with FolderSource(recorded, 1.0) as source:
+        assert worst_age((frame for frame, _ in zip(source, range(15), strict=False)), 10 * DETECTION) > 10 * SLACK
+
+
+def test_a_recording_waits_for_its_reader(recorded: Path) -> None:
+    with Reader(FolderSource(recorded, None)) as reader:
+        seen = []
+        for frame in reader:
+            time.sleep(0.002)
+            seen.append(frame.sequence)
+    assert seen == list(range(60))
+    assert reader.unseen == reader.lost == 0
+
+
+def test_gaps_in_the_counter_are_counted(tmp_path: Path) -> None:
+    write_recording(tmp_path, noise(10, 64, 48), 0.01)
+    for number in (3, 4, 8):
+        (tmp_path / "frames" / f"{number:04d}.png").unlink()
+    with Reader(FolderSource(tmp_path, None)) as reader:
+        assert [frame.sequence for frame in reader] == [0, 1, 2, 5, 6, 7, 9]
+    assert reader.lost == 3
+
+
+def test_what_goes_wrong_in_the_thread_is_raised_after_the_good_frames(tmp_path: Path) -> None:
+    write_recording(tmp_path, noise(5, 64, 48))
+    broken = tmp_path / "frames" / "0003.png"
+    broken.write_bytes(broken.read_bytes()[:100])
+    with Reader(FolderSource(tmp_path, None)) as reader:
+        frames = iter(reader)
+        assert [next(frames).name for _ in range(3)] == ["0000.png", "0001.png", "0002.png"]
+        with pytest.raises(InputError, match=r"0003.png is truncated or damaged"):
+            next(frames)
+
+
+def test_close_ends_the_iteration_from_another_thread(tmp_path: Path) -> None:
+    write_recording(tmp_path, noise(2, 64, 48), 60.0)  # the second frame is a minute away
+    with Reader(FolderSource(tmp_path, 1.0)) as reader:
+        timer = threading.Timer(0.2, reader.close)
+        timer.start()
+        begun = time.monotonic()
+        assert len(list(reader)) == 1
+        assert time.monotonic() - begun < 2
+        timer.join()
+    assert not [thread for thread in threading.enumerate() if thread.name == "camera"]

@@ -1,0 +1,166 @@
+"""The rpicam source against a program that speaks rpicam-vid's format: rows padded to 64 bytes, YUV420, remarks on stderr."""
+
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from capture.errors import CaptureError
+from capture.frames import Frame
+from capture.reader import Reader
+from capture.sources.registry import SCHEMES, open_source
+from tests.capture.recordings import capture, noise, read_pictures
+
+STAND_IN = """#!{python} -S
+import pathlib, signal, sys, time
+here = pathlib.Path(__file__).parent
+script = (here / "script").read_text().split()
+(here / "arguments").write_text(" ".join(sys.argv[1:]))
+option = dict(zip(sys.argv[1:], sys.argv[2:]))
+width, height = int(option["--width"]), int(option["--height"])
+print("[0:08:35.2] [1961]  INFO Camera camera.cpp:1028 configuring streams: (0) %dx%d-YUV420" % (width, height), file=sys.stderr)
+grey = (here / "grey").read_bytes()
+stride = (width + 63) // 64 * 64
+frames = []
+for at in range(0, len(grey), width * height):
+    rows = [grey[at + y * width : at + (y + 1) * width] + bytes([170]) * (stride - width) for y in range(height)]
+    frames.append(b"".join(rows) + bytes([85]) * (2 * (stride // 2) * (height // 2)))
+for word in script:
+    if word.isdecimal():
+        print("#%s (10.00 fps) exp 7998.00 ag 1.12 dg 1.00" % word, file=sys.stderr, flush=True)
+        time.sleep(0.02)
+        sys.stdout.buffer.write(frames[int(word)])
+    elif word == "half":
+        sys.stdout.buffer.write(frames[0][: len(frames[0]) // 2])
+    elif word == "fail":
+        print("\\x1b[1;31mERROR: *** no cameras available ***\\x1b[0m", file=sys.stderr)
+        print("bye", file=sys.stderr)
+        sys.stdout.flush()
+        sys.exit(255)
+    elif word == "other":
+        print("configuring streams: (0) 96x48-YUV420", file=sys.stderr, flush=True)
+        time.sleep(0.05)
+    elif word == "stubborn":
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    elif word == "hang":
+        sys.stdout.flush()
+        time.sleep(60)
+    sys.stdout.flush()
+"""
+"""Does what its script says: sends pictures by number, half of one, fails, hangs."""
+
+WIDTH, HEIGHT = 100, 48
+PICTURES = noise(3, WIDTH, HEIGHT)
+SOURCE = f"rpicam:0?size={WIDTH}x{HEIGHT}&exposure_us=8000&gain=1&lens_position=2.0&fps=20"
+
+
+@pytest.fixture
+def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of the stand-in, which is on the PATH."""
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    (folder / "rpicam-vid").write_text(STAND_IN.format(python=sys.executable))
+    (folder / "rpicam-vid").chmod(0o755)
+    (folder / "grey").write_bytes(b"".join(picture.tobytes() for picture in PICTURES))
+    monkeypatch.setenv("PATH", str(folder), prepend=":")
+    return folder
+
+
+def frames_of(program: Path, script: str) -> list[Frame]:
+    (program / "script").write_text(script)
+    frames = []
+    with open_source(SOURCE) as source:
+        assert source.live
+        for frame in source:
+            frames.append(frame)
+    return frames
+
+
+def same(frames: list[Frame], pictures: list[NDArray[np.uint8]]) -> bool:
+    return len(frames) == len(pictures) and all(np.array_equal(f.pixels, p) for f, p in zip(frames, pictures, strict=True))
+
+
+def test_the_grey_plane_is_kept_without_its_padding(program: Path) -> None:
+    frames = frames_of(program, "0 1 2")
+    assert same(frames, PICTURES)
+    assert [frame.sequence for frame in frames] == [0, 1, 2]
+    assert frames[-1].metadata == {"exposure_us": 7998.0, "gain": 1.12, "lens_position": 2.0, "awbgains": "1.8 1.6"}
+    assert not np.shares_memory(frames[0].pixels, frames[1].pixels)
+
+
+def test_everything_is_locked_from_the_start(program: Path) -> None:
+    frames_of(program, "0")
+    said = (program / "arguments").read_text()
+    for option in (
+        "--nopreview --timeout 0 --camera 0 --codec yuv420 --flush",
+        f"--width {WIDTH} --height {HEIGHT} --framerate 20",
+        "--autofocus-mode manual --lens-position 2 --shutter 8000 --gain 1 --awbgains 1.8,1.6 --denoise off --output -",
+    ):
+        assert option in said
+    (program / "script").write_text("0")
+    with open_source(SOURCE + "&mode=3280:2464:10:P"):
+        pass
+    assert "--mode 3280:2464:10:P" in (program / "arguments").read_text()
+
+
+def test_a_truncated_last_frame_is_dropped(program: Path) -> None:
+    assert same(frames_of(program, "0 1 half"), PICTURES[:2])
+
+
+@pytest.mark.parametrize(
+    ("script", "says"),
+    [
+        ("fail", r"ended with exit code 255 \(it said: ERROR: \*\*\* no cameras available \*\*\*\)"),
+        ("0 half fail", r"ended with exit code 255 in the middle of a picture \(it said: ERROR"),
+        ("half", r"ended before its first picture \(it said: .*configuring streams"),
+        ("0 hang", r"has sent nothing for 1\.6 s"),
+        ("other 0", r"pictures of 96x48 px: write \?size=96x48"),
+    ],
+)
+def test_what_goes_wrong_is_told_with_the_program_s_own_words(program: Path, script: str, says: str) -> None:
+    begun = time.monotonic()
+    with pytest.raises(CaptureError, match=says):
+        frames_of(program, script)
+    assert time.monotonic() - begun < 4
+
+
+@pytest.mark.parametrize("script", ["0 1 hang", "stubborn 0 1 hang"])
+def test_close_ends_the_program(program: Path, script: str) -> None:
+    (program / "script").write_text(script)
+    with Reader(open_source(SOURCE)) as reader:
+        for frame in reader:
+            if frame.sequence == 1:
+                process = reader.source._process  # type: ignore[attr-defined]
+                reader.close()
+    assert process.poll() is not None
+
+
+def test_a_recording_through_the_command(program: Path, tmp_path: Path) -> None:
+    (program / "script").write_text("0 1 2 half fail")
+    done = capture("record", tmp_path / "session", "--source", SOURCE, "--board", "9x6", "--square-mm", "20", "--all")
+    assert done.returncode == 4
+    assert "no cameras available" in done.stderr.splitlines()[-1]
+    kept = read_pictures(tmp_path / "session" / "frames")
+    assert 1 <= len(kept) <= 3
+    assert all(any(np.array_equal(picture, p) for p in PICTURES) for picture in kept)
+    assert "are safe in" in done.stderr
+
+
+def test_cameras_are_listed_with_their_modes(program: Path) -> None:
+    (program / "rpicam-hello").write_text(
+        "#!/bin/sh\ncat <<'END'\nAvailable cameras\n-----------------\n"
+        "0 : imx219 [3280x2464 10-bit RGGB] (/base/soc/i2c0mux/i2c@1/imx219@10)\n"
+        "    Modes: 'SRGGB10_CSI2P' : 640x480 [206.65 fps - (1000, 752)/1280x960 crop]\n"
+        "                             1640x1232 [41.85 fps - (0, 0)/3280x2464 crop]\n"
+        "1 : imx708 [4608x2592 10-bit RGGB] (/base/soc/i2c0mux/i2c@0/imx708@1a)\nEND\n"
+    )
+    (program / "rpicam-hello").chmod(0o755)
+    backend = next(scheme for scheme in SCHEMES if scheme.name == "rpicam").backend()
+    first, second = backend.inventory().cameras
+    assert (first.source, first.name, first.modes) == ("rpicam:0", "imx219", ("640x480 206.65 fps", "1640x1232 41.85 fps"))
+    assert (second.source, second.name) == ("rpicam:1", "imx708")
+    (program / "rpicam-hello").write_text("#!/bin/sh\necho No cameras available!\n")
+    assert "sees no camera: check its cable" in backend.inventory().missing
