@@ -10,12 +10,11 @@ import torch
 from rich.console import Console
 from rich.table import Table
 
-from calib.evaluate import refit_poses
 from calib.joint import fit_joint
 from calib.optics.build import covered_path, footprint, with_relief
 from calib.optics.relief import Relief
 from calib.paper import descend
-from calib.poses import pinhole_poses, refine_poses
+from calib.poses import pinhole_poses, refine_poses, refit_poses
 from calib.threads import single_thread
 from tests.scenes import HEIGHT, INTRINSICS, WIDTH, paper_cone, scene
 

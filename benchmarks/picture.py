@@ -5,11 +5,12 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
-from calib.fit import Settings, fit
+from calib.fit import fit
 from calib.images import read_grey
 from calib.maps import DepthMap
 from calib.progress import Silent
 from calib.session import read_session
+from calib.stages import Settings
 from calib.undistort import undistort
 
 mpl.use("Agg")

@@ -1,6 +1,6 @@
 """What a person sees: progress bars on stderr, tables on stdout."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 
@@ -10,7 +10,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.table import Table
 
 from calib.calibration import Calibration
+from calib.camera import COEFFICIENT, PINHOLE
+from calib.cover import SHAPES
 from calib.evaluate import Evaluation
+from calib.folds import CrossValidation
+from calib.optics.lens import COEFFICIENTS
 from calib.progress import Advance
 from calib.solve import Outcome
 from calib.views import Rejected
@@ -56,11 +60,33 @@ def print_fit(calibration: Calibration, seconds: float, written: Sequence[Path])
     console.print(
         f"{len(calibration.views)} views with {corners} corners, noise of the corners about {calibration.noise_px:.3f} px, {seconds:.1f} s."
     )
+    for line in _estimates(calibration):
+        console.print(f"Estimated: {line}", highlight=False)
+    if validation := calibration.settings.get("cross_validation"):
+        console.print(
+            f"Held out in {validation['folds']} folds: {validation['held_out_px']:.3f} px, where the fitted views have "
+            f"{validation['fitted_px']:.3f} px."
+        )
     _list_rejected(console, calibration.rejected)
     for remark in remarks(calibration):
         console.print(f"Take care: {remark}", markup=False, highlight=False)
     for path in written:
         console.print(f"Wrote {path}", soft_wrap=True, markup=False, highlight=False)
+
+
+def _estimates(calibration: Calibration) -> Iterator[str]:
+    """The numbers that the fit estimated, as a session writes them, with their standard deviations."""
+    if not calibration.covariance.size:
+        return
+    cover, camera = calibration.cover, calibration.camera.intrinsics
+    assert camera
+    numbers = [(q, f"cover.{name}", cover.numbers[name]) for q in SHAPES[cover.shape] for name in q.names]
+    numbers += [(q, f"camera.{q.key}", n) for q, n in zip(PINHOLE, (camera.fx, camera.fy, camera.cx, camera.cy), strict=True)]
+    numbers += [(COEFFICIENT, f"camera.{name}", n) for name, n in zip(COEFFICIENTS, camera.distortion, strict=False)]
+    for quantity, name, number in numbers:
+        if number.sigma:
+            unit, per_si = quantity.unit
+            yield f"{name} {number.value * per_si:.6g} ± {number.sigma * per_si:.2g} {unit}".rstrip()
 
 
 def remarks(calibration: Calibration) -> list[str]:
@@ -71,6 +97,9 @@ def remarks(calibration: Calibration) -> list[str]:
         said.append("the cover as it is described makes the error larger than no cover at all: check its numbers in session.yaml.")
     if calibration.settings.get("outcome", Outcome.CONVERGED.value) != Outcome.CONVERGED.value:
         said.append(str(calibration.settings["outcome"]))
+    validation = calibration.settings.get("cross_validation")
+    if validation and CrossValidation(**validation).overfits:
+        said.append("the fit overfits, views that it has not seen are much further off: take more views, or choose a coarser --grid.")
     last = calibration.stages[-1].rms_px
     if np.isfinite(calibration.noise_px) and last > 2 * calibration.noise_px:
         said.append(

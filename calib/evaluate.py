@@ -10,11 +10,9 @@ from calib.calibration import Calibration
 from calib.errors import InputError, NotEnoughDataError
 from calib.gather import read_views
 from calib.observations import Observations
-from calib.optics.params import Values
-from calib.optics.path import Path
-from calib.poses import pinhole_poses, refine_poses, refine_poses_in_image
+from calib.poses import pinhole_poses, refit_poses
 from calib.progress import Progress
-from calib.residuals import Residuals, residuals
+from calib.residuals import Residuals
 from calib.session import Session
 from calib.threads import single_thread
 from calib.usable import with_poses
@@ -76,13 +74,6 @@ def evaluate(calibration: Calibration, session: Session, progress: Progress) -> 
         poses, missed = refit_poses(path, values, observations, poses[torch.tensor(found)])
     depth = path.target.place(observations.corners, poses[observations.view])[:, 2]
     return Evaluation(missed.rms_px, missed.rmse_cm, len(views), _bands(missed, depth), (*rejected, *few, *lost))
-
-
-def refit_poses(path: Path, values: Values, observations: Observations, start: Tensor) -> tuple[Tensor, Residuals]:
-    """The (V, 6) poses of least reprojection error through a known path, and what they leave."""
-    poses = refine_poses(path, values, observations, start).blocks
-    poses = refine_poses_in_image(path, values, observations, poses).blocks
-    return poses, residuals(path, values, observations, poses)
 
 
 def _bands(missed: Residuals, depth: Tensor) -> tuple[Band, ...]:

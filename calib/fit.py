@@ -1,70 +1,35 @@
 """From a session to a calibration."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import asdict, replace
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.calibration import Calibration, Stage
-from calib.camera import Intrinsics
+from calib.calibration import Calibration
 from calib.errors import NotEnoughDataError
+from calib.folds import GRID_FOLDS, choose_grid, cross_validate
+from calib.free import with_free
 from calib.gather import gather
-from calib.joint import JointFit, fit_joint
 from calib.noise import short_scale_noise
 from calib.observations import Observations
-from calib.optics.build import covered_path, footprint, pinhole_path, with_relief
-from calib.optics.params import Values
-from calib.optics.path import Path
-from calib.optics.relief import Relief
-from calib.paper import descend
-from calib.poses import pinhole_poses, refine_poses
-from calib.priors import freed, with_estimates
+from calib.priors import with_estimates
 from calib.progress import Progress
-from calib.residuals import Residuals, residuals
+from calib.residuals import Residuals
 from calib.robust import outlying
 from calib.session import Session
+from calib.stages import Settings, Setup, fit_stages
 from calib.threads import single_thread
 from calib.views import Rejected, View
 
 FEWEST_VIEWS = 3
-MOST_LOST = 0.2
-"""Of the corners: more cannot be seen through the cover as it is described."""
-LINEARISATIONS = 40
-"""About as many as a joint fit takes; the bar's length."""
 GAUGES = {
     "bare": "camera frame at the pinhole",
     "paper": "camera frame at the pinhole; cover and intrinsics held as stated, or as bare/ gives them; poses as a smooth cover gives them",
     "joint": "camera frame at the pinhole; cover and intrinsics held as stated, or as bare/ gives them, or near that by their priors; "
     "relief near zero by its prior",
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """What a fit is asked to do."""
-
-    method: Literal["joint", "paper"] = "joint"
-    grid: tuple[int, int] = (8, 8)
-    """Centres of the relief around and along the cover (horizontally and vertically for an upright cone)."""
-    steps: int = 1000
-    """Gradient steps of the paper's procedure."""
-    exact_hit: bool = True
-    """False neglects that the relief moves the hit point, as the paper does."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Fitted:
-    path: Path
-    values: Values
-    poses: Tensor
-    stages: tuple[Stage, ...]
-    residuals: Residuals
-    relief: Relief | None = None
-    joint: JointFit | None = None
 
 
 def fit(session: Session, settings: Settings, progress: Progress) -> Calibration:
@@ -76,16 +41,26 @@ def fit(session: Session, settings: Settings, progress: Progress) -> Calibration
     """
     start = gather(session, progress)
     views, rejected = start.views, start.rejected
+    setup = Setup(session.board, session.camera, *with_free(start.intrinsics, session.cover, settings.free))
+    grids: dict[str, float] = {}
+    if settings.grid is None:
+        _check_enough(views, rejected, for_folds=GRID_FOLDS)
+        grid, grids = choose_grid(setup, views, settings, progress)
+        settings = replace(settings, grid=grid)
     while True:
         _check_enough(views, rejected)
         observations = Observations.of(views, session.board)
         with single_thread():
-            fitted = _fit_once(session, start.intrinsics, observations, settings, progress)
+            fitted = fit_stages(setup, observations, settings, progress)
         views, bad = _without_outliers(views, observations, fitted.residuals)
         if not bad:
             break
         rejected = (*rejected, *bad)
-    intrinsics, cover = with_estimates(start.intrinsics, session.cover, fitted.joint)
+    intrinsics, cover = with_estimates(setup.intrinsics, setup.cover, fitted.joint)
+    validation = None
+    if settings.folds:
+        _check_enough(views, rejected, for_folds=settings.folds)
+        validation = cross_validate(setup, views, settings, settings.folds, progress)
     joint = fitted.joint
     return Calibration(
         board=session.board,
@@ -102,63 +77,16 @@ def fit(session: Session, settings: Settings, progress: Progress) -> Calibration
         noise_px=short_scale_noise(_on_board(fitted.residuals.image, views), session.board),
         settings={
             "method": settings.method,
-            "grid": list(settings.grid),
+            "grid": list(settings.grid or ()),
+            "grid_held_out_px": grids,
+            "free": list(settings.free),
             "steps": settings.steps,
             "exact_hit": settings.exact_hit,
             "lens_held_out_px": {str(count): error for count, error in start.lens_held_out_px.items()},
         }
+        | ({"cross_validation": asdict(validation)} if validation else {})
         | (joint.said() if joint else {}),
         gauge=GAUGES[settings.method if fitted.relief else "bare"],
-    )
-
-
-def _fit_once(session: Session, intrinsics: Intrinsics, observations: Observations, settings: Settings, progress: Progress) -> _Fitted:
-    path, values = pinhole_path(intrinsics)
-    poses = pinhole_poses(observations, values)
-    missed = residuals(path, values, observations, poses)
-    stages = [Stage("pinhole", missed.rms_px, missed.rmse_cm)]
-    if session.cover.shape == "none" or not bool(torch.isfinite(poses).all()):  # a view without a pose is rejected first
-        return _Fitted(path, values, poses, tuple(stages), missed)
-    path, values = covered_path(intrinsics, session.cover)
-    poses = refine_poses(path, values, observations, poses).blocks
-    missed = residuals(path, values, observations, poses)
-    _check_cover(missed)
-    stages.append(Stage("cover", missed.rms_px, missed.rmse_cm))
-    low, high = footprint(path, values, session.camera.width, session.camera.height)
-    around, along = settings.grid
-    relief = Relief(low, high, (along, around))
-    path = with_relief(path, relief, exact_hit=settings.exact_hit)
-    values["relief.amplitudes"] = torch.zeros(along, around, dtype=torch.float64)
-    joint = None
-    if settings.method == "paper":
-        values["relief.amplitudes"] = _descend(path, values, observations, poses, settings.steps, progress)
-    else:
-        advance = progress.task("Joint fit", LINEARISATIONS)
-        joint = fit_joint(
-            path,
-            values,
-            observations,
-            poses,
-            free=freed(session, path),
-            progress=lambda spent, rms: advance(min(spent, LINEARISATIONS), f"{rms:.3f} px"),
-        )
-        advance(LINEARISATIONS, "")
-        values, poses = joint.values, joint.poses
-    missed = residuals(path, values, observations, poses)
-    stages.append(Stage("cover+rbf", missed.rms_px, missed.rmse_cm))
-    return _Fitted(path, values, poses, tuple(stages), missed, relief, joint)
-
-
-def _descend(path: Path, values: Values, observations: Observations, poses: Tensor, steps: int, progress: Progress) -> Tensor:
-    advance = progress.task("Relief", steps)
-    corners = len(observations.weight)
-    return descend(
-        path,
-        values,
-        observations,
-        poses,
-        steps=steps,
-        progress=lambda step, loss: advance(step, f"{100 * (loss / corners) ** 0.5:.4f} cm"),
     )
 
 
@@ -178,20 +106,16 @@ def _without_outliers(
     return tuple(view for view, out in zip(views, bad, strict=True) if not out), rejected
 
 
-def _check_cover(missed: Residuals) -> None:
-    lost = float((~torch.isfinite(missed.image + missed.board)).any(-1).double().mean())
-    if lost > MOST_LOST:
-        raise NotEnoughDataError(
-            f"{100 * lost:.0f} % of the corners are seen where this cover lets no ray from the camera to the board: "
-            "check the cover's numbers and board.square_mm in session.yaml."
-        )
-
-
-def _check_enough(views: Sequence[View], rejected: Sequence[Rejected]) -> None:
+def _check_enough(views: Sequence[View], rejected: Sequence[Rejected], for_folds: int = 0) -> None:
     if len(views) < FEWEST_VIEWS:
         why = f" (the first that was dropped, {rejected[0].name}: {rejected[0].reason})" if rejected else ""
         raise NotEnoughDataError(
             f"A fit needs {FEWEST_VIEWS} usable views and there are {len(views)}: take more pictures of the board{why}."
+        )
+    if len(views) - -(-len(views) // max(for_folds, 1)) < FEWEST_VIEWS and for_folds:
+        raise NotEnoughDataError(
+            f"{for_folds} folds need {FEWEST_VIEWS} usable views outside each fold, and there are {len(views)} views in all: "
+            "take more pictures of the board."
         )
 
 

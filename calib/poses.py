@@ -12,6 +12,7 @@ from calib.optics.lens import COEFFICIENTS
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.problem import HUBER, LandingProblem, Shared
+from calib.residuals import Residuals, residuals
 from calib.solve import Solution, minimise
 
 
@@ -55,6 +56,13 @@ def refine_poses_in_image(path: Path, values: Values, observations: Observations
     """Each view's pose of least reprojection error, robust against single bad corners from 3 px on; as `refine_poses` otherwise."""
     observations = observations.kept(path.land(observations.pixels, values, poses[observations.view])[1] == 0)
     return _refined(path, values, observations, poses, pixel_weights(path, values, observations, poses, 1.0), HUBER)
+
+
+def refit_poses(path: Path, values: Values, observations: Observations, start: Tensor) -> tuple[Tensor, Residuals]:
+    """The (V, 6) poses of least reprojection error through a known path, and what they leave."""
+    poses = refine_poses(path, values, observations, start).blocks
+    poses = refine_poses_in_image(path, values, observations, poses).blocks
+    return poses, residuals(path, values, observations, poses)
 
 
 def _refined(path: Path, values: Values, observations: Observations, poses: Tensor, weights: Tensor, huber: float) -> Solution:

@@ -1,15 +1,17 @@
-"""How uneven and how smooth the glass is likely to be: a Gaussian process whose height and length are chosen by evidence.
+"""How uneven and how smooth the glass is likely to be: its figure is left free, its texture is a Gaussian process.
 
-The strength of this prior decides what a calibration says beyond the depths that it was trained on, where a weak prior leaves the relief
-free to take up noise.
+The figure, polynomials of the patch up to the sixth degree, is what makes a lens of the glass (focus, astigmatism, coma and their higher
+orders): no glass is shaped at random there, so a prior that shrinks it spoils what lies nearer than the trained depths. The texture is
+what is finer. How high and how long its bumps are is chosen by evidence: a weak prior would leave them free to take up noise.
 
 Source: D. J. C. MacKay, Bayesian interpolation (1992), for the evidence; C. E. Rasmussen, C. K. I. Williams, Gaussian processes for
-machine learning (2006), section 4.2.1, for the squared exponential.
+machine learning (2006), sections 2.7 and 4.2.1, for free polynomials beside a squared exponential.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from scipy.optimize import minimize
@@ -18,8 +20,11 @@ from calib.optics.relief import Relief
 
 Array = NDArray[np.float64]
 
-JITTER = 1e-5
-"""Of the height's variance: what is left independent from centre to centre, so that the covariance can be inverted."""
+FIGURE_DEGREE = 6
+FIGURE_HEIGHT = 3e-4
+"""m: standard deviation of each Legendre polynomial's coefficient; a third of it gives the same calibrations."""
+LEAST_HEIGHT = 1e-9
+"""m: what is left independent from centre to centre, so that the covariance can be inverted."""
 SIGMA_BOUNDS = (1e-4, 1e2)
 """px"""
 HEIGHT_BOUNDS = (1e-9, 3e-3)
@@ -30,7 +35,7 @@ LENGTH_BOUNDS = (0.08, 3.0)
 
 @dataclass(frozen=True, slots=True)
 class Smoothness:
-    """The relief's heights are normal, and correlated over a length."""
+    """The texture's heights are normal, and correlated over a length."""
 
     height: float
     """m: standard deviation."""
@@ -45,9 +50,12 @@ class Smoothness:
 
     def root(self, relief: Relief) -> Array:
         """(n, n) m, the lower Cholesky factor of the covariance of the heights at the centres."""
-        rows, columns = (np.linspace(0, 1, n) for n in relief.grid)
-        one, two = (np.exp(-((c[:, None] - c) ** 2) / (2 * self.length**2)) for c in (rows, columns))
-        root: Array = self.height * cholesky(np.kron(one, two) + JITTER * np.eye(rows.size * columns.size), lower=True)
+        axes = [np.linspace(-1, 1, n) for n in relief.grid]
+        one, two = (np.exp(-((c[:, None] - c) ** 2) / (8 * self.length**2)) for c in axes)  # a side is 2 long here
+        texture = self.height**2 * np.kron(one, two) + LEAST_HEIGHT**2 * np.eye(len(one) * len(two))
+        first, second = (legvander(c, FIGURE_DEGREE) for c in axes)  # (n, degree + 1)
+        figure = [np.kron(first[:, i], second[:, k]) for i in range(FIGURE_DEGREE + 1) for k in range(FIGURE_DEGREE + 1 - i)]
+        root: Array = cholesky(texture + FIGURE_HEIGHT**2 * np.transpose(figure) @ np.array(figure), lower=True)
         return root
 
 

@@ -1,4 +1,4 @@
-"""Numbers that a session states with a standard deviation: freed for the joint fit, and written back with what it found."""
+"""Numbers that are described with a standard deviation: freed for the joint fit, and written back with what it found."""
 
 from dataclasses import replace
 
@@ -8,14 +8,12 @@ from calib.joint import JointFit
 from calib.optics.lens import COEFFICIENTS
 from calib.optics.path import Path
 from calib.schema import Number
-from calib.session import Session
 
 
-def freed(session: Session, path: Path) -> dict[str, float]:
-    """The prior's standard deviation of each number of the path that the session states with one (SI units)."""
-    stated = {f"cover.{name}": number.sigma for name, number in session.cover.numbers.items()}
-    if session.camera.intrinsics:
-        stated |= {name: number.sigma for name, number in _named(session.camera.intrinsics).items()}
+def freed(intrinsics: Intrinsics, cover: Cover, path: Path) -> dict[str, float]:
+    """The prior's standard deviation of each number of the path that is described with one (SI units)."""
+    stated = {f"cover.{name}": number.sigma for name, number in cover.numbers.items()}
+    stated |= {name: number.sigma for name, number in _named(intrinsics).items()}
     known = {param.name for param in path.params}
     return {name: sigma for name, sigma in stated.items() if sigma > 0 and name in known}
 

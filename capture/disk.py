@@ -69,12 +69,12 @@ def locked(folder: Path) -> Iterator[None]:
     with writing(folder):
         handle = os.open(folder / ".recording", os.O_RDWR | os.O_CREAT, 0o666)
     try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            holder = os.pread(handle, 20, 0).decode(errors="replace").strip() or "unknown"
-            raise InputError(f"Another recorder (process {holder}) writes to {folder}: end it first, or record elsewhere.") from error
         with writing(folder):
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                holder = os.pread(handle, 20, 0).decode(errors="replace").strip() or "unknown"
+                raise InputError(f"Another recorder (process {holder}) writes to {folder}: end it first, or record elsewhere.") from None
             os.ftruncate(handle, 0)
             os.pwrite(handle, f"{os.getpid()}\n".encode(), 0)
         yield

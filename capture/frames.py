@@ -8,6 +8,8 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+PAUSE_S = 1.0  # between two frames: from here on, the one says nothing about how fast the board moves in the other
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
@@ -23,6 +25,8 @@ class Frame:
     """What the camera said of it: exposure_us, gain, lens_position and the like."""
     name: str = ""
     """What the source calls it, if it has names: a recorded picture's file."""
+    alone: bool = False
+    """A photograph by itself: none of the same stream is known to be less than PAUSE_S away, so none shows whether the board moved."""
 
     @property
     def size(self) -> tuple[int, int]:

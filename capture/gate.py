@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.finder import Sighting
+from capture.frames import PAUSE_S
 
 BORDER = 1.5  # squares: the next corner of a board that is seen only in part would lie beyond a border nearer than this
 CLIPPED = 0.05  # of white: beyond, more than one white square in twenty has lost its level, and the corners around it lean
 CONTRAST = 40.0  # grey levels: ten times the noise of a small sensor at a high gain
 SPEED = 20.0  # px/s: skews a picture by 1 px in the 47 ms that an imx219 reads its rows in; poses take that up to 0.02 px (median of 200)
-PAUSE_S = 1.0  # beyond, the frame before says nothing about how fast the board moves now
 STREAK = 2.0  # px: the board moved so far while the shutter was open, and as far again while its rows were read, whatever SPEED says
 SIGMA = 2.0  # px: here the corners of squares of 15 to 28 px are a third worse than in focus, at 2.5 twice as bad, at 3 some are lost
 MOVED = 1.0  # squares, RMS: nearer, the corners look through nearly the same glass
@@ -44,16 +44,17 @@ class Verdict:
     """What the person should do now."""
 
 
-def judge(now: Sighting, before: Sighting | None, kept: Sequence[NDArray[np.float64]]) -> Verdict:
+def judge(now: Sighting, before: Sighting | None, kept: Sequence[NDArray[np.float64]], *, alone: bool = False) -> Verdict:
     """Whether to keep a frame.
 
     Args:
         now: what was seen in it.
         before: the same of the frame before it; None if there was none: then it is not known whether the board is still.
         kept: (count, 2) px each, the corners of the views that the session has.
+        alone: for a photograph by itself, which only its own blur can tell to have been taken in motion.
     """
     for check in CHECKS:
-        objection = check(now, before, kept)
+        objection = None if alone and check is still else check(now, before, kept)
         if objection is not None:
             return Verdict(False, objection)
     return Verdict(True, GOOD)

@@ -26,10 +26,12 @@ class Narrator:
             _remark(remark)
 
     def tell(self, step: Step) -> None:
-        """The picture, if it was kept; else the verdict, if it is another than before."""
+        """The picture, if it was kept; else the verdict, of a photograph by its name, of a stream if it is another than before."""
         self.judged += 1
         if step.picture:
             self.kept(step.picture, step.view)
+        elif step.frame.alone:
+            _remark(f"{step.frame.name}: {step.verdict.sentence}")
         elif step.verdict.sentence != self.sentence:
             _remark(step.verdict.sentence)
         self.sentence = step.verdict.sentence
@@ -50,7 +52,7 @@ class Narrator:
     def reassure(self) -> None:
         """Before an error is told: what there is already is safe."""
         if self.pictures:
-            _remark(f"{self._sum()} are safe in {self._recorder.session}.")
+            _remark(f"Safe in {self._recorder.session}: {self._sum()}.")
 
     def as_json(self, *, ended: str) -> dict[str, object]:
         return {
@@ -65,10 +67,14 @@ class Narrator:
         }
 
     def _sum(self) -> str:
-        taken = f"{self.judged or len(self.pictures)} frames taken"
+        taken = f"{_count(self.judged or len(self.pictures), 'frame')} taken"
         passed = f", {self._reader.unseen} passed over meanwhile" if self._reader.unseen else ""
         lost = f", {self._reader.lost} lost by the camera" if self._reader.lost else ""
-        return f"{self.views} views with {len(self.pictures)} pictures ({taken}{passed}{lost})"
+        return f"{_count(self.views, 'view')} with {_count(len(self.pictures), 'picture')} ({taken}{passed}{lost})"
+
+
+def _count(number: int, thing: str) -> str:
+    return f"{number} {thing}{'s' * (number != 1)}"
 
 
 def _remark(sentence: str) -> None:

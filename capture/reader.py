@@ -21,7 +21,7 @@ class Reader:
         self.unseen = 0
         """Frames that came while nobody was ready for them."""
         self.lost = 0
-        """Frames that never came: gaps in the driver's counter."""
+        """Frames that never came: gaps in the driver's counter, but for those between photographs."""
         self._changed = threading.Condition()
         self._newest: Frame | None = None
         self._ended = False
@@ -77,7 +77,8 @@ class Reader:
                 if self._ended:
                     return
                 self.unseen += self._newest is not None
-                self.lost += max(frame.sequence - expected, 0) if expected is not None else 0
+                if expected is not None and not frame.alone:
+                    self.lost += max(frame.sequence - expected, 0)
                 expected = frame.sequence + 1
                 self._newest = frame
                 self._changed.notify_all()

@@ -51,15 +51,18 @@ def record(frames: Iterable[Frame], finder: Finder, recorder: Recorder, plan: Pl
     before: Sighting | None = None
     views, left, last_s = 0, 0, -math.inf
     for frame in frames:
+        recorder.check(frame)
         now = finder.look(frame)
         picture = None
+        if frame.alone:  # it is no part of a burst
+            left = 0
         if left:  # a burst: the same board once more
             verdict = judge(now, before, ())
             left = left - 1 if verdict.keep else 0
             if verdict.keep:
                 picture = recorder.keep(frame, same_view=True)
         else:
-            verdict = judge(now, before, kept)
+            verdict = judge(now, before, kept, alone=frame.alone)
             if verdict.keep and frame.time_s - last_s >= plan.every_s:
                 corners = finder.refine(frame, now)
                 if corners is None:

@@ -50,7 +50,9 @@ class Recorder:
         return list_images(self._folder)
 
     def __enter__(self) -> "Recorder":
-        if (self._folder / "session.yaml").exists():
+        with reading(self._folder):
+            own = (self._folder / "session.yaml").exists()
+        if own:
             raise InputError(f"{self._folder} is a session of its own: record into it by capture record {self._folder}, without --bare.")
         with writing(self._folder):
             self._folder.mkdir(parents=True, exist_ok=True)
@@ -63,9 +65,20 @@ class Recorder:
     def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
         self._held.close()
 
+    def check(self, frame: Frame) -> None:
+        """InputError if the frame has another size than the session's."""
+        if self._size and self._size != frame.size:
+            (width, height), (asked, high) = frame.size, self._size
+            raise InputError(
+                f"{frame.name or 'The picture'} is {width}x{height} px where {self.session / 'session.yaml'} says {asked}x{high}: set the "
+                f"camera to that size (?size={asked}x{high} after --source), or record another session."
+            )
+
     def keep(self, frame: Frame, *, same_view: bool = False) -> Path:
         """Write a frame as the next picture. `same_view`: the board stands where it stood in the last one."""
-        self._check_size(frame)
+        self.check(frame)
+        if self._size is None:
+            self._describe(frame.size)
         picture = self._folder / f"{self._next:04d}.png"
         write_durably(picture, cv2.imencode(".png", frame.pixels, PNG)[1].data)
         self._next += 1
@@ -93,13 +106,23 @@ class Recorder:
     def _take_up(self) -> None:
         """Begin where a recording ended, and put in order what a kill left."""
         with reading(self._folder):
-            for stale in self._folder.glob(".*.tmp"):  # whoever wrote it is gone: the folder is ours
-                stale.unlink()
+            for folder in (self._folder, self._table.parent):
+                for stale in folder.glob(f".{16 * '[0-9a-f]'}.tmp"):  # whoever wrote it is gone: the session is ours
+                    stale.unlink()
+        if (self.session / "session.yaml").exists():
+            _, camera, _ = read_setup(self.session / "session.yaml")
+            self._size = camera.width, camera.height
         pictures = self.pictures
         for table in (self.session / "bare" / NAME, self.session / NAME):
             for row in read_table(table):
                 self._state.changes(row)
-        self._rows = mended(read_table(self._table), pictures)
+        told = read_table(self._table)
+        self._rows = mended(told, pictures)
+        if told and pictures and not {row["file"] for row in told} & {picture.name for picture in pictures}:
+            raise InputError(
+                f"{self._table} tells of {told[0]['file']} and of no picture in {self._folder}: write names such as {pictures[0].name} "
+                "into its column file, or remove the table."
+            )
         if self._rows:
             self._columns = columns(self._rows)
             whole = to_csv(self._rows, self._columns)
@@ -108,20 +131,8 @@ class Recorder:
         self._next = 1 + max((int(picture.stem) for picture in pictures if picture.stem.isdecimal()), default=-1)
         self._view = last_view(self._rows)
 
-    def _check_size(self, frame: Frame) -> None:
-        """The first frame's size is written down unless session.yaml says one; every frame must have it."""
-        if self._size is None:
-            file = self.session / "session.yaml"
-            if file.exists():
-                camera = read_setup(file)[1]
-                self._size = camera.width, camera.height
-            else:
-                cover = write_setup(self.session, self._board, frame.size, self._like)
-                self._size = frame.size
-                self.remarks.append(f"Wrote {file} with cover.shape {cover.shape}: correct it there if the camera's cover is another.")
-        if frame.size != self._size:
-            (width, height), (asked, high) = frame.size, self._size
-            raise InputError(
-                f"The camera's pictures are {width}x{height} px where {self.session / 'session.yaml'} says {asked}x{high}: "
-                f"write ?size={asked}x{high} after --source, or record another session."
-            )
+    def _describe(self, size: tuple[int, int]) -> None:
+        cover = write_setup(self.session, self._board, size, self._like)
+        self._size = size
+        file = self.session / "session.yaml"
+        self.remarks.append(f"Wrote {file} with cover.shape {cover.shape}: correct it there if the camera's cover is another.")

@@ -24,8 +24,11 @@ def read_setup(file: Path) -> Setup:
     return session_from_mapping({key: value for key, value in written.items() if key not in ("format", "corners")}, str(file))
 
 
-def board_of(session: Path, asked: Board | None) -> Board:
-    """The board that a session folder describes, or the one that was asked for where it describes none yet."""
+def board_of(session: Path, asked: Board | None, like: Setup | None = None) -> Board:
+    """The board that a session folder describes, or the one that was asked for where it describes none yet.
+
+    InputError where it describes another board than was asked for, or another cover than `like` has.
+    """
     file = session / "session.yaml"
     with reading(file):
         described = file.exists()
@@ -37,12 +40,14 @@ def board_of(session: Path, asked: Board | None) -> Board:
         raise InputError(
             f"{file} names a corners file, so calib would not look at new pictures: drop the key corners, or record elsewhere."
         )
-    board, _, _ = read_setup(file)
+    board, _, cover = read_setup(file)
     if asked not in (None, board):
         raise InputError(
             f"{file} describes a board of {_described(board)} where {_described(asked)} were asked for: "
             "leave --board and --square-mm out, correct the file, or record elsewhere."
         )
+    if like and like[2] != cover:
+        raise InputError(f"{file} describes another cover than --cover-from's: leave that out, correct the file, or record elsewhere.")
     return board
 
 

@@ -21,17 +21,19 @@ Row = Mapping[str, str]
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
-    """The whole rows of a frames.csv, without one that lacks its end; none where there is no such file."""
+    """The rows of a frames.csv, without one that a kill left without its end; none where there is no such file."""
     with reading(path):
         if not path.exists():
             return []
         data = path.read_bytes()
+    if data.startswith(",".join(FIXED).encode()):  # a recorder's; tables by hand often lack the last line break
+        data = data[: data.rfind(b"\n") + 1]
     try:
-        text = data[: data.rfind(b"\n") + 1].decode("utf-8-sig")
+        text = data.decode("utf-8-sig")
         rows = list(csv.DictReader(io.StringIO(text, newline=""), restval="", strict=True))
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path} is not a CSV table in UTF-8 ({error}): mend it, or move it elsewhere.") from error
-    if rows and ("file" not in rows[0] or None in rows[0]):
+    if any("file" not in row or None in row for row in rows):
         raise InputError(f"{path} has no column file, or rows longer than its first: its first line must be {','.join(FIXED)},...")
     return rows
 

@@ -13,9 +13,10 @@ import yaml
 from calib.calibration import Calibration
 from calib.camera import Camera
 from calib.errors import InputError, NotEnoughDataError
-from calib.fit import Settings, fit
+from calib.fit import fit
 from calib.progress import Silent
 from calib.session import read_session, session_to_yaml
+from calib.stages import Settings
 from calib.views import View
 from calib.vnlog import write_corners
 from tests.scenes import HEIGHT, INTRINSICS, WIDTH, Scene, scene

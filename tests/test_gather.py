@@ -9,9 +9,10 @@ import yaml
 from calib.calibration import Calibration
 from calib.console import remarks
 from calib.errors import InputError, NotEnoughDataError
-from calib.fit import Settings, fit
+from calib.fit import fit
 from calib.progress import Silent
 from calib.session import read_session
+from calib.stages import Settings
 from calib.views import View
 from tests.scenes import INTRINSICS, Scene, scene
 from tests.test_calibration import write_session

@@ -8,6 +8,7 @@ import pytest
 FORBIDDEN = {
     "calib": {"torch", "cv2", "numpy"},
     "calib.cli": {"torch", "cv2", "numpy", "rich"},
+    "calib.command_line": {"torch", "cv2", "numpy", "rich", "capture"},
     "calib.session": {"torch", "rich", "capture"},
     "calib.board": {"torch", "cv2"},
     "calib.detect": {"torch", "rich", "capture"},
@@ -26,6 +27,8 @@ FORBIDDEN = {
     "calib.fit": {"rich", "textual", "capture"},
     "capture.cli": {"torch", "cv2", "numpy", "rich", "textual"},
     "capture.frames": {"torch", "cv2"},
+    "capture.finder": {"torch", "rich", "textual", "capture.recorder", "capture.reader", "capture.sources"},
+    "capture.gate": {"torch", "rich", "textual", "capture.recorder", "capture.reader", "capture.sources"},
     "capture.record": {"torch", "rich", "textual"},
     "capture.sources.registry": {"torch", "cv2"},
     "capture.sources.libcamera": {"torch", "cv2", "libcamera"},

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 from scipy.linalg import block_diag
+from scipy.special import eval_legendre
 from scipy.stats import multivariate_normal
 
-from calib.evaluate import refit_poses
 from calib.joint import JointFit, fit_joint
 from calib.landing import landings, pixel_weights
 from calib.observations import Observations
@@ -14,8 +14,8 @@ from calib.optics.build import covered_path, footprint, with_relief
 from calib.optics.path import Path
 from calib.optics.relief import Relief
 from calib.paper import descend
-from calib.poses import pinhole_poses, refine_poses
-from calib.prior import Evidence, Quadratic, Smoothness
+from calib.poses import pinhole_poses, refine_poses, refit_poses
+from calib.prior import FIGURE_HEIGHT, Evidence, Quadratic, Smoothness
 from calib.problem import LandingProblem, Shared
 from calib.residuals import residuals
 from calib.solve import Outcome
@@ -193,5 +193,13 @@ def test_the_prior_s_heights_have_the_stated_spread() -> None:
     level = torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64).expand(30, 1, 3)
     heights = relief.spread(level, (at[:, 0], at[:, 1]))[:, 0].numpy()
     spread = heights @ np.linalg.inv(smoothness.precision(relief)) @ heights.T
-    assert np.sqrt(spread.diagonal()) == pytest.approx(2e-5, rel=1e-4)
-    assert spread[0, 1] / spread[0, 0] == pytest.approx(np.exp(-((1 / 4) ** 2) / (2 * 0.25)), rel=1e-4)
+
+    def figure(one: tuple[float, float], two: tuple[float, float]) -> float:
+        def term(i: int, k: int) -> float:
+            return float(np.prod([eval_legendre(i, p[0]) * eval_legendre(k, p[1]) for p in (one, two)]))
+
+        return FIGURE_HEIGHT**2 * sum(term(i, k) for i in range(7) for k in range(7 - i))
+
+    corner, neighbour = (-1.0, -1.0), (-1.0, -0.5)
+    assert spread[0, 0] == pytest.approx(4e-10 + figure(corner, corner), rel=1e-4)
+    assert spread[0, 1] == pytest.approx(4e-10 * np.exp(-((1 / 4) ** 2) / (2 * 0.25)) + figure(corner, neighbour), rel=1e-4)

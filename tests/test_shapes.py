@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from calib.calibration import Calibration
-from calib.fit import Settings, fit
+from calib.fit import fit
 from calib.progress import Silent
 from calib.session import read_session
+from calib.stages import Settings
 from tests.scenes import HEIGHT, WIDTH, scene
 from tests.shapes import Example, each_shape
 from tests.test_calibration import write_session

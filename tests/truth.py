@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from calib.calibration import Calibration
+from calib.uncertainty import predicted_sigma
 
 FIXTURES = Path(__file__).parent.parent / "fixtures"
 DEPTHS = (0.3, 0.5, 1.0)
@@ -23,6 +24,8 @@ class MapError:
     """RMS px at each depth between a calibration's rays, moved rigidly, and the true ones."""
 
     by_depth: dict[float, float]
+    predicted: dict[float, float]
+    """RMS px that the calibration expects there; empty where it estimated none."""
     pixels: int
 
 
@@ -49,7 +52,9 @@ def map_error(calibration: Calibration, truth: Path, near: float, depths: tuple[
 
     best = least_squares(flat, np.zeros(6), x_scale=[1e-3] * 3 + [1e-4] * 3)
     squared = (off(best.x) ** 2).sum(-1).mean(-1)
-    return MapError({depth: float(value**0.5) for depth, value in zip(depths, squared, strict=True)}, int(kept.sum()))
+    field, (x, y) = predicted_sigma(calibration), pixels[kept].T[:, :, None]
+    predicted = {depth: float(np.sqrt(np.mean(field.at(x, y, depth) ** 2))) for depth in depths} if field else {}
+    return MapError({depth: float(value**0.5) for depth, value in zip(depths, squared, strict=True)}, predicted, int(kept.sum()))
 
 
 def _at(origins: Array, directions: Array, depth: float) -> Array:

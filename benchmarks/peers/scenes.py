@@ -7,11 +7,11 @@ import torch
 from numpy.typing import NDArray
 
 from benchmarks.peers.case import BOARD, CORNERS, Case, Shots
-from calib.evaluate import refit_poses
 from calib.observations import Observations
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.project import project
+from calib.poses import refit_poses
 from calib.views import View
 from tests.scenes import HEIGHT, INTRINSICS, WIDTH, paper_cone, scene
 

@@ -2,6 +2,7 @@
 
 import argparse
 import math
+from difflib import get_close_matches
 from pathlib import Path
 
 
@@ -30,12 +31,32 @@ def add_output(parser: argparse.ArgumentParser, help_text: str, *, required: boo
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", required=required, help=help_text)
 
 
-def grid(text: str) -> tuple[int, int]:
-    """Centres of the relief, such as 8x8."""
+def grid(text: str) -> tuple[int, int] | None:
+    """Centres of the relief, such as 12x12; None for `auto`."""
+    if text == "auto":
+        return None
     around, _, along = text.partition("x")
     if not (around.isdecimal() and along.isdecimal() and 2 <= int(around) <= 64 and 2 <= int(along) <= 64):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a grid: write two whole numbers from 2 to 64, such as 8x8")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a grid: write two whole numbers from 2 to 64, such as 8x8, or auto")
     return int(around), int(along)
+
+
+def folds(text: str) -> int:
+    if not text.isdecimal() or not 2 <= int(text) <= 100:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of folds: write a whole number from 2 to 100, such as 5")
+    return int(text)
+
+
+def free(text: str) -> tuple[str, ...]:
+    """Names of calib.free, joined by commas."""
+    from calib.free import NAMES
+
+    for name in text.split(","):
+        if name not in NAMES:
+            near = get_close_matches(name, NAMES, 1)
+            hint = f"did you mean {near[0]}" if near else f"write some of {', '.join(NAMES)}, joined by commas"
+            raise argparse.ArgumentTypeError(f"{name!r} is not a number that can be freed: {hint}")
+    return tuple(dict.fromkeys(text.split(",")))
 
 
 def steps(text: str) -> int:

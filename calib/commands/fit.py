@@ -7,7 +7,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calib.commands.arguments import add_depths, add_output, grid, steps
+from calib.commands.arguments import add_depths, add_output, folds, free, grid, steps
 
 if TYPE_CHECKING:
     from calib.calibration import Calibration
@@ -18,8 +18,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_output(parser, "where the results go (default: SESSION/calibration)", required=False)
     parser.add_argument("--method", choices=["joint", "paper"], default="joint", help="how to fit (default: %(default)s)")
     parser.add_argument(
-        "--grid", type=grid, default=(8, 8), metavar="AxB", help="centres of the relief, around and along the cover (default: 8x8)"
+        "--grid",
+        type=grid,
+        default=(12, 12),
+        metavar="AxB",
+        help="centres of the relief, around and along the cover (default: 12x12); auto chooses by held-out error",
     )
+    parser.add_argument(
+        "--free",
+        type=free,
+        default=(),
+        metavar="NAME,...",
+        help="also estimate, near what the session states: radius, slope, offset, centre, distance, tilt, thickness, index, intrinsics",
+    )
+    parser.add_argument("--folds", type=folds, default=0, metavar="N", help="cross-validate over the views, and say if the fit overfits")
     parser.add_argument("--steps", type=steps, default=1000, metavar="N", help="gradient steps of the paper's method (default: 1000)")
     parser.add_argument("--neglect-shift", action="store_true", help="let the relief bend the normal only, as the paper does")
     add_depths(parser, required=False)
@@ -33,15 +45,17 @@ def run(args: argparse.Namespace) -> None:
     from calib.console import Bars, print_fit
     from calib.export.npz import write_npz
     from calib.files import check_writable
-    from calib.fit import Settings, fit
+    from calib.fit import fit
     from calib.session import read_session
+    from calib.stages import Settings
 
     begun = time.monotonic()
     session = read_session(args.session)
     output = args.output or args.session / "calibration"
     check_writable(output)
+    settings = Settings(args.method, args.grid, args.steps, not args.neglect_shift, args.free, args.folds)
     with Bars() as bars:
-        calibration = fit(session, Settings(args.method, args.grid, args.steps, not args.neglect_shift), bars)
+        calibration = fit(session, settings, bars)
         saved = calibration.save(output)
         written = [saved, *write_npz(calibration, args.depth, output, bars, replace=True)]
     seconds = time.monotonic() - begun
@@ -61,4 +75,4 @@ def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
         "seconds": seconds,
         "stages": [{"name": s.name, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in calibration.stages],
         "effects": [],
-    }
+    } | ({"cross_validation": calibration.settings["cross_validation"]} if "cross_validation" in calibration.settings else {})

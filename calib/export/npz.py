@@ -3,7 +3,10 @@
 rays.npz: width, height px of the image; fx, fy, cx, cy px of the undistorted picture; nodes_x (w,), nodes_y (h,) px; infinite (h, w, 2)
 px and parallax (h, w, 2) px m, so that the undistorted pixel at depth Z of the distorted pixel at a node is infinite + parallax / Z;
 valid (h, w).
-map_Zm.npz: map_x, map_y (height, width) float32 for cv2.remap, -1 where not valid; valid (height, width); depth_m.
+sigma_x (m,), sigma_y (n,) px and variance (n, m, 3), where the fit estimated it: the predicted variance of the undistorted position at
+those distorted pixels is variance[..., 0] + variance[..., 1] / Z + variance[..., 2] / Z^2, px^2, x and y together (calib.uncertainty).
+map_Zm.npz: map_x, map_y (height, width) float32 for cv2.remap, -1 where not valid; valid (height, width); depth_m; and sigma (height,
+width) float32 px, where the fit estimated it: the standard deviation of each pixel's position, NaN where not valid.
 """
 
 from collections.abc import Sequence
@@ -16,6 +19,7 @@ from calib.calibration import Calibration
 from calib.files import make_folder, save_npz
 from calib.maps import DepthMap, RayField
 from calib.progress import Progress
+from calib.uncertainty import SigmaField, predicted_sigma
 
 ARRAYS = ("nodes_x", "nodes_y", "infinite", "parallax", "valid")
 
@@ -29,10 +33,11 @@ def write_npz(calibration: Calibration, depths: Sequence[float], folder: Path, p
     make_folder(folder)
     advance = progress.task("Maps", 1 + len(depths))
     field = calibration.ray_field()
-    written = [_write_field(field, calibration, folder)]
+    sigma = predicted_sigma(calibration)
+    written = [_write_field(field, sigma, calibration, folder)]
     for done, depth in enumerate(dict.fromkeys(depths), start=1):
         advance(done, f"{_text(depth)} m")
-        written.append(_write_map(field.map_at(depth), folder))
+        written.append(_write_map(field.map_at(depth), sigma, folder))
     if replace:
         for old in {*folder.glob("map_*m.npz")} - {*written}:
             with suppress(OSError):
@@ -47,19 +52,24 @@ def read_field(path: Path) -> RayField:
         return RayField(int(file["width"]), int(file["height"]), *(file[name] for name in ARRAYS))
 
 
-def _write_field(field: RayField, calibration: Calibration, folder: Path) -> Path:
+def _write_field(field: RayField, sigma: SigmaField | None, calibration: Calibration, folder: Path) -> Path:
     intrinsics = calibration.camera.intrinsics
     assert intrinsics
     pinhole = {name: getattr(intrinsics, name).value for name in ("fx", "fy", "cx", "cy")}
     numbers = {"width": field.width, "height": field.height, **pinhole}
     path = folder / "rays.npz"
-    save_npz(path, {name: np.asarray(number) for name, number in numbers.items()} | {name: getattr(field, name) for name in ARRAYS})
+    arrays = {name: np.asarray(number) for name, number in numbers.items()} | {name: getattr(field, name) for name in ARRAYS}
+    if sigma:
+        arrays |= {"sigma_x": sigma.nodes_x, "sigma_y": sigma.nodes_y, "variance": sigma.variance}
+    save_npz(path, arrays)
     return path
 
 
-def _write_map(made: DepthMap, folder: Path) -> Path:
+def _write_map(made: DepthMap, sigma: SigmaField | None, folder: Path) -> Path:
     path = folder / f"map_{_text(made.depth)}m.npz"
     arrays = {"map_x": made.x, "map_y": made.y, "valid": made.valid, "depth_m": np.float64(made.depth)}
+    if sigma:
+        arrays["sigma"] = sigma.of_map(made)
     save_npz(path, {name: np.asarray(array) for name, array in arrays.items()}, compressed=False)
     return path
 

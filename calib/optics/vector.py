@@ -38,6 +38,9 @@ class Vector:
         """(...)"""
         return self.x * other.x + self.y * other.y + self.z * other.z
 
+    def cross(self, other: Vector) -> Vector:
+        return Vector(self.y * other.z - self.z * other.y, self.z * other.x - self.x * other.z, self.x * other.y - self.y * other.x)
+
     def unit(self) -> Vector:
         """Scaled to length one. Not for zero vectors."""
         return self * self.dot(self).rsqrt()

@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> None:
     from itertools import islice
 
     from calib.commands.printing import print_json
-    from calib.errors import NotEnoughDataError, RefracalError
+    from calib.errors import InputError, NotEnoughDataError, RefracalError
     from capture.finder import Finder
     from capture.interrupt import ending_by
     from capture.narrator import Narrator
@@ -42,8 +42,10 @@ def run(args: argparse.Namespace) -> None:
     from capture.sources.registry import open_source
 
     source = open_source(args.source)
-    board = board_of(args.session, _asked_board(args))
+    if args.all and (args.burst > 1 or args.every):
+        raise InputError("--burst and --every choose among good views: leave them out, or leave --all out.")
     like = read_setup(args.cover_from) if args.cover_from else None
+    board = board_of(args.session, _asked_board(args), like)
     views = args.views or (None if args.all else 30)
     with Reader(source) as reader, Recorder(args.session, board, like=like, bare=args.bare) as recorder, ending_by(reader.close) as wish:
         narrator = Narrator(reader, recorder, views, json=args.json)
@@ -71,13 +73,16 @@ def run(args: argparse.Namespace) -> None:
 def _asked_board(args: argparse.Namespace) -> "Board | None":
     from calib.board import Board
     from calib.errors import InputError
+    from calib.schema import Section
+    from calib.session import SQUARE
 
     if (args.board is None) != (args.square_mm is None):
         raise InputError("--board and --square-mm belong together: write both, such as --board 9x6 --square-mm 25.")
     if args.board is None:
         return None
     columns, rows = args.board
-    return Board(columns, rows, args.square_mm / 1000)
+    square = Section({SQUARE.key: args.square_mm}, "The command line").numbers(SQUARE)["square"]
+    return Board(columns, rows, square.value)
 
 
 def _board(text: str) -> tuple[int, int]:

@@ -1,12 +1,14 @@
 """A recorded session, or any folder of pictures, as if a camera gave them again.
 
 `folder:PATH` gives a recording at its recorded times, frames.csv's; `?speed=10` ten times as fast, `?speed=max` as fast as it is read.
-Pictures without times are given as fast as they are read.
+Pictures without times that grow from one to the next are given as fast as they are read. Those without times, or taken far apart, are
+photographs by themselves.
 """
 
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -15,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.errors import InputError
+from calib.files import reading
 from calib.images import list_images, read_image
 from calib.schema import Quantity, Section
-from capture.frames import Frame
+from capture.frames import PAUSE_S, Frame
 from capture.sources.options import read_number
 from capture.sources.registry import Inventory
 from capture.table import FIXED, NAME, read_table
@@ -36,7 +39,8 @@ class FolderSource:
         self._speed = speed
         self._closed = threading.Event()
         self._pictures: tuple[Path, ...] = ()
-        self._rows: dict[str, dict[str, str]] = {}
+        self._rows: tuple[Mapping[str, str], ...] = ()
+        self._times: tuple[float | None, ...] = ()  # s
 
     @property
     def live(self) -> bool:
@@ -44,12 +48,15 @@ class FolderSource:
 
     def __enter__(self) -> Self:
         inner = self._folder / "frames"
-        self._pictures = list_images(inner if inner.is_dir() else self._folder)
+        with reading(self._folder):
+            self._pictures = list_images(inner if inner.is_dir() else self._folder)
         if not self._pictures:
             raise InputError(f"{self._folder} has no pictures: name a session, or a folder of png, jpg, tiff, bmp or npy files.")
         table = (self._folder.parent if self._folder.name == "frames" else self._folder) / NAME
-        self._rows = {row["file"]: row for row in read_table(table)}
-        if any(_time(self._rows.get(picture.name, {})) is None for picture in self._pictures):
+        rows = {row["file"]: row for row in read_table(table)}
+        self._rows = tuple(rows.get(picture.name, {}) for picture in self._pictures)
+        self._times = tuple(map(_time, self._rows))
+        if any(_gap(*pair) is None for pair in pairwise(self._times)) or None in self._times:
             self._speed = None
         return self
 
@@ -58,17 +65,17 @@ class FolderSource:
 
     def __iter__(self) -> Iterator[Frame]:
         begun = time.monotonic()
-        first = _time(self._rows.get(self._pictures[0].name, {})) or 0.0
-        for index, picture in enumerate(self._pictures):
-            row = self._rows.get(picture.name, {})
-            recorded = _time(row)  # s
-            due = begun if recorded is None else begun + (recorded - first) / (self._speed or 1.0)
+        first = next((time_s for time_s in self._times if time_s is not None), 0.0)
+        near = [(_gap(*pair) or PAUSE_S) < PAUSE_S for pair in pairwise((None, *self._times, None))]
+        for index, (picture, row, recorded) in enumerate(zip(self._pictures, self._rows, self._times, strict=True)):
+            passed = 0.0 if recorded is None else recorded - first  # s
             pixels = _pixels(picture)
-            if self._closed.wait(max(due - time.monotonic(), 0.0) if self._speed else 0.0):
+            if self._closed.wait(max(begun + passed / self._speed - time.monotonic(), 0.0) if self._speed else 0.0):
                 return
             said = {key: _value(text) for key, text in row.items() if text and key not in FIXED}
             counter = row.get("sequence", "")
-            yield Frame(pixels, int(counter) if counter.isdecimal() else index, due, said, picture.name)
+            sequence = int(counter) if counter.isdecimal() else index
+            yield Frame(pixels, sequence, begun + passed, said, picture.name, alone=not (near[index] or near[index + 1]))
 
     def close(self) -> None:
         self._closed.set()
@@ -97,6 +104,11 @@ def _time(row: Mapping[str, str]) -> float | None:
     except (KeyError, ValueError):
         return None
     return time_s if np.isfinite(time_s) else None
+
+
+def _gap(one: float | None, other: float | None) -> float | None:
+    """s, from one picture to the next; None where it is not known."""
+    return other - one if one is not None and other is not None and other > one else None
 
 
 def _value(text: str) -> float | str:

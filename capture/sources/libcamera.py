@@ -4,7 +4,6 @@
 the camera itself before the first frame, and held from then on. The bindings come with the system, not from PyPI.
 """
 
-import os
 import selectors
 import threading
 import time
@@ -19,12 +18,11 @@ import numpy as np
 from calib.schema import Quantity, Section
 from capture.errors import CaptureError
 from capture.frames import Frame
+from capture.sources import libcamera_device as device
 from capture.sources.options import EXPOSURE_US, GAIN, read_number, read_size
-from capture.sources.registry import Camera, Inventory
+from capture.sources.registry import Inventory
 
 LENS_POSITION = Quantity("lens_position", low=0, high=100)
-FORMATS = ("R8", "YUV420", "NV12")
-"""Those that begin with a plane of grey values, the smallest first."""
 SILENCE = 1.9  # s
 SETTLING = 60  # frames, at the most, in which the camera finds its exposure
 MANUAL, CONVERGED = 0, 2  # of AfMode and AeState
@@ -38,10 +36,6 @@ COLUMNS = {
     "SensorTemperature": "temperature_c",
 }
 """What of a frame's metadata goes into frames.csv."""
-MISSING = (
-    "The libcamera bindings are not installed: run sudo apt install -y python3-libcamera, and make the environment by the system's own "
-    "python3 -m venv --system-site-packages; or use rpicam:0, which needs none."
-)
 
 
 class LibcameraSource:
@@ -62,7 +56,7 @@ class LibcameraSource:
         self._open = ExitStack()
 
     def __enter__(self) -> Self:
-        self._library = _bindings()
+        self._library = device.bindings()
         self._manager = self._library.CameraManager.singleton()
         try:
             with ExitStack() as stack:
@@ -87,7 +81,7 @@ class LibcameraSource:
         self._closed.set()
 
     def _prepare(self, stack: ExitStack) -> None:
-        self._camera = _find(self._manager.cameras, self._place)
+        self._camera = device.find(self._manager.cameras, self._place)
         self._camera.acquire()
         stack.callback(self._camera.release)
         self._ids = {control.name: control for control in self._camera.controls}
@@ -117,10 +111,10 @@ class LibcameraSource:
         whole = self._camera.generate_configuration([self._library.StreamRole.Viewfinder])
         configuration = whole.at(0)
         offered = {str(pixels): pixels for pixels in configuration.formats.pixel_formats}
-        name = next((name for name in FORMATS if name in offered), None)
+        name = next((name for name in device.FORMATS if name in offered), None)
         if name is None:
             raise CaptureError(
-                f"libcamera:{self._place} has none of the formats {', '.join(FORMATS)}, only {', '.join(offered)}: use rpicam."
+                f"libcamera:{self._place} has none of the formats {', '.join(device.FORMATS)}, only {', '.join(offered)}: use rpicam."
             )
         configuration.pixel_format = offered[name]
         if self._size == (0, 0):
@@ -205,41 +199,12 @@ def open_source(place: str, options: Section) -> LibcameraSource:
 
 def inventory() -> Inventory:
     try:
-        cameras = _bindings().CameraManager.singleton().cameras
+        cameras = device.bindings().CameraManager.singleton().cameras
     except (CaptureError, RuntimeError) as error:
         return Inventory(missing=str(error))
     if not cameras:
         return Inventory(missing="libcamera sees no camera: check its cable, with the power off, and start the machine again.")
-    return Inventory(tuple(_listed(number, camera) for number, camera in enumerate(cameras)))
-
-
-def _bindings() -> Any:
-    os.environ.setdefault("LIBCAMERA_LOG_LEVELS", "*:ERROR")
-    try:
-        import libcamera
-    except ImportError as error:
-        raise CaptureError(MISSING) from error
-    return libcamera
-
-
-def _find(cameras: Sequence[Any], place: str) -> Any:
-    """By its number, or by a part of its id."""
-    if place.isdecimal() and int(place) < len(cameras):
-        return cameras[int(place)]
-    for camera in cameras:
-        if not place.isdecimal() and place in camera.id:
-            return camera
-    there = ", ".join(f"libcamera:{number} ({camera.id})" for number, camera in enumerate(cameras)) or "none: check the cable"
-    raise CaptureError(f"libcamera:{place} is not there; cameras of this machine: {there}.")
-
-
-def _listed(number: int, camera: Any) -> Camera:
-    configuration = camera.generate_configuration([_bindings().StreamRole.Viewfinder]).at(0)
-    modes = []
-    for pixels in configuration.formats.pixel_formats:
-        if str(pixels) in FORMATS:
-            modes += [f"{pixels} {size.width}x{size.height}" for size in configuration.formats.sizes(pixels)]
-    return Camera(f"libcamera:{number}", camera.id, tuple(modes))
+    return Inventory(tuple(device.listed(number, camera) for number, camera in enumerate(cameras)))
 
 
 def _plain(value: object) -> float | str:

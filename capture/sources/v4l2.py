@@ -9,7 +9,7 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +18,6 @@ from typing import Self
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from calib.errors import InputError
 from calib.schema import Quantity, Section
@@ -27,6 +26,7 @@ from capture.frames import Frame
 from capture.sources import v4l2_device as device
 from capture.sources.options import EXPOSURE_US, GAIN, read_number, read_size
 from capture.sources.registry import Camera, Inventory
+from capture.sources.v4l2_formats import FORMATS, Grey
 
 os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")  # s, for which OpenCV waits for a frame; it reads this at its first use
 
@@ -34,28 +34,6 @@ START = 5.0  # s, until the first frame must have come
 SILENCE = 0.9  # s without a frame: together with OpenCV's wait, an unplugged camera is reported within 2 s
 FOCUS = Quantity("focus", low=0, high=1e5)
 RAW_ONLY = "a Raspberry Pi's camera is read by libcamera:0 or rpicam:0."
-
-Grey = NDArray[np.uint8]
-
-
-def _plane(raw: Grey, width: int, height: int) -> Grey:
-    return raw.reshape(-1)[: width * height].reshape(height, width)
-
-
-def _decoded(raw: Grey, _width: int, _height: int) -> Grey | None:
-    grey = cv2.imdecode(raw.reshape(-1), cv2.IMREAD_GRAYSCALE)
-    return None if grey is None else np.asarray(grey, np.uint8)
-
-
-FORMATS: Mapping[str, Callable[[Grey, int, int], Grey | None]] = {
-    "GREY": _plane,
-    "YUYV": lambda raw, width, height: raw.reshape(height, width, 2)[..., 0],
-    "UYVY": lambda raw, width, height: raw.reshape(height, width, 2)[..., 1],
-    "NV12": _plane,
-    "YU12": _plane,
-    "MJPG": _decoded,
-}
-"""How the (height, width) grey values are taken from a raw buffer, the exact and cheap formats first. None: a damaged JPEG."""
 
 
 class V4l2Source:
@@ -175,7 +153,7 @@ class V4l2Source:
                 self._closed.wait(0.01)
         return None
 
-    def _grey(self, raw: NDArray[np.uint8]) -> Grey | None:
+    def _grey(self, raw: Grey) -> Grey | None:
         width, height = self._size or (0, 0)
         try:
             grey = FORMATS[self._pixels or "GREY"](raw, width, height)

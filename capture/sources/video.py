@@ -19,6 +19,8 @@ from calib.schema import Section
 from capture.frames import Frame
 from capture.sources.registry import Inventory
 
+ESTIMATE = 0.05  # of a video's number of frames, by which it may be less than was promised
+
 
 class VideoSource:
     live = False
@@ -48,6 +50,9 @@ class VideoSource:
             yield Frame(pixels, sequence, begun + time_s)
             self._next = self._read()
             sequence += 1
+        promised = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))  # some containers only give an estimate
+        if not self._closed.is_set() and sequence < (1 - ESTIMATE) * promised - 1:
+            raise InputError(f"{self._file} breaks off after {sequence} of {promised} frames: copy it again, or convert it.")
 
     def close(self) -> None:
         self._closed.set()

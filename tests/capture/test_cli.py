@@ -8,12 +8,14 @@ import sys
 import time
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from calib.images import read_image
 from calib.session import read_session
 from capture.cli import main
+from capture.gate import KNOWN, MOVING, SOFT, WAIT
 from capture.table import read_table
 from tests.capture.recordings import BOARD_FLAGS, FIXTURE, capture, noise, read_pictures, write_recording
 
@@ -78,6 +80,29 @@ def test_a_burst_is_of_one_pose_and_the_views_end_it(still_poses: Path, tmp_path
     assert [row["view"] for row in read_table(tmp_path / "frames.csv")] == ["0", "0", "1", "1", "2", "2"]
 
 
+@pytest.mark.parametrize("interval_s", [None, 0.0, 1.0], ids=["no times", "one time", "far apart"])
+def test_photographs_are_judged_each_by_itself(tmp_path: Path, interval_s: float | None) -> None:
+    """Between them, nothing tells whether the board was still: what is spoiled is left out, and none is part of another's burst."""
+    photographs = [read_image(FIXTURE / "frames" / f"{pose:04d}.jpg") for pose in (0, 1, 1, 2)]
+    photographs[1] = np.asarray(cv2.GaussianBlur(photographs[1], (0, 0), 4), np.uint8)
+    source = write_recording(tmp_path / "source", [np.asarray(each, np.uint8) for each in (*photographs, photographs[0])], interval_s)
+    session = tmp_path / "session"
+    done = capture("record", session, "--source", f"folder:{source}?speed=max", *BOARD_FLAGS, "--burst", "2")
+    assert done.returncode == 0, done.stderr
+    assert [pose_of(picture) for picture in read_pictures(session / "frames")] == [0, 1, 2]
+    assert [row["sequence"] for row in read_table(session / "frames.csv")] == ["0", "2", "3"]
+    assert f"0001.png: {SOFT}" in done.stderr.splitlines()
+    assert f"0004.png: {KNOWN}" in done.stderr.splitlines()
+
+
+def test_pictures_that_are_near_in_time_are_no_photographs(tmp_path: Path) -> None:
+    pictures = [np.asarray(read_image(FIXTURE / "frames" / f"{pose:04d}.jpg"), np.uint8) for pose in POSES]
+    source = write_recording(tmp_path / "source", pictures, 0.9)
+    done = capture("record", tmp_path / "session", "--source", f"folder:{source}?speed=max", *BOARD_FLAGS)
+    assert done.returncode == 3
+    assert done.stderr.splitlines()[:2] == [WAIT, MOVING]
+
+
 def test_every_spaces_the_views(still_poses: Path, tmp_path: Path) -> None:
     done = capture("record", tmp_path, "--source", f"folder:{still_poses}?speed=max", *BOARD_FLAGS, "--every", "0.7")
     assert done.returncode == 0, done.stderr
@@ -108,7 +133,7 @@ def test_ctrl_c_ends_with_a_summary(tmp_path: Path, number: signal.Signals) -> N
         out, err = process.communicate(timeout=10)
         assert process.returncode == 0, err
         assert time.monotonic() - begun < 3
-    assert out.startswith("1 views with 1 pictures")
+    assert out.startswith("1 view with 1 picture (1 frame taken)")
     assert "Traceback" not in err
     assert len(read_table(tmp_path / "session" / "frames.csv")) == 1
 
@@ -145,6 +170,11 @@ def test_help_is_quick() -> None:
         (["{}/new", "--source", "libcamera:0", *BOARD_FLAGS], 4, "sudo apt install -y python3-libcamera"),
         (["{}/new", "--source", "folder:{}/source", *BOARD_FLAGS, "--cover-from", "{}/none.yaml"], 2, "none.yaml cannot be read"),
         (["{}/new", "--source", "folder:{}/source", *BOARD_FLAGS], 3, "was kept: "),
+        (["{}/new", "--source", "folder:{}/source", *BOARD_FLAGS, "--all", "--burst", "2"], 2, "choose among good views"),
+        (["{}/new", "--source", "folder:{}/source", *BOARD_FLAGS, "--all", "--every", "2"], 2, "choose among good views"),
+        (["{}/new", "--source", "folder:{}/source", "--board", "9x9", "--square-mm", "0.02", "--all"], 2, "write a number from 0.05"),
+        (["{}/other", "--source", "folder:{}/source"], 2, "0000.png is 160x120 px where {}/other/session.yaml says 1640x1232"),
+        (["{}/other", "--source", "folder:{}/source", "--cover-from", "{}/flat.yaml"], 2, "describes another cover than --cover-from's"),
         (["/dev/null/new", "--source", "folder:{}/source", *BOARD_FLAGS, "--all"], 2, "(Not a directory): choose a place inside a folder"),
         (["{}/file", "--source", "folder:{}/source", *BOARD_FLAGS, "--all"], 2, "cannot be written"),
     ],
@@ -154,12 +184,16 @@ def test_what_cannot_be_recorded_gets_one_sentence(
 ) -> None:
     write_recording(tmp_path / "source", noise(2))
     (tmp_path / "file").write_text("not a folder")
+    (tmp_path / "other").mkdir()
+    described = (FIXTURE / "session.yaml").read_text()
+    (tmp_path / "other" / "session.yaml").write_text(described)
+    (tmp_path / "flat.yaml").write_text(described.replace("thickness_mm: 3.0", "thickness_mm: 2.0"))
     assert main(["record", *(argument.format(tmp_path) for argument in arguments)]) == code
     out, err = capfd.readouterr()
     assert out == ""
     last = err.splitlines()[-1]
     assert last.startswith("capture: ")
-    assert says in last
+    assert says.format(tmp_path) in last
     assert "Traceback" not in err
 
 

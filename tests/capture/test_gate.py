@@ -220,6 +220,12 @@ def test_without_a_frame_just_before_the_board_may_be_moving(before: Sighting | 
     assert verdict.sentence == WAIT
 
 
+def test_a_photograph_by_itself_is_judged_without_the_one_before() -> None:
+    for before in (None, seen(x=300.0, time_s=0.9)):
+        assert judge(seen(), before, (), alone=True).keep
+        assert judge(replace(seen(), blur=Blur(0.7, 2.1)), before, (), alone=True).sentence == STREAKED
+
+
 @pytest.mark.parametrize("other", [seen(tilt=0.5), seen(distance=0.9), seen(x=900.0)], ids=["tilted", "farther", "aside"])
 def test_what_adds_to_the_session(other: Sighting) -> None:
     assert other.corners is not None

@@ -67,6 +67,14 @@ def test_gaps_in_the_counter_are_counted(tmp_path: Path) -> None:
     assert reader.lost == 3
 
 
+def test_what_a_recorder_left_out_between_photographs_was_not_lost(tmp_path: Path) -> None:
+    write_recording(tmp_path, noise(4, 64, 48), 2.0)
+    (tmp_path / "frames" / "0001.png").unlink()
+    with Reader(FolderSource(tmp_path, None)) as reader:
+        assert [frame.sequence for frame in reader] == [0, 2, 3]
+    assert reader.lost == 0
+
+
 def test_what_goes_wrong_in_the_thread_is_raised_after_the_good_frames(tmp_path: Path) -> None:
     write_recording(tmp_path, noise(5, 64, 48))
     broken = tmp_path / "frames" / "0003.png"

@@ -93,6 +93,30 @@ def test_what_a_kill_leaves_is_mended(tmp_path: Path) -> None:
     assert not list((tmp_path / "frames").glob(".*"))
 
 
+def test_what_a_kill_leaves_beside_the_table_is_removed_and_nothing_else(tmp_path: Path) -> None:
+    (tmp_path / ".0123456789abcdef.tmp").write_bytes(b"half a table")
+    (tmp_path / ".mine.tmp").write_bytes(b"of another program")
+    keep(tmp_path, PICTURES[:1])
+    assert sorted(path.name for path in tmp_path.glob(".*.tmp")) == [".mine.tmp"]
+
+
+def test_a_table_by_hand_keeps_its_last_row(tmp_path: Path) -> None:
+    """Only what a recorder wrote is known to end in a line break."""
+    write_recording(tmp_path, PICTURES[:2])
+    (tmp_path / "frames.csv").write_text("file,time_s,gain\n0000.png,1.5,2\n0001.png,2.5,2")
+    keep(tmp_path, PICTURES[2:3])
+    assert [(row["time_s"], row["gain"]) for row in read_table(tmp_path / "frames.csv")][:2] == [("1.5", "2"), ("2.5", "2")]
+
+
+def test_a_table_of_other_pictures_is_refused_not_emptied(tmp_path: Path) -> None:
+    write_recording(tmp_path, PICTURES[:1])
+    table = tmp_path / "frames.csv"
+    table.write_text("file,time_s\nframes/0000.png,1.5\n")
+    with pytest.raises(InputError, match=r"tells of frames/0000\.png and of no picture in .*: write names such as 0000\.png"):
+        keep(tmp_path, PICTURES[1:2])
+    assert table.read_text() == "file,time_s\nframes/0000.png,1.5\n"
+
+
 def test_two_recorders_on_one_folder_are_refused(tmp_path: Path) -> None:
     with (
         Recorder(tmp_path, BOARD) as first,
@@ -122,7 +146,7 @@ def test_bare_that_is_a_session_of_its_own_is_refused(tmp_path: Path) -> None:
 
 def test_another_size_is_refused(tmp_path: Path) -> None:
     keep(tmp_path, PICTURES[:1])
-    with pytest.raises(InputError, match=r"160x60 px where .*session.yaml says 160x120: write \?size=160x120"):
+    with pytest.raises(InputError, match=r"The picture is 160x60 px where .*session.yaml says 160x120: set .*\?size=160x120"):
         keep(tmp_path, [PICTURES[1], PICTURES[2][:60]])
     assert same(read_pictures(tmp_path / "frames"), PICTURES[:2])
 
@@ -169,7 +193,7 @@ def test_the_board_is_described_once(tmp_path: Path) -> None:
 
 def test_a_table_that_is_none_is_refused(tmp_path: Path) -> None:
     keep(tmp_path, PICTURES[:1])
-    for content in (b"\xff\xfe\n1\n", b"a,b\n1,2\n", b"file,time_s\n0000.png,1,2\n"):
+    for content in (b"\xff\xfe\n1\n", b"a,b\n1,2\n", b"file,time_s\n0000.png,1,2\n", b"file,time_s\n0000.png,1\n0001.png,1,2\n"):
         (tmp_path / "frames.csv").write_bytes(content)
         with pytest.raises(InputError, match=r"frames\.csv"):
             keep(tmp_path, PICTURES[1:2])

@@ -146,7 +146,7 @@ def test_a_recording_through_the_command(program: Path, tmp_path: Path) -> None:
     kept = read_pictures(tmp_path / "session" / "frames")
     assert 1 <= len(kept) <= 3
     assert all(any(np.array_equal(picture, p) for p in PICTURES) for picture in kept)
-    assert "are safe in" in done.stderr
+    assert "Safe in" in done.stderr
 
 
 def test_cameras_are_listed_with_their_modes(program: Path) -> None:

@@ -1,0 +1,147 @@
+"""How sure the undistorted position of each pixel is, at any depth: the fit's covariance, carried to the maps.
+
+p_u(Z) = A + B / Z for every pixel, so the variance is a quadratic in inverse depth, of three numbers a pixel. The rigid motion of all
+rays that board views leave open is taken out: of each error, the motion that hides most of it at the training corners is subtracted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from calib.calibration import Calibration
+from calib.landing import ROWS
+from calib.maps import DepthMap
+from calib.optics.params import Values
+from calib.optics.path import Path, by_row
+from calib.optics.rays import Rays
+from calib.optics.relief import PROBES
+from calib.optics.vector import Vector
+from calib.priors import freed
+
+Array = NDArray[np.float64]
+
+NODES = (49, 37)
+"""Pixels across and down at which the variance is computed; between them it is linear."""
+
+
+@dataclass(frozen=True, slots=True)
+class SigmaField:
+    """The predicted error of the undistorted pixel of every distorted one."""
+
+    nodes_x: Array
+    """(w,) px"""
+    nodes_y: Array
+    """(h,) px"""
+    variance: Array
+    """(h, w, 3) px^2, px^2 m, px^2 m^2: the variance at depth Z is the first + the second / Z + the third / Z^2, x and y together. NaN
+    where no ray leaves the cover."""
+
+    def at_nodes(self, depth: float) -> Array:
+        """(h, w) px: standard deviation of the two-dimensional position at depth m."""
+        sigma: Array = np.sqrt(np.maximum(self.variance @ np.array([1, 1 / depth, 1 / depth**2]), 0.0))
+        return sigma
+
+    def at(self, x: NDArray[np.floating], y: NDArray[np.floating], depth: float) -> NDArray[np.float32]:
+        """The same at (h, w) distorted px each; NaN next to where no ray leaves the cover, and outside the image."""
+        column, inside_x = _among(x, self.nodes_x)
+        row, inside_y = _among(y, self.nodes_y)
+        sigma = self.at_nodes(depth).astype(np.float32)
+        found = cv2.remap(sigma, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.where(inside_x & inside_y, found, np.float32(np.nan))
+
+    def of_map(self, made: DepthMap) -> NDArray[np.float32]:
+        """(height, width) px of a map's own pixels; NaN where the map is not valid."""
+        return np.where(made.valid, self.at(made.x, made.y, made.depth), np.float32(np.nan))
+
+
+def predicted_sigma(calibration: Calibration) -> SigmaField | None:
+    """The uncertainty of a calibration's maps; None where its fit estimated no covariance."""
+    if not calibration.covariance.size:
+        return None
+    model = _Model.of(calibration)
+    size = calibration.camera.width, calibration.camera.height
+    nodes_x, nodes_y = (np.linspace(-0.5, length - 0.5, n) for length, n in zip(size, NODES, strict=True))
+    pixels = np.stack(np.meshgrid(nodes_x, nodes_y), -1).reshape(-1, 2)
+    changes, lost = model.changes(pixels)  # (N, 4, S)
+    root = np.linalg.cholesky(calibration.covariance)
+    spread = (changes @ root).reshape(len(pixels), 2, 2, -1)  # (N, A or B, x or y, S)
+    infinite, parallax = spread[:, 0], spread[:, 1]
+    parts = [(infinite**2).sum((1, 2)), 2 * (infinite * parallax).sum((1, 2)), (parallax**2).sum((1, 2))]
+    variance = np.where(lost[:, None], np.nan, np.stack(parts, -1))
+    return SigmaField(nodes_x, nodes_y, variance.reshape(len(nodes_y), len(nodes_x), 3))
+
+
+@dataclass(frozen=True, slots=True)
+class _Model:
+    """A calibration's rays and how they change."""
+
+    path: Path
+    values: Values
+    scales: dict[str, float]
+    """Of the free numbers."""
+    motion: Array
+    """(6, S): the rigid motion of all rays that hides most of a change of each shared number at the training corners."""
+
+    @staticmethod
+    def of(calibration: Calibration) -> _Model:
+        path, values = calibration.model()
+        assert calibration.camera.intrinsics
+        free = freed(calibration.camera.intrinsics, calibration.cover, path)
+        scales = {param.name: param.scale for param in path.params if param.name in free}
+        still = _Model(path, values, scales, np.zeros((6, len(calibration.covariance))))
+        observations = calibration.observations
+        depth = path.target.place(observations.corners, torch.from_numpy(calibration.poses)[observations.view])[:, 2].numpy()
+        normal, pull = np.zeros((6, 6)), np.zeros(still.motion.shape)
+        for first in range(0, len(depth), ROWS):
+            some = slice(first, first + ROWS)
+            changes, motions, lost = still._slopes(observations.pixels[some].numpy())
+            at = np.stack([np.ones_like(depth[some]), 1 / depth[some]], -1)[:, :, None, None] * ~lost[:, None, None, None]
+            seen, moved = ((at * part.reshape(len(at), 2, 2, -1)).sum(1).reshape(2 * len(at), -1) for part in (changes, motions))
+            normal += moved.T @ moved
+            pull += moved.T @ seen
+        return _Model(path, values, scales, np.asarray(np.linalg.solve(normal, pull), dtype=np.float64))
+
+    def changes(self, pixels: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """(N, 4, S) derivatives of A and B by the shared numbers, the hidden motion taken out, and (N,) where there is no ray."""
+        changes, motions, lost = self._slopes(pixels)
+        return changes - motions @ self.motion, lost
+
+    def _slopes(self, pixels: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """(N, 4, S) by the shared numbers, (N, 4, 6) by a rigid motion of the rays, (N,) where there is no ray."""
+        rows = len(pixels)
+        numbers = [self.values[name].expand(rows).clone().requires_grad_() for name in self.scales]
+        relief = self.path.cover[-1].relief if self.path.cover else None
+        probes = [torch.zeros(rows, dtype=torch.float64, requires_grad=True) for _ in PROBES] if relief else []
+        motion = torch.zeros(rows, 6, dtype=torch.float64, requires_grad=True)
+        probed = {**self.values, **dict(zip(self.scales, numbers, strict=True)), **dict(zip(PROBES, probes, strict=False))}
+        with torch.enable_grad():
+            rays = self.path.trace(torch.from_numpy(pixels), probed)
+            by_motion, *rest = by_row(self._undistorted(rays, motion), [motion, *probes, *numbers])
+        columns = [d.unsqueeze(-1) * scale for d, scale in zip(rest[len(probes) :], self.scales.values(), strict=True)]
+        if relief:
+            outer = self.path.cover[-1]
+            where = outer.surface.chart(outer.frame.enter(rays.origin.detach(), self.values))
+            columns.insert(0, relief.spread(torch.stack(rest[: len(probes)], -1), where))
+        return torch.cat(columns, -1).numpy(), by_motion.numpy(), (rays.failure != 0).numpy()
+
+    def _undistorted(self, rays: Rays, motion: Tensor) -> Tensor:
+        """(N, 4) A and B of rays after a small rotation (rad) and translation (m). The picture's own pinhole is held."""
+        turn, shift = Vector.of(motion[:, :3]), Vector.of(motion[:, 3:])
+        direction = rays.direction + turn.cross(rays.direction)
+        origin = rays.origin + turn.cross(rays.origin) + shift
+        fx, fy, cx, cy = (float(self.values[f"camera.{name}"]) for name in ("fx", "fy", "cx", "cy"))
+        across, down = direction.x / direction.z, direction.y / direction.z
+        infinite = [fx * across + cx, fy * down + cy]
+        return torch.stack([*infinite, fx * (origin.x - across * origin.z), fy * (origin.y - down * origin.z)], -1)
+
+
+def _among(at: NDArray[np.floating], nodes: Array) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Coordinates in px as indices of evenly spaced nodes, and whether they are among them, but for float32's rounding."""
+    index = ((at - nodes[0]) / (nodes[1] - nodes[0])).astype(np.float32)
+    return index, (index >= -1e-3) & (index <= len(nodes) - 1 + 1e-3)

@@ -1,0 +1,29 @@
+"""The grey values in the raw buffers of V4L2 cameras."""
+
+from collections.abc import Callable, Mapping
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Grey = NDArray[np.uint8]
+
+
+def _plane(raw: Grey, width: int, height: int) -> Grey:
+    return raw.reshape(-1)[: width * height].reshape(height, width)
+
+
+def _decoded(raw: Grey, _width: int, _height: int) -> Grey | None:
+    grey = cv2.imdecode(raw.reshape(-1), cv2.IMREAD_GRAYSCALE)
+    return None if grey is None else np.asarray(grey, np.uint8)
+
+
+FORMATS: Mapping[str, Callable[[Grey, int, int], Grey | None]] = {
+    "GREY": _plane,
+    "YUYV": lambda raw, width, height: raw.reshape(height, width, 2)[..., 0],
+    "UYVY": lambda raw, width, height: raw.reshape(height, width, 2)[..., 1],
+    "NV12": _plane,
+    "YU12": _plane,
+    "MJPG": _decoded,
+}
+"""How the (height, width) grey values are taken from a raw buffer, the exact and cheap formats first. None: a damaged JPEG."""
