@@ -42,8 +42,13 @@ class Observations:
 
     def kept(self, rows: Tensor) -> "Observations":
         """Only the rows where (M,) bool is true; no view disappears."""
-        ends = torch.cat([torch.zeros(1, dtype=torch.int64), rows.cumsum(0)])[self.starts]
+        ends = torch.cat([self.starts.new_zeros(1), rows.cumsum(0)])[self.starts]
         return Observations(self.names, self.pixels[rows], self.corners[rows], self.weight[rows], ends)
+
+    def to(self, device: str) -> "Observations":
+        """The same on another device."""
+        tensors = (part.to(device) for part in (self.pixels, self.corners, self.weight, self.starts))
+        return Observations(self.names, *tensors)
 
     def run(self, views: range) -> "Observations":
         """Some consecutive views."""

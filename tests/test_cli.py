@@ -53,7 +53,7 @@ def test_fit_leaves_calibration_field_and_a_map_for_every_depth(fitted: tuple[Pa
         "rays.npz",
     ]
     with np.load(out / "map_1m.npz") as file:
-        assert set(file) == {"map_x", "map_y", "valid", "depth_m"}
+        assert set(file) == {"map_x", "map_y", "valid", "depth_m", "sigma"}
         assert file["map_x"].shape == (2464, 3280)
         assert file["depth_m"] == 1.0
 

@@ -137,6 +137,16 @@ def test_is_deterministic(made: Scene, fitted: tuple[Path, JointFit]) -> None:
     assert torch.equal(again.values["relief.amplitudes"], fitted[1].values["relief.amplitudes"])
 
 
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device here")
+def test_a_gpu_gives_the_same(made: Scene, fitted: tuple[Path, JointFit]) -> None:
+    path, values, poses = start(made)
+    there = {name: value.cuda() for name, value in values.items()}
+    joint = fit_joint(path, there, made.observations.to("cuda"), poses.cuda())
+    here = fitted[1].values["relief.amplitudes"]
+    assert (joint.values["relief.amplitudes"].cpu() - here).abs().max() < 1e-6 * here.abs().max()
+    assert (joint.poses.cpu() - fitted[1].poses).abs().max() < 1e-6
+
+
 def test_single_bad_corners_do_not_pull(made: Scene) -> None:
     """Three corners in a hundred are 3 px off: held-out error grows by a tenth at most."""
     rng = np.random.default_rng(0)

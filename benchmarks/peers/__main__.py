@@ -13,6 +13,7 @@ import sys
 from pathlib import Path
 from statistics import median
 
+import torch
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
@@ -27,9 +28,9 @@ SPLINED = "SPLINED_STEREOGRAPHIC_order=3_Nx={}_Ny={}_fov_x_deg=75"
 
 OURS = "refracal joint fit, 8x8"
 PEERS = (
-    (OURS, "refracal", "joint 8"),
-    ("refracal joint fit, 12x12", "refracal", "joint 12"),
-    ("paper's procedure, 8x8", "refracal", "paper 8"),
+    (OURS, "refracal", "joint 8 cpu"),
+    ("refracal joint fit, 12x12", "refracal", "joint 12 cpu"),
+    ("paper's procedure, 8x8", "refracal", "paper 8 cpu"),
     ("OpenCV, 5 coefficients", "opencv", "5"),
     ("OpenCV, 8", "opencv", "8"),
     ("OpenCV, 14", "opencv", "14"),
@@ -64,6 +65,8 @@ def main() -> None:
     missing = _mrcal_missing()
     pythons = {"refracal": sys.executable, "opencv": sys.executable, "mrcal": DEBIAN}
     peers = [(name, pythons[module], module, which) for name, module, which in PEERS if not (missing and module == "mrcal")]
+    if torch.cuda.is_available():
+        peers.append(("refracal joint fit, 12x12, on the GPU", sys.executable, "refracal", "joint 12 cuda"))
     if options.opencv:
         other = shutil.which(options.opencv)
         if not other:

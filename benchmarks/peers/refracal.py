@@ -20,7 +20,7 @@ STEPS = 1000
 
 
 def fit(case: Case, which: str) -> Fitted:
-    method, centres = which.split()
+    method, centres, device = which.split()
     grid = int(centres), int(centres)
     seen = observed(case.train)
     begun = time.perf_counter()
@@ -29,8 +29,9 @@ def fit(case: Case, which: str) -> Fitted:
     path = with_relief(smooth, Relief(*footprint(smooth, values, *case.size), grid))
     values["relief.amplitudes"] = torch.zeros(grid, dtype=torch.float64)
     if method == "joint":
-        found = fit_joint(path, values, seen, poses)
-        values, iterations = found.values, found.iterations
+        there = {name: value.to(device) for name, value in values.items()}
+        found = fit_joint(path, there, seen.to(device), poses.to(device))
+        values, iterations = {name: value.cpu() for name, value in found.values.items()}, found.iterations
     else:
         values["relief.amplitudes"] = descend(path, values, seen, poses, steps=STEPS)
         iterations = STEPS
