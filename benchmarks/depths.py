@@ -20,7 +20,7 @@ from tests.scenes import HEIGHT, INTRINSICS, WIDTH, paper_cone, scene
 
 GLASS = paper_cone(thickness=0.00115)
 NOISE = 0.1  # px per axis
-CENTRES = (8, 8)
+CENTRES = (12, 12)
 
 
 def row(seed: int, bumps: int) -> list[str]:

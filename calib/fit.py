@@ -28,7 +28,7 @@ GAUGES = {
     "bare": "camera frame at the pinhole",
     "paper": "camera frame at the pinhole; cover and intrinsics held as stated, or as bare/ gives them; poses as a smooth cover gives them",
     "joint": "camera frame at the pinhole; cover and intrinsics held as stated, or as bare/ gives them, or near that by their priors; "
-    "relief near zero by its prior",
+    "the relief's figure free, what is finer near zero by its prior",
 }
 
 

@@ -1,8 +1,9 @@
 """How uneven and how smooth the glass is likely to be: its figure is left free, its texture is a Gaussian process.
 
-The figure, polynomials of the patch up to the sixth degree, is what makes a lens of the glass (focus, astigmatism, coma and their higher
-orders): no glass is shaped at random there, so a prior that shrinks it spoils what lies nearer than the trained depths. The texture is
-what is finer. How high and how long its bumps are is chosen by evidence: a weak prior would leave them free to take up noise.
+The figure, polynomials of the patch, is what makes a lens of the glass (focus, astigmatism, coma and their higher orders): no glass is
+shaped at random there, so a prior that shrinks it spoils what lies nearer than the trained depths, and one that ends at some degree lets
+what is cut off pass for a lens, and the sigmas for too small. So it is free up to the fourth degree and falls off from there. The texture
+is what is finer. How high and how long its bumps are is chosen by evidence: a weak prior would leave them free to take up noise.
 
 Source: D. J. C. MacKay, Bayesian interpolation (1992), for the evidence; C. E. Rasmussen, C. K. I. Williams, Gaussian processes for
 machine learning (2006), sections 2.7 and 4.2.1, for free polynomials beside a squared exponential.
@@ -20,9 +21,13 @@ from calib.optics.relief import Relief
 
 Array = NDArray[np.float64]
 
-FIGURE_DEGREE = 6
+FIGURE_DEGREE = 10
+FIGURE_FREE = 4
+"""The highest degree that is free."""
+FIGURE_FALL = 0.2
+"""From one degree above that to the next."""
 FIGURE_HEIGHT = 3e-4
-"""m: standard deviation of each Legendre polynomial's coefficient; a third of it gives the same calibrations."""
+"""m: standard deviation of a free Legendre polynomial's coefficient; a third of it gives the same calibrations."""
 LEAST_HEIGHT = 1e-9
 """m: what is left independent from centre to centre, so that the covariance can be inverted."""
 SIGMA_BOUNDS = (1e-4, 1e2)
@@ -54,9 +59,15 @@ class Smoothness:
         one, two = (np.exp(-((c[:, None] - c) ** 2) / (8 * self.length**2)) for c in axes)  # a side is 2 long here
         texture = self.height**2 * np.kron(one, two) + LEAST_HEIGHT**2 * np.eye(len(one) * len(two))
         first, second = (legvander(c, FIGURE_DEGREE) for c in axes)  # (n, degree + 1)
-        figure = [np.kron(first[:, i], second[:, k]) for i in range(FIGURE_DEGREE + 1) for k in range(FIGURE_DEGREE + 1 - i)]
-        root: Array = cholesky(texture + FIGURE_HEIGHT**2 * np.transpose(figure) @ np.array(figure), lower=True)
+        degrees = [(i, k) for i in range(FIGURE_DEGREE + 1) for k in range(FIGURE_DEGREE + 1 - i)]
+        figure = np.array([figure_height(i + k) * np.kron(first[:, i], second[:, k]) for i, k in degrees])
+        root: Array = cholesky(texture + figure.T @ figure, lower=True)
         return root
+
+
+def figure_height(degree: int) -> float:
+    """m: standard deviation of the coefficient of a polynomial of this degree, both directions together."""
+    return FIGURE_HEIGHT * FIGURE_FALL ** max(0, degree - FIGURE_FREE)
 
 
 def basis(relief: Relief) -> Array:

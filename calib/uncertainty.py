@@ -6,6 +6,7 @@ rays that board views leave open is taken out: of each error, the motion that hi
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -64,17 +65,29 @@ def predicted_sigma(calibration: Calibration) -> SigmaField | None:
     """The uncertainty of a calibration's maps; None where its fit estimated no covariance."""
     if not calibration.covariance.size:
         return None
-    model = _Model.of(calibration)
     size = calibration.camera.width, calibration.camera.height
     nodes_x, nodes_y = (np.linspace(-0.5, length - 0.5, n) for length, n in zip(size, NODES, strict=True))
     pixels = np.stack(np.meshgrid(nodes_x, nodes_y), -1).reshape(-1, 2)
-    changes, lost = model.changes(pixels)  # (N, 4, S)
-    root = np.linalg.cholesky(calibration.covariance)
-    spread = (changes @ root).reshape(len(pixels), 2, 2, -1)  # (N, A or B, x or y, S)
+    spread = ray_errors(calibration)(pixels).reshape(len(pixels), 2, 2, -1)  # (N, A or B, x or y, S)
     infinite, parallax = spread[:, 0], spread[:, 1]
-    parts = [(infinite**2).sum((1, 2)), 2 * (infinite * parallax).sum((1, 2)), (parallax**2).sum((1, 2))]
-    variance = np.where(lost[:, None], np.nan, np.stack(parts, -1))
+    variance = np.stack([(infinite**2).sum((1, 2)), 2 * (infinite * parallax).sum((1, 2)), (parallax**2).sum((1, 2))], -1)
     return SigmaField(nodes_x, nodes_y, variance.reshape(len(nodes_y), len(nodes_x), 3))
+
+
+def ray_errors(calibration: Calibration) -> Callable[[Array], Array]:
+    """From (N, 2) px to the (N, 4, S) errors of their A (px) and B (px m) for each of S independent errors of unit variance, which all
+    pixels share; NaN where no ray leaves the cover. S is 0 where the fit estimated no covariance."""
+    if not calibration.covariance.size:
+        return lambda pixels: np.zeros((len(pixels), 4, 0))
+    model = _Model.of(calibration)
+    variances, axes = np.linalg.eigh(calibration.covariance)
+    root = axes * np.sqrt(np.maximum(variances, 0.0))  # what rounding leaves below zero is nothing
+
+    def errors(pixels: Array) -> Array:
+        changes, lost = model.changes(pixels)
+        return np.where(lost[:, None, None], np.nan, changes @ root)
+
+    return errors
 
 
 @dataclass(frozen=True, slots=True)

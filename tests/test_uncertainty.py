@@ -12,6 +12,7 @@ from calib.calibration import Calibration
 from calib.export.npz import write_npz
 from calib.free import with_free
 from calib.progress import Silent
+from calib.schema import Number
 from calib.stages import Settings, Setup, fit_stages
 from calib.uncertainty import predicted_sigma
 from tests.scenes import HEIGHT, INTRINSICS, WIDTH, Scene, scene
@@ -95,6 +96,24 @@ def test_maps_carry_their_sigma(calibration: Calibration, tmp_path: Path) -> Non
         nearest = np.abs(field["sigma_y"] - row).argmin(), np.abs(field["sigma_x"] - column).argmin()
         variance = field["variance"][nearest]
     assert sigma == pytest.approx(np.sqrt(variance @ [1, 1 / 0.6, 1 / 0.36]), rel=0.1)
+
+
+def test_freed_numbers_are_as_far_off_as_their_sigmas_say() -> None:
+    """Priors whose means are drawn around the truth. Sixteen numbers, two or three of a kind in one fit: 1 within a third or so."""
+    off = []
+    for seed in range(500, 504):
+        drawn = scene(seed, 20, (4, 4), 1e-5, 0.1, cover=GLASS)
+        rng = np.random.default_rng(seed)
+        free, _ = with_free(INTRINSICS, GLASS, ("intrinsics",))
+        names = ("fx", "fy", "cx", "cy")
+        told = {name: Number(rng.normal(getattr(free, name).value, getattr(free, name).sigma), getattr(free, name).sigma) for name in names}
+        intrinsics = replace(free, **told)
+        setup = Setup(drawn.board, replace(CAMERA, intrinsics=intrinsics), intrinsics, GLASS)
+        found = fit_stages(setup, drawn.observations, Settings(grid=(8, 8)), Silent())
+        assert found.joint
+        ended = found.joint.estimates()
+        off += [(ended[f"camera.{name}"].value - getattr(INTRINSICS, name).value) / ended[f"camera.{name}"].sigma for name in names]
+    assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.6
 
 
 def test_a_freed_index_makes_maps_less_sure(made: Scene, calibration: Calibration) -> None:
