@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import cv2
 import matplotlib as mpl
 import numpy as np
 
@@ -11,7 +12,7 @@ from calib.maps import DepthMap
 from calib.progress import Silent
 from calib.session import read_session
 from calib.stages import Settings
-from calib.undistort import undistort
+from calib.undistorter import Undistorter
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
@@ -32,7 +33,7 @@ def main() -> None:
     panels[0].imshow(frame, cmap="gray")
     _arrows(panels[0], made)
     panels[0].set_title(f"seen; arrows: distortion at {DEPTH:g} m, x{MAGNIFIED}")
-    panels[1].imshow(undistort(frame, made), cmap="gray")
+    panels[1].imshow(Undistorter(calibration, DEPTH, interpolation=cv2.INTER_CUBIC).undistort(frame), cmap="gray")
     panels[1].set_title(f"undistorted for {DEPTH:g} m")
     names = [stage.name for stage in calibration.stages]
     errors = [stage.rms_px for stage in calibration.stages]

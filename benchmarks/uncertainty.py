@@ -63,7 +63,7 @@ def errors(made: Scene, calibration: Calibration) -> Iterator[tuple[Array, Array
     lattice = np.stack(np.meshgrid(np.linspace(50, WIDTH - 50, 40), np.linspace(50, HEIGHT - 50, 30)), -1).reshape(-1, 2)
     lattice = lattice[np.asarray(cKDTree(corners).query(lattice, k=3)[0])[:, 2] <= NEAR]
     path, values = calibration.model()
-    depth = path.target.place(made.observations.corners, made.poses[made.observations.view])[:, 2].numpy()
+    depth = path.place(made.observations.corners, made.values, made.poses[made.observations.view])[:, 2].numpy()
     ours, true = (rays_of(p, v, corners) for p, v in ((path, values), (made.path, made.values)))
     motion = np.linalg.lstsq(motions(*ours, depth), (seen_at(*true, depth) - seen_at(*ours, depth)).ravel(), rcond=None)[0]
     ours, true = (rays_of(p, v, lattice) for p, v in ((path, values), (made.path, made.values)))

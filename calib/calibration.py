@@ -21,6 +21,9 @@ from torch import Tensor
 from calib.board import Board
 from calib.camera import Camera
 from calib.cover import Cover
+from calib.effects.effect import Effect
+from calib.effects.rolling_shutter import RollingShutter
+from calib.effects.written import effect_from_yaml, effect_to_yaml
 from calib.errors import InputError
 from calib.files import make_folder, reading, save_npz, write_atomically
 from calib.maps import RayField, ray_field
@@ -46,6 +49,15 @@ class Stage:
     """Root mean square two-dimensional reprojection error."""
     rmse_cm: float
     """Root mean square distance on the board."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """An effect that was added, with its numbers."""
+
+    effect: Effect
+    numbers: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
+    """By name: the value and its standard deviation, shaped alike, in the number's own unit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,12 +87,17 @@ class Calibration:
     """What the fit was asked to do."""
     gauge: str
     """What fixes the rigid motion that board views leave open."""
+    effects: tuple[Found, ...] = ()
+    """What the diagnosis added to the model."""
+    times: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    """(V,) when each view was taken, in any unit; (0,) where no effect asks."""
     refracal: str = field(default_factory=lambda: version("refracal"))
     """The version that made it."""
 
     @property
     def observations(self) -> Observations:
-        return Observations.of(self.views, self.board)
+        seen = Observations.of(self.views, self.board)
+        return seen.timed(self.times.tolist(), self.camera.height) if self.times.size else seen
 
     def model(self) -> tuple[Path, dict[str, Tensor]]:
         """The ray path and its numbers, in torch."""
@@ -89,6 +106,9 @@ class Calibration:
         if self.relief:
             path = with_relief(path, self.relief, exact_hit=self.exact_hit)
             values["relief.amplitudes"] = torch.from_numpy(self.amplitudes)
+        for found in self.effects:
+            path = found.effect.apply(path)
+            values |= {name: torch.from_numpy(value) for name, (value, _) in found.numbers.items()}
         return path, values
 
     def rays(self, pixels: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -133,6 +153,7 @@ class Calibration:
                 "amplitudes": self.amplitudes,
                 "poses": self.poses,
                 "covariance": self.covariance,
+                "times": self.times,
                 "names": np.array([view.name for view in self.views]),
                 "corners": np.array([view.corners for view in self.views]).reshape(-1, self.board.count, 2),
                 "weights": np.array([view.weight for view in self.views]).reshape(-1, self.board.count),
@@ -156,6 +177,7 @@ class Calibration:
             "arrays_sha256": digest,
             **session_to_yaml(self.board, self.camera, self.cover),
             "relief": relief,
+            "effects": [effect_to_yaml(found.effect, found.numbers) for found in self.effects],
             "gauge": self.gauge,
             "settings": self.settings,
             "noise_px": self.noise_px,
@@ -191,7 +213,7 @@ def _from_mapping(said: dict[str, Any], path: FilePath) -> Calibration:
     relief = None if said["relief"] is None else _relief(said["relief"])
     if relief and cover.shape == "none":
         raise ValueError("there is a relief and no cover")
-    _check_arrays(arrays, relief, board)
+    _check_arrays(arrays, relief, board, shutter=any(one["name"] == RollingShutter.name for one in said.get("effects", [])))
     return Calibration(
         board=board,
         camera=camera,
@@ -210,6 +232,8 @@ def _from_mapping(said: dict[str, Any], path: FilePath) -> Calibration:
         noise_px=float(said["noise_px"]),
         settings=dict(said["settings"]),
         gauge=said["gauge"],
+        effects=tuple(Found(*effect_from_yaml(one)) for one in said.get("effects", [])),
+        times=arrays.get("times", np.zeros(0)),
         refracal=said["refracal"],
     )
 
@@ -232,11 +256,11 @@ def _pair(written: object, key: str) -> tuple[float, float]:
     raise ValueError(f"relief.{key} is not two numbers")
 
 
-def _check_arrays(arrays: Mapping[str, NDArray[Any]], relief: Relief | None, board: Board) -> None:
+def _check_arrays(arrays: Mapping[str, NDArray[Any]], relief: Relief | None, board: Board, *, shutter: bool) -> None:
     views, numbers = len(arrays["names"]), len(arrays["covariance"])
     shapes = {
         "amplitudes": relief.grid if relief else (0, 0),
-        "poses": (views, 6),
+        "poses": (views, 12 if shutter else 6),
         "covariance": (numbers, numbers),
         "corners": (views, board.count, 2),
         "weights": (views, board.count),

@@ -7,9 +7,9 @@ data.
 from collections.abc import Sequence
 
 from calib.command_line import run_command
-from calib.commands import evaluate, export, fit, undistort
+from calib.commands import diagnose, evaluate, export, fit, importing, measure, report, undistort
 
-COMMANDS = (fit, evaluate, undistort, export)
+COMMANDS = (fit, evaluate, diagnose, report, undistort, measure, export, importing)
 """In the order of the help."""
 
 

@@ -15,7 +15,8 @@ def run_command(program: str, description: str | None, commands: Sequence[Module
     """Run the command that the arguments name; returns the exit code.
 
     Args:
-        commands: each has its help as docstring, `add_arguments(parser)` and `run(args)`; in the order of the help.
+        commands: each has its help as docstring, `add_arguments(parser)` and `run(args)`, and a NAME if its module's is another; in the
+            order of the help.
         argv: None for this process's own.
     """
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
@@ -58,7 +59,7 @@ def _parser(program: str, description: str | None, commands: Sequence[ModuleType
     parser.add_argument("--version", action="version", version=f"refracal {version('refracal')}")
     choices = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in commands:
-        name = command.__name__.rpartition(".")[2]
+        name = getattr(command, "NAME", command.__name__.rpartition(".")[2])
         summary = (command.__doc__ or "").partition("\n")[0]
         own = choices.add_parser(name, help=summary, description=command.__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
         command.add_arguments(own)

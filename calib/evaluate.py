@@ -72,7 +72,7 @@ def evaluate(calibration: Calibration, session: Session, progress: Progress) -> 
     observations = Observations.of(views, session.board)
     with single_thread():
         poses, missed = refit_poses(path, values, observations, poses[torch.tensor(found)])
-    depth = path.target.place(observations.corners, poses[observations.view])[:, 2]
+    depth = path.place(observations.corners, observations.told(values), poses[observations.view])[:, 2]
     return Evaluation(missed.rms_px, missed.rmse_cm, len(views), _bands(missed, depth), (*rejected, *few, *lost))
 
 

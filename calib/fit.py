@@ -82,6 +82,7 @@ def fit(session: Session, settings: Settings, progress: Progress) -> Calibration
             "free": list(settings.free),
             "steps": settings.steps,
             "exact_hit": settings.exact_hit,
+            "intrinsics_from": start.intrinsics_from,
             "lens_held_out_px": {str(count): error for count, error in start.lens_held_out_px.items()},
         }
         | ({"cross_validation": asdict(validation)} if validation else {})

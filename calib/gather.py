@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -24,6 +25,7 @@ class Gathered:
     """With corners enough for a pose."""
     rejected: tuple[Rejected, ...]
     intrinsics: Intrinsics
+    intrinsics_from: Literal["session.yaml", "bare", "views"]
     lens_held_out_px: dict[int, float]
     """By number of coefficients, the error on held-out views, where the number was chosen by it."""
 
@@ -48,18 +50,22 @@ def gather(session: Session, progress: Progress) -> Gathered:
     views, rejected = read_views(session, progress)
     bare: tuple[Rejected, ...] = ()
     tried: dict[int, float] = {}
+    source: Literal["session.yaml", "bare", "views"]
     if session.camera.intrinsics:
         intrinsics = session.camera.intrinsics
+        source = "session.yaml"
     elif session.bare:
         shown, dropped = read_views(session.bare, progress)
         fitted = calibrate_bare(shown, session.bare.board, session.camera, progress)
         bare = tuple(Rejected(f"{session.bare.path.name}/{r.name}", r.reason) for r in (*dropped, *fitted.rejected))
         intrinsics, tried = fitted.intrinsics, fitted.held_out_px
+        source = "bare"
     else:
         fitted = calibrate_bare(views, session.board, session.camera, progress)
         views, bare, intrinsics, tried = fitted.views, fitted.rejected, fitted.intrinsics, fitted.held_out_px
+        source = "views"
     kept, too_few = with_poses(views, session.board)
-    return Gathered(kept, (*rejected, *bare, *too_few), intrinsics, tried)
+    return Gathered(kept, (*rejected, *bare, *too_few), intrinsics, source, tried)
 
 
 def _check_inside(views: Sequence[View], session: Session) -> None:

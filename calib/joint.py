@@ -20,11 +20,23 @@ from calib.solve import Outcome, Solution, minimise
 
 FIRST_SIGMA = 0.1
 """px"""
-FIRST_HEIGHT = 1e-5
-"""m"""
-FIRST_LENGTH = 0.4
+FIRST_PRIOR = Smoothness(height=1e-5, length=0.4)
 ROUNDS = (1e-2, 1e-4, 1e-9)
 """Tolerances of one fit after another; between them the prior, the noise and the pixel weighting are estimated anew."""
+
+
+AGAIN = (1e-3, 1e-6)
+"""The same of a fit that starts where one like it ended."""
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Where an earlier fit ended."""
+
+    values: Values
+    sigma: float
+    """px"""
+    smoothness: Smoothness | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +59,14 @@ class JointFit:
 
     def estimates(self) -> dict[str, Number]:
         """The free numbers with their standard deviations, in SI units."""
-        sigmas = self.covariance.diagonal()[len(self.covariance) - len(self.scales) :].sqrt().tolist()
-        return {
-            name: Number(float(self.values[name]), scale * sigma) for (name, scale), sigma in zip(self.scales.items(), sigmas, strict=True)
-        }
+        return {name: Number(float(self.values[name]), float(self.sigma_of(name))) for name in self.scales if not self.values[name].ndim}
+
+    def sigma_of(self, name: str) -> Tensor:
+        """The standard deviation of a free number, shaped as it is."""
+        value, place = self.values[name], Shared(self.values, None, self.scales).places()[name]
+        first = len(self.covariance) - sum(self.values[other].numel() for other in self.scales)
+        sigma = self.covariance.diagonal()[first:][place].clamp_min(0.0).sqrt()
+        return self.scales[name] * sigma.reshape(value.shape)
 
     def said(self) -> dict[str, object]:
         """What a calibration file keeps of the fit."""
@@ -64,7 +80,8 @@ def fit_joint(
     observations: Observations,
     poses: Tensor,
     *,
-    free: Mapping[str, float] | None = None,
+    free: Mapping[str, float | Tensor] | None = None,
+    start: Start | None = None,
     progress: Callable[[int, float], None] | None = None,
 ) -> JointFit:
     """Maximum a posteriori amplitudes, free numbers and poses; the strength of the prior and the noise by evidence.
@@ -72,21 +89,23 @@ def fit_joint(
     Args:
         path: with or without a relief.
         values: the start; free numbers have their prior's mean here.
-        poses: (V, 6) to start from.
-        free: standard deviation of each free scalar number's prior, by name.
+        poses: (V, 6) to start from, or (V, 12) where boards move during the readout.
+        free: standard deviation of each free number's prior, by name; `values` hold its mean.
+        start: where to start instead, with the noise and the prior that are kept.
         progress: called with the number of linearisations so far and the RMS px.
     """
     free = free or {}
     # A corner whose ray does not get through the cover at the start says nothing, and must not forbid every step.
-    observations = observations.kept(path.land(observations.pixels, values, poses[observations.view])[1] == 0)
+    begin = start.values if start else values
+    observations = observations.kept(path.land(observations.pixels, observations.told(begin), poses[observations.view])[1] == 0)
     relief = path.cover[-1].relief if path.cover else None
     scales = {param.name: param.scale for param in path.params if param.name in free}
     model = Shared(values, relief, scales)
-    fixed = np.array([(scale / free[name]) ** 2 for name, scale in scales.items()])
-    sigma, smoothness = FIRST_SIGMA, Smoothness(FIRST_HEIGHT, FIRST_LENGTH) if relief else None
-    shared = observations.pixels.new_zeros(model.count)
+    fixed = np.concatenate([*((scale / _sigmas(free[name], values[name])) ** 2 for name, scale in scales.items()), np.zeros(0)])
+    sigma, smoothness = (start.sigma, start.smoothness) if start else (FIRST_SIGMA, FIRST_PRIOR if relief else None)
+    shared = model.of(begin)
     spent = 0
-    for tolerance in ROUNDS:
+    for tolerance in AGAIN if start else ROUNDS:
         precision = _precision(relief, smoothness, fixed).to(shared)
         here = model.at(shared)
         weights = pixel_weights(path, here, observations, poses, sigma)
@@ -95,7 +114,7 @@ def fit_joint(
         shared, poses, spent = solution.shared, solution.blocks, spent + solution.iterations
         if progress:
             progress(spent, sigma * (solution.normal.square / len(observations.pixels)) ** 0.5)
-        if tolerance != ROUNDS[-1]:
+        if not start and tolerance != ROUNDS[-1]:
             freedom = 2 * len(observations.pixels) - poses.numel()
             sigma, smoothness = _by_evidence(solution, freedom, sigma, smoothness, relief, fixed)
     curvature, _ = solution.normal.reduced()
@@ -111,6 +130,18 @@ def _by_evidence(
     square = solution.normal.square * sigma**2
     quadratic = Quadratic.around(curvature, slope, square, freedom, solution.shared.cpu().numpy())
     return most_probable(Evidence(quadratic, relief, fixed), (square / freedom) ** 0.5, smoothness)
+
+
+def _sigmas(prior: float | Tensor, value: Tensor) -> np.ndarray:
+    """(n,) of a number's entries."""
+    return np.broadcast_to(np.asarray(prior, dtype=np.float64), value.shape).ravel()
+
+
+def shared_precision(path: Path, smoothness: Smoothness | None, free: Mapping[str, float | Tensor], means: Values) -> np.ndarray:
+    """(S, S) of the prior on a path's shared numbers, free ones over their scales."""
+    fixed = [(p.scale / _sigmas(free[p.name], means[p.name])) ** 2 for p in path.params if p.name in free]
+    relief = path.cover[-1].relief if path.cover else None
+    return _precision(relief, smoothness, np.concatenate([*fixed, np.zeros(0)])).numpy()
 
 
 def _precision(relief: Relief | None, smoothness: Smoothness | None, fixed: np.ndarray) -> Tensor:

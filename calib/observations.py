@@ -1,7 +1,7 @@
 """The seen corners of all views, row after row, as tensors."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.board import Board
+from calib.optics.params import LINE, TIME, Values
 from calib.views import View
 
 
@@ -26,6 +27,8 @@ class Observations:
     """(M,) at most 1: the factor on the residual."""
     starts: Tensor
     """(V + 1,) int64: the rows of view v are starts[v] to starts[v + 1]."""
+    moment: Tensor | None = None
+    """(M, 2): when each corner was seen, in the session and during its picture's readout, both from -0.5 to 0.5."""
 
     @staticmethod
     def of(views: Sequence[View], board: Board) -> "Observations":
@@ -43,18 +46,39 @@ class Observations:
     def kept(self, rows: Tensor) -> "Observations":
         """Only the rows where (M,) bool is true; no view disappears."""
         ends = torch.cat([self.starts.new_zeros(1), rows.cumsum(0)])[self.starts]
-        return Observations(self.names, self.pixels[rows], self.corners[rows], self.weight[rows], ends)
+        moment = None if self.moment is None else self.moment[rows]
+        return Observations(self.names, self.pixels[rows], self.corners[rows], self.weight[rows], ends, moment)
+
+    def without(self, views: Tensor) -> "Observations":
+        """Only the views where (V,) bool is false."""
+        rows = ~views[self.view]
+        names = tuple(name for name, out in zip(self.names, views.tolist(), strict=True) if not out)
+        starts = torch.cat([self.starts.new_zeros(1), self.starts.diff()[~views].cumsum(0)])
+        moment = None if self.moment is None else self.moment[rows]
+        return Observations(names, self.pixels[rows], self.corners[rows], self.weight[rows], starts, moment)
+
+    def timed(self, times: Sequence[float], height: int) -> "Observations":
+        """The same, with each view's time (V,), in any unit, and the lines of a picture of `height` px read from top to bottom."""
+        time = torch.tensor(times, dtype=self.pixels.dtype, device=self.pixels.device)
+        span = (time.max() - time.min()).clamp_min(1e-300)
+        own = ((time - time.min()) / span - 0.5)[self.view]
+        return replace(self, moment=torch.stack([own, (self.pixels[:, 1] + 0.5) / height - 0.5], -1))
+
+    def told(self, values: Values) -> Values:
+        """The numbers of a path, and when each corner was seen."""
+        return values if self.moment is None else {**values, TIME: self.moment[:, 0], LINE: self.moment[:, 1]}
 
     def to(self, device: str) -> "Observations":
         """The same on another device."""
-        tensors = (part.to(device) for part in (self.pixels, self.corners, self.weight, self.starts))
-        return Observations(self.names, *tensors)
+        pixels, corners, weight, starts = (part.to(device) for part in (self.pixels, self.corners, self.weight, self.starts))
+        return Observations(self.names, pixels, corners, weight, starts, None if self.moment is None else self.moment.to(device))
 
     def run(self, views: range) -> "Observations":
         """Some consecutive views."""
         rows = slice(int(self.starts[views.start]), int(self.starts[views.stop]))
         starts = self.starts[views.start : views.stop + 1] - self.starts[views.start]
-        return Observations(self.names[views.start : views.stop], self.pixels[rows], self.corners[rows], self.weight[rows], starts)
+        moment = None if self.moment is None else self.moment[rows]
+        return Observations(self.names[views.start : views.stop], self.pixels[rows], self.corners[rows], self.weight[rows], starts, moment)
 
     @property
     def view(self) -> Tensor:

@@ -72,7 +72,7 @@ def _loss(path: Path, values: Values, observations: Observations, poses: Tensor)
     own = Placement.of(poses)[observations.view]
 
     def loss(amplitudes: Tensor) -> Tensor:
-        landed, failure = path.target(outer(rays, {**values, "relief.amplitudes": amplitudes}), own)
+        landed, failure = path.target(outer(rays, {**values, "relief.amplitudes": amplitudes}), own, values)
         squared = ((landed - observations.corners) ** 2).sum(-1) * observations.weight**2
         return torch.where(failure == 0, squared, torch.zeros_like(squared)).sum()
 

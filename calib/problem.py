@@ -23,7 +23,7 @@ class Shared:
     relief: Relief | None
     """Whose amplitudes are estimated."""
     free: Mapping[str, float]
-    """The scale of each free number."""
+    """The scale of each free number; one that has several entries takes as many places."""
 
     @property
     def amplitudes(self) -> int:
@@ -31,22 +31,36 @@ class Shared:
 
     @property
     def count(self) -> int:
-        return self.amplitudes + len(self.free)
+        return self.amplitudes + sum(self.start[name].numel() for name in self.free)
 
     @property
     def scales(self) -> Tensor:
-        """One for each free number."""
+        """One for each entry of the free numbers."""
         some = next(iter(self.start.values()))
-        return some.new_tensor(list(self.free.values()))
+        return some.new_tensor([scale for name, scale in self.free.items() for _ in range(self.start[name].numel())])
+
+    def places(self) -> dict[str, slice]:
+        """Where each free number stands."""
+        begin, found = self.amplitudes, {}
+        for name in self.free:
+            found[name] = slice(begin, begin + self.start[name].numel())
+            begin = found[name].stop
+        return found
 
     def at(self, shared: Tensor) -> dict[str, Tensor]:
         """The path's numbers for (S,) shared ones."""
         moved = dict(self.start)
         if self.relief:
             moved["relief.amplitudes"] = moved["relief.amplitudes"] + shared[: self.amplitudes].reshape(self.relief.grid)
-        for (name, scale), change in zip(self.free.items(), shared[self.amplitudes :], strict=True):
-            moved[name] = moved[name] + scale * change
+        for name, place in self.places().items():
+            moved[name] = moved[name] + self.free[name] * shared[place].reshape(moved[name].shape)
         return moved
+
+    def of(self, values: Values) -> Tensor:
+        """The (S,) shared numbers at which the path's numbers are these."""
+        changed = ["relief.amplitudes"] * bool(self.relief) + list(self.free)
+        parts = [(values[name] - self.start[name]).flatten() / self.free.get(name, 1.0) for name in changed]
+        return torch.cat(parts) if parts else next(iter(self.start.values())).new_zeros(0)
 
 
 @dataclass(frozen=True, slots=True)

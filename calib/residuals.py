@@ -33,10 +33,10 @@ class Residuals:
 
 def residuals(path: Path, values: Values, observations: Observations, poses: Tensor) -> Residuals:
     """The residuals of all corners, with the boards at (V, 6) poses."""
-    own = poses[observations.view]
+    own, values = poses[observations.view], observations.told(values)
     landed, failure = path.land(observations.pixels, values, own)
     off = torch.where((failure != 0).unsqueeze(-1), torch.full_like(landed, torch.nan), landed - observations.corners)
-    seen = project(path, values, path.target.place(observations.corners, own), start=observations.pixels)
+    seen = project(path, values, path.place(observations.corners, values, own), start=observations.pixels)
     return Residuals(seen - observations.pixels, off)
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.calibration import Calibration
-from calib.landing import ROWS
+from calib.landing import ROWS, joined
 from calib.maps import DepthMap
 from calib.optics.params import Values
 from calib.optics.path import Path, by_row
@@ -109,7 +109,8 @@ class _Model:
         scales = {param.name: param.scale for param in path.params if param.name in free}
         still = _Model(path, values, scales, np.zeros((6, len(calibration.covariance))))
         observations = calibration.observations
-        depth = path.target.place(observations.corners, torch.from_numpy(calibration.poses)[observations.view])[:, 2].numpy()
+        poses = torch.from_numpy(calibration.poses)[observations.view]
+        depth = path.place(observations.corners, observations.told(values), poses)[:, 2].numpy()
         normal, pull = np.zeros((6, 6)), np.zeros(still.motion.shape)
         for first in range(0, len(depth), ROWS):
             some = slice(first, first + ROWS)
@@ -128,7 +129,7 @@ class _Model:
     def _slopes(self, pixels: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """(N, 4, S) by the shared numbers, (N, 4, 6) by a rigid motion of the rays, (N,) where there is no ray."""
         rows = len(pixels)
-        numbers = [self.values[name].expand(rows).clone().requires_grad_() for name in self.scales]
+        numbers = [self.values[name].expand(rows, *self.values[name].shape).clone().requires_grad_() for name in self.scales]
         relief = self.path.cover[-1].relief if self.path.cover else None
         probes = [torch.zeros(rows, dtype=torch.float64, requires_grad=True) for _ in PROBES] if relief else []
         motion = torch.zeros(rows, 6, dtype=torch.float64, requires_grad=True)
@@ -136,10 +137,11 @@ class _Model:
         with torch.enable_grad():
             rays = self.path.trace(torch.from_numpy(pixels), probed)
             by_motion, *rest = by_row(self._undistorted(rays, motion), [motion, *probes, *numbers])
-        columns = [d.unsqueeze(-1) * scale for d, scale in zip(rest[len(probes) :], self.scales.values(), strict=True)]
+        columns = [joined([slope]) * scale for slope, scale in zip(rest[len(probes) :], self.scales.values(), strict=True)]
         if relief:
             outer = self.path.cover[-1]
-            where = outer.surface.chart(outer.frame.enter(rays.origin.detach(), self.values))
+            _, adjusted = self.path.adjusted(torch.from_numpy(pixels), self.values)
+            where = outer.surface.chart(outer.frame.enter(rays.origin.detach(), adjusted))
             columns.insert(0, relief.spread(torch.stack(rest[: len(probes)], -1), where))
         return torch.cat(columns, -1).numpy(), by_motion.numpy(), (rays.failure != 0).numpy()
 

@@ -1,66 +1,83 @@
-"""Pictures through a map."""
+"""Picture files, videos, and folders of both, straightened into another folder under their own names."""
 
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import cast
 
 import cv2
 import numpy as np
 
 from calib.calibration import Calibration
+from calib.depth_image import depth_image_for
 from calib.errors import InputError
 from calib.files import make_folder, reading, write_atomically
-from calib.images import SIXTEEN_BIT, SUFFIXES, Image, list_images, read_image
-from calib.maps import DepthMap
+from calib.images import SIXTEEN_BIT, SUFFIXES, list_images, read_image
 from calib.progress import Progress
+from calib.undistorter import NEAR, Depth, Image, Undistorter
+from calib.video import VIDEOS, list_videos, straighten_video
 
 ENCODING = {".jpg": [cv2.IMWRITE_JPEG_QUALITY, 97], ".jpeg": [cv2.IMWRITE_JPEG_QUALITY, 97]}
 
 
-def undistort(image: Image, made: DepthMap) -> Image:
-    """A (height, width) or (height, width, 3) picture, 8 or 16 bit, as the bare pinhole camera would show it; 0 where it sees nothing."""
-    straight = cv2.remap(image, made.x, made.y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    straight[~made.valid] = 0
-    return cast(Image, straight)
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What the straightened pictures show."""
+
+    depth: Depth | Path
+    """m; or a depth image's file; or a folder with a depth image for each picture, under the picture's name."""
+    crop: float | None = None
+    size: tuple[int, int] | None = None
+    """px, width and height."""
+    near: float = NEAR
+    """m: the nearest that depth images reach."""
 
 
-def undistort_files(calibration: Calibration, images: Sequence[Path], depth: float, folder: Path, progress: Progress) -> list[Path]:
-    """Straighten picture files, or whole folders of them, into `folder` under their own names; returns what was written."""
+def undistort_files(calibration: Calibration, given: Sequence[Path], wanted: Wanted, folder: Path, progress: Progress) -> list[Path]:
+    """Straighten pictures and videos into `folder`; returns what was written."""
     paths: list[Path] = []
-    for given in images:
-        with reading(given):
-            paths += list_images(given) if given.is_dir() else (given,)
+    for one in given:
+        with reading(one):
+            paths += (*list_images(one), *list_videos(one)) if one.is_dir() else (one,)
     _check_names(paths, folder)
-    advance = progress.task("Undistort", len(paths) + 1)
-    made = calibration.ray_field().map_at(depth)
+    first = wanted.depth if not isinstance(wanted.depth, Path) else depth_image_for(paths[0], wanted.depth)
+    undistorter = Undistorter(calibration, first, crop=wanted.crop, size=wanted.size, near=wanted.near)
     make_folder(folder)
-    camera = calibration.camera
+    advance = progress.task("Undistort", len(paths))
     written = []
-    for done, path in enumerate(paths, start=1):
+    for done, path in enumerate(paths):
         advance(done, path.name)
-        image = read_image(path)
-        if image.shape[:2] != (camera.height, camera.width):
-            raise InputError(
-                f"{path} is {image.shape[1]}x{image.shape[0]} px where the calibration is for {camera.width}x{camera.height}: "
-                "give pictures of the calibrated camera mode."
-            )
+        if isinstance(wanted.depth, Path) and wanted.depth.is_dir() and done:
+            undistorter = undistorter.at(depth_image_for(path, wanted.depth))
         target = folder / path.name
-        write_atomically(target, _encoded(undistort(image, made), path))
+        if path.suffix.lower() in VIDEOS:
+            straighten_video(path, target, undistorter, progress)
+        else:
+            write_atomically(target, _encoded(_straightened(path, undistorter), path))
         written.append(target)
-    advance(len(paths) + 1, "")
+    advance(len(paths), "")
     return written
+
+
+def _straightened(path: Path, undistorter: Undistorter) -> Image:
+    image = read_image(path)
+    try:
+        return undistorter.undistort(image)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
 def _check_names(paths: Sequence[Path], folder: Path) -> None:
     if not paths:
-        raise InputError("There are no pictures to undistort: name some, or a folder that holds png, jpg, tiff, bmp or npy files.")
+        raise InputError(
+            "There are no pictures to undistort: name some, or a folder that holds png, jpg, tiff, bmp or npy files, or videos."
+        )
     seen: dict[str, Path] = {}
     there = os.path.realpath(folder)  # unlike Path.resolve, it lets a loop of links pass: reading says what is wrong
     for path in paths:
-        if path.suffix.lower() not in SUFFIXES:
-            raise InputError(f"{path} does not say what to write: give it its type's suffix, one of {', '.join(SUFFIXES)}.")
+        if path.suffix.lower() not in (*SUFFIXES, *VIDEOS):
+            raise InputError(f"{path} does not say what to write: give it its type's suffix, one of {', '.join((*SUFFIXES, *VIDEOS))}.")
         if path.name in seen:
             raise InputError(f"{seen[path.name]} and {path} have the same name: undistort them into different folders.")
         seen[path.name] = path

@@ -5,16 +5,21 @@ data, 4 the device failed.
 """
 
 import os
+import sys
 from collections.abc import Sequence
 
 from calib.command_line import run_command
-from capture.commands import record, sources
+from capture.commands import record, sources, ui
 
-COMMANDS = (record, sources)
-"""In the order of the help."""
+COMMANDS = (ui, record, sources)
+"""In the order of the help. The first may go without its name: what is no other's name is its SESSION."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command `capture`; returns its exit code."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    argv = sys.argv[1:] if argv is None else list(argv)
+    names = {command.__name__.rpartition(".")[2] for command in COMMANDS}
+    if argv and argv[0] not in (*names, "-h", "--help", "--version"):
+        argv = ["ui", *argv]
     return run_command("capture", __doc__, COMMANDS, argv)

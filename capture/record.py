@@ -1,6 +1,7 @@
 """The loop from frames to pictures: look, judge, keep. What shows it to a person stands above it."""
 
 import math
+import threading
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,12 +23,31 @@ UNMEASURED = Verdict(False, "Hold the board still and closer: its corners cannot
 class Plan:
     """What to keep of a stream of frames."""
 
-    views: int
-    """Poses of the board, after which the loop ends."""
+    views: int | None
+    """Poses of the board, after which the loop ends. None: it goes on."""
     burst: int = 1
     """Pictures of each, as long as the board stays still."""
     every_s: float = 0.0
     """The least time from one view to the next."""
+
+
+class Shutter:
+    """What a person wishes of the loop while it runs, from any thread."""
+
+    def __init__(self) -> None:
+        self.automatic = True
+        """Whether good frames are kept by themselves."""
+        self._pressed = threading.Event()
+
+    def press(self) -> None:
+        """Keep the next frame in which the board's corners can be measured, whatever else is wrong with it."""
+        self._pressed.set()
+
+    def pressed(self) -> bool:
+        """Whether it was pressed since this was last asked."""
+        was = self._pressed.is_set()
+        self._pressed.clear()
+        return was
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,11 +63,19 @@ class Step:
     """How many views there are, with this one."""
 
 
-def record(frames: Iterable[Frame], finder: Finder, recorder: Recorder, plan: Plan, kept: list[NDArray[np.float64]]) -> Iterator[Step]:
+def record(
+    frames: Iterable[Frame],
+    finder: Finder,
+    recorder: Recorder,
+    plan: Plan,
+    kept: list[NDArray[np.float64]],
+    shutter: Shutter | None = None,
+) -> Iterator[Step]:
     """Judge each frame, keep the good ones, and end after the planned views.
 
     `kept` has the (count, 2) px corners of the views that the session has already; those of new views are added to it.
     """
+    shutter = shutter or Shutter()
     before: Sighting | None = None
     views, left, last_s = 0, 0, -math.inf
     for frame in frames:
@@ -63,14 +91,14 @@ def record(frames: Iterable[Frame], finder: Finder, recorder: Recorder, plan: Pl
                 picture = recorder.keep(frame, same_view=True)
         else:
             verdict = judge(now, before, kept, alone=frame.alone)
-            if verdict.keep and frame.time_s - last_s >= plan.every_s:
+            if shutter.pressed() or (shutter.automatic and verdict.keep and frame.time_s - last_s >= plan.every_s):
                 corners = finder.refine(frame, now)
-                if corners is None:
-                    verdict = UNMEASURED
-                else:
+                if corners is not None:
                     picture = recorder.keep(frame)
                     kept.append(corners)
                     views, left, last_s = views + 1, plan.burst - 1, frame.time_s
+                elif now.corners is not None:
+                    verdict = UNMEASURED
         before = now
         yield Step(frame, now, verdict, picture, views)
         if views == plan.views and not left:

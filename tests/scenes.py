@@ -77,7 +77,7 @@ def scene(
     poses: list[Tensor] = []
     while len(kept) < views:
         pose = torch.from_numpy(_random_pose(rng, depths))
-        pixels = project(path, values, path.target.place(torch.from_numpy(board.points()), pose)).numpy()
+        pixels = project(path, values, path.place(torch.from_numpy(board.points()), values, pose)).numpy()
         if not np.all((pixels >= 20) & (pixels <= [WIDTH - 20, HEIGHT - 20])):
             continue
         pixels = pixels + rng.normal(0, noise, pixels.shape) if noise else pixels

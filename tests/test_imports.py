@@ -7,7 +7,7 @@ import pytest
 
 FORBIDDEN = {
     "calib": {"torch", "cv2", "numpy"},
-    "calib.cli": {"torch", "cv2", "numpy", "rich"},
+    "calib.cli": {"torch", "cv2", "numpy", "rich", "matplotlib"},
     "calib.command_line": {"torch", "cv2", "numpy", "rich", "capture"},
     "calib.session": {"torch", "rich", "capture"},
     "calib.board": {"torch", "cv2"},
@@ -24,12 +24,14 @@ FORBIDDEN = {
     "calib.joint": {"cv2", "rich", "calib.session", "calib.calibration", "capture"},
     "calib.evaluate": {"rich", "calib.fit", "calib.paper", "capture"},
     "calib.calibration": {"rich", "calib.fit", "calib.solve", "capture"},
-    "calib.fit": {"rich", "textual", "capture"},
-    "capture.cli": {"torch", "cv2", "numpy", "rich", "textual"},
+    "calib.fit": {"rich", "textual", "matplotlib", "capture"},
+    "calib.report.origin": {"rich", "textual", "matplotlib", "capture"},
+    "calib.report.write": {"textual", "calib.fit", "capture"},
+    "capture.cli": {"torch", "cv2", "numpy", "rich", "textual", "matplotlib"},
     "capture.frames": {"torch", "cv2"},
     "capture.finder": {"torch", "rich", "textual", "capture.recorder", "capture.reader", "capture.sources"},
     "capture.gate": {"torch", "rich", "textual", "capture.recorder", "capture.reader", "capture.sources"},
-    "capture.record": {"torch", "rich", "textual"},
+    "capture.record": {"torch", "rich", "textual", "matplotlib"},
     "capture.sources.registry": {"torch", "cv2"},
     "capture.sources.libcamera": {"torch", "cv2", "libcamera"},
 }

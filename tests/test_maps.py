@@ -61,15 +61,20 @@ def test_field_is_enough_for_any_depth(made: Scene, field: RayField) -> None:
 
 
 def test_where_no_ray_leaves_the_cover_the_map_says_so(made: Scene) -> None:
-    """A bump so steep that light is totally reflected on its flanks."""
+    """A bump so steep that light is totally reflected on its flanks, by a small camera: the cost goes with its area."""
     values = {**made.values, "relief.amplitudes": made.values["relief.amplitudes"].clone()}
     values["relief.amplitudes"][1, 1] = 3e-3
     values["cover.refractive_index"] = torch.tensor(2.6, dtype=torch.float64)
-    field = ray_field(made.path, values, WIDTH // 2, HEIGHT // 2)
+    for name in ("fx", "fy", "cx", "cy"):
+        values[f"camera.{name}"] = made.values[f"camera.{name}"] / 3
+    field = ray_field(made.path, values, WIDTH // 6, HEIGHT // 6)
     made_map = field.map_at(1.0)
     assert 0.5 < field.valid.mean() < 1
     assert np.isfinite(field.infinite).all()
     assert 0.05 < made_map.valid.mean() < 1
+    off, inside, valid = off_projection(made.path, values, made_map, 2)
+    assert (inside & valid).sum() > 500
+    assert off[inside & valid].max() < 0.01
 
 
 @pytest.mark.parametrize("depth", [0.0, -1.0, float("nan")])
@@ -100,6 +105,8 @@ def off_projection(path: Path, values: Values, made: DepthMap, every: int) -> tu
 def test_nearby_a_map_is_right_or_not_valid(made: Scene, field: RayField, depth: float) -> None:
     off, inside, valid = off_projection(made.path, made.values, field.map_at(depth), 24)
     assert off[inside & valid].max(initial=0) < 0.01
+    assert not valid[np.isnan(off)].any(), "no ray reaches that point"
+    assert (depth > 0.012) == bool(valid.any())
 
 
 def lens_path(*coefficients: float) -> tuple[Path, Values]:

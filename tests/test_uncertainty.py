@@ -63,7 +63,7 @@ def test_the_variance_is_what_drawn_numbers_scatter_by(calibration: Calibration)
     truth, values = calibration.model()
     centre = np.array([[WIDTH / 2, HEIGHT / 2], [600.0, 500.0]])
     corners = calibration.observations.pixels.numpy()
-    depth = truth.target.place(calibration.observations.corners, torch.from_numpy(calibration.poses)[calibration.observations.view])[
+    depth = truth.place(calibration.observations.corners, values, torch.from_numpy(calibration.poses)[calibration.observations.view])[
         :, 2
     ].numpy()
     from benchmarks.uncertainty import motions, rays_of, seen_at
@@ -106,8 +106,8 @@ def test_freed_numbers_are_as_far_off_as_their_sigmas_say() -> None:
         rng = np.random.default_rng(seed)
         free, _ = with_free(INTRINSICS, GLASS, ("intrinsics",))
         names = ("fx", "fy", "cx", "cy")
-        told = {name: Number(rng.normal(getattr(free, name).value, getattr(free, name).sigma), getattr(free, name).sigma) for name in names}
-        intrinsics = replace(free, **told)
+        fx, fy, cx, cy = (Number(rng.normal(n.value, n.sigma), n.sigma) for n in (free.fx, free.fy, free.cx, free.cy))
+        intrinsics = replace(free, fx=fx, fy=fy, cx=cx, cy=cy)
         setup = Setup(drawn.board, replace(CAMERA, intrinsics=intrinsics), intrinsics, GLASS)
         found = fit_stages(setup, drawn.observations, Settings(grid=(8, 8)), Silent())
         assert found.joint

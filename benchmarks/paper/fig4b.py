@@ -45,7 +45,7 @@ def _seen(made: Scene, width: int) -> Observations:
     """The scene's corners through its bumps, made `width` spacings wide."""
     path = with_relief(made.path, Relief(*PATCH, (10, 10), beta=float(width**2)))
     seen = made.observations
-    return replace(seen, pixels=project(path, made.values, path.target.place(seen.corners, made.poses[seen.view])))
+    return replace(seen, pixels=project(path, made.values, path.place(seen.corners, made.values, made.poses[seen.view])))
 
 
 def _text(cone: np.ndarray, rmse: np.ndarray) -> str:

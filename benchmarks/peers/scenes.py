@@ -71,7 +71,7 @@ def _near(path: Path, values: Values, rng: np.random.Generator) -> Shots:
         depth = rng.uniform(*NEAR)
         across = rng.uniform(-1, 1, 2) * [0.62, 0.46] * depth
         pose = np.concatenate([rng.uniform(-0.6, 0.6, 2), rng.uniform(-0.3, 0.3, 1), across, [depth]])
-        points = path.target.place(torch.from_numpy(CORNERS[:, :2]), torch.from_numpy(pose))
+        points = path.place(torch.from_numpy(CORNERS[:, :2]), values, torch.from_numpy(pose))
         pixels = project(path, values, points).numpy()
         inside = np.all((pixels >= MARGIN) & (pixels <= [WIDTH - MARGIN, HEIGHT - MARGIN]), -1)  # false for NaN
         if inside.sum() < FEWEST:

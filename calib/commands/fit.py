@@ -1,6 +1,7 @@
 """Calibrate a session: a folder of pictures in, a calibration and undistortion maps out.
 
-SESSION holds session.yaml and frames/. OUT gets calibration.yaml with calibration.npz, the ray field, and a map for every --depth.
+SESSION holds session.yaml and frames/. OUT gets calibration.yaml with calibration.npz, the ray field, a map for every --depth, and
+report.html, which shows what was calibrated and whether to trust it.
 """
 
 import argparse
@@ -46,6 +47,8 @@ def run(args: argparse.Namespace) -> None:
     from calib.export.npz import write_npz
     from calib.files import check_writable
     from calib.fit import fit
+    from calib.report.origin import with_origin
+    from calib.report.write import write_report
     from calib.session import read_session
     from calib.stages import Settings
 
@@ -55,7 +58,7 @@ def run(args: argparse.Namespace) -> None:
     check_writable(output)
     settings = Settings(args.method, args.grid, args.steps, not args.neglect_shift, args.free, args.folds)
     with Bars() as bars:
-        calibration = fit(session, settings, bars)
+        calibration = with_origin(fit(session, settings, bars), session)
         saved = calibration.save(output)
         written = [saved, *write_npz(calibration, args.depth, output, bars, replace=True)]
     seconds = time.monotonic() - begun
@@ -63,6 +66,10 @@ def run(args: argparse.Namespace) -> None:
         print_json(summary(calibration, seconds))
     else:
         print_fit(calibration, seconds, written)
+    with Bars() as bars:  # last: whatever happens here, the calibration is written and told of
+        report = write_report(calibration, output, bars, args.depth)
+    if not args.json:
+        print(f"Wrote {report}")
 
 
 def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:

@@ -2,7 +2,7 @@
 
 rays.npz: width, height px of the image; fx, fy, cx, cy px of the undistorted picture; nodes_x (w,), nodes_y (h,) px; infinite (h, w, 2)
 px and parallax (h, w, 2) px m, so that the undistorted pixel at depth Z of the distorted pixel at a node is infinite + parallax / Z;
-valid (h, w).
+valid (h, w); nearest (h, w) m, how far in front of the camera each ray leaves the cover.
 sigma_x (m,), sigma_y (n,) px and variance (n, m, 3), where the fit estimated it: the predicted variance of the undistorted position at
 those distorted pixels is variance[..., 0] + variance[..., 1] / Z + variance[..., 2] / Z^2, px^2, x and y together (calib.uncertainty).
 map_Zm.npz: map_x, map_y (height, width) float32 for cv2.remap, -1 where not valid; valid (height, width); depth_m; and sigma (height,
@@ -21,7 +21,7 @@ from calib.maps import DepthMap, RayField
 from calib.progress import Progress
 from calib.uncertainty import SigmaField, predicted_sigma
 
-ARRAYS = ("nodes_x", "nodes_y", "infinite", "parallax", "valid")
+ARRAYS = ("nodes_x", "nodes_y", "infinite", "parallax", "valid", "nearest")
 
 
 def write_npz(calibration: Calibration, depths: Sequence[float], folder: Path, progress: Progress, *, replace: bool = False) -> list[Path]:
@@ -36,7 +36,7 @@ def write_npz(calibration: Calibration, depths: Sequence[float], folder: Path, p
     sigma = predicted_sigma(calibration)
     written = [_write_field(field, sigma, calibration, folder)]
     for done, depth in enumerate(dict.fromkeys(depths), start=1):
-        advance(done, f"{_text(depth)} m")
+        advance(done, f"{depth_text(depth)} m")
         written.append(_write_map(field.map_at(depth), sigma, folder))
     if replace:
         for old in {*folder.glob("map_*m.npz")} - {*written}:
@@ -66,7 +66,7 @@ def _write_field(field: RayField, sigma: SigmaField | None, calibration: Calibra
 
 
 def _write_map(made: DepthMap, sigma: SigmaField | None, folder: Path) -> Path:
-    path = folder / f"map_{_text(made.depth)}m.npz"
+    path = folder / f"map_{depth_text(made.depth)}m.npz"
     arrays = {"map_x": made.x, "map_y": made.y, "valid": made.valid, "depth_m": np.float64(made.depth)}
     if sigma:
         arrays["sigma"] = sigma.of_map(made)
@@ -74,6 +74,6 @@ def _write_map(made: DepthMap, sigma: SigmaField | None, folder: Path) -> Path:
     return path
 
 
-def _text(depth: float) -> str:
+def depth_text(depth: float) -> str:
     """The shortest text that only this depth has: 1, 0.5, 1.0000001."""
     return repr(float(depth)).removesuffix(".0")

@@ -19,10 +19,13 @@ class Frame:
     """t, m: the cover's origin in the camera frame."""
     tilt: Names = (None, None, None)
     """R's rotation vector, rad: the cover is turned about its own origin."""
+    more: tuple[Names, ...] = ()
+    """Further turns on top of that, rad."""
 
     @property
     def params(self) -> tuple[Param, ...]:
-        return (*(Param(n, "m", 1e-3) for n in self.origin if n), *(Param(n, "rad", 1e-2) for n in self.tilt if n))
+        turns = (n for names in (self.tilt, *self.more) for n in names if n)
+        return (*(Param(n, "m", 1e-3) for n in self.origin if n), *(Param(n, "rad", 1e-2) for n in turns))
 
     def enter(self, point: Vector, values: Values) -> Vector:
         """Points of the camera frame in the cover's frame."""
@@ -34,10 +37,11 @@ class Frame:
 
     def turn(self, direction: Vector, values: Values, *, back: bool = False) -> Vector:
         """Directions of the camera frame in the cover's frame, or back."""
-        if not any(self.tilt):
-            return direction
-        rotvec = _named(self.tilt, values, direction)
-        return direction.turned(rotation.matrix(rotvec.stacked()), back=not back)
+        for names in (self.tilt, *self.more)[:: -1 if back else 1]:
+            if any(names):
+                rotvec = _named(names, values, direction)
+                direction = direction.turned(rotation.matrix(rotvec.stacked()), back=not back)
+        return direction
 
     def _shift(self, values: Values, like: Vector) -> Vector:
         return _named(self.origin, values, like)

@@ -29,13 +29,19 @@ class Interface:
     relief: Relief | None = None
     exact_hit: bool = True
     """Whether the relief moves the hit point, or only bends the normal as in the paper."""
+    more: tuple[Relief, ...] = ()
+    """Added to the relief."""
+
+    @property
+    def reliefs(self) -> tuple[Relief, ...]:
+        return (*((self.relief,) if self.relief else ()), *self.more)
 
     @property
     def params(self) -> tuple[Param, ...]:
         own = [Param("cover.refractive_index", "", 1e-2)]
         if self.name == "outer":
             own += [Param("cover.thickness", "m", 1e-3), Param("cover.outside_index", "", 1e-2)]
-        return (*self.surface.params, *self.frame.params, *own, *(self.relief.params if self.relief else ()))
+        return (*self.surface.params, *self.frame.params, *own, *(param for relief in self.reliefs for param in relief.params))
 
     def __call__(self, rays: Rays, values: Values) -> Rays:
         """Rays before the surface to rays that start on it, bent."""
@@ -49,7 +55,7 @@ class Interface:
             height, ratio = values["cover.thickness"], glass / values["cover.outside_index"]
             missed_code, reflected_code = MISSED_OUTER, REFLECTED_OUTER
         distance, missed = self.surface.reach(origin, direction, height, values)
-        if self.relief and self.exact_hit:
+        if self.reliefs and self.exact_hit:
             distance = self._onto_relief(origin, direction, distance, height, values)
         point = origin + direction * distance
         bent, reflected = refract(direction, self._outwards(point, values)[0].unit(), ratio)
@@ -63,9 +69,10 @@ class Interface:
     def _outwards(self, point: Vector, values: Values) -> tuple[Vector, Tensor | float]:
         """The gradient of the height above the surface, relief included, and the relief's (...) m there."""
         gradient = self.surface.gradient(point, values)
-        if not self.relief:
+        if not self.reliefs:
             return gradient, 0.0
-        bump, first, second = self.relief.height(self.surface.chart(point), values)
+        chart = self.surface.chart(point)
+        bump, first, second = (sum(parts[1:], parts[0]) for parts in zip(*(r.height(chart, values) for r in self.reliefs), strict=True))
         return gradient - self.surface.chart_gradient(point, first, second), bump
 
     def _onto_relief(self, origin: Vector, direction: Vector, start: Tensor, height: Tensor, values: Values) -> Tensor:

@@ -6,7 +6,13 @@ from dataclasses import dataclass
 from torch import Tensor
 
 Values = Mapping[str, Tensor]
-"""Every number of a ray path by name, in SI units and pixels: () for a scalar, (rows, columns) for a relief's amplitudes."""
+"""Every number of a ray path by name, in SI units and pixels: () for a scalar, (rows, columns) for a relief's amplitudes. Of a scalar there
+may also be one for each ray, (...)."""
+
+TIME = "seen.time"
+LINE = "seen.line"
+"""Optional values, (...) each: when each ray was seen, in the session and during its picture's readout, both from -0.5 to 0.5. Without
+them it was in the middle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,3 +23,5 @@ class Param:
     unit: str
     scale: float
     """The size of a typical change, in the unit."""
+    shape: tuple[int, ...] = ()
+    """Of the value: () for a scalar."""

@@ -2,15 +2,27 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import torch
 from torch import Tensor
 
 from calib.optics.interface import Interface
 from calib.optics.lens import Lens
-from calib.optics.params import Param, Values
+from calib.optics.params import LINE, Param, Values
 from calib.optics.rays import Rays
-from calib.optics.target import Placement, Plane
+from calib.optics.target import Placement, Target
+
+
+class Adjustment(Protocol):
+    """Changes what the stages read, before a ray starts: a focal length that drifts, a corner that the detector puts aside."""
+
+    @property
+    def params(self) -> tuple[Param, ...]: ...
+
+    def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
+        """(..., 2) px and the numbers, as the stages are to have them."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,13 +31,20 @@ class Path:
 
     lens: Lens
     cover: tuple[Interface, ...] = ()
-    target: Plane = field(default_factory=Plane)
+    target: Target = field(default_factory=Target)
+    adjustments: tuple[Adjustment, ...] = ()
+    shutter: bool = False
+    """Whether boards move while a picture is read out: then a view has the 6 numbers of its pose and 6 of its motion."""
 
     @property
     def params(self) -> tuple[Param, ...]:
         """Every number that some stage reads, once, in the order of the path."""
-        read = (*self.lens.params, *(param for interface in self.cover for param in interface.params))
+        read = [param for stage in (*self.adjustments, *self.stages, self.target) for param in stage.params]
         return tuple({param.name: param for param in read}.values())
+
+    @property
+    def numbers_per_view(self) -> int:
+        return 12 if self.shutter else 6
 
     @property
     def stages(self) -> tuple[Lens | Interface, ...]:
@@ -34,17 +53,28 @@ class Path:
 
     def trace(self, pixels: Tensor, values: Values) -> Rays:
         """(..., 2) px to the rays that leave the cover."""
+        pixels, values = self.adjusted(pixels, values)
         return self.onward(self.lens(pixels, values), values, 1)
 
+    def adjusted(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
+        """(..., 2) px and the numbers as the stages read them."""
+        for adjust in self.adjustments:
+            pixels, values = adjust(pixels, values)
+        return pixels, values
+
     def onward(self, rays: Rays, values: Values, passed: int) -> Rays:
-        """Rays that have passed the lens and `passed` stages in all to the rays that leave the cover."""
+        """Rays that have passed the lens and `passed` stages in all to the rays that leave the cover; values already adjusted."""
         for interface in self.cover[passed - 1 :]:
             rays = interface(rays, values)
         return rays
 
     def land(self, pixels: Tensor, values: Values, poses: Tensor) -> tuple[Tensor, Tensor]:
-        """(..., 2) px and (..., 6) board poses to (..., 2) m on the board and (...) uint8 failures."""
-        return self.target(self.trace(pixels, values), Placement.of(poses))
+        """(..., 2) px and (..., 6) board poses, or 12 numbers, to (..., 2) m on the board and (...) uint8 failures."""
+        return self.target(self.trace(pixels, values), Placement.of(poses).during(values.get(LINE)), values)
+
+    def place(self, corners: Tensor, values: Values, poses: Tensor) -> Tensor:
+        """(..., 2) m board coordinates on boards at (..., 6) poses, or 12 numbers, to (..., 3) m in the camera frame."""
+        return self.target.place(corners, Placement.of(poses).during(values.get(LINE)), values)
 
 
 def by_row(outputs: Tensor, inputs: Sequence[Tensor]) -> list[Tensor]:

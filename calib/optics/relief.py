@@ -28,10 +28,12 @@ class Relief:
     """Centres along the first and along the second chart coordinate, two or more each."""
     beta: float = 1.0
     """Squared width of a Gaussian, in units of the squared spacing."""
+    name: str = "relief"
+    """The values hold its amplitudes as NAME.amplitudes. Only the one called relief has probes."""
 
     @property
     def params(self) -> tuple[Param, ...]:
-        return (Param("relief.amplitudes", "m", 1e-5),)
+        return (Param(f"{self.name}.amplitudes", "m", 1e-5, self.grid),)
 
     @property
     def spacing(self) -> tuple[float, float]:
@@ -40,13 +42,15 @@ class Relief:
 
     def height(self, chart: tuple[Tensor, Tensor], values: Values) -> tuple[Tensor, Tensor, Tensor]:
         """Two (...) chart coordinates to (...) m, and to its two (...) slopes, m per chart unit."""
-        amplitudes = values["relief.amplitudes"]  # (rows, columns)
+        amplitudes = values[f"{self.name}.amplitudes"]  # (rows, columns), or one for each point
         first, rise_first = self.bells(chart[0], 0)  # (rows, ...)
         second, rise_second = self.bells(chart[1], 1)  # (columns, ...)
-        mixed = torch.tensordot(amplitudes, second, dims=([1], [0]))  # (rows, ...)
-        rise_mixed = torch.tensordot(amplitudes, rise_second, dims=([1], [0]))
+        if amplitudes.ndim == 2:
+            mixed, rise_mixed = (torch.tensordot(amplitudes, bells, dims=([1], [0])) for bells in (second, rise_second))  # (rows, ...)
+        else:
+            mixed, rise_mixed = (torch.einsum("...rc,c...->r...", amplitudes, bells) for bells in (second, rise_second))
         height, by_first, by_second = (mixed * first).sum(0), (mixed * rise_first).sum(0), (rise_mixed * first).sum(0)
-        if PROBES[0] not in values:
+        if self.name != "relief" or PROBES[0] not in values:
             return height, by_first, by_second
         level, tilt_first, tilt_second = (values[name] for name in PROBES)
         lean = tilt_first * (chart[0] - chart[0].detach()) + tilt_second * (chart[1] - chart[1].detach())  # zero, but for its slopes

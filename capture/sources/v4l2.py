@@ -26,7 +26,7 @@ from capture.frames import Frame
 from capture.sources import v4l2_device as device
 from capture.sources.options import EXPOSURE_US, GAIN, read_number, read_size
 from capture.sources.registry import Camera, Inventory
-from capture.sources.v4l2_formats import FORMATS, Grey
+from capture.sources.v4l2_formats import FORMATS, ROWS, Grey
 
 os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")  # s, for which OpenCV waits for a frame; it reads this at its first use
 
@@ -127,6 +127,11 @@ class V4l2Source:
         if given != self._size:
             raise CaptureError(
                 f"{self._path} gives pictures of {given[0]}x{given[1]} px: write ?size={given[0]}x{given[1]} after --source."
+            )
+        if mode.format in ROWS and (added := device.padding(self._handle, *ROWS[mode.format])):
+            raise CaptureError(
+                f"{self._path} adds {added} bytes to each row of its {mode.format} pictures of this size, which OpenCV does not heed: "
+                "choose another ?size= or ?format=."
             )
         try:
             first = self._take(START)

@@ -15,6 +15,7 @@ from pathlib import Path
 from capture.errors import CaptureError
 
 QUERYCAP, ENUM_FMT, ENUM_FRAMESIZES, ENUM_FRAMEINTERVALS = 0x80685600, 0xC0405602, 0xC02C564A, 0xC034564B
+G_FMT = 0xC0D05604  # where pointers have 8 bytes
 QUERYCTRL, G_CTRL, S_CTRL = 0xC0445624, 0xC008561B, 0xC008561C
 REQBUFS, QBUF, STREAMON = 0xC0145608, 0xC058560F, 0x40045612
 CAPTURE = 1  # V4L2_BUF_TYPE_VIDEO_CAPTURE, and V4L2_CAP_VIDEO_CAPTURE
@@ -102,6 +103,22 @@ def modes(handle: int) -> list[Mode]:
         name = pixels.decode("ascii", "replace").strip()
         found += [Mode(name, w, h, _fastest(handle, pixels, w, h), scales) for w, h, scales in _sizes(handle, pixels)]
     return found
+
+
+def padding(handle: int, pixel: int, rows: float) -> int:
+    """Bytes that the driver adds to each row of grey values, of which a pixel takes `pixel`; 0 where that cannot be told.
+
+    `rows` of the same length make one row of the picture, chroma's included. Some drivers count chroma into the length: then the picture is
+    too small for rows of that length.
+    """
+    if struct.calcsize("P") != 8:
+        return 0
+    try:
+        given = ioctl(handle, G_FMT, struct.pack("=I204x", CAPTURE))
+    except OSError:
+        return 0
+    width, height, _, _, row, whole = struct.unpack_from("=6I", given, 8)
+    return max(row - width * pixel, 0) if whole >= int(row * height * rows) else 0
 
 
 def lock(handle: int) -> list[str]:

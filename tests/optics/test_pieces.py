@@ -11,7 +11,7 @@ from calib.optics.lens import COEFFICIENTS, Lens
 from calib.optics.rays import LENS, Rays
 from calib.optics.relief import Relief
 from calib.optics.snell import refract
-from calib.optics.target import Placement, Plane
+from calib.optics.target import Placement, Target
 from calib.optics.vector import Vector
 from tests.optics import oracle
 
@@ -136,15 +136,15 @@ def test_board_is_hit_where_opencv_s_homography_says() -> None:
     directions = torch.from_numpy(np.column_stack([points, np.ones(50)]))
     zero = torch.zeros(50, dtype=torch.float64)
     rays = Rays(Vector(zero, zero, zero), Vector.of(directions).unit(), torch.zeros(50, dtype=torch.uint8))
-    landed, failure = Plane()(rays, Placement.of(torch.from_numpy(pose).expand(50, 6)))
+    landed, failure = Target()(rays, Placement.of(torch.from_numpy(pose).expand(50, 6)), {})
     assert not failure.any()
     assert np.abs(landed.numpy() - corners).max() < 1e-13
-    placed = Plane().place(landed, torch.from_numpy(pose).expand(50, 6))
+    placed = Target().place(landed, Placement.of(torch.from_numpy(pose).expand(50, 6)), {})
     assert (placed[:, :2] / placed[:, 2:] - torch.from_numpy(points)).abs().max() < 1e-13
 
 
 def test_a_board_behind_the_camera_is_missed() -> None:
     zero, one = torch.zeros(1, dtype=torch.float64), torch.ones(1, dtype=torch.float64)
     rays = Rays(Vector(zero, zero, zero), Vector(zero, zero, one), torch.zeros(1, dtype=torch.uint8))
-    _, failure = Plane()(rays, Placement.of(torch.tensor([[0.0, 0, 0, 0, 0, -1.0]], dtype=torch.float64)))
+    _, failure = Target()(rays, Placement.of(torch.tensor([[0.0, 0, 0, 0, 0, -1.0]], dtype=torch.float64)), {})
     assert failure.tolist() != [0]

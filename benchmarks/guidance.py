@@ -1,0 +1,173 @@
+"""What following the guide is worth: `python -m benchmarks.guidance [--seeds 20] [--first 2000] [--bumps 4]`.
+
+Each seed has its own glass (random bumps that nobody declared), camera noise of 0.1 px per axis, and a person who holds a 9x9 board of 20
+mm squares between 0.6 and 1.2 m: at random wherever the gate agrees, or near where the guide asks, with 3 % of the depth of error
+sideways, 5 % in depth and 6 degrees in each angle (standard deviations; what the gate refuses is tried again). The guide knows the
+nominal cover, is told of each view, and is computed anew after every fourth, so between these a view counts as the pose of the bank next
+to it. A map's error is that of the undistorted position over the middles of 9x12 cells of the whole picture at three depths, after the
+rigid motion of all rays that fits best there.
+"""
+
+import argparse
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from benchmarks.uncertainty import motions, rays_of, seen_at
+from calib.board import Board
+from calib.camera import Camera
+from calib.design import Design
+from calib.information import Estimate, estimate
+from calib.optics.project import project
+from calib.stages import Setup
+from calib.threads import single_thread
+from calib.views import View
+from capture.coverage import CELLS, InformedGuide, PlainGuide, SeenView
+from capture.finder import Sighting
+from capture.gate import new
+from capture.guidance_process import GRID
+from capture.poses_bank import Reach, bank
+from tests.scenes import HEIGHT, INTRINSICS, WIDTH, Scene, paper_cone, scene
+
+Array = NDArray[np.float64]
+
+GLASS = paper_cone(thickness=0.00115)
+BOARD = Board(9, 9, 0.020)
+CAMERA = Camera(WIDTH, HEIGHT, intrinsics=INTRINSICS)
+SETUP = Setup(BOARD, CAMERA, INTRINSICS, GLASS)
+REACH = Reach(0.6, 1.2)
+NOISE = 0.1  # px per axis
+BORDER = 20.0  # px, nearer to which the gate refuses a corner
+SIDEWAYS, DEPTH, ANGLE = 0.03, 0.05, np.radians(6)
+AFRESH = 4  # views, after which the guide is computed anew
+GUIDED, RANDOM = 12, 20  # views
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Person:
+    """Holds the board, wherever it is wanted, until the gate agrees."""
+
+    truth: Scene
+    rng: np.random.Generator
+    views: list[View]
+
+    def at_random(self) -> None:
+        self._hold(self._anywhere)
+
+    def near(self, pose: Array) -> None:
+        depth = pose[5]
+        error = np.array([ANGLE] * 3 + [SIDEWAYS * depth] * 2 + [DEPTH * depth])
+        self._hold(lambda: pose + self.rng.normal(0, error))
+
+    def _anywhere(self) -> Array:
+        """As in tests.scenes."""
+        depth = self.rng.uniform(REACH.near, REACH.far)
+        across = self.rng.uniform(-1, 1, 2) * [0.62, 0.46] * depth
+        return np.concatenate([self.rng.uniform(-0.6, 0.6, 2), self.rng.uniform(-0.3, 0.3, 1), across, [depth]])
+
+    def _hold(self, draw: Callable[[], Array]) -> None:
+        while True:
+            points = self.truth.path.place(torch.from_numpy(BOARD.points()), self.truth.values, torch.from_numpy(draw()))
+            corners = project(self.truth.path, self.truth.values, points).numpy()
+            if not np.all((corners >= BORDER) & (corners <= [WIDTH - BORDER, HEIGHT - BORDER])):
+                continue
+            corners = corners + self.rng.normal(0, NOISE, corners.shape)
+            square = float(np.linalg.norm(np.diff(corners.reshape(9, 9, 2), axis=1), axis=-1).mean())
+            if new(Sighting(corners, WIDTH, HEIGHT, 0.0, square=square), None, [view.corners for view in self.views]) is None:
+                self.views.append(View(f"{len(self.views):04d}", corners, np.ones(BOARD.count)))
+                return
+
+
+def follow(person: Person, nominal: Design, count: int, every: int) -> None:
+    """Take views where the guide asks, or only every so-manieth of them; the others at random."""
+    design = nominal
+    for number in range(count):
+        if number and number % AFRESH == 0:
+            design = design_of(estimate(SETUP, person.views, GRID))
+        if number % every:
+            person.at_random()
+            continue
+        hint = InformedGuide(BOARD, CAMERA, REACH, design).next_pose(seen(person.views))
+        assert hint
+        person.near(hint.pose)
+
+
+def follow_plainly(person: Person, count: int) -> None:
+    """The same with the plain rule."""
+    guide = PlainGuide(BOARD, CAMERA, REACH)
+    for _ in range(count):
+        hint = guide.next_pose(seen(person.views))
+        assert hint
+        person.near(hint.pose)
+
+
+def go_anywhere(person: Person, count: int) -> None:
+    for _ in range(count):
+        person.at_random()
+
+
+def seen(views: Sequence[View]) -> list[SeenView]:
+    return [SeenView(view.corners) for view in views]
+
+
+def design_of(known: Estimate) -> Design:
+    return known.design(SETUP, bank(BOARD, CAMERA, REACH).poses, CELLS, REACH.levels())
+
+
+def judged(person: Person) -> tuple[float, float]:
+    """The error of the map that these views give, and what the guide predicts for it, px."""
+    known = estimate(SETUP, person.views, GRID)
+    design = design_of(known)
+    x, y = ((np.arange(n) + 0.5) / n * length - 0.5 for n, length in zip(CELLS[::-1], (WIDTH, HEIGHT), strict=True))
+    pixels = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
+    ours, true = (
+        rays_of(p, dict(v), pixels) for p, v in ((known.model.path, known.model.values), (person.truth.path, person.truth.values))
+    )
+    at = [np.full(len(pixels), depth) for depth in REACH.levels()]
+    off = np.concatenate([(seen_at(*true, depth) - seen_at(*ours, depth)).ravel() for depth in at])
+    moved = np.concatenate([motions(*ours, depth) for depth in at])
+    left = off - moved @ np.linalg.lstsq(moved, off, rcond=None)[0]
+    return float(np.sqrt((left**2).mean() * 2)), design.sigma(design.known())
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--first", type=int, default=2000, help="the first seed")
+    parser.add_argument("--bumps", type=int, default=4, help="of the true glass, along each side of the paper's patch")
+    asked = parser.parse_args()
+    with single_thread():
+        nominal = design_of(estimate(SETUP, (), GRID))
+        ways: dict[str, Callable[[Person], None]] = {
+            f"{GUIDED} views, guided": lambda person: follow(person, nominal, GUIDED, 1),
+            f"{GUIDED} views, every second hint": lambda person: follow(person, nominal, GUIDED, 2),
+            f"{GUIDED} views, plain rule": lambda person: follow_plainly(person, GUIDED),
+            f"{GUIDED} views at random": lambda person: go_anywhere(person, GUIDED),
+            f"{RANDOM} views at random": lambda person: go_anywhere(person, RANDOM),
+        }
+        found: dict[str, list[tuple[float, float]]] = {name: [] for name in ways}
+        for seed in track(range(asked.first, asked.first + asked.seeds), "seeds"):
+            truth = scene(seed, 1, (asked.bumps, asked.bumps), 1e-5, cover=GLASS)
+            for way, (name, take) in enumerate(ways.items()):
+                person = Person(truth, np.random.default_rng([seed, way]), [])
+                take(person)
+                found[name].append(judged(person))
+    table = Table("", "map error, px: median", "10 % to 90 %", "predicted, median", "error / predicted, RMS", "median", "10 % to 90 %")
+    for name, pairs in found.items():
+        error, sigma = np.array(pairs).T
+        ratio = error / sigma
+        spread, ratios = (" to ".join(f"{v:.2f}" for v in np.quantile(part, (0.1, 0.9))) for part in (error, ratio))
+        cells = f"{np.median(error):.3f}", spread, f"{np.median(sigma):.3f}", f"{np.sqrt((error**2).mean() / (sigma**2).mean()):.2f}"
+        table.add_row(name, *cells, f"{np.median(ratio):.2f}", ratios)
+    Console(width=150).print(table)
+    print(f"{asked.bumps}x{asked.bumps} bumps, seeds {asked.first} to {asked.first + asked.seeds - 1}")
+
+
+if __name__ == "__main__":
+    main()

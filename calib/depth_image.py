@@ -1,0 +1,40 @@
+"""Depth images on disk, as RGB-D cameras and stereo programs write them."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.errors import InputError
+
+KINDS = (".npy", ".png", ".tif", ".tiff", ".exr")
+
+
+def read_depth_image(path: Path) -> NDArray[np.float32]:
+    """(height, width) m: floating-point files hold metres, 16-bit ones millimetres; 0 is unknown."""
+    try:
+        if path.suffix.lower() == ".npy":
+            pixels = np.load(path, allow_pickle=False)
+        else:
+            pixels = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}): check its name and permissions.") from error
+    except (ValueError, EOFError, cv2.error):
+        pixels = None
+    if not isinstance(pixels, np.ndarray) or pixels.ndim != 2 or pixels.dtype not in (np.float32, np.float64, np.uint16):
+        raise InputError(
+            f"{path} is not a depth image: write (height, width) floating-point metres as npy or tiff, or 16-bit millimetres as png."
+        )
+    return np.asarray(pixels / 1000 if pixels.dtype == np.uint16 else pixels, dtype=np.float32)
+
+
+def depth_image_for(picture: Path, given: Path) -> NDArray[np.float32]:
+    """The depth image of a picture: the file itself, or of a folder the one with the picture's name."""
+    if not given.is_dir():
+        return read_depth_image(given)
+    for kind in KINDS:
+        named = given / f"{picture.stem}{kind}"
+        if named.exists():
+            return read_depth_image(named)
+    raise InputError(f"{given} holds no depth image for {picture.name}: add {picture.stem}.npy or {picture.stem}.png.")

@@ -1,0 +1,219 @@
+"""From a calibration to a better one: find the residual, name the effect, add it, and say what that changed on held-out views."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from pathlib import Path as FilePath
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from calib.calibration import Calibration, Found, Stage
+from calib.diagnosis.base import base_model
+from calib.diagnosis.held_out import FOLDS, HeldOut
+from calib.diagnosis.loop import ROUNDS, TRIED, Loop, form
+from calib.diagnosis.organised import Scene, Share
+from calib.diagnosis.record import Candidate, Diagnosis, Estimate, Quality
+from calib.diagnosis.words import remarks, verdict
+from calib.errors import NotEnoughDataError
+from calib.evaluate import evaluate
+from calib.joint import JointFit
+from calib.model import Model
+from calib.noise import short_scale_noise
+from calib.observations import Observations
+from calib.priors import with_estimates
+from calib.progress import Progress
+from calib.residuals import Residuals, residuals
+from calib.session import Session
+from calib.threads import single_thread
+
+FEWEST_VIEWS = 2 * FOLDS
+ORGANISED = 1e-3
+"""p-value from which something is said to organise a residual, over the things that are asked."""
+NOTICEABLE = 0.03
+"""Of the variance, above chance: less is not worth a word."""
+
+
+def diagnose(calibration: Calibration, progress: Progress, holdout: Session | None = None) -> tuple[Calibration, Diagnosis]:
+    """Run the loop.
+
+    Args:
+        holdout: views that no fit has seen; without them, held-out errors are those of folds over the calibration's own views.
+
+    Returns:
+        The calibration with the accepted effects, or an equal one where there are none, and the finding.
+
+    Raises:
+        NotEnoughDataError: too few views to hold any out.
+    """
+    if len(calibration.views) < FEWEST_VIEWS:
+        raise NotEnoughDataError(
+            f"A diagnosis holds views out in turn and needs {FEWEST_VIEWS} or more, but the calibration has {len(calibration.views)}: "
+            "take more pictures."
+        )
+    times = frame_times(calibration)
+    when = [float(index) for index in range(len(calibration.views))] if times is None else times.tolist()
+    observations = calibration.observations.timed(when, calibration.camera.height)
+    advance = progress.task("Diagnosis", ROUNDS + 2 * TRIED)
+    with single_thread():
+        model = base_model(calibration)
+        advance(1, "fit")
+        joint = model.fitted(observations, torch.from_numpy(calibration.poses))
+        loop = Loop(
+            calibration.board,
+            calibration.camera.width,
+            calibration.camera.height,
+            observations,
+            model,
+            joint,
+            times is not None,
+            lambda done, words: advance(min(1 + done, ROUNDS + 2 * TRIED - 1), words),
+            lambda model, joint: bool(_organising(_split(calibration, model, joint, observations))),
+        )
+        first, last = loop.run()
+        advance(ROUNDS + 2 * TRIED, "")
+        before, after = _missed(model, joint, observations), _missed(loop.model, loop.joint, observations)
+        shares = _split(calibration, model, joint, observations)
+        left = _split(calibration, loop.model, loop.joint, observations)
+    found = _with_effects(calibration, loop, times, after)
+    held = first.rms, last.rms
+    if holdout:
+        base = _with_effects(calibration, replace_loop(loop, model, joint), times, before)
+        held = evaluate(base, holdout, progress).rms_px, evaluate(found, holdout, progress).rms_px
+    noise = short_scale_noise(_on_board(after.image, calibration), calibration.board)
+    organising = _organising(left)
+    accepted = tuple(effect.name for effect in loop.model.effects)
+    finding = Diagnosis(
+        noise_px=noise,
+        noise_from="the residual's short-scale part",
+        residual=tuple(shares),
+        candidates=tuple(_candidates(loop, accepted)),
+        accepted=accepted,
+        before=Quality(before.rms_px, before.rmse_cm, held[0]),
+        after=Quality(after.rms_px, after.rmse_cm, held[1]),
+        unexplained=_unexplained(after, noise, observations, loop.joint),
+        organised_by=organising[0].organised_by if organising else "",
+        remarks=tuple(remarks(loop, accepted, organising, timed=times is not None)),
+    )
+    return replace(found, settings=found.settings | {"diagnosis": finding.as_json()}), finding
+
+
+def frame_times(calibration: Calibration) -> NDArray[np.float64] | None:
+    """(V,) s when each view was taken, from the session's frames.csv; None where it, or a time in it, cannot be found."""
+    session = calibration.settings.get("made_by", {}).get("session")
+    path = FilePath(session or "") / "frames.csv"
+    if not session or not path.is_file():
+        return None
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            said = {FilePath(row["file"]).name: float(row["time_s"]) for row in csv.DictReader(file)}
+        return np.array([said[FilePath(view.name).name] for view in calibration.views])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def replace_loop(loop: Loop, model: Model, joint: JointFit) -> Loop:
+    """The loop as it stood with another model."""
+    return Loop(loop.board, loop.width, loop.height, loop.observations, model, joint, loop.timed, loop.advance, loop.organised)
+
+
+def _missed(model: Model, joint: JointFit, observations: Observations) -> Residuals:
+    return residuals(model.path, joint.values, observations, joint.poses)
+
+
+def _split(calibration: Calibration, model: Model, joint: JointFit, observations: Observations) -> list[Share]:
+    missed = _missed(model, joint, observations).image
+    seen = torch.isfinite(missed).all(-1)
+    kept = observations.kept(seen)
+    told = kept.told(joint.values)
+    depth = model.path.place(kept.corners, told, joint.poses[kept.view])[:, 2]
+    rays = model.path.trace(kept.pixels, told)
+    start = model.path.lens(*model.path.adjusted(kept.pixels, told)).direction
+    incidence = start.z if not model.path.cover else start.dot(rays.direction)
+    scene = Scene(kept, missed[seen].numpy(), depth.numpy(), incidence.numpy(), calibration.camera.width, calibration.camera.height)
+    return scene.split()
+
+
+def _organising(shares: list[Share]) -> list[Share]:
+    return [s for s in shares if s.p_value < ORGANISED / len(shares) and s.fraction - s.chance > NOTICEABLE]
+
+
+def _unexplained(missed: Residuals, noise: float, observations: Observations, joint: JointFit) -> float:
+    """The fraction of the residual's variance above the noise floor, fitted numbers allowed for."""
+    freedom = max(1, 2 * len(observations.pixels) - joint.poses.numel()) / (2 * len(observations.pixels))
+    return max(0.0, 1.0 - noise**2 * freedom / missed.rms_px**2) if np.isfinite(noise) else float("nan")
+
+
+def _on_board(errors: torch.Tensor, calibration: Calibration) -> NDArray[np.float64]:
+    grid = np.full((len(calibration.views), calibration.board.count, 2), np.nan)
+    grid[np.array([view.seen for view in calibration.views])] = errors.numpy()
+    return grid
+
+
+def _candidates(loop: Loop, accepted: tuple[str, ...]) -> list[Candidate]:
+    listed = []
+    for (name, shape), trial in loop.trials.items():
+        taken = name in accepted and any(e.name == name and form(e) == shape for e in loop.model.effects)
+        joint = loop.joint if taken else trial.joint
+        listed.append(
+            Candidate(
+                effect=name,
+                form=shape,
+                chi2=trial.columns.chi2,
+                dof=trial.columns.dof,
+                p_value=trial.columns.p_value,
+                absorbed=trial.columns.absorbed,
+                held_out_px_before=trial.gain.before if trial.gain else None,
+                held_out_px_after=trial.gain.after if trial.gain else None,
+                gain_ci95=trial.gain.ci95 if trial.gain else None,
+                parameters=_parameters(trial.columns.effect, joint) if joint else {},
+                confounded_with=tuple(sorted(loop.confounded.get(name, ()))),
+                accepted=taken,
+                verdict=verdict(trial, taken=taken),
+            )
+        )
+    return listed
+
+
+def _parameters(effect: object, joint: JointFit) -> dict[str, Estimate]:
+    """Numbers by themselves; of a field, its root mean square."""
+    found = {}
+    for unknown in effect.unknowns:  # type: ignore[attr-defined]
+        name, unit = unknown.param.name, unknown.param.unit
+        value, sigma = joint.values[name], joint.sigma_of(name)
+        if unknown.param.shape:
+            name, value, sigma = f"{name}.rms", (value**2).mean().sqrt(), (sigma**2).mean().sqrt()
+        found[name] = Estimate(float(value), float(sigma), unit)
+    return found
+
+
+def _with_effects(calibration: Calibration, loop: Loop, times: NDArray[np.float64] | None, missed: Residuals) -> Calibration:
+    """The calibration as the loop's fit has it."""
+    joint, model = loop.joint, loop.model
+    assert calibration.camera.intrinsics
+    intrinsics, cover = with_estimates(calibration.camera.intrinsics, calibration.cover, joint)
+    effects = tuple(
+        Found(e, {u.param.name: (joint.values[u.param.name].numpy(), joint.sigma_of(u.param.name).numpy()) for u in e.unknowns})
+        for e in model.effects
+    )
+    stages = tuple(stage for stage in calibration.stages if stage.name != "cover+rbf+effects")
+    when = np.arange(len(calibration.views), dtype=np.float64) if times is None else times
+    return replace(
+        calibration,
+        camera=replace(calibration.camera, intrinsics=intrinsics),
+        cover=cover,
+        amplitudes=joint.values["relief.amplitudes"].numpy() if calibration.relief else calibration.amplitudes,
+        poses=joint.poses.numpy(),
+        covariance=joint.covariance.numpy(),
+        effects=effects,
+        times=when if effects else np.zeros(0),
+        stages=(*stages, Stage("cover+rbf+effects", missed.rms_px, missed.rmse_cm)) if effects else stages,
+        settings=calibration.settings | joint.said(),
+    )
+
+
+def held_by_view(held: HeldOut) -> NDArray[np.float64]:
+    """(V,) px RMS of each view when it was held out."""
+    return np.sqrt(held.by_view(np.inf))

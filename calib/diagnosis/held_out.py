@@ -1,0 +1,112 @@
+"""What a model leaves on views that it was not fitted to, and whether another leaves less by more than chance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy import stats
+
+from calib.joint import JointFit, Start
+from calib.model import Model
+from calib.observations import Observations
+from calib.residuals import residuals
+
+Array = NDArray[np.float64]
+
+FOLDS = 5
+DRAWS = 4000
+"""Of the bootstrap."""
+CLIP = 4.0
+"""Times the typical error of a corner: what is farther off counts as that far, for single bad corners are not the model's."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldOut:
+    """Each view's error when it was held out."""
+
+    squares: Array
+    """(M,) px^2 of every corner; NaN where it was not scored."""
+    view: NDArray[np.int64]
+    """(M,)"""
+
+    def by_view(self, limit: float) -> Array:
+        """(V,) px^2, mean of the clipped squares."""
+        clipped = np.minimum(self.squares, limit)
+        scored = np.isfinite(self.squares)
+        total, count = (np.bincount(self.view[scored], weights, self.view.max() + 1) for weights in (clipped[scored], None))
+        return np.asarray(total / np.maximum(count, 1))
+
+    @property
+    def rms(self) -> float:
+        """px, of all corners alike."""
+        return float(np.sqrt(np.nanmean(self.squares)))
+
+    @property
+    def limit(self) -> float:
+        """px^2: `by_view`'s, from these errors."""
+        return float(CLIP**2 * np.nanmedian(self.squares) / np.log(2))
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """By how much one model leaves less than another on held-out views."""
+
+    before: float
+    """px RMS"""
+    after: float
+    ci95: tuple[float, float]
+    """px, of the difference."""
+    surely: float
+    """The lower end of the relative gain's interval at the level asked for: above 0, it is not chance."""
+
+    @property
+    def relative(self) -> float:
+        return 1.0 - self.after / self.before
+
+
+def hold_out(model: Model, observations: Observations, fitted: JointFit, *, half: bool = False) -> HeldOut:
+    """Fit without every FOLDS-th view, and score those.
+
+    Args:
+        fitted: to all views; the folds start there, with its noise and prior.
+        half: fit the numbers of a held-out view to every other corner and score the rest, as numbers of single views ask for.
+    """
+    views = len(observations.names)
+    start = Start(fitted.values, fitted.sigma, fitted.smoothness)
+    squares = np.full(len(observations.pixels), np.nan)
+    for fold in range(FOLDS):
+        out = torch.arange(views) % FOLDS == fold
+        rest, rows = observations.without(out), out[observations.view]
+        found = model.fitted(rest, fitted.poses[~out], start)
+        test = observations.without(~out)
+        scored = torch.arange(len(test.pixels)) % 2 == 1 if half else torch.ones(len(test.pixels), dtype=torch.bool)
+        poses, missed = model.seen(found.values, test.kept(~scored) if half else test, fitted.poses[out])
+        if half:
+            missed = residuals(model.path, found.values, test, poses)
+        own = (missed.image**2).sum(-1)
+        squares[rows.numpy()] = torch.where(scored, own, torch.nan).numpy()
+    return HeldOut(squares, observations.view.numpy())
+
+
+def gain(before: HeldOut, after: HeldOut, level: float) -> Gain:
+    """Compare on the same views. The relative gain is the mean over views of the logarithm of their errors' ratio, so that a view with
+    bad corners counts no more than another; its interval is by bootstrap over views.
+
+    Args:
+        level: of the two-sided interval that decides, 0.95 or, where several were tried, more.
+    """
+    one, two = (held.by_view(before.limit) for held in (before, after))
+    ratios = 0.5 * np.log(one / two)
+    rng = np.random.default_rng(0)
+    drawn = rng.integers(0, len(ratios), (DRAWS, len(ratios)))
+    means = ratios[drawn].mean(1)
+    pixels = np.sqrt(one[drawn].mean(1)) - np.sqrt(two[drawn].mean(1))
+    low, high = np.quantile(pixels, [0.025, 0.975])
+    # With few views a bootstrap's interval is too short: Student's is asked as well.
+    error = ratios.std(ddof=1) / np.sqrt(len(ratios))
+    reach = float(stats.t.ppf((1 + level) / 2, len(ratios) - 1)) * error
+    surely = min(float(np.quantile(means, (1 - level) / 2)), float(ratios.mean()) - reach)
+    return Gain(float(np.sqrt(one.mean())), float(np.sqrt(two.mean())), (float(low), float(high)), surely)

@@ -1,0 +1,178 @@
+"""Closing the loop: which effects the model lacks, added one by one as long as held-out views agree."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+from torch import Tensor
+
+from calib.board import Board
+from calib.diagnosis.columns import Columns, Optimum
+from calib.diagnosis.held_out import Gain, HeldOut, gain, hold_out
+from calib.diagnosis.suspect import suspect
+from calib.effects.effect import Effect, Surroundings
+from calib.effects.free_field import FreeField
+from calib.effects.registry import EFFECTS
+from calib.joint import JointFit
+from calib.model import Model
+from calib.observations import Observations
+from calib.progress import Advance
+
+ALPHA = 0.02
+"""Chance of a false acceptance in a whole round, over all the candidates that are tried."""
+LEAST_GAIN = 0.01
+"""Of the held-out error: less is not worth an effect."""
+WORTH_TRYING = 0.05
+"""p-value of the score."""
+TRIED = 4
+"""Candidates that are fitted in a round, best scores first; those whose neutral point says little of them come on top."""
+ROUNDS = 6
+CONFOUNDED = 0.9
+"""Squared correlation from which two effects count as the same to these views."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """One candidate in one round."""
+
+    columns: Columns
+    gain: Gain | None = None
+    held: HeldOut | None = None
+    joint: JointFit | None = None
+    level: float = 0.0
+
+    @property
+    def passes(self) -> bool:
+        return self.gain is not None and self.gain.surely > 0 and self.gain.relative > LEAST_GAIN
+
+
+@dataclass(slots=True, eq=False)
+class Loop:
+    """Forward selection, then a backward pass."""
+
+    board: Board
+    width: int
+    height: int
+    observations: Observations
+    model: Model
+    joint: JointFit
+    timed: bool
+    advance: Advance
+    organised: Callable[[Model, JointFit], bool]
+    """Whether what a fit leaves is more than noise."""
+    trials: dict[tuple[str, str], Trial] = field(default_factory=dict)
+    """By effect and form: where each came closest."""
+    confounded: dict[str, set[str]] = field(default_factory=dict)
+    done: int = 0
+    base: Model = field(init=False)
+    """Without any effect."""
+
+    def __post_init__(self) -> None:
+        self.base = self.model
+
+    def run(self) -> tuple[HeldOut, HeldOut]:
+        """Add what is missing; returns what was left on held-out views before and after."""
+        first = before = self._held(self.model, self.joint)
+        for _ in range(ROUNDS):
+            best = self._round(before, EFFECTS)
+            if not best:
+                break
+            before = self._accept(best)
+        best = self._round(before, (FreeField,)) if self.organised(self.model, self.joint) else None
+        if best:
+            before = self._accept(best)
+        return first, self._backward(before)
+
+    def _round(self, before: HeldOut, effects: Sequence[type[Effect]]) -> Trial | None:
+        """Score all effects, fit the best few, and return the one that helps most, if one surely does."""
+        at = Optimum(self.model, self.observations, self.joint)
+        there = self._surroundings(suspect(at) if effects is EFFECTS else None)
+        scores = [at.candidate(effect) for effect in _proposed(effects, there, self.model.effects)]
+        for columns in scores:
+            key = columns.effect.name, form(columns.effect)
+            if key not in self.trials or (not self.trials[key].gain and columns.p_value < self.trials[key].columns.p_value):
+                self.trials[key] = Trial(columns)
+        self._note_confounded(scores)
+        chosen = [c for c in scores if c.p_value < WORTH_TRYING or not c.effect.judged_by_score]
+        chosen.sort(key=lambda c: 2 * c.dof - c.chi2)
+        always = [c for c in chosen if not c.effect.judged_by_score]
+        chosen = always + [c for c in chosen if c.effect.judged_by_score][:TRIED]
+        tried = [self._try(columns, before, 1 - ALPHA / max(1, len(scores))) for columns in chosen]
+        passing = [trial for trial in tried if trial.passes]
+        return max(passing, key=lambda trial: trial.gain.relative if trial.gain else 0.0, default=None)
+
+    def _try(self, columns: Columns, before: HeldOut, level: float) -> Trial:
+        self._say(f"trying {columns.effect.name}")
+        wider = self.model.with_effect(columns.effect)
+        joint = wider.fitted(self.observations, self.joint.poses)
+        half = columns.effect.per_view or self.model.path.shutter
+        held = hold_out(wider, self.observations, joint, half=half)
+        if half:
+            before = hold_out(self.model, self.observations, self.joint, half=True)
+        trial = Trial(columns, gain(before, held, level), held, joint, level)
+        key = columns.effect.name, form(columns.effect)
+        known = self.trials.get(key)
+        if not (known and known.gain and trial.gain and known.gain.relative > trial.gain.relative):
+            self.trials[key] = trial
+        return trial
+
+    def _accept(self, trial: Trial) -> HeldOut:
+        assert trial.joint
+        assert trial.held
+        self.model = self.model.with_effect(trial.columns.effect)
+        self.joint = trial.joint
+        self._say(f"found {trial.columns.effect.name}")
+        return self._held(self.model, self.joint) if trial.columns.effect.per_view else trial.held
+
+    def _backward(self, held: HeldOut) -> HeldOut:
+        """Drop what is no longer needed, the oldest first."""
+        for effect in self.model.effects[:-1]:
+            others = [e for e in self.model.effects if e is not effect]
+            fewer = self.base
+            for other in others:
+                fewer = fewer.with_effect(other)
+            joint = fewer.fitted(self.observations, self.joint.poses)
+            without = hold_out(fewer, self.observations, joint, half=fewer.path.shutter)
+            kept = held if fewer.path.shutter == self.model.path.shutter else hold_out(self.model, self.observations, self.joint, half=True)
+            lost = gain(without, kept, 0.95)
+            if lost.surely <= 0 or lost.relative < LEAST_GAIN:
+                self.model, self.joint, held = fewer, joint, without
+        return held
+
+    def _held(self, model: Model, joint: JointFit) -> HeldOut:
+        self._say("held-out views")
+        return hold_out(model, self.observations, joint, half=model.path.shutter)
+
+    def _surroundings(self, place: Tensor | None) -> Surroundings:
+        return Surroundings(
+            self.board, self.width, self.height, self.model.path, self.joint.values, frozenset(self.model.free), self.timed, place
+        )
+
+    def _note_confounded(self, scores: Sequence[Columns]) -> None:
+        """Pairs of which the whole of the one that has fewer directions can be done by the other."""
+        spans = [(columns.effect.name, columns.span()) for columns in scores if columns.scaled.size]
+        for (one, ours), (other, theirs) in combinations(spans, 2):
+            if one == other or not (ours.size and theirs.size):
+                continue
+            if np.linalg.svd(ours.T @ theirs, compute_uv=False)[-1] ** 2 > CONFOUNDED:
+                self.confounded.setdefault(one, set()).add(other)
+                self.confounded.setdefault(other, set()).add(one)
+
+    def _say(self, words: str) -> None:
+        self.done += 1
+        self.advance(self.done, words)
+
+
+def form(effect: Effect) -> str:
+    """Which of an effect's forms: what its proposal chose by itself, in a word."""
+    return str(getattr(effect, "behind", getattr(effect, "over", "")))
+
+
+def _proposed(effects: Sequence[type[Effect]], there: Surroundings, present: Sequence[Effect]) -> Iterator[Effect]:
+    taken = {effect.name for effect in present}
+    for kind in effects:
+        if kind.name not in taken:
+            yield from kind.propose(there)

@@ -1,0 +1,61 @@
+"""A diagnosis on the terminal."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from calib.diagnosis.record import Candidate, Diagnosis, Estimate
+
+PREFIXES = {"m": (1e3, "mm"), "rad": (1e3, "mrad"), "px": (1.0, "px"), "": (1.0, "")}
+"""Units as people read them."""
+
+
+def print_diagnosis(finding: Diagnosis, written: Sequence[Path]) -> None:
+    """What was found first, then all that was considered, then what is left."""
+    console = Console()
+    if finding.accepted:
+        console.print(f"[bold]Found: {', '.join(finding.accepted)}[/bold]")
+    else:
+        console.print("[bold]Nothing found:[/bold] no effect that is known here improves held-out views beyond chance.")
+    console.print(_errors(finding))
+    for candidate in finding.candidates:
+        if candidate.accepted:
+            numbers = "; ".join(f"{name} {_number(one)}" for name, one in candidate.parameters.items())
+            console.print(f"{_named(candidate)}: {numbers or 'numbers of every view'}", highlight=False, soft_wrap=True)
+    console.print(_considered(finding))
+    for remark in finding.remarks:
+        console.print(f"Take care: {remark}", markup=False, highlight=False, soft_wrap=True)
+    for path in written:
+        console.print(f"Wrote {path}", soft_wrap=True, markup=False, highlight=False)
+
+
+def _errors(finding: Diagnosis) -> Table:
+    table = Table("", "fitted views", "on the board", "held-out views", title="Before and after (root mean square)")
+    for column in table.columns[1:]:
+        column.justify = "right"
+    for name, one in (("before", finding.before), ("after", finding.after)):
+        table.add_row(name, f"{one.rms_px:.3f} px", f"{one.rmse_cm:.4f} cm", f"{one.held_out_px:.3f} px")
+    table.add_row("noise", f"{finding.noise_px:.3f} px", "", "")
+    return table
+
+
+def _considered(finding: Diagnosis) -> Table:
+    table = Table("effect", "chi²", "p", "held out, px", "gain, 95 %", "verdict", title="What was considered")
+    for column in table.columns[1:5]:
+        column.justify = "right"
+    for one in sorted(finding.candidates, key=lambda c: (not c.accepted, c.p_value)):
+        held = f"{one.held_out_px_before:.3f} → {one.held_out_px_after:.3f}" if one.held_out_px_after is not None else ""
+        gain = f"{one.gain_ci95[0]:+.3f} to {one.gain_ci95[1]:+.3f}" if one.gain_ci95 else ""
+        table.add_row(_named(one), f"{one.chi2:.0f} / {one.dof}", f"{one.p_value:.1g}", held, gain, one.verdict)
+    return table
+
+
+def _named(one: Candidate) -> str:
+    return f"{one.effect} ({one.form})" if one.form else one.effect
+
+
+def _number(one: Estimate) -> str:
+    factor, unit = PREFIXES[one.unit]
+    return f"{one.value * factor:.4g} ± {one.sigma * factor:.2g} {unit}".rstrip()

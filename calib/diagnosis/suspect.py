@@ -1,0 +1,46 @@
+"""Where on the glass the residual asks for a finer relief."""
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from calib.diagnosis.columns import Optimum
+from calib.effects.fine_surface import FINER
+from calib.landing import landings, pixel_weights
+from calib.optics.relief import Relief
+from calib.problem import LandingProblem, Shared
+
+
+def suspect(at: Optimum) -> Tensor | None:
+    """(2,) chart coordinates of the fine centre with the largest score; None without a relief."""
+    path = at.model.path
+    outer = path.cover[-1] if path.cover else None
+    if outer is None or outer.relief is None:
+        return None
+    coarse = outer.relief
+    rows, columns = (FINER * (n - 1) + 1 for n in coarse.grid)
+    fine = Relief(coarse.low, coarse.high, (rows, columns))
+    kept = Relief(coarse.low, coarse.high, coarse.grid, coarse.beta, "coarse")
+    joint, seen = at.joint, at.observations
+    finer = replace(path, cover=(*path.cover[:-1], replace(outer, relief=fine, more=(*outer.more, kept))))
+    zero = torch.zeros(fine.grid, dtype=torch.float64)
+    values = {**joint.values, "coarse.amplitudes": joint.values["relief.amplitudes"], "relief.amplitudes": zero}
+    weights = pixel_weights(finer, values, seen, joint.poses, joint.sigma)
+    shared = Shared(values, fine, {})
+    problem = LandingProblem(shared, tuple(landings(finer, values, seen, weights, (), True)), zero.new_zeros(0, 0))
+    scores, squares = np.zeros(rows * columns), np.zeros(rows * columns)
+    for piece in problem.linearise(zero.new_zeros(shared.count), joint.poses):
+        for first, last in zip(piece.starts[:-1].tolist(), piece.starts[1:].tolist(), strict=True):
+            block, residual, bells = (
+                p[first:last].flatten(0, 1).numpy() for p in (piece.by_block, piece.residual.unsqueeze(-1), piece.by_shared)
+            )
+            q = np.linalg.qr(block)[0]
+            off, own = residual - q @ (q.T @ residual), bells - q @ (q.T @ bells)
+            scores += (own.T @ off)[:, 0]
+            squares += (own**2).sum(0)
+    score = np.where(squares > 1e-3 * squares.max(), scores**2 / np.maximum(squares, 1e-300), 0.0)
+    best = int(score.argmax())
+    along = [torch.linspace(low, high, n, dtype=torch.float64) for low, high, n in zip(fine.low, fine.high, fine.grid, strict=True)]
+    return torch.stack([along[0][best // columns], along[1][best % columns]])

@@ -1,0 +1,58 @@
+"""The cover is turned against the camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+from calib.effects.effect import Effect, Surroundings, Unknown
+from calib.optics.cone import Cone
+from calib.optics.flat import Flat
+from calib.optics.frame import Names
+from calib.optics.params import Param
+from calib.optics.path import Path
+
+SIGMA = 0.02
+"""rad"""
+
+
+@dataclass(frozen=True, slots=True)
+class CoverTilt(Effect):
+    """Turned about the origin of the cover's frame, on top of the tilt that is stated."""
+
+    axes: str
+    """Those about which a turn changes this shape: xz of a cone or cylinder, xy of a window. A turned dome is the same dome."""
+    name: ClassVar[str] = "cover_tilt"
+
+    @classmethod
+    def propose(cls, there: Surroundings) -> tuple[Self, ...]:
+        axes = turning_axes(there.path)
+        stated = {f"cover.tilt.{axis}" for axis in axes}
+        return (cls(axes),) if axes and not stated & there.estimated else ()
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        return tuple(Unknown(Param(f"cover_tilt.{axis}", "rad", 1e-2), SIGMA) for axis in self.axes)
+
+    def apply(self, path: Path) -> Path:
+        names = axis_names("cover_tilt", self.axes)
+        turned = (replace(i, frame=replace(i.frame, more=(*i.frame.more, names))) for i in path.cover)
+        return replace(path, cover=tuple(turned))
+
+
+def turning_axes(path: Path) -> str:
+    """The axes about which a turn changes the cover."""
+    if not path.cover:
+        return ""
+    match path.cover[-1].surface:
+        case Cone():
+            return "xz"
+        case Flat():
+            return "xy"
+    return ""
+
+
+def axis_names(effect: str, axes: str) -> Names:
+    """What the values call a turn about x, y and z."""
+    x, y, z = (f"{effect}.{axis}" if axis in axes else None for axis in "xyz")
+    return x, y, z

@@ -1,0 +1,69 @@
+"""What an effect is: a change of the ray path with numbers of its own that do nothing at their neutral values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Protocol, Self
+
+from torch import Tensor
+
+from calib.board import Board
+from calib.optics.params import Param, Values
+from calib.optics.path import Path
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """A number of an effect."""
+
+    param: Param
+    sigma: float
+    """How large it may well be, in the unit: the prior's standard deviation around `start`."""
+    neutral: float = 0.0
+    """Where the effect is not there."""
+    start: float | None = None
+    """Where a fit with it begins, and the middle of the prior; None: at the neutral value."""
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What an effect may go by."""
+
+    board: Board
+    width: int
+    """px"""
+    height: int
+    """px"""
+    path: Path
+    values: Values
+    """Of the path as it is fitted."""
+    estimated: frozenset[str] = frozenset()
+    """Numbers that the fit estimates already."""
+    timed: bool = False
+    """Whether frames.csv says when each picture was taken; otherwise the order of the files stands for it."""
+    suspect: Tensor | None = None
+    """(2,) chart coordinates of the glass where the residual asks for a finer relief."""
+
+
+class Effect(Protocol):
+    """One physical cause of error, as a change of the ray path."""
+
+    name: ClassVar[str]
+    per_view: ClassVar[bool] = False
+    """Whether it has numbers of every single view."""
+    judged_by_score: ClassVar[bool] = True
+    """False where its neutral point says little of what it does: then it is always fitted."""
+
+    @classmethod
+    def propose(cls, there: Surroundings) -> tuple[Self, ...]:
+        """The forms in which it may be present there; none where it cannot be."""
+        ...
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """Its numbers, those of single views aside."""
+        ...
+
+    def apply(self, path: Path) -> Path:
+        """The path with it."""
+        ...

@@ -1,0 +1,46 @@
+"""The outer surface is uneven on a finer scale than the relief's centres can follow, at one place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+from calib.effects.effect import Effect, Surroundings, Unknown
+from calib.optics.path import Path
+from calib.optics.relief import Relief
+
+CENTRES = (7, 7)
+FINER = 3
+"""Times denser than the relief's own centres."""
+SIGMA = 1e-5
+"""m"""
+
+
+@dataclass(frozen=True, slots=True)
+class FineSurface(Effect):
+    """Denser centres where the residual asks for them."""
+
+    low: tuple[float, float]
+    high: tuple[float, float]
+    name: ClassVar[str] = "fine_surface"
+
+    @classmethod
+    def propose(cls, there: Surroundings) -> tuple[Self, ...]:
+        outer = there.path.cover[-1] if there.path.cover else None
+        if outer is None or outer.relief is None or outer.more or there.suspect is None:
+            return ()
+        half = [(n - 1) / 2 * step / FINER for n, step in zip(CENTRES, outer.relief.spacing, strict=True)]
+        (first, second), (a, b) = there.suspect.tolist(), half
+        return (cls((first - a, second - b), (first + a, second + b)),)
+
+    @property
+    def relief(self) -> Relief:
+        return Relief(self.low, self.high, CENTRES, name="fine_surface")
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        return tuple(Unknown(param, SIGMA) for param in self.relief.params)
+
+    def apply(self, path: Path) -> Path:
+        *before, outer = path.cover
+        return replace(path, cover=(*before, replace(outer, more=(*outer.more, self.relief))))

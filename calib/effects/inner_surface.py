@@ -1,0 +1,40 @@
+"""The glass's inner surface is uneven as well."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+from calib.effects.effect import Effect, Surroundings, Unknown
+from calib.optics.path import Path
+from calib.optics.relief import Relief
+
+CENTRES = (6, 6)
+SIGMA = 1e-5
+"""m"""
+
+
+@dataclass(frozen=True, slots=True)
+class InnerSurface(Effect):
+    """A coarser relief than the outer one's, over the same patch."""
+
+    low: tuple[float, float]
+    high: tuple[float, float]
+    name: ClassVar[str] = "inner_surface"
+
+    @classmethod
+    def propose(cls, there: Surroundings) -> tuple[Self, ...]:
+        outer = there.path.cover[-1].relief if there.path.cover else None
+        return (cls(outer.low, outer.high),) if outer else ()
+
+    @property
+    def relief(self) -> Relief:
+        return Relief(self.low, self.high, CENTRES, name="inner_surface")
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        return tuple(Unknown(param, SIGMA) for param in self.relief.params)
+
+    def apply(self, path: Path) -> Path:
+        inner, *rest = path.cover
+        return replace(path, cover=(replace(inner, relief=self.relief), *rest))

@@ -1,0 +1,41 @@
+"""The effects that the diagnosis knows by name."""
+
+from calib.effects.board_bow import BoardBow
+from calib.effects.board_scale import BoardScale
+from calib.effects.cover_offset import CoverOffset
+from calib.effects.cover_radius import CoverRadius
+from calib.effects.cover_tilt import CoverTilt
+from calib.effects.detector_bias import DetectorBias
+from calib.effects.effect import Effect
+from calib.effects.fine_surface import FineSurface
+from calib.effects.flat_port import FlatPort
+from calib.effects.focal import Focal
+from calib.effects.focal_drift import FocalDrift
+from calib.effects.inner_surface import InnerSurface
+from calib.effects.lens import Lens
+from calib.effects.principal_point import PrincipalPoint
+from calib.effects.refractive_index import RefractiveIndex
+from calib.effects.rolling_shutter import RollingShutter
+from calib.effects.thickness import Thickness
+from calib.effects.wedge import Wedge
+
+EFFECTS: tuple[type[Effect], ...] = (
+    Lens,
+    PrincipalPoint,
+    Focal,
+    FocalDrift,
+    RollingShutter,
+    FlatPort,
+    CoverTilt,
+    CoverOffset,
+    CoverRadius,
+    Thickness,
+    RefractiveIndex,
+    Wedge,
+    InnerSurface,
+    FineSurface,
+    BoardBow,
+    BoardScale,
+    DetectorBias,
+)
+"""In the order of a ray's way, as reports list them."""

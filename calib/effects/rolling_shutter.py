@@ -1,0 +1,28 @@
+"""The board moves while the picture is read out, line after line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+from calib.effects.effect import Effect, Surroundings, Unknown
+from calib.optics.path import Path
+
+
+@dataclass(frozen=True, slots=True)
+class RollingShutter(Effect):
+    """Six more numbers in every view: how far its board turns and moves during one readout. The readout's time is not needed."""
+
+    name: ClassVar[str] = "rolling_shutter"
+    per_view: ClassVar[bool] = True
+
+    @classmethod
+    def propose(cls, there: Surroundings) -> tuple[Self, ...]:
+        return () if there.path.shutter else (cls(),)
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        return ()
+
+    def apply(self, path: Path) -> Path:
+        return replace(path, shutter=True)

@@ -1,0 +1,42 @@
+"""Effects as a calibration file writes them."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.effects.effect import Effect
+from calib.effects.free_field import FreeField
+from calib.effects.registry import EFFECTS
+
+Numbers = Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
+"""By name: a value and its standard deviation."""
+
+
+def effect_to_yaml(effect: Effect, numbers: Numbers) -> dict[str, object]:
+    """The mapping that `effect_from_yaml` reads."""
+    units = {unknown.param.name: unknown.param.unit for unknown in effect.unknowns}
+    return {
+        "name": effect.name,
+        "form": {key: list(part) if isinstance(part, tuple) else part for key, part in asdict(effect).items()},  # type: ignore[call-overload]
+        "numbers": {
+            name: {"value": value.tolist(), "sigma": sigma.tolist(), "unit": units[name]} for name, (value, sigma) in numbers.items()
+        },
+    }
+
+
+def effect_from_yaml(said: Mapping[str, Any]) -> tuple[Effect, Numbers]:
+    """An effect and its numbers; LookupError, TypeError or ValueError where the mapping is not of one."""
+    known: tuple[type[Effect], ...] = (*EFFECTS, FreeField)
+    kinds = {kind.name: kind for kind in known}
+    effect = kinds[said["name"]](**{key: tuple(part) if isinstance(part, list) else part for key, part in said["form"].items()})
+    numbers = {}
+    for unknown in effect.unknowns:
+        one = said["numbers"][unknown.param.name]
+        value, sigma = (np.asarray(one[key], dtype=np.float64) for key in ("value", "sigma"))
+        if value.shape != unknown.param.shape or sigma.shape != value.shape or not np.isfinite(value).all():
+            raise ValueError(f"{unknown.param.name} is not a number of its shape")
+        numbers[unknown.param.name] = value, sigma
+    return effect, numbers

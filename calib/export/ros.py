@@ -1,0 +1,27 @@
+"""ROS: the camera_info file of camera_calibration_parsers and camera_info_manager, with plumb_bob, rational_polynomial or equidistant."""
+
+import re
+
+import yaml
+
+from calib.export.central import CentralModel
+
+
+def camera_info(model: CentralModel) -> str:
+    """The file's text. The rectified picture keeps the camera matrix; a name may have letters, digits and underscores."""
+    rows = model.matrix.tolist()
+    content = {
+        "image_width": model.width,
+        "image_height": model.height,
+        "camera_name": re.sub(r"\W+", "_", model.name, flags=re.ASCII).strip("_") or "camera",
+        "camera_matrix": _matrix(rows),
+        "distortion_model": model.lens.name,
+        "distortion_coefficients": _matrix([list(model.distortion)]),
+        "rectification_matrix": _matrix([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+        "projection_matrix": _matrix([[*row, 0.0] for row in rows]),
+    }
+    return model.commented() + yaml.safe_dump(content, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
+
+
+def _matrix(rows: list[list[float]]) -> dict[str, object]:
+    return {"rows": len(rows), "cols": len(rows[0]), "data": [number for row in rows for number in row]}

@@ -1,0 +1,81 @@
+"""ROS: the calibrationdata.tar.gz that camera_calibration's Save button writes: left-0000.png ... and ost.yaml.
+
+Nothing in it says which board was used.
+"""
+
+import gzip
+import re
+import tarfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from calib.board import Board
+from calib.camera import Camera
+from calib.errors import InputError
+from calib.files import reading
+from calib.importing.draft import Draft
+from calib.schema import Section
+from calib.strict_yaml import read_yaml
+
+PICTURE = re.compile(r"left-[0-9]+\.png")
+SETTINGS = ("ost.yaml", "left.yaml")
+"""What one camera's, and a stereo pair's left one's, calibration is called."""
+LARGEST = 1 << 20
+"""bytes of a settings file: a larger one is something else."""
+
+
+def from_tar(path: Path, board: Board) -> Draft:
+    """The left camera's pictures."""
+    with _opened(path) as tar:
+        members = {Path(member.name).name: member for member in tar if member.isfile()}
+        pictures = sorted(name for name in members if PICTURE.fullmatch(name))
+        settings = next((name for name in SETTINGS if name in members), None)
+        if not pictures or settings is None:
+            raise InputError(
+                f"{path} lacks {'left-*.png' if not pictures else 'ost.yaml'}: give the calibrationdata.tar.gz that ROS's "
+                "camera_calibration saved, or unpack it and use calib import images."
+            )
+        if members[settings].size > LARGEST:
+            raise InputError(f"{path}: {settings} is too large to be a camera's settings: give the archive that ROS saved.")
+        camera = _camera(path, settings, _read(tar, members[settings]))
+    return Draft(path, board, camera, frames=_pictures(path, frozenset(pictures)))
+
+
+def _camera(path: Path, name: str, data: bytes) -> Camera:
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / name
+        file.write_bytes(data)
+        try:
+            said = Section(read_yaml(file), f"{path}, {name}")
+        except InputError as error:
+            raise InputError(str(error).replace(str(file), f"{path}, {name}")) from error
+    width, height = (said.whole(key, 1, 100_000) for key in ("image_width", "image_height"))
+    return Camera(width, height, said.text("camera_name", "the camera's name", default=""))
+
+
+def _pictures(path: Path, names: frozenset[str]) -> Iterator[tuple[str, bytes]]:
+    with _opened(path) as tar:
+        for member in tar:
+            name = Path(member.name).name
+            if member.isfile() and name in names:
+                yield name, _read(tar, member)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tarfile.TarFile]:
+    """The archive; that it is none, or is damaged, may show only while it is read."""
+    with reading(path):
+        try:
+            with tarfile.open(path) as tar:
+                yield tar
+        except (tarfile.TarError, EOFError, zlib.error, gzip.BadGzipFile) as error:
+            raise InputError(f"{path} is not a tar archive, or a damaged one: give the calibrationdata.tar.gz that ROS saved.") from error
+
+
+def _read(tar: tarfile.TarFile, member: tarfile.TarInfo) -> bytes:
+    file = tar.extractfile(member)
+    assert file
+    return file.read()

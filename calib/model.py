@@ -1,0 +1,55 @@
+"""A model of the camera as a fit sees it: the ray path, what is known beforehand of its numbers, and the effects that were added."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from calib.effects.effect import Effect
+from calib.joint import JointFit, Start, fit_joint
+from calib.observations import Observations
+from calib.optics.params import Values
+from calib.optics.path import Path
+from calib.poses import refit_poses
+from calib.residuals import Residuals
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """A ray path with priors."""
+
+    path: Path
+    means: Values
+    """Every number of the path: where it is held, or the middle of its prior."""
+    free: Mapping[str, float | Tensor]
+    """The priors' standard deviations of what is estimated beside the relief."""
+    effects: tuple[Effect, ...] = ()
+
+    def with_effect(self, effect: Effect) -> Model:
+        """The model with one effect more, at the start of its numbers."""
+        begin = {u.param.name: u.neutral if u.start is None else u.start for u in effect.unknowns}
+        values = {u.param.name: torch.full(u.param.shape, begin[u.param.name], dtype=torch.float64) for u in effect.unknowns}
+        sigmas = {u.param.name: u.sigma for u in effect.unknowns}
+        return Model(effect.apply(self.path), {**self.means, **values}, {**self.free, **sigmas}, (*self.effects, effect))
+
+    def neutral(self, effect: Effect) -> Values:
+        """The numbers of an effect where it is not there."""
+        return {u.param.name: torch.full(u.param.shape, u.neutral, dtype=torch.float64) for u in effect.unknowns}
+
+    def fitted(self, observations: Observations, poses: Tensor, start: Start | None = None) -> JointFit:
+        """The most probable numbers, from a start like `fit_joint`'s; numbers that the start lacks begin at their means."""
+        if start:
+            start = replace(start, values={name: start.values.get(name, mean) for name, mean in self.means.items()})
+        return fit_joint(self.path, self.means, observations, self.padded(poses), free=self.free, start=start)
+
+    def padded(self, poses: Tensor) -> Tensor:
+        """(V, 6 or 12) numbers of views as this model has them: motions begin at rest, or are dropped."""
+        count = self.path.numbers_per_view
+        return torch.cat([poses, poses.new_zeros(len(poses), max(0, count - poses.shape[1]))], 1)[:, :count]
+
+    def seen(self, values: Values, observations: Observations, poses: Tensor) -> tuple[Tensor, Residuals]:
+        """The (V, B) numbers of views that were not fitted, and what they leave."""
+        return refit_poses(self.path, values, observations, self.padded(poses))

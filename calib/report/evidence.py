@@ -1,0 +1,121 @@
+"""Everything that the figures of a report are drawn from, computed once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from calib.calibration import Calibration
+from calib.camera import Intrinsics
+from calib.maps import RayField
+from calib.optics.build import pinhole_path
+from calib.optics.params import Values
+from calib.optics.path import Path
+from calib.poses import pinhole_poses
+from calib.residuals import Residuals, residuals
+from calib.uncertainty import SigmaField, predicted_sigma
+
+Array = NDArray[np.float64]
+
+CELLS = (16, 12)
+"""Across and down the image, for what is counted or averaged by place."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """A calibration with its model asked at the training corners (M of them) and over the image."""
+
+    calibration: Calibration
+    path: Path
+    values: Values
+    missed: Residuals
+    """By the model."""
+    bare_missed: Residuals | None
+    """Without what was modelled: by the camera without its cover, or, if it has none, without its lens distortion. None: the model is
+    a pinhole already."""
+    pixels: Array
+    """(M, 2) px"""
+    view: NDArray[np.int64]
+    """(M,) each corner's view."""
+    depth: Array
+    """(M,) m"""
+    field: RayField
+    sigma: SigmaField | None
+    """None where the fit estimated no covariance."""
+    depths: tuple[float, ...]
+    """m, near to far: where fields are shown."""
+
+    @property
+    def errors(self) -> Array:
+        """(M, 2) px: the reprojection error; NaN where the model does not see the corner."""
+        return self.missed.image.numpy()
+
+    @cached_property
+    def cell(self) -> NDArray[np.int64]:
+        """(M,) the cell of the image that each corner lies in, row by row."""
+        camera = self.calibration.camera
+        at = (self.pixels + 0.5) / [camera.width, camera.height] * CELLS
+        column, row = np.clip(at.astype(np.int64), 0, np.array(CELLS) - 1).T
+        return np.asarray(row * CELLS[0] + column)
+
+    @cached_property
+    def counts(self) -> NDArray[np.int64]:
+        """(rows, columns) corners in each cell of the image."""
+        return np.bincount(self.cell, minlength=CELLS[0] * CELLS[1]).reshape(CELLS[1], CELLS[0])
+
+    @cached_property
+    def covered(self) -> float:
+        """Of the image, which part has corners."""
+        return float((self.counts > 0).mean())
+
+    @cached_property
+    def rms_by_view(self) -> Array:
+        """(V,) px"""
+        squared = np.nan_to_num((self.errors**2).sum(-1))
+        seen = np.isfinite(self.errors).all(-1)
+        views = len(self.calibration.views)
+        return np.asarray(np.sqrt(np.bincount(self.view, squared, views) / np.maximum(np.bincount(self.view, seen, views), 1)))
+
+    def sigma_at_corners(self, depth: float) -> Array:
+        """(n,) px: how sure the map of a depth (m) is where it was trained; empty without a covariance."""
+        if not self.sigma:
+            return np.zeros(0)
+        found = self.sigma.at(self.pixels[:, :1], self.pixels[:, 1:], depth)
+        return found[np.isfinite(found)].astype(np.float64)
+
+
+def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) -> Evidence:
+    """Ask a calibration; without depths, its fields are shown at the nearest, the median and the farthest corner's."""
+    path, values = calibration.model()
+    observations = calibration.observations
+    own = torch.from_numpy(calibration.poses)[observations.view]
+    depth = path.place(observations.corners, values, own)[:, 2].numpy()
+    return Evidence(
+        calibration=calibration,
+        path=path,
+        values=values,
+        missed=residuals(path, values, observations, torch.from_numpy(calibration.poses)),
+        bare_missed=_without_model(calibration),
+        pixels=observations.pixels.numpy(),
+        view=observations.view.numpy(),
+        depth=depth,
+        field=calibration.ray_field(),
+        sigma=predicted_sigma(calibration),
+        depths=tuple(sorted(set(depths))) or tuple(dict.fromkeys(float(f"{d:.2g}") for d in np.quantile(depth, (0, 0.5, 1)))),
+    )
+
+
+def _without_model(calibration: Calibration) -> Residuals | None:
+    k = calibration.camera.intrinsics
+    assert k
+    if calibration.cover.shape == "none":
+        if not any(number.value for number in k.distortion):
+            return None
+        k = Intrinsics(k.fx, k.fy, k.cx, k.cy)
+    path, values = pinhole_path(k)
+    observations = calibration.observations
+    return residuals(path, values, observations, pinhole_poses(observations, values))

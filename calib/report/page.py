@@ -1,0 +1,55 @@
+"""The page around the sections: title, verdict, contents, and the style that both colour schemes share."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from importlib.resources import files
+
+from calib.report.summary import Summary
+
+NOTHING_FROM_OUTSIDE = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    name: str
+    """Unique in the page."""
+    title: str
+    html: str
+
+
+def page(subject: str, summary: Summary, sections: Sequence[Section]) -> str:
+    """The whole file."""
+    style = files("calib.report").joinpath("style.css").read_text(encoding="utf-8")
+    contents = "".join(f'<a href="#{section.name}">{escape(section.title)}</a>' for section in sections)
+    lead = re.sub(r"(\d) (px|mm|m|%)", r"\1&nbsp;\2", " ".join(escape(sentence) for sentence in summary.sentences))
+    care = "".join(f"<li>{escape(sentence)}</li>" for sentence in summary.care)
+    body = "".join(
+        f'<section id="{section.name}"><h2 id="{section.name}-title">{escape(section.title)}</h2>{section.html}</section>'
+        for section in sections
+    )
+    return f"""<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark">
+<meta http-equiv="Content-Security-Policy" content="{NOTHING_FROM_OUTSIDE}">
+<link rel="icon" href="data:,">
+<title>Calibration of {escape(subject)}</title>
+<style>
+{style}</style>
+</head>
+<body>
+<header class="{"care" if summary.care else "good"}">
+<p class="over">Refracal calibration report</p>
+<h1>{escape(summary.verdict)}</h1>
+<p class="lead">{lead}</p>
+{f"<ul>{care}</ul>" if care else ""}
+<nav>{contents}</nav>
+</header>
+<main>{body}</main>
+</body>
+</html>
+"""

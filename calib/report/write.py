@@ -1,0 +1,74 @@
+"""report.html: one file that shows a calibration, without network or scripts, on light and on dark."""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from calib.calibration import Calibration
+from calib.files import write_atomically
+from calib.progress import Progress
+from calib.report.again import again_html
+from calib.report.board_errors import board_errors
+from calib.report.by_depth import distortion_by_depth
+from calib.report.coverage import coverage
+from calib.report.distortion import distortion_fields
+from calib.report.effects import EffectRow, effects_html
+from calib.report.evidence import Evidence, gather_evidence
+from calib.report.figure import Drawing
+from calib.report.glass import glass_surface
+from calib.report.origin import KEY
+from calib.report.page import Section, page
+from calib.report.residual_maps import residual_maps
+from calib.report.sigma import predicted_errors
+from calib.report.summary import summarise
+from calib.report.tables import numbers_html, stages_html
+from calib.report.views import begin_thumbnails, views_html
+from calib.threads import single_thread
+
+NAME = "report.html"
+DRAWINGS = (board_errors, residual_maps, distortion_fields, distortion_by_depth, glass_surface, predicted_errors, coverage)
+
+
+def write_report(
+    calibration: Calibration, folder: Path, progress: Progress, depths: Sequence[float] = (), effects: Sequence[EffectRow] = ()
+) -> Path:
+    """Write report.html into the folder of a saved calibration.
+
+    Args:
+        depths: m, where fields are shown; by default at the nearest, the median and the farthest corner's.
+        effects: what the diagnosis added to the model.
+    """
+    advance = progress.task("Report", len(DRAWINGS) + 2)
+    with single_thread(), ThreadPoolExecutor() as pool:
+        evidence = gather_evidence(calibration, tuple(depths))
+        thumbnails = begin_thumbnails(evidence, _session(calibration, folder), pool)
+        advance(1, "")
+        drawn = {}
+        for done, drawing in enumerate(DRAWINGS, start=2):
+            drawn[drawing] = drawing(evidence)
+            advance(done, "")
+        sections = _sections(evidence, list(drawn.values()), effects, views_html(evidence, thumbnails))
+    path = folder / NAME
+    write_atomically(path, page(calibration.camera.model or "A camera", summarise(evidence), sections))
+    advance(len(DRAWINGS) + 2, "")
+    return path
+
+
+def _sections(evidence: Evidence, drawings: Sequence[Drawing | None], effects: Sequence[EffectRow], views: str) -> list[Section]:
+    figures = [Section(drawing.name, drawing.title, drawing.html()) for drawing in drawings if drawing]
+    before_after = [Section("effects", "Effects, before and after", effects_html(effects))] if effects else []
+    return [
+        Section("stages", "How the error fell", stages_html(evidence)),
+        *before_after,
+        *figures,
+        Section("views", "The views", views),
+        Section("numbers", "Camera and cover", numbers_html(evidence)),
+        Section("again", "To do it again", again_html(evidence)),
+    ]
+
+
+def _session(calibration: Calibration, folder: Path) -> Path | None:
+    """Where the pictures are, if they still are: the session that was fitted, or the one that the folder lies in."""
+    fitted = str(calibration.settings.get(KEY, {}).get("session", ""))
+    places = [Path(fitted)] if fitted else []
+    return next((place for place in (*places, folder.resolve().parent) if (place / "frames").is_dir()), None)

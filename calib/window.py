@@ -1,0 +1,18 @@
+"""What part of the bare pinhole's image an undistorted picture shows, and how large."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """Pixel (u, v) of the picture is pixel corner + zoom * (u, v) of the bare pinhole camera."""
+
+    width: int
+    """px, of the picture."""
+    height: int
+    corner: tuple[float, float] = (0.0, 0.0)
+    """px of the bare pinhole camera."""
+    zoom: tuple[float, float] = (1.0, 1.0)
+    """How many of its pixels one of the picture's is wide and high."""

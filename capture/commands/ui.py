@@ -1,0 +1,37 @@
+"""The terminal UI: from nothing to a calibration, following the screen. `capture SESSION` is short for it.
+
+SOURCE is v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE; options follow a question mark. With --serve the same
+runs in a browser: of this machine alone, or with --host of others too, which then need the address that is printed once.
+"""
+
+import argparse
+from pathlib import Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("session", type=Path, metavar="SESSION", help="the session folder, which is made if need be")
+    parser.add_argument("--source", default="", help="where frames come from (default: the first camera that is found)")
+    parser.add_argument("--serve", action="store_true", help="in a browser instead of this terminal; needs the extra `serve`")
+    parser.add_argument(
+        "--host", default="127.0.0.1", metavar="ADDRESS", help="with --serve: the address to serve on (default: %(default)s)"
+    )
+    parser.add_argument("--port", type=int, default=8000, metavar="N", help="with --serve: the port (default: %(default)s)")
+
+
+def run(args: argparse.Namespace) -> None:
+    if args.source:
+        from capture.sources.registry import open_source
+
+        open_source(args.source)
+    if (args.session / "session.yaml").exists():
+        from capture.setup import board_of
+
+        board_of(args.session, None)
+    if args.serve:
+        from capture.serve import serve
+
+        serve(args.session, args.source, args.host, args.port)
+        return
+    from capture.tui.app import CaptureApp
+
+    CaptureApp(args.session, args.source).run()

@@ -1,0 +1,241 @@
+"""Where to hold the board next, and when it is enough."""
+
+from itertools import product
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calib.board import Board
+from calib.camera import Camera, Intrinsics
+from calib.design import MOST, Design
+from calib.errors import InputError
+from calib.schema import Number
+from capture.coverage import CELLS, InformedGuide, PlainGuide, SeenView, covered_cells, upright
+from capture.hint_words import words
+from capture.poses_bank import Reach, bank, bare_pose, rim, seen_bare
+
+Array = NDArray[np.float64]
+
+BOARD = Board(9, 7, 0.02)
+CAMERA = Camera(1640, 1232, intrinsics=Intrinsics(Number(1280.0), Number(1280.0), Number(830.0), Number(620.0)))
+BARREL = Camera(
+    1640, 1232, intrinsics=Intrinsics(Number(1000.0), Number(1000.0), Number(830.0), Number(620.0), tuple(map(Number, (-0.25, 0.05, 0, 0))))
+)
+REACH = Reach(0.4, 1.0)
+SIZE = CAMERA.width, CAMERA.height
+
+each_camera = pytest.mark.parametrize("camera", [CAMERA, BARREL, Camera(1640, 1232)], ids=["pinhole", "barrel", "unknown"])
+
+
+@each_camera
+def test_every_pose_of_the_bank_is_within_reach_and_picture(camera: Camera) -> None:
+    found = bank(BOARD, camera, REACH)
+    assert 200 < len(found.poses) < 500
+    assert (found.corners > 10).all()
+    assert (found.corners < np.array(SIZE) - 11).all()
+    assert (found.poses[:, 5] >= 0.4 - 1e-9).all()
+    assert (found.poses[:, 5] <= 1.0 + 1e-9).all()
+
+
+@each_camera
+def test_the_bank_reaches_into_every_corner_of_the_picture(camera: Camera) -> None:
+    found = bank(BOARD, camera, REACH)
+    for corner in product((0, SIZE[0]), (0, SIZE[1])):
+        assert np.linalg.norm(found.corners.reshape(-1, 2) - corner, axis=1).min() < 0.1 * SIZE[0]
+
+
+def test_a_board_that_never_fits_is_said() -> None:
+    with pytest.raises(InputError, match=r"nowhere wholly in the picture between 0\.05 and 0\.06 m: hold it farther away"):
+        PlainGuide(BOARD, CAMERA, Reach(0.05, 0.06))
+
+
+def test_the_reach_of_a_board_lets_it_fill_the_picture_and_a_quarter() -> None:
+    reach = Reach.of(BOARD, CAMERA)
+    for depth, share in ((reach.near, 0.75), (reach.far, 0.25)):
+        seen = seen_bare(BOARD, CAMERA, np.array([0, 0, 0, 0, 0, depth]))
+        assert np.ptp(seen[:, 0]) == pytest.approx(share * SIZE[1])
+
+
+def test_the_outline_goes_once_around() -> None:
+    around = BOARD.points()[rim(BOARD)]
+    x, y = around.T
+    assert len(around) == 2 * (9 + 7) - 4
+    assert abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1))) / 2 == pytest.approx(8 * 6 * 0.02**2)
+
+
+def test_a_pose_is_found_from_its_corners() -> None:
+    pose = np.array([0.3, -0.2, 0.1, 0.05, -0.02, 0.6])
+    found = bare_pose(BOARD, BARREL, seen_bare(BOARD, BARREL, pose))
+    assert found == pytest.approx(pose, abs=1e-4)
+
+
+@pytest.mark.parametrize("in_plane", [0, 90, 180, 270])
+@pytest.mark.parametrize(("across", "down"), list(product((-1, 0, 1), repeat=2)))
+def test_the_side_that_is_said_to_be_away_is_away(across: int, down: int, in_plane: int) -> None:
+    """Oracle: the depths of points on the board, to the left and right of its middle and above and below it in the picture."""
+    tilt = cv2.Rodrigues(np.radians(25) * np.array([down, -across, 0.0]))[0]
+    turn = tilt @ cv2.Rodrigues(np.radians(in_plane) * np.array([0, 0, 1.0]))[0]
+    pose = np.concatenate([cv2.Rodrigues(turn)[0].ravel(), [0, 0, 0.6]])
+    points = BOARD.points() @ turn[:, :2].T
+    away = points[:, 2] > 0.01
+    said = words(pose, seen_bare(BOARD, CAMERA, pose), SIZE, None, (0.4, 1.0))
+    assert ("right" in said) == bool(across and points[away][:, 0].mean() > 0)
+    assert ("left" in said) == bool(across and points[away][:, 0].mean() < 0)
+    assert ("bottom" in said) == bool(down and points[away][:, 1].mean() > 0)
+    assert ("top" in said) == bool(down and points[away][:, 1].mean() < 0)
+    assert ("facing the camera" in said) == (not across and not down)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "place"),
+    [
+        (-0.2, 0, "to the left edge"),
+        (0.2, 0, "to the right edge"),
+        (0, -0.14, "to the top edge"),
+        (0.2, 0.14, "to the bottom right corner"),
+    ],
+)
+def test_the_place_is_named(x: float, y: float, place: str) -> None:
+    pose = np.array([0, 0, 0, x, y, 0.5])
+    assert place in words(pose, seen_bare(BOARD, CAMERA, pose), SIZE, None, (0.4, 1.0))
+
+
+def test_distance_is_said_as_from_where_the_board_is() -> None:
+    pose, near, far = (np.array([0, 0, 0, 0, 0, depth]) for depth in (0.6, 0.4, 1.0))
+    outline = seen_bare(BOARD, CAMERA, pose)
+    assert words(pose, outline, SIZE, far, (0.4, 1.0)) == "closer, in the middle, facing the camera"
+    assert words(pose, outline, SIZE, near, (0.4, 1.0)) == "farther away, in the middle, facing the camera"
+    assert words(pose, outline, SIZE, pose, (0.4, 1.0)) == "in the middle, facing the camera"
+    assert words(near, outline, SIZE, None, (0.4, 1.0)).startswith("near (40 cm)")
+    assert words(far, outline, SIZE, None, (0.4, 1.0)).startswith("far (1.0 m)")
+
+
+def test_covered_cells_are_the_outlines_area() -> None:
+    box = np.array([[100.0, 200], [900, 200], [900, 1000], [100, 1000]])
+    cells = covered_cells(box, CAMERA)
+    assert cells.shape == CELLS
+    assert cells.mean() == pytest.approx(800 * 800 / (1640 * 1232), rel=0.03)
+    assert cells[:, -4:].max() == 0
+
+
+@pytest.mark.parametrize("quarters", [0, 1, 2, 3])
+def test_a_square_board_held_upside_down_is_the_same_view(quarters: int) -> None:
+    board = Board(7, 7, 0.02)
+    corners = seen_bare(board, CAMERA, np.array([0.2, 0.1, 0.05, 0, 0, 0.5]))
+    turned = np.rot90(corners.reshape(7, 7, 2), quarters).reshape(-1, 2)
+    assert upright(turned, board) == pytest.approx(corners)
+
+
+def test_the_plain_rule_ends_and_repeats_no_view() -> None:
+    guide = PlainGuide(BOARD, CAMERA, REACH)
+    views: list[SeenView] = []
+    first = guide.progress(views)
+    assert not first.enough
+    assert first.sigma_px is None
+    while (hint := guide.next_pose(views)) is not None:
+        assert guide.progress(views).views_needed == first.views_needed - len(views) if first.views_needed else 0
+        views.append(SeenView(seen_bare(BOARD, CAMERA, hint.pose), hint.pose))
+        assert len(views) < 40
+    last = guide.progress(views)
+    assert last.enough
+    assert last.views_needed == 0
+    assert last.depth.min() == 1
+    assert len({tuple(np.round(view.corners.ravel())) for view in views}) == len(views)
+
+
+def test_the_plain_rule_needs_no_poses() -> None:
+    guide = PlainGuide(BOARD, CAMERA, REACH)
+    found = bank(BOARD, CAMERA, REACH)
+    told = [SeenView(corners, pose) for corners, pose in zip(found.corners[::40], found.poses[::40], strict=True)]
+    untold = [SeenView(view.corners) for view in told]
+    assert guide.progress(told).views_needed == guide.progress(untold).views_needed
+
+
+@pytest.mark.parametrize("pose", [(0, 0, 0, 0, 0, 0.5), (0.5, 0, 0, 0, 0, 1.0)])
+def test_the_same_view_again_and_again_is_never_enough(pose: tuple[float, ...]) -> None:
+    guide = PlainGuide(BOARD, CAMERA, REACH)
+    corners = seen_bare(BOARD, CAMERA, np.array(pose, float))
+    progress = guide.progress([SeenView(corners)] * 50)
+    assert not progress.enough
+    assert progress.image.mean() < 0.5
+    assert sorted(progress.depth)[:2] == [0, 0]
+
+
+def made_design(information: Array, spread: Array, views: int = 0) -> Design:
+    """Over a bank of this many poses, with the maps' derivatives at one depth, the same for both axes' pixels."""
+    found = bank(BOARD, CAMERA, REACH)
+    chosen = np.linspace(0, len(found.poses) - 1, len(information)).astype(int)
+    modes = information.shape[-1]
+    at = np.zeros((*CELLS, 2, 2, modes))
+    at[..., 0, 0, :] = spread
+    glass = np.stack(np.meshgrid(*(np.linspace(0.2, 0.8, n) for n in CELLS), indexing="ij"), -1)
+    return Design(found.poses[chosen], found.corners[chosen], information, np.zeros((modes, modes)), views, at, np.array([0.7]), glass)
+
+
+def test_the_informed_guide_asks_for_what_the_maps_lack() -> None:
+    """Two modes: the first hardly moves the maps. One pose tells much of the first, another a little of the second."""
+    design = made_design(np.array([np.diag([1e4, 0.0]), np.diag([0.0, 10.0]), np.diag([0.0, 5.0])]), np.array([0.01, 1.0]))
+    guide = InformedGuide(BOARD, CAMERA, REACH, design)
+    hint = guide.next_pose([])
+    assert hint
+    assert hint.pose == pytest.approx(design.poses[1])
+    assert hint.outline == pytest.approx(design.corners[1][rim(BOARD)])
+
+
+def test_the_predicted_error_is_the_one_of_the_linear_model() -> None:
+    design = made_design(np.array([np.diag([3.0, 8.0])]), np.array([0.5, 2.0]))
+    guide = InformedGuide(BOARD, CAMERA, REACH, design)
+    assert guide.progress([]).sigma_px == pytest.approx(np.sqrt(0.5**2 + 2**2))
+    once = guide.progress([SeenView(design.corners[0])])
+    assert once.sigma_px == pytest.approx(np.sqrt(0.5**2 / 4 + 2**2 / 9))
+
+
+def test_as_many_views_are_needed_as_are_then_taken() -> None:
+    rng = np.random.default_rng(1)
+    rows = rng.normal(size=(60, 3, 8))
+    design = made_design(10 * rows.transpose(0, 2, 1) @ rows, rng.normal(size=8))
+    guide = InformedGuide(BOARD, CAMERA, REACH, design, target_px=0.1, folds_agree=True)
+    views: list[SeenView] = []
+    needed = guide.progress(views).views_needed
+    assert needed
+    assert 1 < needed < MOST
+    for left in range(needed, 0, -1):
+        progress = guide.progress(views)
+        assert progress.views_needed == left
+        assert not progress.enough
+        hint = guide.next_pose(views)
+        assert hint
+        views.append(SeenView(seen_bare(BOARD, CAMERA, hint.pose)))
+    assert guide.progress(views).enough
+    assert len({tuple(np.round(view.corners.ravel())) for view in views}) == needed
+
+
+@pytest.mark.parametrize(
+    ("agree", "enough", "said"), [(None, False, "being computed"), (False, False, "do not agree"), (True, True, "Enough")]
+)
+def test_sure_maps_are_enough_only_where_folds_agree(agree: bool | None, enough: bool, said: str) -> None:
+    design = made_design(np.array([[[1.0]]]), np.array([0.05]))
+    progress = InformedGuide(BOARD, CAMERA, REACH, design, folds_agree=agree).progress([])
+    assert progress.enough is enough
+    assert said in progress.sentence
+    assert progress.image.min() == 1
+
+
+def test_a_target_out_of_reach_is_said() -> None:
+    design = made_design(np.array([[[1e-9]]]), np.array([5.0]))
+    progress = InformedGuide(BOARD, CAMERA, REACH, design, folds_agree=True).progress([])
+    assert progress.views_needed is None
+    assert not progress.enough
+    assert "would not reach" in progress.sentence
+
+
+def test_coverage_maps_stay_between_none_and_all() -> None:
+    design = made_design(np.array([[[1.0]], [[2.0]]]), np.array([0.3]))
+    progress = InformedGuide(BOARD, CAMERA, REACH, design).progress([SeenView(design.corners[0])])
+    for part in (progress.image, progress.depth, progress.glass):
+        assert part.min() >= 0
+        assert part.max() <= 1
+    assert 0 < progress.glass.mean() < 0.5
+    assert progress.glass[0].max() == 0  # the patch reaches beyond what the picture sees

@@ -1,0 +1,61 @@
+"""calib export: its files, what it says about the misfit, and what it refuses."""
+
+from pathlib import Path
+
+import pytest
+
+from calib.calibration import Calibration
+from calib.cli import main
+from calib.export.formats import FORMATS
+from calib.export.write import CENTRAL
+
+
+@pytest.fixture(scope="module")
+def saved(covered: Calibration, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("calibration")
+    covered.save(folder)
+    return folder
+
+
+def test_every_central_format_has_a_writer() -> None:
+    assert [form.name for form in FORMATS if form.lenses] == list(CENTRAL)
+
+
+def test_a_file_for_every_depth_and_the_misfit_on_the_terminal(saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["export", str(saved), "--format", "ros", "--depth", "0.2", "1", "-o", str(tmp_path / "new")]) == 0
+    out, err = capsys.readouterr()
+    written = [tmp_path / "new" / name for name in ("camera_info_0.2m.yaml", "camera_info_1m.yaml")]
+    assert out.split() == [str(path) for path in written]
+    for path in written:
+        stated = [line.partition(": ")[2] for line in path.read_text().splitlines() if "Misfit" in line]
+        assert len(stated) == 3
+        assert all(misfit in err for misfit in stated)
+    assert "a cover's distortion depends on depth and a central camera's does not: fitted at 0.2 m, this one goes wrong by up to" in err
+
+
+def test_a_central_camera_is_not_warned_about(bare: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bare.save(tmp_path / "bare")
+    assert main(["export", str(tmp_path / "bare"), "--format", "mrcal", "--depth", "1", "-o", str(tmp_path)]) == 0
+    err = capsys.readouterr().err
+    assert "0.0000 px RMS" in err
+    assert "Take care" not in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--format", "ros"], "--format ros holds for one depth: write the distance of the scene in metres, such as --depth 1.0."),
+        (["--format", "stmap"], "such as --depth 1.0"),
+        (["--format", "kalibr", "--lens", "plumb_bob", "--depth", "1"], "none of the format kalibr: write one of radtan, equidistant."),
+        (["--format", "npz", "--lens", "equidistant"], "drop --lens"),
+        (["--format", "colmap", "--depth", "0.01"], "depth 0.01 m is too near"),
+    ],
+)
+def test_wrong_input_gets_its_sentence(
+    saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], says: str
+) -> None:
+    assert main(["export", str(saved), *arguments, "-o", str(tmp_path / "out")]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert says in err
+    assert "Traceback" not in err

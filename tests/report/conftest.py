@@ -1,0 +1,43 @@
+"""Calibrations that many tests report on: 45 views with their pictures and their report, and a few views without."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from calib.calibration import Calibration
+from calib.progress import Silent
+from calib.report.origin import with_origin
+from calib.report.write import write_report
+from calib.session import read_session
+from tests.report.made import add_pictures, calibrated
+from tests.scenes import paper_cone, scene
+
+
+@dataclass(frozen=True)
+class Reported:
+    calibration: Calibration
+    session: Path
+    path: Path
+
+    @property
+    def html(self) -> str:
+        return self.path.read_text()
+
+
+@pytest.fixture(scope="session")
+def reported(tmp_path_factory: pytest.TempPathFactory) -> Reported:
+    folder = tmp_path_factory.mktemp("reported")
+    made = scene(11, views=45, amplitude=1e-5, noise=0.05, cover=paper_cone(0.00115))
+    session = folder / "session"
+    calibration = calibrated(made, session)
+    add_pictures(session, made)
+    calibration = with_origin(calibration, read_session(session))
+    (session / "calibration").mkdir()
+    return Reported(calibration, session, write_report(calibration, session / "calibration", Silent()))
+
+
+@pytest.fixture(scope="session")
+def few(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
+    """12 views, no pictures."""
+    return calibrated(scene(7, views=12, amplitude=1e-5, noise=0.05), tmp_path_factory.mktemp("few"))

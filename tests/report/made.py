@@ -1,0 +1,31 @@
+"""Calibrations of known truth to report on, and a session folder with pictures."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from calib.calibration import Calibration
+from calib.fit import fit
+from calib.progress import Silent
+from calib.session import read_session
+from calib.stages import Settings
+from tests.scenes import HEIGHT, WIDTH, Scene
+from tests.test_calibration import write_session
+
+SETTINGS = Settings(grid=(6, 6), folds=3)
+
+
+def calibrated(made: Scene, folder: Path, settings: Settings = SETTINGS) -> Calibration:
+    return fit(read_session(write_session(folder, made)), settings, Silent())
+
+
+def add_pictures(session: Path, made: Scene) -> None:
+    """A picture for every view: grain of a sensor on a board-like pattern, compressed, the same one under every name."""
+    rng = np.random.default_rng(0)
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    picture = 60 + 120 * ((x // 90 + y // 90) % 2) + rng.normal(0, 4, (HEIGHT, WIDTH))
+    data = cv2.imencode(".jpg", np.clip(picture, 0, 255).astype(np.uint8))[1].tobytes()
+    (session / "frames").mkdir()
+    for view in made.views:
+        (session / "frames" / view.name).write_bytes(data)

@@ -1,0 +1,146 @@
+"""`calib report`, the report that `calib fit` leaves, and what the report says of how to fit again."""
+
+import argparse
+import json
+import subprocess
+import webbrowser
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from calib.calibration import Calibration
+from calib.cli import main
+from calib.commands import fit as fit_command
+from calib.commands.report import has_screen
+from calib.report.again import command
+from calib.report.origin import session_hash
+from calib.session import read_session
+from calib.stages import Settings
+from tests.scenes import scene
+from tests.test_calibration import write_session
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Path:
+    return write_session(tmp_path / "session", scene(7, views=6, amplitude=1e-5, noise=0.05))
+
+
+def test_fit_leaves_a_report(session: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["fit", str(session), "--grid", "4x4"]) == 0
+    path = session / "calibration" / "report.html"
+    assert f"Wrote {path}" in capfd.readouterr().out
+    origin = Calibration.load(path.parent).settings["made_by"]
+    assert origin["session"] == str(session.resolve())
+    assert origin["session_sha256"] in path.read_text()
+
+
+def test_a_report_that_can_not_be_written_costs_nothing_else(session: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (session / "calibration" / "report.html").mkdir(parents=True)
+    assert main(["fit", str(session), "--grid", "4x4", "--depth", "1", "--json"]) == 2
+    out, err = capfd.readouterr()
+    assert json.loads(out)["frames_used"] == 6
+    assert "report.html cannot be written" in err
+    assert "Traceback" not in err
+    assert Calibration.load(session / "calibration").views
+    assert (session / "calibration" / "map_1m.npz").exists()
+
+
+def test_report_opens_a_browser_where_there_is_a_screen(
+    few: Calibration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    few.save(tmp_path)
+    opened: list[str] = []
+    monkeypatch.setattr(webbrowser, "open", opened.append)
+    for name in ("SSH_CONNECTION", "SSH_TTY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("DISPLAY", ":0")
+    assert main(["report", str(tmp_path / "calibration.yaml")]) == 0
+    assert capfd.readouterr().out == f"{tmp_path / 'report.html'}\n"
+    assert opened == [(tmp_path / "report.html").as_uri()]
+    (tmp_path / "report.html").unlink()
+    assert main(["report", str(tmp_path), "--no-open"]) == 0
+    assert (tmp_path / "report.html").exists(), "written afresh"
+    monkeypatch.setenv("SSH_CONNECTION", "192.0.2.1 5 192.0.2.2 22")
+    assert main(["report", str(tmp_path)]) == 0
+    assert len(opened) == 1
+    assert main(["report", str(tmp_path / "elsewhere")]) == 2
+    assert "give the calibration.yaml" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("environment", "platform", "expected"),
+    [
+        ({}, "linux", False),
+        ({"DISPLAY": ":0"}, "linux", True),
+        ({"WAYLAND_DISPLAY": "wayland-0"}, "linux", True),
+        ({"DISPLAY": "localhost:10", "SSH_CONNECTION": "a 1 b 2"}, "linux", False),
+        ({}, "darwin", True),
+        ({"SSH_TTY": "/dev/pts/0"}, "darwin", False),
+        ({}, "win32", True),
+    ],
+)
+def test_a_browser_is_opened_only_in_front_of_the_person(environment: dict[str, str], platform: str, expected: bool) -> None:
+    assert has_screen(environment, platform) is expected
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        Settings(),
+        Settings(grid=(8, 5), free=("radius", "index"), folds=5),
+        Settings(method="paper", grid=(7, 5), steps=250, exact_hit=False),
+    ],
+)
+def test_the_command_asks_for_the_same_fit(settings: Settings) -> None:
+    said = {
+        "method": settings.method,
+        "grid": list(settings.grid or ()),
+        "free": list(settings.free),
+        "steps": settings.steps,
+        "exact_hit": settings.exact_hit,
+    } | ({"cross_validation": {"folds": settings.folds}} if settings.folds else {})
+    parser = argparse.ArgumentParser()
+    fit_command.add_arguments(parser)
+    program, verb, *words = command(said, "my session")
+    assert (program, verb) == ("calib", "fit")
+    args = parser.parse_args(words)
+    assert args.session == Path("my session")
+    assert Settings(args.method, args.grid, args.steps, not args.neglect_shift, args.free, args.folds) == settings
+
+
+def test_the_session_hash_is_what_sha256sum_gives(tmp_path: Path) -> None:
+    cone = {
+        "shape": "cone",
+        "inner_radius_mm": 42,
+        "radius_slope": 0,
+        "axis_offset_mm": [0, -30],
+        "thickness_mm": 3,
+        "refractive_index": 1.5,
+    }
+    board, camera = {"columns": 9, "rows": 9, "square_mm": 20}, {"width": 64, "height": 48}
+    (tmp_path / "session.yaml").write_text(yaml.safe_dump({"format": 1, "board": board, "camera": camera, "cover": cone}))
+    for name in ("frames/b.png", "frames/a.png", "bare/1.png"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        cv2.imwrite(str(tmp_path / name), np.full((48, 64), len(name), np.uint8))
+    given = session_hash(read_session(tmp_path))
+    shell = "sha256sum bare/1.png frames/a.png frames/b.png session.yaml | sha256sum"
+    assert given == subprocess.run(shell, shell=True, cwd=tmp_path, capture_output=True, text=True, check=True).stdout.split()[0]
+    cv2.imwrite(str(tmp_path / "frames" / "a.png"), np.zeros((48, 64), np.uint8))
+    assert session_hash(read_session(tmp_path)) != given
+
+
+def test_a_plain_camera_calibration_has_a_report(tmp_path: Path) -> None:
+    """Without a cover there is no glass, and no depth to depend on."""
+    made = scene(7, views=8, noise=0.05)
+    folder = write_session(tmp_path / "session", made)
+    said = yaml.safe_load((folder / "session.yaml").read_text())
+    said["cover"] = {"shape": "none"}
+    (folder / "session.yaml").write_text(yaml.safe_dump(said))
+    assert main(["fit", str(folder), "-o", str(tmp_path)]) == 0
+    html = (tmp_path / "report.html").read_text()
+    assert 'id="glass"' not in html
+    assert 'id="by-depth"' not in html
+    assert 'id="distortion"' in html

@@ -1,0 +1,123 @@
+"""What report.html holds: one file, nothing from outside, every section, and nothing of a file's text taken for HTML."""
+
+import re
+from collections import Counter
+from dataclasses import replace
+from html import unescape
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from calib.calibration import Calibration
+from calib.progress import Silent
+from calib.report.effects import EffectRow
+from calib.report.write import write_report
+from calib.views import Rejected
+from tests.report.conftest import Reported
+
+HOSTILE = """<script>alert("1")</script>&lt;'$x_1$"""
+
+
+def text(html: str) -> str:
+    return unescape(re.sub(r"<[^>]+>", "", re.sub(r"<style>.*?</style>", "", html, flags=re.DOTALL)))
+
+
+def test_everything_is_in_one_small_file(reported: Reported) -> None:
+    links = re.findall(r'(?:src|href)="([^"]*)', reported.html) + re.findall(r"url\(([^)]*)", reported.html)
+    assert len(links) > 100
+    assert {link[:5] if link.startswith("data:") else link[:1] for link in links} <= {"data:", "#"}
+    assert "<script" not in reported.html
+    assert len(reported.calibration.views) == 45
+    assert reported.html.count("<img") == 45
+    assert reported.path.stat().st_size < 3e6
+
+
+def test_every_id_is_there_once_and_every_reference_leads_to_one(reported: Reported) -> None:
+    ids = Counter(re.findall(r'\bid="([^"]+)"', reported.html))
+    assert max(ids.values()) == 1
+    wanted = re.findall(r'(?:href="#|url\(#|aria-labelledby=")([^")]+)', reported.html)
+    assert len(set(wanted)) > 20
+    assert set(wanted) <= set(ids)
+
+
+def test_sections(reported: Reported) -> None:
+    names = re.findall(r'<section id="([^"]+)"', reported.html)
+    figures = ["board-errors", "residuals", "distortion", "by-depth", "glass", "sigma", "coverage"]
+    assert names == ["stages", *figures, "views", "numbers", "again"]
+
+
+def test_stages_and_numbers_are_those_of_the_calibration(reported: Reported) -> None:
+    said = text(reported.html)
+    for stage in reported.calibration.stages:
+        assert f"{stage.rms_px:.3f} px" in said
+        assert f"{stage.rmse_cm:.4f} cm" in said
+    assert "2558.36" in said
+    origin = reported.calibration.settings["made_by"]
+    assert origin["session_sha256"] in said
+    assert origin["torch"] in said
+    assert "calib fit session --method joint --grid 6x6 --folds 3" in said
+    assert str(reported.session) not in reported.html, "a shared report does not tell where its author keeps files"
+
+
+def test_the_worst_view_comes_first(reported: Reported) -> None:
+    errors = [float(error) for error in re.findall(r'<span class="number">([\d.]+) px', reported.html)]
+    assert len(errors) == 45
+    assert errors == sorted(errors, reverse=True)
+    assert errors[0] > errors[-1]
+
+
+def test_text_from_files_is_text(few: Calibration, tmp_path: Path) -> None:
+    hostile = replace(
+        few,
+        camera=replace(few.camera, model=HOSTILE),
+        views=(replace(few.views[0], name=HOSTILE), *few.views[1:]),
+        rejected=(Rejected(HOSTILE, HOSTILE),),
+        settings=few.settings | {"made_by": {"session": HOSTILE, HOSTILE: HOSTILE}},
+        gauge=HOSTILE,
+    )
+    html = write_report(hostile, tmp_path, Silent(), effects=[EffectRow(HOSTILE, 0.4, 0.1, HOSTILE)]).read_text()
+    assert "<script" not in html
+    assert text(html).count(HOSTILE) >= 9
+
+
+def test_a_calibration_opened_elsewhere_shows_its_errors_without_pictures(few: Calibration, tmp_path: Path) -> None:
+    origin = {"session": str(tmp_path / "gone" / "session")}
+    html = write_report(replace(few, settings=few.settings | {"made_by": origin}), tmp_path, Silent()).read_text()
+    assert "<img" not in html
+    assert html.count('<div class="shot"') == len(few.views)
+    assert "pictures themselves were not found" in html
+
+
+def test_a_session_that_moved_with_its_calibration_is_found(few: Calibration, reported: Reported, tmp_path: Path) -> None:
+    """Pictures that can not be read any more, or are another camera's, are left out."""
+    (tmp_path / "frames").mkdir()
+    (tmp_path / "calibration").mkdir()
+    whole = (reported.session / "frames" / reported.calibration.views[0].name).read_bytes()
+    other = cv2.imencode(".jpg", np.zeros((480, 640), np.uint8))[1].tobytes()
+    for view, data in zip(few.views, (whole, b"", b"no picture", other, whole), strict=False):
+        (tmp_path / "frames" / view.name).write_bytes(data)
+    moved = replace(few, settings=few.settings | {"made_by": {"session": "/nowhere/session"}})
+    assert write_report(moved, tmp_path / "calibration", Silent()).read_text().count("<img") == 2
+
+
+def test_effects_have_a_row_each(reported: Reported, few: Calibration, tmp_path: Path) -> None:
+    rows = [EffectRow("board_bow", 0.59, 0.17, "x -1.04 ± 0.02 mm"), EffectRow("focal", 0.17, 0.16, "")]
+    html = write_report(few, tmp_path, Silent(), effects=rows).read_text()
+    said = text(html[html.index('<section id="effects"') :])
+    assert "board_bow 0.590 px 0.170 px-71 %x -1.04 ± 0.02 mm" in said
+    assert 'id="effects"' not in reported.html
+
+
+def test_depths_are_those_asked_for(few: Calibration, tmp_path: Path) -> None:
+    html = write_report(few, tmp_path, Silent(), (5.0, 0.3, 0.9, 2.0)).read_text()
+    assert re.findall(r"at ([\d.]+) m: [\d.]+ to", html) == ["0.3", "5"]
+    assert re.findall(r"at ([\d.]+) m: [\d.]+ px at the corners", html) == ["0.3", "0.9", "2"]
+
+
+def test_without_covariance_nothing_is_said_of_certainty(few: Calibration, tmp_path: Path) -> None:
+    html = write_report(replace(few, covariance=np.zeros((0, 0))), tmp_path, Silent(), (0.7,)).read_text()
+    assert 'id="sigma"' not in html
+    assert "standard deviation:" not in html
+    assert "is not predicted" in html
+    assert "at 0.7 m:" in html

@@ -1,0 +1,93 @@
+"""Three sentences that are true of the calibration, and a warning where one is due."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calib.board import Board
+from calib.progress import Silent
+from calib.report.evidence import gather_evidence
+from calib.report.patterns import over_board, over_image
+from calib.report.summary import summarise
+from calib.report.write import write_report
+from calib.stages import Settings
+from tests.report.conftest import Reported
+from tests.report.made import calibrated
+from tests.scenes import scene
+from tests.shapes import Example, each_shape
+
+FAST = Settings(grid=(5, 5))
+
+
+class Misprinted(Board):
+    """Its corners are up to 0.1 mm beside their places, smoothly over the board."""
+
+    def points(self) -> NDArray[np.float64]:
+        flat = super().points()
+        return flat + 1e-4 * np.sin(2 * np.pi * flat[:, ::-1] / (self.rows * self.square))
+
+
+def test_a_good_calibration_is_trusted(reported: Reported) -> None:
+    summary = summarise(gather_evidence(reported.calibration))
+    assert summary.care == ()
+    assert summary.verdict == "To be trusted where it has corners"
+    what, left, where = summary.sentences
+    assert "3280x2464 px behind a cone, 1.15 mm thick with index 1.5, was calibrated from 45 views of a 9x9 board" in what
+    assert "what is left is noise" in left
+    assert "so it does not overfit" in left
+    assert "one standard deviation of the maps" in where
+    assert all(sentence.endswith(".") for sentence in summary.sentences)
+
+
+def test_overfitting_is_said(reported: Reported) -> None:
+    worse = {"folds": 3, "held_out_px": 0.2, "fitted_px": 0.1}
+    summary = summarise(
+        gather_evidence(replace(reported.calibration, settings=reported.calibration.settings | {"cross_validation": worse}))
+    )
+    assert "held out have 0.200 px, so it overfits" in summary.sentences[1]
+    assert any("overfits" in sentence for sentence in summary.care)
+    assert summary.verdict == "Take care before you trust it"
+
+
+def test_without_folds_overfitting_is_not_known(reported: Reported) -> None:
+    settings = {key: value for key, value in reported.calibration.settings.items() if key != "cross_validation"}
+    assert "was not measured" in summarise(gather_evidence(replace(reported.calibration, settings=settings))).sentences[1]
+
+
+def test_a_misprinted_board_leaves_a_pattern_over_it(tmp_path: Path) -> None:
+    evidence = gather_evidence(calibrated(scene(5, views=16, noise=0.05, board=Misprinted(9, 9, 0.020)), tmp_path, FAST))
+    assert over_board(evidence).is_pattern
+    assert any("pattern over the board" in sentence for sentence in summarise(evidence).care)
+
+
+def test_noise_leaves_no_pattern(reported: Reported) -> None:
+    evidence = gather_evidence(reported.calibration)
+    for means in (over_board(evidence), over_image(evidence)):
+        assert not means.is_pattern
+        assert means.beyond.mean() < 0.05
+
+
+def test_what_is_missing_is_asked_for(tmp_path: Path) -> None:
+    """Few views, all at one distance."""
+    evidence = gather_evidence(calibrated(scene(5, views=4, noise=0.05, depths=(1.0, 1.05)), tmp_path, FAST))
+    care = " ".join(summarise(evidence).care)
+    assert "of the image has corners" in care
+    assert "nearer and farther views" in care
+    assert evidence.covered < 0.6
+
+
+def test_coverage_counts_every_corner(reported: Reported) -> None:
+    evidence = gather_evidence(reported.calibration)
+    assert evidence.counts.sum() == len(evidence.pixels)
+    column, row = (evidence.pixels[0] // [3280 / 16, 2464 / 12]).astype(int)
+    assert evidence.counts[row, column] > 0
+    assert np.sqrt((evidence.rms_by_view**2).mean()) == pytest.approx(reported.calibration.stages[-1].rms_px)  # 81 corners in each
+
+
+@each_shape
+def test_every_shape_has_its_report(example: Example, tmp_path: Path) -> None:
+    made = scene(3, views=6, noise=0.05, cover=example.cover, patch=example.patch)
+    assert 'id="glass"' in write_report(calibrated(made, tmp_path, FAST), tmp_path, Silent()).read_text()
