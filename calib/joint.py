@@ -14,7 +14,7 @@ from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.relief import Relief
 from calib.prior import Evidence, Quadratic, Smoothness, most_probable
-from calib.problem import LandingProblem, Shared
+from calib.problem import LandingProblem, Shared, view_precision
 from calib.schema import Number
 from calib.solve import Outcome, Solution, minimise
 
@@ -25,7 +25,7 @@ ROUNDS = (1e-2, 1e-4, 1e-9)
 """Tolerances of one fit after another; between them the prior, the noise and the pixel weighting are estimated anew."""
 
 
-AGAIN = (1e-3, 1e-6)
+AGAIN = (1e-4,)
 """The same of a fit that starts where one like it ended."""
 
 
@@ -110,7 +110,7 @@ def fit_joint(
         here = model.at(shared)
         weights = pixel_weights(path, here, observations, poses, sigma)
         views = landings(path, here, observations, weights, tuple(scales), relief is not None)
-        solution = minimise(LandingProblem(model, tuple(views), precision), shared, poses, tolerance=tolerance)
+        solution = minimise(LandingProblem(model, tuple(views), precision, view_precision(poses)), shared, poses, tolerance=tolerance)
         shared, poses, spent = solution.shared, solution.blocks, spent + solution.iterations
         if progress:
             progress(spent, sigma * (solution.normal.square / len(observations.pixels)) ** 0.5)

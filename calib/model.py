@@ -13,8 +13,10 @@ from calib.joint import JointFit, Start, fit_joint
 from calib.observations import Observations
 from calib.optics.params import Values
 from calib.optics.path import Path
-from calib.poses import refit_poses
-from calib.residuals import Residuals
+from calib.poses import refine_poses_in_image
+
+CLOSE = 1e-6
+"""The fraction of its error by which a held-out view's last step may still lower it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +52,7 @@ class Model:
         count = self.path.numbers_per_view
         return torch.cat([poses, poses.new_zeros(len(poses), max(0, count - poses.shape[1]))], 1)[:, :count]
 
-    def seen(self, values: Values, observations: Observations, poses: Tensor) -> tuple[Tensor, Residuals]:
-        """The (V, B) numbers of views that were not fitted, and what they leave."""
-        return refit_poses(self.path, values, observations, self.padded(poses))
+    def seen(self, joint: JointFit, observations: Observations, poses: Tensor) -> Tensor:
+        """The (V, B) numbers of views that were not fitted, from a start."""
+        padded = self.padded(poses)
+        return refine_poses_in_image(self.path, joint.values, observations, padded, sigma=joint.sigma, tolerance=CLOSE).blocks

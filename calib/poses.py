@@ -11,7 +11,7 @@ from calib.observations import Observations
 from calib.optics.lens import COEFFICIENTS
 from calib.optics.params import Values
 from calib.optics.path import Path
-from calib.problem import HUBER, LandingProblem, Shared
+from calib.problem import HUBER, LandingProblem, Shared, view_precision
 from calib.residuals import Residuals, residuals
 from calib.solve import Solution, minimise
 
@@ -52,10 +52,13 @@ def refine_poses(path: Path, values: Values, observations: Observations, poses: 
     return _refined(path, values, observations, poses, eye * observations.weight[:, None, None], torch.inf)
 
 
-def refine_poses_in_image(path: Path, values: Values, observations: Observations, poses: Tensor) -> Solution:
-    """Each view's pose of least reprojection error, robust against single bad corners from 3 px on; as `refine_poses` otherwise."""
+def refine_poses_in_image(
+    path: Path, values: Values, observations: Observations, poses: Tensor, *, sigma: float = 1.0, tolerance: float = 1e-10
+) -> Solution:
+    """Each view's pose of least reprojection error, robust against single bad corners from three times sigma (px) on; as `refine_poses`
+    otherwise."""
     observations = observations.kept(path.land(observations.pixels, values, poses[observations.view])[1] == 0)
-    return _refined(path, values, observations, poses, pixel_weights(path, values, observations, poses, 1.0), HUBER)
+    return _refined(path, values, observations, poses, pixel_weights(path, values, observations, poses, sigma), HUBER, tolerance)
 
 
 def refit_poses(path: Path, values: Values, observations: Observations, start: Tensor) -> tuple[Tensor, Residuals]:
@@ -65,11 +68,13 @@ def refit_poses(path: Path, values: Values, observations: Observations, start: T
     return poses, residuals(path, values, observations, poses)
 
 
-def _refined(path: Path, values: Values, observations: Observations, poses: Tensor, weights: Tensor, huber: float) -> Solution:
+def _refined(
+    path: Path, values: Values, observations: Observations, poses: Tensor, weights: Tensor, huber: float, tolerance: float = 1e-10
+) -> Solution:
     views = tuple(landings(path, values, observations, weights, (), relief_moves=False))
     nothing = poses.new_zeros(0)
-    problem = LandingProblem(Shared(values, None, {}), views, poses.new_zeros(0, 0), huber)
-    return minimise(problem, nothing, poses)
+    problem = LandingProblem(Shared(values, None, {}), views, poses.new_zeros(0, 0), view_precision(poses), huber)
+    return minimise(problem, nothing, poses, tolerance=tolerance)
 
 
 def _pnp(

@@ -13,6 +13,15 @@ from calib.solve import Linearised
 
 HUBER = 3.0
 
+SPIN, MOVE = 0.05, 0.01
+"""rad and m: how far a board may well turn and move during one readout."""
+
+
+def view_precision(blocks: Tensor) -> Tensor:
+    """(B,) of what is known of each view's own numbers (V, B) beforehand: nothing of its pose."""
+    motion = [SPIN**-2] * 3 + [MOVE**-2] * 3
+    return blocks.new_tensor(([0.0] * 6 + motion)[: blocks.shape[1]])
+
 
 @dataclass(frozen=True, slots=True)
 class Shared:
@@ -71,6 +80,8 @@ class LandingProblem:
     views: tuple[Landing, ...]
     precision: Tensor
     """(S, S) of the prior on the shared numbers."""
+    block_precision: Tensor
+    """(B,) of the prior on each view's own numbers."""
     huber: float = HUBER
     """Standard deviations beyond which a corner counts by its distance, not by its square."""
 

@@ -56,6 +56,11 @@ class Problem(Protocol):
         """(S, S) P of the prior's cost x^T P x on the shared numbers x."""
         ...
 
+    @property
+    def block_precision(self) -> Tensor:
+        """(B,) p of the prior's cost p . y^2 on each block's numbers y; 0 where nothing is known of one."""
+        ...
+
     def cost(self, shared: Tensor, blocks: Tensor) -> float:
         """(S,) and (V, B) to the sum over rows, the prior left out; infinite where the model fails, which forbids the step."""
         ...
@@ -105,7 +110,7 @@ class Solution:
     """The sum over rows and the prior."""
     iterations: int
     normal: Normal
-    """Of the rows there."""
+    """Of the rows there, with the prior on the blocks' own numbers."""
 
 
 def minimise(
@@ -128,10 +133,19 @@ def minimise(
         progress: called with the step's number and the cost after each accepted step.
     """
     precision = problem.precision
-    cost = problem.cost(shared, blocks) + float(shared @ precision @ shared)
+
+    def prior(shared: Tensor, blocks: Tensor) -> float:
+        return float(shared @ precision @ shared) + float((blocks**2 @ problem.block_precision).sum())
+
+    def normal_at(shared: Tensor, blocks: Tensor) -> Normal:
+        rows = normal_equations(problem.linearise(shared, blocks))
+        own = problem.block_precision
+        return replace(rows, block=rows.block + own.diag(), block_slope=rows.block_slope + own * blocks)
+
+    cost = problem.cost(shared, blocks) + prior(shared, blocks)
     damping, growth = FIRST_DAMPING, 2.0
     for step in range(1, steps + 1):
-        rows = normal_equations(problem.linearise(shared, blocks))
+        rows = normal_at(shared, blocks)
         normal = replace(rows, shared=rows.shared + precision, shared_slope=rows.shared_slope + precision @ shared)
         while True:
             move_shared, move_blocks = _damped_step(normal, damping)
@@ -141,7 +155,7 @@ def minimise(
                 outcome = Outcome.CONVERGED if damping <= 1 or cost < ROUNDING else Outcome.STUCK
                 return Solution(outcome, shared, blocks, cost, step, rows)
             moved = shared + move_shared
-            new_cost = problem.cost(moved, blocks + move_blocks) + float(moved @ precision @ moved)
+            new_cost = problem.cost(moved, blocks + move_blocks) + prior(moved, blocks + move_blocks)
             gain = (cost - new_cost) / promised
             if gain > 0:  # false for a cost that is not finite
                 break
@@ -152,7 +166,7 @@ def minimise(
         growth = 2.0
         if progress:
             progress(step, cost)
-    rows = normal_equations(problem.linearise(shared, blocks))
+    rows = normal_at(shared, blocks)
     return Solution(Outcome.STEPS_USED_UP, shared, blocks, cost, steps, rows)
 
 

@@ -16,7 +16,7 @@ from calib.optics.relief import Relief
 from calib.paper import descend
 from calib.poses import pinhole_poses, refine_poses, refit_poses
 from calib.prior import Evidence, Quadratic, Smoothness
-from calib.problem import LandingProblem, Shared
+from calib.problem import LandingProblem, Shared, view_precision
 from calib.residuals import residuals
 from calib.solve import Outcome
 from calib.views import View
@@ -66,7 +66,8 @@ def test_derivatives_agree_with_central_differences() -> None:
     weights = pixel_weights(made.path, made.values, made.observations, made.poses, 1.0)
     views = tuple(landings(made.path, made.values, made.observations, weights, tuple(scales), relief_moves=True))
     shared = Shared(made.values, outer.relief, scales)
-    problem = LandingProblem(shared, views, torch.zeros(shared.count, shared.count, dtype=torch.float64), huber=torch.inf)
+    nothing = torch.zeros(shared.count, shared.count, dtype=torch.float64)
+    problem = LandingProblem(shared, views, nothing, view_precision(made.poses), huber=torch.inf)
     here = torch.zeros(shared.count, dtype=torch.float64)
 
     def rows(amount: torch.Tensor, poses: torch.Tensor) -> torch.Tensor:

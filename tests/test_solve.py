@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from scipy.optimize import least_squares
 from torch import Tensor
 
 from calib.solve import Linearised, Outcome, minimise, normal_equations
@@ -21,6 +22,7 @@ class Curves:
         self.block = torch.arange(blocks).repeat_interleave(12)
         self.x = torch.from_numpy(rng.uniform(0, 2, 12 * blocks))
         self.precision = torch.zeros(1, 1, dtype=torch.float64)
+        self.block_precision = torch.zeros(2, dtype=torch.float64)
         self.y = self.curve(self.k, self.own) + noise * torch.from_numpy(rng.normal(size=12 * blocks))
 
     def curve(self, shared: Tensor, blocks: Tensor) -> Tensor:
@@ -79,6 +81,7 @@ def test_works_without_shared_numbers() -> None:
 
     class Own:
         precision = torch.zeros(0, 0, dtype=torch.float64)
+        block_precision = problem.block_precision
 
         def cost(self, shared: Tensor, blocks: Tensor) -> float:
             del shared
@@ -116,6 +119,7 @@ def test_a_prior_pulls_as_its_precision_says() -> None:
 
     class Seen:
         precision = torch.tensor([[3.0]], dtype=torch.float64)
+        block_precision = torch.zeros(0, dtype=torch.float64)
 
         def cost(self, shared: Tensor, blocks: Tensor) -> float:
             del blocks
@@ -128,6 +132,22 @@ def test_a_prior_pulls_as_its_precision_says() -> None:
 
     solution = minimise(Seen(), torch.zeros(1, dtype=torch.float64), torch.zeros(1, 0, dtype=torch.float64))
     assert solution.shared.item() == pytest.approx(0.25, abs=1e-9)
+
+
+def test_a_prior_on_blocks_pulls_each_of_them() -> None:
+    """The oracle: the same prior as rows of their own."""
+    problem = Curves(3, blocks=4, noise=0.1)
+    problem.block_precision = torch.tensor([0.0, 5.0], dtype=torch.float64)
+
+    def rows(x: np.ndarray) -> np.ndarray:
+        shared, own = torch.from_numpy(x[:1]), torch.from_numpy(x[1:]).reshape(-1, 2)
+        return np.concatenate([problem.residual(shared, own).numpy().ravel(), 5**0.5 * own[:, 1].numpy()])
+
+    begin = [part.numpy().ravel() for part in start(problem)]
+    oracle = least_squares(rows, np.concatenate(begin), xtol=1e-14, ftol=1e-14, gtol=1e-14).x
+    solution = minimise(problem, *start(problem), tolerance=1e-14)
+    assert solution.shared.numpy() == pytest.approx(oracle[:1], abs=1e-6)
+    assert solution.blocks.numpy().ravel() == pytest.approx(oracle[1:], abs=1e-6)
 
 
 def test_reduced_equations_are_the_dense_schur_complement() -> None:

@@ -21,7 +21,7 @@ from calib.landing import landings, pixel_weights
 from calib.model import Model
 from calib.observations import Observations
 from calib.optics.params import Values
-from calib.problem import LandingProblem, Shared
+from calib.problem import LandingProblem, Shared, view_precision
 from calib.solve import Linearised
 
 Array = NDArray[np.float64]
@@ -41,6 +41,14 @@ class Columns:
     dof: int
     p_value: float
     """From how the views agree, if there are enough of them for its numbers; else from chi2 over the residual's dispersion."""
+
+    cost: float
+    """The fit's sum of squares."""
+
+    @property
+    def promises(self) -> float:
+        """The fraction by which it would lower the root mean square at best."""
+        return 1.0 - float(np.sqrt(1.0 - min(1.0, self.chi2 / self.cost)))
 
     @property
     def absorbed(self) -> float:
@@ -86,7 +94,7 @@ class Optimum:
         by_view = np.array([part.sum(0) for part in np.split(left * off[:, None], self._ends())])
         by_view += (pull - by_view.sum(0)) / len(by_view)  # the prior's share
         p_value = _p_value(by_view, chi2, count, float(off @ off) / max(1, self._freedom()))
-        return Columns(effect, left, float((new**2).sum()), chi2, count, p_value)
+        return Columns(effect, left, float((new**2).sum()), chi2, count, p_value, float(off @ off))
 
     def _of_views(self, effect: Effect, blocks: list[Array], residual: list[Array], rest: list[Array]) -> Columns:
         """The score of numbers that every view has for itself."""
@@ -100,7 +108,7 @@ class Optimum:
         chi2 = sum(gains)
         left = max(1, self._freedom() - dof)
         typical = (off - chi2) / left  # what is left with them, for each degree of freedom
-        return Columns(effect, np.zeros((0, 0)), 0.0, chi2, dof, float(stats.f.sf(chi2 / dof / typical, dof, left)))
+        return Columns(effect, np.zeros((0, 0)), 0.0, chi2, dof, float(stats.f.sf(chi2 / dof / typical, dof, left)), off)
 
     def _linearised(self, model: Model, values: Values, last: Sequence[str]) -> Linearised:
         """All rows at once, shared numbers ordered as those of the fit, then `last`."""
@@ -114,7 +122,7 @@ class Optimum:
         weights = pixel_weights(path, values, seen, poses, self.joint.sigma)
         views = tuple(landings(path, values, seen, weights, tuple(scales), relief is not None))
         zero = poses.new_zeros(shared.count)
-        pieces = list(LandingProblem(shared, views, zero.diag()).linearise(zero, poses))
+        pieces = list(LandingProblem(shared, views, zero.diag(), view_precision(poses)).linearise(zero, poses))
         parts = (torch.cat([getattr(p, name) for p in pieces]) for name in ("residual", "by_block", "by_shared"))
         return Linearised(seen.starts, *parts)
 

@@ -83,10 +83,8 @@ def hold_out(model: Model, observations: Observations, fitted: JointFit, *, half
         found = model.fitted(rest, fitted.poses[~out], start)
         test = observations.without(~out)
         scored = torch.arange(len(test.pixels)) % 2 == 1 if half else torch.ones(len(test.pixels), dtype=torch.bool)
-        poses, missed = model.seen(found.values, test.kept(~scored) if half else test, fitted.poses[out])
-        if half:
-            missed = residuals(model.path, found.values, test, poses)
-        own = (missed.image**2).sum(-1)
+        poses = model.seen(found, test.kept(~scored) if half else test, fitted.poses[out])
+        own = (residuals(model.path, found.values, test, poses).image ** 2).sum(-1)
         squares[rows.numpy()] = torch.where(scored, own, torch.nan).numpy()
     return HeldOut(squares, observations.view.numpy())
 

@@ -16,7 +16,7 @@ from calib.diagnosis.suspect import suspect
 from calib.effects.effect import Effect, Surroundings
 from calib.effects.free_field import FreeField
 from calib.effects.registry import EFFECTS
-from calib.joint import JointFit
+from calib.joint import JointFit, Start
 from calib.model import Model
 from calib.observations import Observations
 from calib.progress import Advance
@@ -96,7 +96,8 @@ class Loop:
             if key not in self.trials or (not self.trials[key].gain and columns.p_value < self.trials[key].columns.p_value):
                 self.trials[key] = Trial(columns)
         self._note_confounded(scores)
-        chosen = [c for c in scores if c.p_value < WORTH_TRYING or not c.effect.judged_by_score]
+        worth = [c for c in scores if c.p_value < WORTH_TRYING and c.promises > LEAST_GAIN]
+        chosen = worth + [c for c in scores if not c.effect.judged_by_score and c not in worth]
         chosen.sort(key=lambda c: 2 * c.dof - c.chi2)
         always = [c for c in chosen if not c.effect.judged_by_score]
         chosen = always + [c for c in chosen if c.effect.judged_by_score][:TRIED]
@@ -107,7 +108,8 @@ class Loop:
     def _try(self, columns: Columns, before: HeldOut, level: float) -> Trial:
         self._say(f"trying {columns.effect.name}")
         wider = self.model.with_effect(columns.effect)
-        joint = wider.fitted(self.observations, self.joint.poses)
+        start = Start(self.joint.values, self.joint.sigma, self.joint.smoothness)
+        joint = wider.fitted(self.observations, self.joint.poses, start)
         half = columns.effect.per_view or self.model.path.shutter
         held = hold_out(wider, self.observations, joint, half=half)
         if half:
@@ -120,12 +122,11 @@ class Loop:
         return trial
 
     def _accept(self, trial: Trial) -> HeldOut:
-        assert trial.joint
-        assert trial.held
+        """Take an effect in, with the noise and the prior estimated anew."""
         self.model = self.model.with_effect(trial.columns.effect)
-        self.joint = trial.joint
+        self.joint = self.model.fitted(self.observations, trial.joint.poses if trial.joint else self.joint.poses)
         self._say(f"found {trial.columns.effect.name}")
-        return self._held(self.model, self.joint) if trial.columns.effect.per_view else trial.held
+        return self._held(self.model, self.joint)
 
     def _backward(self, held: HeldOut) -> HeldOut:
         """Drop what is no longer needed, the oldest first."""

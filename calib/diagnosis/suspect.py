@@ -10,7 +10,7 @@ from calib.diagnosis.columns import Optimum
 from calib.effects.fine_surface import FINER
 from calib.landing import landings, pixel_weights
 from calib.optics.relief import Relief
-from calib.problem import LandingProblem, Shared
+from calib.problem import LandingProblem, Shared, view_precision
 
 
 def suspect(at: Optimum) -> Tensor | None:
@@ -29,7 +29,9 @@ def suspect(at: Optimum) -> Tensor | None:
     values = {**joint.values, "coarse.amplitudes": joint.values["relief.amplitudes"], "relief.amplitudes": zero}
     weights = pixel_weights(finer, values, seen, joint.poses, joint.sigma)
     shared = Shared(values, fine, {})
-    problem = LandingProblem(shared, tuple(landings(finer, values, seen, weights, (), True)), zero.new_zeros(0, 0))
+    problem = LandingProblem(
+        shared, tuple(landings(finer, values, seen, weights, (), True)), zero.new_zeros(0, 0), view_precision(joint.poses)
+    )
     scores, squares = np.zeros(rows * columns), np.zeros(rows * columns)
     for piece in problem.linearise(zero.new_zeros(shared.count), joint.poses):
         for first, last in zip(piece.starts[:-1].tolist(), piece.starts[1:].tolist(), strict=True):

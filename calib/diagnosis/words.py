@@ -36,14 +36,14 @@ def verdict(trial: Trial, *, taken: bool) -> str:
     if taken:
         return "found"
     if trial.columns.absorbed > ABSORBED:
-        return "absorbed by what is fitted already, so nothing can be said of it"
+        return "absorbed"
     if not trial.gain:
-        return "the residual does not ask for it"
+        return "not asked for"
     if trial.gain.surely > 0 and trial.gain.relative <= LEAST_GAIN:
-        return f"helps held-out views by less than {100 * LEAST_GAIN:.0f} %"
+        return "too small"
     if trial.gain.surely > 0:
-        return "helped, but another helped more, and then it was not needed"
-    return "held-out views do not agree"
+        return "another helped more"
+    return "not confirmed"
 
 
 def remarks(loop: Loop, accepted: Sequence[str], left: Sequence[Share], *, timed: bool) -> Iterator[str]:
