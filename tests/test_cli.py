@@ -51,6 +51,7 @@ def test_fit_leaves_calibration_field_and_a_map_for_every_depth(fitted: tuple[Pa
         "map_0.5m.npz",
         "map_1m.npz",
         "rays.npz",
+        "report.html",
     ]
     with np.load(out / "map_1m.npz") as file:
         assert set(file) == {"map_x", "map_y", "valid", "depth_m", "sigma"}

@@ -47,6 +47,19 @@ def folds(text: str) -> int:
     return int(text)
 
 
+def effects(written: str) -> tuple[str, ...]:
+    """none, auto, or names of effects, joined by commas."""
+    from calib.diagnosis.named import NAMES
+
+    names = tuple(name for name in written.split(",") if name)
+    wrong = [name for name in names if name not in NAMES]
+    if written in ("none", "auto"):
+        return () if written == "none" else ("auto",)
+    if wrong or not names or len(set(names)) < len(names):
+        raise argparse.ArgumentTypeError(f"{written!r} is not none, auto, or some of {', '.join(NAMES)}, each once, joined by commas")
+    return names
+
+
 def free(text: str) -> tuple[str, ...]:
     """Names of calib.free, joined by commas."""
     from calib.free import NAMES

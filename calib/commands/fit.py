@@ -8,7 +8,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calib.commands.arguments import add_depths, add_output, folds, free, grid, steps
+from calib.commands.arguments import add_depths, add_output, effects, folds, free, grid, steps
 
 if TYPE_CHECKING:
     from calib.calibration import Calibration
@@ -32,6 +32,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME,...",
         help="also estimate, near what the session states: radius, slope, offset, centre, distance, tilt, thickness, index, intrinsics",
     )
+    parser.add_argument(
+        "--effects",
+        type=effects,
+        default=(),
+        metavar="none|auto|NAME,...",
+        help="auto: find what the model lacks and add what held-out views confirm; or add effects by name (default: none)",
+    )
     parser.add_argument("--folds", type=folds, default=0, metavar="N", help="cross-validate over the views, and say if the fit overfits")
     parser.add_argument("--steps", type=steps, default=1000, metavar="N", help="gradient steps of the paper's method (default: 1000)")
     parser.add_argument("--neglect-shift", action="store_true", help="let the relief bend the normal only, as the paper does")
@@ -44,6 +51,9 @@ def run(args: argparse.Namespace) -> None:
 
     from calib.commands.printing import print_json
     from calib.console import Bars, print_fit
+    from calib.diagnosis.diagnose import diagnose
+    from calib.diagnosis.named import with_named
+    from calib.diagnosis.shown import print_diagnosis
     from calib.export.npz import write_npz
     from calib.files import check_writable
     from calib.fit import fit
@@ -59,6 +69,11 @@ def run(args: argparse.Namespace) -> None:
     settings = Settings(args.method, args.grid, args.steps, not args.neglect_shift, args.free, args.folds)
     with Bars() as bars:
         calibration = with_origin(fit(session, settings, bars), session)
+        finding = None
+        if args.effects == ("auto",):
+            calibration, finding = diagnose(calibration, bars)
+        elif args.effects:
+            calibration = with_named(calibration, args.effects, bars)
         saved = calibration.save(output)
         written = [saved, *write_npz(calibration, args.depth, output, bars, replace=True)]
     seconds = time.monotonic() - begun
@@ -66,6 +81,8 @@ def run(args: argparse.Namespace) -> None:
         print_json(summary(calibration, seconds))
     else:
         print_fit(calibration, seconds, written)
+        if finding:
+            print_diagnosis(finding, [])
     with Bars() as bars:  # last: whatever happens here, the calibration is written and told of
         report = write_report(calibration, output, bars, args.depth)
     if not args.json:
@@ -81,5 +98,5 @@ def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
         "noise_px": calibration.noise_px,
         "seconds": seconds,
         "stages": [{"name": s.name, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in calibration.stages],
-        "effects": [],
+        "effects": [found.effect.name for found in calibration.effects],
     } | ({"cross_validation": calibration.settings["cross_validation"]} if "cross_validation" in calibration.settings else {})

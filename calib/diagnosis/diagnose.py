@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import replace
-from pathlib import Path as FilePath
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from calib.calibration import Calibration, Found, Stage
+from calib.calibration import Calibration
 from calib.diagnosis.base import base_model
-from calib.diagnosis.held_out import FOLDS, HeldOut
+from calib.diagnosis.held_out import FOLDS
 from calib.diagnosis.loop import ROUNDS, TRIED, Loop, form
 from calib.diagnosis.organised import Scene, Share
 from calib.diagnosis.record import Candidate, Diagnosis, Estimate, Quality
+from calib.diagnosis.result import frame_order, with_fit
 from calib.diagnosis.words import remarks, verdict
 from calib.errors import NotEnoughDataError
 from calib.evaluate import evaluate
@@ -23,7 +22,6 @@ from calib.joint import JointFit
 from calib.model import Model
 from calib.noise import short_scale_noise
 from calib.observations import Observations
-from calib.priors import with_estimates
 from calib.progress import Progress
 from calib.residuals import Residuals, residuals
 from calib.session import Session
@@ -53,9 +51,8 @@ def diagnose(calibration: Calibration, progress: Progress, holdout: Session | No
             f"A diagnosis holds views out in turn and needs {FEWEST_VIEWS} or more, but the calibration has {len(calibration.views)}: "
             "take more pictures."
         )
-    times = frame_times(calibration)
-    when = [float(index) for index in range(len(calibration.views))] if times is None else times.tolist()
-    observations = calibration.observations.timed(when, calibration.camera.height)
+    order = frame_order(calibration)
+    observations = calibration.observations.timed(order.times, calibration.camera.height)
     advance = progress.task("Diagnosis", ROUNDS + 2 * TRIED)
     with single_thread():
         model = base_model(calibration)
@@ -68,7 +65,7 @@ def diagnose(calibration: Calibration, progress: Progress, holdout: Session | No
             observations,
             model,
             joint,
-            times is not None,
+            order.from_file,
             lambda done, words: advance(min(1 + done, ROUNDS + 2 * TRIED - 1), words),
             lambda model, joint: bool(_organising(_split(calibration, model, joint, observations))),
         )
@@ -77,10 +74,10 @@ def diagnose(calibration: Calibration, progress: Progress, holdout: Session | No
         before, after = _missed(model, joint, observations), _missed(loop.model, loop.joint, observations)
         shares = _split(calibration, model, joint, observations)
         left = _split(calibration, loop.model, loop.joint, observations)
-    found = _with_effects(calibration, loop, times, after)
+    found = with_fit(calibration, loop.model, loop.joint, observations, order)
     held = first.rms, last.rms
     if holdout:
-        base = _with_effects(calibration, replace_loop(loop, model, joint), times, before)
+        base = with_fit(calibration, model, joint, observations, order)
         held = evaluate(base, holdout, progress).rms_px, evaluate(found, holdout, progress).rms_px
     noise = short_scale_noise(_on_board(after.image, calibration), calibration.board)
     organising = _organising(left)
@@ -95,28 +92,9 @@ def diagnose(calibration: Calibration, progress: Progress, holdout: Session | No
         after=Quality(after.rms_px, after.rmse_cm, held[1]),
         unexplained=_unexplained(after, noise, observations, loop.joint),
         organised_by=organising[0].organised_by if organising else "",
-        remarks=tuple(remarks(loop, accepted, organising, timed=times is not None)),
+        remarks=tuple(remarks(loop, accepted, organising, timed=order.from_file)),
     )
     return replace(found, settings=found.settings | {"diagnosis": finding.as_json()}), finding
-
-
-def frame_times(calibration: Calibration) -> NDArray[np.float64] | None:
-    """(V,) s when each view was taken, from the session's frames.csv; None where it, or a time in it, cannot be found."""
-    session = calibration.settings.get("made_by", {}).get("session")
-    path = FilePath(session or "") / "frames.csv"
-    if not session or not path.is_file():
-        return None
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            said = {FilePath(row["file"]).name: float(row["time_s"]) for row in csv.DictReader(file)}
-        return np.array([said[FilePath(view.name).name] for view in calibration.views])
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-
-
-def replace_loop(loop: Loop, model: Model, joint: JointFit) -> Loop:
-    """The loop as it stood with another model."""
-    return Loop(loop.board, loop.width, loop.height, loop.observations, model, joint, loop.timed, loop.advance, loop.organised)
 
 
 def _missed(model: Model, joint: JointFit, observations: Observations) -> Residuals:
@@ -187,33 +165,3 @@ def _parameters(effect: object, joint: JointFit) -> dict[str, Estimate]:
             name, value, sigma = f"{name}.rms", (value**2).mean().sqrt(), (sigma**2).mean().sqrt()
         found[name] = Estimate(float(value), float(sigma), unit)
     return found
-
-
-def _with_effects(calibration: Calibration, loop: Loop, times: NDArray[np.float64] | None, missed: Residuals) -> Calibration:
-    """The calibration as the loop's fit has it."""
-    joint, model = loop.joint, loop.model
-    assert calibration.camera.intrinsics
-    intrinsics, cover = with_estimates(calibration.camera.intrinsics, calibration.cover, joint)
-    effects = tuple(
-        Found(e, {u.param.name: (joint.values[u.param.name].numpy(), joint.sigma_of(u.param.name).numpy()) for u in e.unknowns})
-        for e in model.effects
-    )
-    stages = tuple(stage for stage in calibration.stages if stage.name != "cover+rbf+effects")
-    when = np.arange(len(calibration.views), dtype=np.float64) if times is None else times
-    return replace(
-        calibration,
-        camera=replace(calibration.camera, intrinsics=intrinsics),
-        cover=cover,
-        amplitudes=joint.values["relief.amplitudes"].numpy() if calibration.relief else calibration.amplitudes,
-        poses=joint.poses.numpy(),
-        covariance=joint.covariance.numpy(),
-        effects=effects,
-        times=when if effects else np.zeros(0),
-        stages=(*stages, Stage("cover+rbf+effects", missed.rms_px, missed.rmse_cm)) if effects else stages,
-        settings=calibration.settings | joint.said(),
-    )
-
-
-def held_by_view(held: HeldOut) -> NDArray[np.float64]:
-    """(V,) px RMS of each view when it was held out."""
-    return np.sqrt(held.by_view(np.inf))

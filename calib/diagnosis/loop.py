@@ -136,11 +136,12 @@ class Loop:
             for other in others:
                 fewer = fewer.with_effect(other)
             joint = fewer.fitted(self.observations, self.joint.poses)
-            without = hold_out(fewer, self.observations, joint, half=fewer.path.shutter)
-            kept = held if fewer.path.shutter == self.model.path.shutter else hold_out(self.model, self.observations, self.joint, half=True)
-            lost = gain(without, kept, 0.95)
+            half = self.model.path.shutter
+            without = hold_out(fewer, self.observations, joint, half=half)
+            lost = gain(without, held, 0.95)
             if lost.surely <= 0 or lost.relative < LEAST_GAIN:
-                self.model, self.joint, held = fewer, joint, without
+                self.model, self.joint = fewer, joint
+                held = self._held(fewer, joint) if half != fewer.path.shutter else without
         return held
 
     def _held(self, model: Model, joint: JointFit) -> HeldOut:

@@ -21,6 +21,8 @@ WALL = 6e-3
 """m"""
 DISTANCE = 0.025
 """m"""
+INDEX_SIGMA = 1e-3
+"""Of what is behind it: fresh water from cold to warm, over the spectrum of a camera."""
 BEHIND = {"air": 1.0, "water": 1.333}
 
 
@@ -44,7 +46,7 @@ class FlatPort(Effect):
             Unknown(Param("flat_port.tilt.x", "rad", 1e-2), 0.1),
             Unknown(Param("flat_port.tilt.y", "rad", 1e-2), 0.1),
             Unknown(Param("flat_port.thickness", "m", 1e-3), 2e-3, 0.0, WALL),
-            Unknown(Param("flat_port.outside_index", "", 1e-2), 0.003, 1.0, BEHIND[self.behind]),
+            Unknown(Param("flat_port.outside_index", "", 1e-2), INDEX_SIGMA, 1.0, BEHIND[self.behind]),
         )
 
     @property

@@ -28,7 +28,7 @@ class Wedge(Effect):
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        return tuple(Unknown(Param(f"wedge.{axis}", "rad", 1e-3), SIGMA) for axis in self.axes)
+        return tuple(Unknown(Param(f"wedge.{axis}", "rad", 1e-2), SIGMA) for axis in self.axes)
 
     def apply(self, path: Path) -> Path:
         *before, outer = path.cover

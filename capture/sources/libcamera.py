@@ -23,7 +23,8 @@ from capture.sources.options import EXPOSURE_US, GAIN, read_number, read_size
 from capture.sources.registry import Inventory
 
 LENS_POSITION = Quantity("lens_position", low=0, high=100)
-SILENCE = 1.9  # s
+START = 5.0  # s, until the first frame must have come
+SILENCE = 1.9  # s, between two
 SETTLING = 60  # frames, at the most, in which the camera finds its exposure
 MANUAL, CONVERGED = 0, 2  # of AfMode and AeState
 DELAY = 12  # frames, at the most, until a sensor obeys
@@ -137,7 +138,7 @@ class LibcameraSource:
 
     def _settle(self) -> Frame | None:
         """The first frame whose exposure, gain and white balance are held; None if closed before."""
-        frame = self._take()
+        frame = self._take(START)
         for _ in range(SETTLING if "AeEnable" in self._ids else 0):
             if frame is None or self._said.get("AeLocked", self._said.get("AeState") == CONVERGED):
                 break
@@ -150,9 +151,9 @@ class LibcameraSource:
             frame = frame and self._take()
         return frame
 
-    def _take(self) -> Frame | None:
+    def _take(self, patience: float = SILENCE) -> Frame | None:
         """The next complete frame; None once closed."""
-        deadline = time.monotonic() + SILENCE
+        deadline = time.monotonic() + patience
         while not self._closed.is_set():
             if self._pending:
                 request = self._pending.pop(0)

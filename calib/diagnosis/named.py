@@ -1,0 +1,71 @@
+"""Effects that a person asks for by name: added without asking held-out views."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+
+from calib.calibration import Calibration
+from calib.diagnosis.base import base_model
+from calib.diagnosis.columns import Optimum
+from calib.diagnosis.result import frame_order, with_fit
+from calib.diagnosis.suspect import suspect
+from calib.effects.effect import Effect, Surroundings
+from calib.effects.free_field import FreeField
+from calib.effects.registry import EFFECTS
+from calib.errors import InputError
+from calib.joint import JointFit, Start
+from calib.model import Model
+from calib.observations import Observations
+from calib.progress import Progress
+from calib.residuals import residuals
+from calib.threads import single_thread
+
+KINDS: tuple[type[Effect], ...] = (*EFFECTS, FreeField)
+NAMES = tuple(kind.name for kind in KINDS)
+
+
+def with_named(calibration: Calibration, names: Sequence[str], progress: Progress) -> Calibration:
+    """Fit again with these effects; of an effect's forms, the one with the smallest error.
+
+    Raises:
+        InputError: there can be no such effect in this set-up.
+    """
+    kinds = {kind.name: kind for kind in KINDS}
+    order = frame_order(calibration)
+    observations = calibration.observations.timed(order.times, calibration.camera.height)
+    advance = progress.task("Effects", len(names))
+    with single_thread():
+        model = base_model(calibration)
+        joint = model.fitted(observations, torch.from_numpy(calibration.poses))
+        for done, name in enumerate(names, start=1):
+            at = Optimum(model, observations, joint)
+            there = Surroundings(
+                calibration.board,
+                calibration.camera.width,
+                calibration.camera.height,
+                model.path,
+                joint.values,
+                frozenset(model.free),
+                order.from_file,
+                suspect(at) if name == "fine_surface" else None,
+            )
+            forms = kinds[name].propose(there)
+            if not forms:
+                raise InputError(f"--effects {name}: this set-up can have no {name}, or the fit estimates it already: leave it out.")
+            start = Start(joint.values, joint.sigma, joint.smoothness)
+            tried: list[tuple[float, Model, JointFit]] = []
+            for form in forms:
+                wider = model.with_effect(form)
+                fitted = wider.fitted(observations, joint.poses, start)
+                tried.append((_left(wider, fitted, observations), wider, fitted))
+            _, model, joint = min(tried, key=lambda one: one[0])
+            joint = model.fitted(observations, joint.poses)
+            advance(done, name)
+    return with_fit(calibration, model, joint, observations, order)
+
+
+def _left(model: Model, joint: JointFit, observations: Observations) -> float:
+    """px^2: the median, which single bad corners do not move."""
+    missed = residuals(model.path, joint.values, observations, joint.poses).image
+    return float(np.nanmedian((missed**2).sum(-1).numpy()))

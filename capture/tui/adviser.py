@@ -1,0 +1,67 @@
+"""Where to hold the board next: by the plain rule at once, and by what the maps lack as soon as a process has computed it."""
+
+from collections.abc import Iterator, Sequence
+
+from calib.camera import Camera, read_camera
+from calib.schema import Section
+from capture.coverage import Guide, Hint, PlainGuide, Progress, SeenView
+from capture.guidance_process import Guidance, GuidanceError
+from capture.tui.camera import Task
+from capture.tui.child import Child
+
+Advice = tuple[Hint | None, Progress]
+
+
+class Adviser:
+    """Blocks where it says so, and then belongs into a thread. `close` ends its processes, from any thread."""
+
+    def __init__(self, task: Task, size: tuple[int, int]) -> None:
+        """`size`: of the camera's pictures, px. Blocks for some tenths of a second."""
+        board, camera, _ = task.asked
+        self.remark = ""
+        """Why the plain rule serves; empty if that is as it should be."""
+        self._task = task
+        self._camera = camera if (camera.width, camera.height) == size else Camera(*size)
+        self._plain = PlainGuide(board, self._camera)
+        self._guide: Guide = self._plain
+        self._lens = Child("capture.tui.lens", [str(task.session)])
+        self._guidance: Guidance | None = None
+        self._closed = False
+
+    def advise(self, views: Sequence[SeenView]) -> Advice:
+        return self._guide.next_pose(views), self._guide.progress(views)
+
+    def improve(self, views: Sequence[SeenView]) -> Iterator[None]:
+        """Look into what these views tell; at each step, the advice has become better. Blocks for seconds."""
+        if self._task.bare or self._task.asked[2].shape == "none":
+            return
+        try:
+            if self._guidance is None:
+                self._guidance = self._prepared()
+            for guide in self._guidance.guides(views):
+                self._guide, self.remark = guide, ""
+                yield
+        except GuidanceError as error:
+            self._guide, self.remark = self._plain, str(error)
+            yield
+
+    def close(self) -> None:
+        self._closed = True
+        self._lens.kill()
+        if self._guidance:
+            self._guidance.close()
+
+    def _prepared(self) -> Guidance:
+        board, _, cover = self._task.asked
+        camera = self._camera
+        if camera.intrinsics is None:
+            if not (self._task.session / "bare").is_dir():
+                raise GuidanceError("The plain rule guides: the lens is not known without pictures that were taken without the cover.")
+            *_, last = {"sentence": "The lens is not looked for any more."}, *self._lens.events()
+            if "camera" not in last:
+                raise GuidanceError(last["sentence"])
+            camera = read_camera(Section(last["camera"], "The lens"))
+        guidance = Guidance(board, camera, cover)
+        if self._closed:
+            guidance.close()
+        return guidance

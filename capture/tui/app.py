@@ -1,0 +1,42 @@
+"""The terminal UI: from nothing to an exported map, following the screen.
+
+Workers (threads, and processes behind them) post messages; handlers change the screen. What a session holds is read from its folder,
+never remembered, so a lost connection costs nothing but the view of it.
+"""
+
+import os
+import sys
+from pathlib import Path
+from typing import ClassVar
+
+import cv2
+from textual.app import App
+
+from capture.tui.setup import SetupScreen
+
+SWITCH_S = 0.0005  # for which a thread that calculates may keep the screen waiting, ten times less than usual
+
+
+class CaptureApp(App[None]):
+    TITLE = "Refracal"
+    ENABLE_COMMAND_PALETTE = False
+    CSS = """
+    * { scrollbar-size: 1 1; }
+    *:nocolor:focus { text-style: reverse; }
+    .banner { width: 1fr; text-style: bold; padding: 0 1; }
+    """
+    NOTIFICATION_TIMEOUT: ClassVar = 4.0
+
+    def __init__(self, session: Path, source: str = "") -> None:
+        """`source` may be empty: the set-up then names the first camera that it finds."""
+        plain = "NO_COLOR" in os.environ
+        super().__init__()
+        self.session = session
+        self.source = source
+        self.dots = plain or self.console.color_system in (None, "standard")
+        """Pictures in dots: the terminal has no greys."""
+
+    def on_mount(self) -> None:
+        sys.setswitchinterval(SWITCH_S)
+        cv2.setNumThreads(1)  # of two cores, one stays for the screen
+        self.push_screen(SetupScreen(self.session, self.source))

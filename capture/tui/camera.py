@@ -1,0 +1,126 @@
+"""The camera's thread behind the collecting screen: frames in, what to show out. It touches no widget."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.finder import Finder
+from capture.frames import Frame, FrameSource
+from capture.reader import Reader
+from capture.record import Plan, Shutter, Step, corners_of, record
+from capture.recorder import Recorder
+from capture.setup import Setup, board_of
+from capture.sources.registry import open_source
+
+PREVIEW = 192  # px, the longer side of what the screen is given: as much as a terminal shows
+INTERVAL_S = 1 / 15  # between two pictures on the screen
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What to record, from where."""
+
+    session: Path
+    source: str
+    asked: Setup
+    """Board, camera and cover for a session that has no session.yaml yet."""
+    bare: bool
+    """The cover is off."""
+
+    @property
+    def folder(self) -> Path:
+        return self.session / ("bare" if self.bare else "frames")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Preview:
+    """A frame as the screen shows it."""
+
+    grey: NDArray[np.uint8]
+    """(h, w), PREVIEW px at most."""
+    size: tuple[int, int]
+    """Width and height of the frame itself, px."""
+
+    @staticmethod
+    def of(pixels: NDArray[np.uint8]) -> "Preview":
+        height, width = pixels.shape[:2]
+        scale = min(PREVIEW / max(width, height), 1.0)
+        small = cv2.resize(pixels, (max(round(width * scale), 1), max(round(height * scale), 1)), interpolation=cv2.INTER_AREA)
+        grey = small if small.ndim == 2 else cv2.cvtColor(small, cv2.COLOR_BGR2GRAY)
+        return Preview(np.asarray(grey, np.uint8), (width, height))
+
+
+class Shown:
+    """A source whose frames are also shown, as often as a person can see, however slowly they are judged."""
+
+    def __init__(self, source: FrameSource, show: Callable[[Preview], object]) -> None:
+        self._source = source
+        self._show = show
+        self._last_s = -np.inf
+
+    @property
+    def live(self) -> bool:
+        return self._source.live
+
+    @property
+    def remarks(self) -> Sequence[str]:
+        return self._source.remarks
+
+    def __enter__(self) -> Self:
+        self._source.__enter__()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+        self._source.__exit__(kind, value, trace)
+
+    def __iter__(self) -> Iterator[Frame]:
+        for frame in self._source:
+            if frame.time_s - self._last_s >= INTERVAL_S and not frame.alone:  # a photograph is shown with what was found in it
+                self._last_s = frame.time_s
+                self._show(Preview.of(frame.pixels))
+            yield frame
+
+    def close(self) -> None:
+        self._source.close()
+
+
+class Watch:
+    """One stretch of recording. `close` ends it from any thread, also before it has begun."""
+
+    def __init__(self, task: Task, shutter: Shutter, show: Callable[[Preview], object]) -> None:
+        self.remarks: Sequence[str] = ()
+        """What a person should know of this recording, as it comes up."""
+        self.closed = False
+        self._task = task
+        self._shutter = shutter
+        self._show = show
+        self._reader = Reader(Shown(open_source(task.source), show))
+
+    def run(self, begun: Callable[[Sequence[NDArray[np.float64]]], object]) -> Iterator[Step]:
+        """Every frame that was judged, until the source ends. `begun` gets the corners of the views that are there already.
+
+        RefracalError: the camera, the disk or the set-up keeps it from going on.
+        """
+        task = self._task
+        described = (task.session / "session.yaml").exists()
+        board = board_of(task.session, task.asked[0])
+        like = None if described else task.asked
+        with self._reader as reader, Recorder(task.session, board, like=like, bare=task.bare) as recorder:
+            finder = Finder(board)
+            kept = corners_of(recorder.pictures, finder)
+            begun(tuple(kept))
+            for step in record(reader, finder, recorder, Plan(views=None), kept, self._shutter):
+                self.remarks = (*reader.source.remarks, *recorder.remarks[not described :])  # the first tells of what was just typed
+                if step.frame.alone:
+                    self._show(Preview.of(step.frame.pixels))
+                yield step
+
+    def close(self) -> None:
+        self.closed = True
+        self._reader.close()

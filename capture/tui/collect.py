@@ -1,0 +1,309 @@
+"""Collect: the live picture, what to do now, where to hold the board next, and what is covered."""
+
+import time
+from collections.abc import Sequence
+from threading import Lock
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from textual import on, work
+from textual.app import ComposeResult
+from textual.binding import Binding
+from textual.containers import Horizontal
+from textual.events import ScreenResume
+from textual.message import Message
+
+from calib.errors import RefracalError
+from capture.coverage import Hint, Progress, SeenView
+from capture.errors import CaptureError
+from capture.record import Shutter, Step
+from capture.tui.adviser import Adviser
+from capture.tui.camera import Preview, Task, Watch
+from capture.tui.cells import FOUND, HINT, Mark
+from capture.tui.page import HELP_AND_QUIT, Line, Page
+from capture.tui.panel import Panel
+from capture.tui.picture import Picture
+
+RETRY_S = 3.0  # after which a camera that failed is tried again
+TAKEN_S = 1.5  # for which a view that was kept is said, whatever comes next
+
+
+class CollectScreen(Page):
+    DEFAULT_CSS = """
+    CollectScreen #top { height: 1fr; }
+    CollectScreen Picture { width: 1fr; height: 1fr; }
+    CollectScreen Panel { width: 31; }
+    CollectScreen #verdict { height: auto; min-height: 2; max-height: 5; background: $primary; color: auto; }
+    CollectScreen:nocolor #verdict { text-style: bold reverse; }
+    CollectScreen #next { height: 2; padding: 0 1; }
+    """
+    BINDINGS: ClassVar = [
+        Binding("space", "take", "Take now"),
+        Binding("a", "automatic", "Auto"),
+        Binding("n", "cover_on", "Cover on"),
+        Binding("f", "fit", "Fit"),
+        Binding("c", "again", "Camera again"),
+        Binding("m", "dots", "Dots"),
+        Binding("escape", "back", "Set-up", key_display="esc"),
+        *HELP_AND_QUIT,
+    ]
+
+    class Looked(Message):
+        """A frame came."""
+
+        def __init__(self, preview: Preview) -> None:
+            super().__init__()
+            self.preview = preview
+
+    class Begun(Message):
+        """The camera runs, and the views that the session has are known."""
+
+        def __init__(self, watch: Watch, kept: Sequence[NDArray[np.float64]]) -> None:
+            super().__init__()
+            self.watch = watch
+            self.kept = kept
+
+    class Judged(Message):
+        """A frame was looked at, and perhaps kept."""
+
+        def __init__(self, watch: Watch, step: Step) -> None:
+            super().__init__()
+            self.watch = watch
+            self.step = step
+
+    class Stopped(Message):
+        """No more frames come."""
+
+        def __init__(self, watch: Watch, sentence: str, *, again: bool) -> None:
+            super().__init__()
+            self.watch = watch
+            self.sentence = sentence
+            self.again = again
+
+    class Advised(Message):
+        """The guide has thought about the views."""
+
+        def __init__(self, count: int, hint: Hint | None, progress: Progress) -> None:
+            super().__init__()
+            self.count = count
+            self.hint = hint
+            self.progress = progress
+
+    class Improved(Message):
+        """A better guide has come, or the last one of these views."""
+
+        def __init__(self, *, done: bool) -> None:
+            super().__init__()
+            self.done = done
+
+    def __init__(self, task: Task) -> None:
+        super().__init__()
+        self.plan = task
+        self.kept: list[NDArray[np.float64]] = []
+        self._shutter = Shutter()
+        self._watch: Watch | None = None
+        self._preview: Preview | None = None
+        self._remarks: Sequence[str] = ()
+        self._found: NDArray[np.float64] | None = None
+        self._hint: Hint | None = None
+        self._adviser: Adviser | None = None
+        self._turn = Lock()  # of the threads that ask the adviser
+        self._improving = False
+        self._improved_with = -1  # views
+        self._left = False
+        self._taken_s = -TAKEN_S
+
+    def step(self) -> str:
+        return "Without cover" if self.plan.bare else "Through cover"
+
+    def body(self) -> ComposeResult:
+        with Horizontal(id="top"):
+            yield Picture()
+            yield Panel()
+        yield Line("The camera is being opened.", id="verdict", classes="banner", markup=False)
+        yield Line(id="next", markup=False)
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        del parameters
+        offered = {"cover_on": self.plan.bare, "fit": not self.plan.bare, "again": self._watch is None}
+        return offered.get(action, True)
+
+    def on_mount(self) -> None:
+        from capture.tui.app import CaptureApp
+
+        assert isinstance(self.app, CaptureApp)
+        self.query_one(Picture).dots = self.app.dots
+
+    @on(ScreenResume)
+    def _begin(self) -> None:
+        if self._watch is None and self.is_current:
+            try:
+                self._watch = Watch(self.plan, self._shutter, lambda preview: self.post_message(self.Looked(preview)))
+            except RefracalError as error:
+                self._say(str(error))
+                return
+            self.refresh_bindings()
+            self._run(self._watch)
+
+    @work(thread=True, group="camera", description="records")
+    def _run(self, watch: Watch) -> None:
+        try:
+            for step in watch.run(lambda kept: self.post_message(self.Begun(watch, kept))):
+                self.post_message(self.Judged(watch, step))
+            self.post_message(self.Stopped(watch, "The source has no more pictures.", again=False))
+        except RefracalError as error:
+            self.post_message(self.Stopped(watch, str(error), again=isinstance(error, CaptureError)))
+
+    @on(Looked)
+    def _look(self, message: Looked) -> None:
+        self._preview = message.preview
+        self._draw()
+
+    @on(Begun)
+    def _take_up(self, message: Begun) -> None:
+        if message.watch is self._watch:
+            self.kept = list(message.kept)
+            self._think()
+
+    @on(Judged)
+    def _judge(self, message: Judged) -> None:
+        if message.watch is not self._watch:
+            return
+        step = message.step
+        self._found = step.sighting.corners if step.sighting.corners is not None else step.sighting.part
+        if step.picture is not None:
+            assert step.sighting.corners is not None
+            self.kept.append(step.sighting.corners)
+            self.app.bell()
+            self._taken_s = time.monotonic()
+            self._say(f"TAKEN: view {len(self.kept)}. Move the board to the next place.")
+            self._think()
+        elif time.monotonic() - self._taken_s > TAKEN_S:
+            self._say(step.verdict.sentence)
+        self._remarks = message.watch.remarks
+        self._note()
+
+    @on(Stopped)
+    def _stop(self, message: Stopped) -> None:
+        if message.watch is not self._watch:
+            return
+        self._watch, self._found = None, None
+        self.refresh_bindings()
+        onward = "n to go on" if self.plan.bare else "f to fit"
+        go_on = " It is tried again every 3 s." if message.again else f" Press {onward}, c to try again, esc for another source."
+        self._say(message.sentence + go_on)
+        if message.again:
+            self.set_timer(RETRY_S, self._begin)
+
+    def _think(self) -> None:
+        self._count()
+        if self._preview is None:  # the picture's size is not known yet
+            self.set_timer(0.1, self._think)
+            return
+        self._advise(self._preview.size, self._views())
+
+    def _views(self) -> list[SeenView]:
+        return [SeenView(corners) for corners in self.kept]
+
+    @work(thread=True, group="advice", description="advises")
+    def _advise(self, size: tuple[int, int], views: Sequence[SeenView]) -> None:
+        """One advice after the other; while a better one is computed, the next view gets the best that there is."""
+        with self._turn:
+            if self._adviser is None:
+                self._adviser = Adviser(self.plan, size)
+                if self._left:
+                    self._adviser.close()
+            self.post_message(self.Advised(len(views), *self._adviser.advise(views)))
+
+    @work(thread=True, group="improvement", description="improves the guide")
+    def _improve(self, adviser: Adviser, views: Sequence[SeenView]) -> None:
+        for _ in adviser.improve(views):
+            self.post_message(self.Improved(done=False))
+        self.post_message(self.Improved(done=True))
+
+    @on(Improved)
+    def _improved(self, message: Improved) -> None:
+        if message.done:
+            self._improving = False
+            if len(self.kept) != self._improved_with:
+                self._think()
+        else:
+            self._think()
+
+    @on(Advised)
+    def _guided(self, message: Advised) -> None:
+        if message.count != len(self.kept):
+            return
+        assert self._adviser
+        if not self._improving and self._improved_with != len(self.kept):
+            self._improving, self._improved_with = True, len(self.kept)
+            self._improve(self._adviser, self._views())
+        self._hint = message.hint
+        self.query_one(Panel).progress = message.progress
+        onward = "press n, then put the cover on" if self.plan.bare else "press f to fit"
+        words = f"Next: {message.hint.words}." if message.hint else ""
+        if message.progress.enough:
+            words = f"ENOUGH: {onward}. More views do no harm."
+        self.query_one("#next", Line).say(words)
+        self._note()
+        self._draw()
+
+    def _draw(self) -> None:
+        marks = []
+        if self._hint is not None:
+            marks.append(Mark(HINT, self._hint.outline, closed=True, label=" HOLD IT HERE "))
+        if self._found is not None:
+            marks.append(Mark(FOUND, self._found))
+        self.query_one(Picture).show(self._preview, marks)
+
+    def _note(self) -> None:
+        doubts = [self._adviser.remark] if self._adviser and self._adviser.remark else []
+        self.query_one(Panel).say([*self._remarks, *doubts])
+
+    def _count(self) -> None:
+        self.query_one(Panel).count(len(self.kept), automatic=self._shutter.automatic)
+
+    def _say(self, sentence: str) -> None:
+        self.query_one("#verdict", Line).say(sentence)
+
+    def action_take(self) -> None:
+        self._shutter.press()
+        self._say("The next picture in which the board is found is taken.")
+
+    def action_automatic(self) -> None:
+        self._shutter.automatic = not self._shutter.automatic
+        self._count()
+
+    def action_again(self) -> None:
+        self._begin()
+
+    def action_dots(self) -> None:
+        picture = self.query_one(Picture)
+        picture.dots = not picture.dots
+
+    def action_cover_on(self) -> None:
+        self._close()
+        self.dismiss(True)
+
+    def action_back(self) -> None:
+        self._close()
+        self.dismiss(False)
+
+    def action_fit(self) -> None:
+        from capture.tui.fit import FitScreen
+
+        self._close()
+        self._say("The camera is being opened.")
+        self.app.push_screen(FitScreen(self.plan.session))
+
+    def _close(self) -> None:
+        if self._watch:
+            self._watch.close()
+            self._watch = None
+
+    def on_unmount(self) -> None:
+        self._left = True
+        self._close()
+        if self._adviser:
+            self._adviser.close()

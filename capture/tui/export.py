@@ -1,0 +1,114 @@
+"""Export: at which depths, in which form, where to; then `calib export` does it."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import ClassVar
+
+from textual import on, work
+from textual.app import ComposeResult
+from textual.binding import Binding
+from textual.containers import Horizontal, Vertical
+from textual.message import Message
+from textual.screen import ModalScreen
+from textual.widgets import Button, Footer, Input, Label, Select, Static
+
+from calib.commands import export
+from calib.commands.arguments import depth
+from capture.tui.command import Calib
+from capture.tui.page import TYPING, onward
+
+
+class ExportScreen(ModalScreen[None]):
+    DEFAULT_CSS = """
+    ExportScreen { align: center middle; }
+    ExportScreen #box { width: 72; height: 15; border: round $primary; padding: 0 1; background: $surface; }
+    ExportScreen .row { height: 1; margin: 0 0 1 0; }
+    ExportScreen .row Label { width: 18; }
+    ExportScreen .row Input, ExportScreen .row Select { width: 1fr; height: 1; }
+    ExportScreen #said { height: 1fr; }
+    """
+    BINDINGS: ClassVar = [
+        *TYPING,
+        Binding("ctrl+s", "export", "Export", key_display="^s", priority=True),
+        Binding("escape", "dismiss", "Back", key_display="esc"),
+    ]
+
+    class Done(Message):
+        """The command has ended."""
+
+        def __init__(self, sentence: str) -> None:
+            super().__init__()
+            self.sentence = sentence
+
+    def __init__(self, session: Path, calibration: Path) -> None:
+        super().__init__()
+        self._calibration = calibration
+        self._folder = session / "export"
+
+    def compose(self) -> ComposeResult:
+        with Vertical(id="box"):
+            yield Static("Maps that undistort pictures, one for each depth of the scene", markup=False)
+            yield Static()
+            yield _row("depths in metres", Input("1.0", id="depths", compact=True))
+            forms = [(form, form) for form in formats()]
+            yield _row("form", Select(forms, value=forms[0][1], allow_blank=False, id="form", compact=True))
+            yield _row("folder", Input(str(self._folder), id="folder", compact=True))
+            yield Button("Export", id="export", variant="primary", compact=True)
+            yield Static(id="said", markup=False)
+        yield Footer(show_command_palette=False, compact=True)
+
+    @on(Input.Changed, "#depths")
+    def _check(self) -> None:
+        try:
+            self._depths()
+        except argparse.ArgumentTypeError as error:
+            self._say(str(error))
+        else:
+            self._say("")
+
+    def _depths(self) -> Sequence[str]:
+        texts = self.query_one("#depths", Input).value.replace(",", " ").split()
+        for text in texts:
+            depth(text)
+        return texts
+
+    def action_onward(self) -> None:
+        onward(self)
+
+    @on(Button.Pressed)
+    def action_export(self) -> None:
+        try:
+            depths = self._depths()
+        except argparse.ArgumentTypeError as error:
+            self._say(str(error))
+            return
+        folder = self.query_one("#folder", Input).value
+        form = str(self.query_one("#form", Select).value)
+        at = ["--depth", *depths] if depths else []
+        self._say("Being written.")
+        self._run(["export", str(self._calibration), "--format", form, "-o", folder, *at])
+
+    @work(thread=True, exclusive=True)
+    def _run(self, arguments: Sequence[str]) -> None:
+        done = Calib(arguments).run()
+        self.post_message(self.Done(f"Wrote\n{done.stdout}" if done.returncode == 0 else done.sentence))
+
+    @on(Done)
+    def _ended(self, message: Done) -> None:
+        self._say(message.sentence)
+
+    def _say(self, sentence: str) -> None:
+        self.query_one("#said", Static).update(sentence)
+
+
+def formats() -> Sequence[str]:
+    """Those that `calib export` knows."""
+    parser = argparse.ArgumentParser()
+    export.add_arguments(parser)
+    choices = next(action.choices for action in parser._actions if action.dest == "format")
+    return tuple(map(str, choices or ()))
+
+
+def _row(label: str, field: Input | Select[str]) -> Horizontal:
+    return Horizontal(Label(label), field, classes="row")

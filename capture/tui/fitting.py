@@ -1,0 +1,90 @@
+"""The process that fits: torch is loaded here, and never in the process that draws the screen.
+
+`python -m capture.tui.fitting SESSION OUT` fits and saves; `python -m capture.tui.fitting CALIBRATION` only reads. Either way stdout has
+one JSON object a line: tasks and their steps, and at the end a result or an error.
+"""
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from calib.errors import RefracalError
+from calib.progress import Advance
+
+if TYPE_CHECKING:
+    from calib.calibration import Calibration
+
+NICENESS = 10  # the screen and the camera go first
+
+
+class Lines:
+    """Progress as JSON lines."""
+
+    def task(self, title: str, total: int) -> Advance:
+        say(event="task", title=title, total=total)
+        return lambda done, words: say(event="step", done=done, words=words)
+
+
+def say(**what: object) -> None:
+    print(json.dumps(what), flush=True)
+
+
+def main(arguments: list[str]) -> None:
+    os.nice(NICENESS)
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+    try:
+        say(event="task", title="Loading torch", total=1)
+        from calib.calibration import Calibration
+
+        if len(arguments) == 1:
+            calibration, saved = Calibration.load(arguments[0]), Path(arguments[0])
+        else:
+            calibration, saved = _fit(Path(arguments[0]), Path(arguments[1]))
+        say(event="result", **summary(calibration, saved))
+    except RefracalError as error:
+        say(event="error", sentence=str(error))
+    except ImportError as error:
+        say(event="error", sentence=f"This machine cannot fit ({error}): install torch, or copy the session and run calib fit there.")
+
+
+def _fit(session: Path, out: Path) -> "tuple[Calibration, Path]":
+    from calib.files import check_writable
+    from calib.fit import fit
+    from calib.session import read_session
+    from calib.stages import Settings
+
+    described = read_session(session)
+    check_writable(out)
+    calibration = fit(described, Settings(), Lines())
+    return calibration, calibration.save(out)
+
+
+def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
+    """What the results screen shows."""
+    from torch import from_numpy
+
+    from calib.console import remarks
+    from calib.observations import Observations
+    from calib.residuals import residuals
+
+    seen = Observations.of(calibration.views, calibration.board)
+    path, values = calibration.model()
+    missed = residuals(path, values, seen, from_numpy(calibration.poses))
+    views = [
+        {"file": view.name, "rms_px": float((own**2).sum(-1).nanmean().sqrt()), "corners": pixels.tolist(), "errors": own.tolist()}
+        for view, own, pixels in zip(calibration.views, seen.per_view(missed.image), seen.per_view(seen.pixels), strict=True)
+    ]
+    return {
+        "calibration": str(saved),
+        "stages": [{"name": s.name, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in calibration.stages],
+        "noise_px": calibration.noise_px,
+        "views": sorted(views, key=lambda view: -float(str(view["rms_px"]))),
+        "rejected": [{"file": r.name, "reason": r.reason} for r in calibration.rejected],
+        "remarks": remarks(calibration),
+    }
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

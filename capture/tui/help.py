@@ -1,0 +1,44 @@
+"""What to do, for someone who has never calibrated a camera."""
+
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding
+from textual.containers import VerticalScroll
+from textual.screen import ModalScreen
+from textual.widgets import Footer, Static
+
+TEXT = """\
+A camera behind a cover (a cone, a dome, a window) sees everything a little
+bent. From pictures of a checkerboard, Refracal finds out how, and writes maps
+that straighten pictures at any depth.
+
+1 Set-up         Name the camera; describe the board and the cover.
+2 Without cover  Take the cover off and record the board: this finds the lens.
+3 Through cover  Put it on, leave the focus alone, and record the board again.
+4 Fit            Takes seconds to minutes. The error should fall.
+5 Results        Drop views that are spoiled; look for effects; export maps.
+
+The large line below the picture says what to do now. Pictures are taken by
+themselves, with a bell, once the board is whole, still, sharp and somewhere
+new; space takes one at once. A frame of ▒ shows where to hold the board next,
+and the words below say how to tilt it. + marks what was found of the board.
+The small maps show what is covered, from nothing over ░ ▒ ▓ to █, enough.
+Good views: all over the picture, near and far, tilted to all four sides.
+
+A number that is not known well: 25 ± 10 or 25 +- 10. The fit finds it.
+The last line has every key of a screen; on a phone, tap it there.
+"""
+
+
+class HelpScreen(ModalScreen[None]):
+    DEFAULT_CSS = "HelpScreen { background: $background; } HelpScreen VerticalScroll { height: 1fr; padding: 0 1; }"
+    BINDINGS: ClassVar = [
+        Binding("escape,question_mark,q", "dismiss", "Back", key_display="esc"),
+        Binding("up,down", "scroll", "More", key_display="↑↓"),
+    ]
+
+    def compose(self) -> ComposeResult:
+        with VerticalScroll():
+            yield Static(TEXT, markup=False)
+        yield Footer(show_command_palette=False, compact=True)

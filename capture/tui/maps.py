@@ -1,0 +1,17 @@
+"""Coverage as small maps of shades, which need no colour."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+SHADES = " ░▒▓█"
+
+
+def shaded(covered: NDArray[np.float64], columns: int, rows: int) -> str:
+    """(h, w) coverage, 0 to 1, in rows of columns characters; a full block is fully covered."""
+    height, width = covered.shape
+    y = ((np.arange(rows) + 0.5) * height / rows).astype(int)
+    x = ((np.arange(columns) + 0.5) * width / columns).astype(int)
+    level = np.clip(np.nan_to_num(covered[np.ix_(y, x)]) * (len(SHADES) - 1), 0, len(SHADES) - 1)
+    # what is begun is never shown as empty, and only what is full as full
+    index = np.where((level > 0) & (level < 1), 1, np.floor(level)).astype(int)
+    return "\n".join("".join(SHADES[entry] for entry in line) for line in index)

@@ -1,0 +1,87 @@
+"""What every screen has: where one is on the way, the keys, and a sentence where the terminal is too small."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from textual import on
+from textual.actions import SkipAction
+from textual.app import ComposeResult
+from textual.binding import Binding
+from textual.events import Resize
+from textual.screen import Screen
+from textual.widgets import Footer, Input, Static
+
+STEPS = ("Set-up", "Without cover", "Through cover", "Fit", "Results")
+SMALLEST = (80, 24)
+"""Columns and rows that every screen is drawn for."""
+
+HELP_AND_QUIT = (Binding("question_mark", "help", "Help", key_display="?"), Binding("q", "app.quit", "Quit"))
+"""For screens on which nothing is typed."""
+
+TYPING = (
+    Binding("enter", "onward", show=False, priority=True),
+    Binding("tab", "app.focus_next", "Next field", key_display="tab", priority=True),
+    Binding("shift+tab", "app.focus_previous", show=False, priority=True),
+)
+"""For screens on which something is typed. These keys are looked at before the fields see them, so that what is typed after them, however
+fast, as over a slow connection, goes to the next field."""
+
+
+class Line(Static):
+    """A text that is laid out only when it changes: what is said twenty times a second mostly stays the same."""
+
+    def say(self, text: str) -> None:
+        if text != str(self.content):
+            self.update(text)
+
+
+class Page(Screen[bool]):
+    """A step on the way from nothing to a calibration."""
+
+    DEFAULT_CSS = """
+    Page > #steps { height: 1; background: $panel; text-style: bold; }
+    Page > #small { display: none; width: 1fr; height: 1fr; content-align: center middle; text-align: center; }
+    Page.-small > * { display: none; }
+    Page.-small > #small { display: block; }
+    """
+
+    def compose(self) -> ComposeResult:
+        yield Static(self._way(), id="steps", markup=False)
+        yield from self.body()
+        yield Static(id="small", markup=False)
+        yield Footer(show_command_palette=False, compact=True)
+
+    def body(self) -> ComposeResult:
+        """The widgets between the first line and the last."""
+        raise NotImplementedError
+
+    def step(self) -> str:
+        """Which of STEPS this is."""
+        raise NotImplementedError
+
+    def steps(self) -> Sequence[str]:
+        return STEPS
+
+    def _way(self) -> str:
+        return " " + " › ".join(f"[{step.upper()}]" if step == self.step() else step for step in self.steps())
+
+    def action_help(self) -> None:
+        from capture.tui.help import HelpScreen
+
+        self.app.push_screen(HelpScreen())
+
+    @on(Resize)
+    def _measure(self, event: Resize) -> None:
+        small = event.size.width < SMALLEST[0] or event.size.height < SMALLEST[1]
+        self.set_class(small, "-small")
+        if small:
+            words = f"This terminal has {event.size.width} columns and {event.size.height} rows.\n"
+            words += f"Enlarge it to {SMALLEST[0]} and {SMALLEST[1]}, or make its letters smaller: what runs goes on."
+            self.query_one("#small", Static).update(words)
+
+
+def onward(screen: Screen[Any]) -> None:
+    """Enter in a field goes on to the next one; elsewhere it does what it does."""
+    if not isinstance(screen.focused, Input):
+        raise SkipAction
+    screen.focus_next()

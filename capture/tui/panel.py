@@ -1,0 +1,54 @@
+"""Beside the picture: how many views there are, what they cover, and whether they are enough."""
+
+from collections.abc import Sequence
+
+from textual.app import ComposeResult
+from textual.containers import Horizontal, Vertical
+from textual.reactive import reactive
+
+from capture.coverage import Progress
+from capture.tui.cells import FOUND, HINT
+from capture.tui.maps import shaded
+from capture.tui.page import Line
+
+MAP = (13, 5)  # columns and rows of a coverage map
+LEGEND = f"{FOUND} found   {HINT} hold it here\n░ ▒ ▓ covered   █ enough"
+
+
+class Panel(Vertical):
+    DEFAULT_CSS = """
+    Panel { padding: 0 1; }
+    Panel #count { text-style: bold; height: 1; }
+    Panel #enough { height: 4; }
+    Panel #maps { height: 6; }
+    Panel #maps Line { width: 13; margin: 0 2 0 0; }
+    Panel #depth { height: 1; }
+    Panel #legend { height: 3; padding: 1 0 0 0; color: $text-muted; }
+    Panel #notes { height: 1fr; color: $text-muted; }
+    """
+    progress: reactive[Progress | None] = reactive(None)
+
+    def compose(self) -> ComposeResult:
+        yield Line(id="count", markup=False)
+        yield Line(id="enough", markup=False)
+        with Horizontal(id="maps"):
+            yield Line(id="image", markup=False)
+            yield Line(id="glass", markup=False)
+        yield Line(id="depth", markup=False)
+        yield Line(LEGEND, id="legend", markup=False)
+        yield Line(id="notes", markup=False)
+
+    def count(self, views: int, *, automatic: bool) -> None:
+        self.query_one("#count", Line).say(f"{views} view{'s' * (views != 1)}   auto {'ON' if automatic else 'OFF'}")
+
+    def say(self, remarks: Sequence[str]) -> None:
+        """What a person should know of the camera; the newest first."""
+        self.query_one("#notes", Line).say("\n".join(reversed(remarks)))
+
+    def watch_progress(self, progress: Progress | None) -> None:
+        if progress is None:
+            return
+        self.query_one("#enough", Line).say(progress.sentence)
+        self.query_one("#image", Line).say(f"Picture\n{shaded(progress.image, *MAP)}")
+        self.query_one("#glass", Line).say(f"Glass\n{shaded(progress.glass, *MAP)}")
+        self.query_one("#depth", Line).say(f"Depth  near {shaded(progress.depth[None], 13, 1)} far")

@@ -1,0 +1,80 @@
+"""The camera's picture as a widget."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+from rich.segment import Segment
+from rich.style import Style
+from textual.geometry import Size
+from textual.reactive import reactive
+from textual.strip import Strip
+from textual.widget import Widget
+
+from capture.tui.camera import Preview
+from capture.tui.cells import FOUND, HINT, WORST, Cells, Mark, draw, fit_cells
+
+INK = {FOUND: "bold rgb(80,255,80)", HINT: "bold rgb(255,210,0)", WORST: "bold rgb(255,110,80)"}
+"""Colours help; the characters say it all."""
+LETTERS = "bold rgb(0,0,0) on rgb(255,210,0)"
+
+
+class Picture(Widget):
+    """Shows the newest frame, as large as its shape allows, in the middle of its place."""
+
+    DEFAULT_CSS = "Picture { background: $background; }"
+    dots: reactive[bool] = reactive(False)
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.updates = 0
+        """How often the picture has changed."""
+        self._preview: Preview | None = None
+        self._marks: Sequence[Mark] = ()
+        self._cells: Cells | None = None
+        self._cells_for: Size | None = None
+
+    def show(self, preview: Preview | None, marks: Sequence[Mark]) -> None:
+        self.updates += 1
+        self._preview, self._marks, self._cells = preview, marks, None
+        self.refresh()
+
+    def watch_dots(self) -> None:
+        self._cells = None
+
+    def render_line(self, y: int) -> Strip:
+        width, height = self.size
+        blank = Strip.blank(width, self.rich_style)
+        if self._preview is None or not width:
+            return blank
+        columns, rows = fit_cells(self._preview.size, width, height)
+        if self._cells is None or self._cells_for != self.size:
+            self._cells = draw(self._preview.grey, self._preview.size, columns, rows, self._marks, dots=self.dots)
+            self._cells_for = self.size
+        row = y - (height - rows) // 2
+        if not 0 <= row < rows:
+            return blank
+        left = (width - columns) // 2
+        segments = [Segment(" " * left, self.rich_style), *_segments(self._cells, row, self.dots)]
+        return Strip([*segments, Segment(" " * (width - columns - left), self.rich_style)], width)
+
+
+def _segments(cells: Cells, row: int, dots: bool) -> list[Segment]:
+    line = zip(cells.characters[row].tolist(), cells.upper[row].tolist(), cells.lower[row].tolist(), strict=True)
+    if dots:
+        return [Segment("".join(character for character, _, _ in line), Style())]
+    return [
+        Segment((character or "▀") * len(list(same)), _style(character, upper, lower)) for (character, upper, lower), same in groupby(line)
+    ]
+
+
+@lru_cache(4096)
+def _style(character: str, upper: int, lower: int) -> Style:
+    if not character:
+        return Style.parse(f"rgb({upper},{upper},{upper}) on rgb({lower},{lower},{lower})")
+    if character not in INK:
+        return Style.parse(LETTERS)
+    middle = int(np.mean([upper, lower])) // 2  # darkened: a mark is seen on a white square too
+    return Style.parse(f"{INK[character]} on rgb({middle},{middle},{middle})")

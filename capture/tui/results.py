@@ -1,0 +1,194 @@
+"""Results: the error before and after, the views from the worst on, and what to do about them."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from textual import on, work
+from textual.app import ComposeResult
+from textual.binding import Binding
+from textual.containers import Horizontal, Vertical
+from textual.message import Message
+from textual.widgets import OptionList, Static
+from textual.widgets.option_list import Option
+
+from calib.detect import eight_bits
+from calib.errors import RefracalError
+from calib.images import read_grey
+from capture.tui.camera import Preview
+from capture.tui.cells import FOUND, WORST, Mark
+from capture.tui.child import Event
+from capture.tui.drop import Dropped, drop, take_back
+from capture.tui.page import HELP_AND_QUIT, Page
+from capture.tui.picture import Picture
+
+BAR = 12  # columns
+
+
+class ResultsScreen(Page):
+    DEFAULT_CSS = """
+    ResultsScreen #top { height: 1fr; }
+    ResultsScreen #left { width: 48; padding: 0 1; }
+    ResultsScreen #stages { height: auto; }
+    ResultsScreen #title { height: 1; text-style: bold; margin: 1 0 0 0; }
+    ResultsScreen OptionList { height: 1fr; border: none; padding: 0; }
+    ResultsScreen #right { width: 1fr; }
+    ResultsScreen Picture { height: 1fr; }
+    ResultsScreen #view { height: 2; }
+    ResultsScreen #sentence { height: 3; }
+    """
+    BINDINGS: ClassVar = [
+        Binding("d", "drop", "Drop"),
+        Binding("u", "take_back", "Undo"),
+        Binding("f", "refit", "Fit again"),
+        Binding("e", "effects", "Effects"),
+        Binding("x", "export", "Export"),
+        Binding("m", "dots", "Dots"),
+        Binding("escape", "back", "Collect", key_display="esc"),
+        *HELP_AND_QUIT,
+    ]
+
+    class Loaded(Message):
+        """A view's picture was read."""
+
+        def __init__(self, view: Mapping[str, Any], preview: Preview | None) -> None:
+            super().__init__()
+            self.view = view
+            self.preview = preview
+
+    def __init__(self, session: Path, result: Event, before: Event | None = None) -> None:
+        """`result` as `capture.tui.fitting` gives it, and that of the fit before, to compare with."""
+        super().__init__()
+        self.session = session
+        self.result = result
+        self._before = before
+        self._dropped: list[Dropped] = []
+
+    def step(self) -> str:
+        return "Results"
+
+    def body(self) -> ComposeResult:
+        with Horizontal(id="top"):
+            with Vertical(id="left"):
+                yield Static(self._stages(), id="stages", markup=False)
+                yield Static("Views, the worst first", id="title", markup=False)
+                yield OptionList(*(Option(self._line(view), id=view["file"]) for view in self.result["views"]), markup=False, compact=True)
+            with Vertical(id="right"):
+                yield Picture()
+                yield Static(id="view", markup=False)
+        yield Static(self._verdict(), id="sentence", classes="banner", markup=False)
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        del parameters
+        if action == "effects":
+            from capture.tui.effects import can_diagnose
+
+            return can_diagnose()
+        return bool(self._dropped) if action == "take_back" else True
+
+    def on_mount(self) -> None:
+        from capture.tui.app import CaptureApp
+
+        assert isinstance(self.app, CaptureApp)
+        self.query_one(Picture).dots = self.app.dots
+        self.query_one(OptionList).focus()
+
+    def _stages(self) -> str:
+        before = {stage["name"]: stage for stage in self._before["stages"]} if self._before else {}
+        lines = [f"{'error after':<18}{'now':>9}{'':11}{'last fit' if before else ''}"]
+        for stage in self.result["stages"]:
+            was = f"{before[stage['name']]['rms_px']:>8.3f}" if stage["name"] in before else ""
+            lines.append(f"{stage['name']:<18}{stage['rms_px']:>6.3f} px{stage['rmse_cm']:>8.4f} cm{was}")
+        return "\n".join(lines)
+
+    def _verdict(self) -> str:
+        stages, noise = self.result["stages"], self.result["noise_px"]
+        said = f"The error fell from {stages[0]['rms_px']:.3f} to {stages[-1]['rms_px']:.3f} px; the corners' own noise is {noise:.3f} px."
+        care = [f"Take care: {remark}" for remark in self.result["remarks"]]
+        return " ".join([said, *care]) if care else f"{said} Press x to export maps."
+
+    def _line(self, view: Mapping[str, Any]) -> str:
+        gone = any(each.file == view["file"] for each in self._dropped)
+        worst = self.result["views"][0]["rms_px"]
+        bar = "dropped" if gone else "█" * max(round(BAR * view["rms_px"] / worst), 1)
+        return f"{view['file'][-16:]:<16} {view['rms_px']:>6.3f} px {bar}"
+
+    @on(OptionList.OptionHighlighted)
+    def _show(self, event: OptionList.OptionHighlighted) -> None:
+        view = self.result["views"][event.option_index]
+        self._load(view)
+
+    @work(thread=True, exclusive=True, group="picture", description="reads a picture")
+    def _load(self, view: Mapping[str, Any]) -> None:
+        try:
+            preview = Preview.of(eight_bits(read_grey(self._place(view["file"]))))
+        except RefracalError:
+            preview = None
+        self.post_message(self.Loaded(view, preview))
+
+    def _place(self, file: str) -> Path:
+        return next((each.now for each in self._dropped if each.file == file), self.session / "frames" / file)
+
+    @on(Loaded)
+    def _loaded(self, message: Loaded) -> None:
+        view = message.view
+        corners, errors = np.array(view["corners"]), np.array(view["errors"])
+        sizes = np.linalg.norm(errors, axis=-1)
+        worst = int(np.nanargmax(sizes))
+        self.query_one(Picture).show(message.preview, [Mark(FOUND, corners), Mark(WORST, corners[[worst]])])
+        words = f"{FOUND} corners  {WORST} worst: {sizes[worst]:.2f} px off"
+        self.query_one("#view", Static).update(words if message.preview else "This picture cannot be read any more.")
+
+    def _chosen(self) -> tuple[int, Mapping[str, Any]] | None:
+        index = self.query_one(OptionList).highlighted
+        return None if index is None else (index, self.result["views"][index])
+
+    def action_drop(self) -> None:
+        if (chosen := self._chosen()) and not any(each.file == chosen[1]["file"] for each in self._dropped):
+            try:
+                self._dropped.append(drop(self.session, chosen[1]["file"]))
+            except RefracalError as error:
+                self._say(str(error))
+                return
+            self._redraw(chosen[0], f"{chosen[1]['file']} is set aside in frames/dropped. Press f to fit without it, u to take it back.")
+
+    def action_take_back(self) -> None:
+        one = self._dropped.pop()
+        try:
+            take_back(one)
+        except RefracalError as error:
+            self._say(str(error))
+            return
+        index = next(i for i, view in enumerate(self.result["views"]) if view["file"] == one.file)
+        self._redraw(index, f"{one.file} is back.")
+
+    def _redraw(self, index: int, sentence: str) -> None:
+        self.query_one(OptionList).replace_option_prompt_at_index(index, self._line(self.result["views"][index]))
+        self._say(sentence)
+        self.refresh_bindings()
+
+    def _say(self, sentence: str) -> None:
+        self.query_one("#sentence", Static).update(sentence)
+
+    def action_refit(self) -> None:
+        from capture.tui.fit import FitScreen
+
+        self.app.switch_screen(FitScreen(self.session, self.result))
+
+    def action_export(self) -> None:
+        from capture.tui.export import ExportScreen
+
+        self.app.push_screen(ExportScreen(self.session, Path(self.result["calibration"])))
+
+    def action_effects(self) -> None:
+        from capture.tui.effects import EffectsScreen
+
+        self.app.push_screen(EffectsScreen(Path(self.result["calibration"])))
+
+    def action_dots(self) -> None:
+        picture = self.query_one(Picture)
+        picture.dots = not picture.dots
+
+    def action_back(self) -> None:
+        self.app.pop_screen()

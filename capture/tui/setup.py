@@ -1,0 +1,239 @@
+"""Set-up: the camera, the board and the cover, every value checked as it is typed."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar, cast
+
+from textual import on, work
+from textual.app import ComposeResult
+from textual.binding import Binding
+from textual.containers import Grid, Horizontal, VerticalScroll
+from textual.events import DescendantFocus, ScreenResume
+from textual.message import Message
+from textual.suggester import SuggestFromList
+from textual.widgets import Button, Input, Label, Select, Static
+
+from calib.cover import SHAPES
+from calib.errors import InputError
+from calib.images import list_images
+from capture.setup import Setup, board_of, read_setup
+from capture.sources.registry import SCHEMES, open_source
+from capture.tui.camera import Task
+from capture.tui.form import BOARD, HELP, Typed, problem, read_form, write_form
+from capture.tui.page import TYPING, Page, onward
+
+BARE_VIEWS = 10
+"""Without cover; from here on the lens is taken as recorded, and the set-up proposes to go on through the cover."""
+SOURCE_HELP = "Where pictures come from: v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE."
+LIKE_HELP = "The session.yaml of another session: board, cover and lens are taken from there. May stay empty."
+PHASE_HELP = "First without the cover, to find the lens; then through it, without touching the focus."
+COVER_ON = "NOW PUT THE COVER ON, and leave the focus alone. Check the source, then Start."
+EMPTY = Typed({"columns": "9", "rows": "6", "square_mm": ""}, "cone", {"refractive_index": "1.5", "outside_index": "1", "tilt_deg": "0, 0"})
+
+
+class SetupScreen(Page):
+    DEFAULT_CSS = """
+    SetupScreen VerticalScroll { height: 1fr; padding: 0 1; }
+    SetupScreen #state { text-style: bold; }
+    SetupScreen .row { height: 1; width: 1fr; }
+    SetupScreen .row Label { width: 19; }
+    SetupScreen .row Input { width: 1fr; }
+    SetupScreen .row Select { width: 1fr; }
+    SetupScreen #board Label { width: auto; padding: 0 1 0 3; }
+    SetupScreen #board Label.first { width: 19; padding: 0; }
+    SetupScreen #board Input { width: 9; }
+    SetupScreen #cover { grid-size: 2; grid-rows: 1; grid-gutter: 0 1; height: auto; }
+    SetupScreen #start { width: 30; margin: 1 0 0 19; }
+    SetupScreen #hint { height: 2; padding: 0 1; color: $text-muted; }
+    SetupScreen #problem { height: 3; }
+    SetupScreen Select { height: 1; }
+    """
+    BINDINGS: ClassVar = [
+        Binding("ctrl+s", "start", "Start", key_display="^s", priority=True),
+        *TYPING,
+        Binding("f1", "help", "Help", key_display="F1"),
+        Binding("escape", "app.quit", "Quit", key_display="esc"),
+    ]
+
+    class Found(Message):
+        """The cameras of this machine."""
+
+        def __init__(self, sources: Sequence[str]) -> None:
+            super().__init__()
+            self.sources = sources
+
+    def __init__(self, session: Path, source: str) -> None:
+        super().__init__()
+        self.session = session
+        self._source = source
+        self._like: Setup | None = None
+        self._covered = False
+        """The person says that the cover is on now."""
+
+    def step(self) -> str:
+        return "Set-up"
+
+    def body(self) -> ComposeResult:
+        with VerticalScroll(can_focus=False):
+            yield Static(id="state", markup=False)
+            yield _row("source", Input(self._source, id="source", compact=True))
+            yield Static("", id="cameras", markup=False)
+            yield _row("like (optional)", Input(id="like", compact=True))
+            with Horizontal(id="board", classes="row"):
+                for key in BOARD:
+                    yield Label(f"board {key}" if key == "columns" else key, id=f"label-{key}", classes="first" if key == "columns" else "")
+                    yield Input(EMPTY.board[key], name=key, compact=True)
+            yield _row(
+                "cover shape", Select([(shape, shape) for shape in SHAPES], value="cone", allow_blank=False, id="shape", compact=True)
+            )
+            yield Grid(id="cover")
+            phases = [("without the cover, into bare/", True), ("through the cover, into frames/", False)]
+            yield _row("record now", Select(phases, allow_blank=False, id="phase", compact=True))
+            yield Button("Start", id="start", variant="primary", compact=True)
+        yield Static(id="hint", markup=False)
+        yield Static(id="problem", classes="banner", markup=False)
+
+    def on_mount(self) -> None:
+        self._find_cameras()
+
+    @on(ScreenResume)
+    async def _take_up(self) -> None:
+        """What the folder says stands above what was typed."""
+        described = (self.session / "session.yaml").exists()
+        state = f"{self.session}: a new session."
+        if described:
+            try:
+                self._like = read_setup(self.session / "session.yaml")
+                await self._fill(self._like)
+            except InputError as error:
+                self._say(str(error))
+            state = f"{self.session}: continued, {_views(self._taken(True))} without cover and {_views(self._taken(False))} through it."
+            self.query_one("#like", Input).disabled = True
+        elif not self.query("#cover Input"):
+            await self._show_cover(EMPTY)
+        self.query_one("#state", Static).update(COVER_ON if self._covered else state)
+        for each in self.query("#board Input, #cover Input, #shape"):
+            each.disabled = described
+        self.query_one("#phase", Select).value = self._bare_is_missing() and not self._covered
+        self.query_one("#start" if described and self._source else "#source").focus()
+
+    def _taken(self, bare: bool) -> int:
+        folder = self.session / ("bare" if bare else "frames")
+        return len(list_images(folder)) if folder.is_dir() else 0
+
+    def _bare_is_missing(self) -> bool:
+        if self.query_one("#shape", Select).value == "none" or (self._like and self._like[1].intrinsics):
+            return False
+        return self._taken(True) < BARE_VIEWS
+
+    @work(thread=True, exclusive=True, group="cameras")
+    def _find_cameras(self) -> None:
+        found = [camera for scheme in SCHEMES for camera in scheme.backend().inventory().cameras if not camera.problem]
+        self.post_message(self.Found([camera.source for camera in found]))
+
+    @on(Found)
+    def _offer(self, message: Found) -> None:
+        field = self.query_one("#source", Input)
+        field.suggester = SuggestFromList(message.sources)
+        words = f"found here: {', '.join(message.sources)}" if message.sources else "no camera found here; folder:PATH plays back pictures"
+        self.query_one("#cameras", Static).update(" " * 19 + words)
+        if message.sources and not field.value:
+            field.value = message.sources[0]
+
+    @on(Select.Changed, "#shape")
+    async def _reshape(self) -> None:
+        shape = str(self.query_one("#shape", Select).value)
+        if [each.name for each in self.query("#cover Input")] != [quantity.key for quantity in SHAPES[shape]]:
+            await self._show_cover(Typed({}, shape, EMPTY.cover))
+        self.query_one("#phase", Select).value = self._bare_is_missing()
+
+    async def _fill(self, setup: Setup) -> None:
+        typed = write_form(setup[0], setup[2])
+        for key, text in typed.board.items():
+            self._input(key).value = text
+        await self._show_cover(typed)
+        self.query_one("#shape", Select).value = typed.shape
+
+    async def _show_cover(self, typed: Typed) -> None:
+        place = self.query_one("#cover", Grid)
+        async with self.batch():
+            await place.remove_children()
+            keys = [quantity.key for quantity in SHAPES[typed.shape]]
+            await place.mount_all(_row(key, Input(typed.cover.get(key, ""), name=key, compact=True)) for key in keys)
+
+    def _input(self, key: str) -> Input:
+        return next(each for each in self.query(Input) if each.name == key)
+
+    @on(Input.Changed)
+    async def _check(self, event: Input.Changed) -> None:
+        field = event.input
+        wrong = await self._wrong(field)
+        name = field.name or field.id
+        label = self.query_one(f"#label-{name}", Label)
+        field.set_class(wrong is not None and bool(field.value), "wrong")
+        words = str(label.content).lstrip("✗ ")
+        label.update(f"✗ {words}" if wrong and field.value else words)
+        self._say(wrong if wrong and field.value else "")
+
+    async def _wrong(self, field: Input) -> str | None:
+        try:
+            if field.id == "source":
+                open_source(field.value)
+            elif field.id == "like":
+                self._like = read_setup(Path(field.value)) if field.value.strip() else None
+                if self._like:
+                    await self._fill(self._like)
+                    self.query_one("#phase", Select).value = self._bare_is_missing()
+            else:
+                return problem(field.name or "", field.value, str(self.query_one("#shape", Select).value))
+        except InputError as error:
+            return str(error)
+        return None
+
+    @on(DescendantFocus)
+    def _explain(self, event: DescendantFocus) -> None:
+        texts = {"source": SOURCE_HELP, "like": LIKE_HELP, "phase": PHASE_HELP, "shape": HELP["shape"], "start": "Enter begins to record."}
+        widget = event.widget
+        self.query_one("#hint", Static).update(texts.get(widget.id or "", HELP.get(widget.name or "", "")))
+
+    def action_onward(self) -> None:
+        onward(self)
+
+    @on(Button.Pressed, "#start")
+    def action_start(self) -> None:
+        from capture.tui.collect import CollectScreen
+
+        try:
+            task = self._read()
+        except InputError as error:
+            self._say(str(error))
+            return
+        self._source = task.source
+        self.app.push_screen(CollectScreen(task), self._cover_on)
+
+    def _cover_on(self, wanted: bool | None) -> None:
+        """Back from recording without the cover, perhaps to go on through it."""
+        self._covered = bool(wanted)
+
+    def _read(self) -> Task:
+        texts = {each.name or each.id or "": each.value for each in self.query(Input)}
+        open_source(texts["source"])
+        if (self.session / "session.yaml").exists():
+            asked = read_setup(self.session / "session.yaml")
+            board_of(self.session, None)
+        else:
+            shape = str(self.query_one("#shape", Select).value)
+            typed = Typed({key: texts[key] for key in BOARD}, shape, {q.key: texts.get(q.key, "") for q in SHAPES[shape]})
+            asked = read_form(typed, self._like[1] if self._like else None)
+        return Task(self.session, texts["source"], asked, bare=cast(bool, self.query_one("#phase", Select).value))
+
+    def _say(self, sentence: str) -> None:
+        self.query_one("#problem", Static).update(sentence)
+
+
+def _row(label: str, field: Input | Select[Any]) -> Horizontal:
+    return Horizontal(Label(label, id=f"label-{field.name or field.id}"), field, classes="row")
+
+
+def _views(count: int) -> str:
+    return f"{count} view{'s' * (count != 1)}"

@@ -1,0 +1,58 @@
+"""A camera that shows a fixture: what `capture record` keeps of it is the fixture, bit for bit, and calibrates like it."""
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calib.images import list_images, read_grey
+from capture.sources.v4l2_formats import FORMATS
+from tests.device.guest import PROJECT, Guest
+from tests.device.kernels import kernel_6_1, v4l2loopback
+
+FIXTURE = PROJECT / "fixtures" / "bumps"
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the guest leaves: result.json and the session that it recorded."""
+    folder = tmp_path_factory.mktemp("loopback")
+    kernel = kernel_6_1()
+    guest = Guest(kernel, {"v4l2loopback": ""}, (v4l2loopback(kernel),))
+    patient = {"OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT": "10"}  # s: the next frame comes when this one is recorded, however slow the guest
+    guest.run(folder, sys.executable, "-m", "tests.device.inside.loopback", str(FIXTURE), "/shared", **patient)
+    return folder
+
+
+def test_every_format_gives_the_grey_values_that_were_sent(shared: Path) -> None:
+    formats = json.loads((shared / "result.json").read_text())["formats"]
+    assert formats == dict.fromkeys(FORMATS, 0)
+
+
+def test_every_view_is_kept_bit_for_bit(shared: Path) -> None:
+    result = json.loads((shared / "result.json").read_text())
+    assert result["code"] == 0, result["stderr"]
+    recorded, shown = (list_images(session / "frames") for session in (shared / "session", FIXTURE))
+    assert len(recorded) == len(shown)
+    for ours, theirs in zip(recorded, shown, strict=True):
+        np.testing.assert_array_equal(read_grey(ours), read_grey(theirs), err_msg=f"{ours.name} is not {theirs.name}")
+
+
+def test_the_recording_calibrates_to_the_same_numbers(shared: Path, tmp_path: Path) -> None:
+    shutil.copytree(FIXTURE / "frames", tmp_path / "fixture" / "frames")
+    shutil.copy(FIXTURE / "session.yaml", tmp_path / "fixture")
+    assert _fit(shared / "session", tmp_path / "recorded") == _fit(tmp_path / "fixture", tmp_path / "shown")
+
+
+def _fit(session: Path, output: Path) -> dict[str, Any]:
+    """What `calib fit` prints, but for the time it took."""
+    command = [sys.executable, "-m", "calib", "fit", str(session), "-o", str(output), "--json"]
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
+    result: dict[str, Any] = json.loads(done.stdout)
+    del result["seconds"]
+    return result

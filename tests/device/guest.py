@@ -1,0 +1,105 @@
+"""A small virtual machine that runs one command of the tests' and ends."""
+
+import platform
+import shlex
+import shutil
+import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.device.initramfs import initramfs
+from tests.device.kernels import BOOKWORM, Kernel
+from tests.device.packages import MissingError
+
+PROJECT = Path(__file__).resolve().parents[2]
+FILE_SYSTEMS = ("virtio_pci", "virtio_rng", "9pnet_virtio", "9p", "overlay")
+ARGUMENTS = "console=ttyS0 quiet panic=-1 mitigations=off nokaslr random.trust_cpu=on tsc=reliable"
+ENVIRONMENT = {
+    "PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin",
+    "HOME": "/root",
+    "LC_ALL": "C.UTF-8",
+    "PYTHONPATH": str(PROJECT),
+    "PYTHONDONTWRITEBYTECODE": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "NO_COLOR": "1",
+}
+
+
+class GuestError(Exception):
+    """The guest did not do what it was started for; the message ends with what it printed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Guest:
+    kernel: Kernel
+    modules: Mapping[str, str]
+    """To be loaded, with their parameters."""
+    built: Sequence[Path] = ()
+    """Files of modules that are not the kernel's own."""
+    root: Path = Path("/")
+    """The folder of this machine that the guest sees as its root, and cannot change."""
+    limit: float = 400.0
+    """Seconds, after which it is stopped."""
+
+    def run(self, shared: Path, *command: str, **environment: str) -> None:
+        """Boot, run a command in a guest that has `shared` as /shared and this machine's root as /host, and halt."""
+        variables = [f"export {name}={shlex.quote(value)}" for name, value in {**ENVIRONMENT, **environment}.items()]
+        (shared / "job").write_text("\n".join([*variables, f"exec {shlex.join(command)}", ""]))
+        archive = shared / "initramfs"
+        modules = {**dict.fromkeys(FILE_SYSTEMS, ""), **self.modules}
+        archive.write_bytes(initramfs(_busybox(), self.kernel.modules, modules, root=self.root, built=self.built))
+        log = shared / "console"
+        with log.open("wb") as console:
+            try:
+                subprocess.run(
+                    [*_qemu(), *self._machine(shared, archive)],
+                    stdin=subprocess.DEVNULL,
+                    stdout=console,
+                    stderr=subprocess.STDOUT,
+                    timeout=self.limit,
+                    check=False,
+                )
+            except subprocess.TimeoutExpired:
+                raise GuestError(f"The guest did not end within {self.limit:.0f} s:\n{_tail(log)}") from None
+        code = shared / "code"
+        if not code.exists() or code.read_text().strip() != "0":
+            raise GuestError(f"The guest's command failed:\n{_tail(log)}")
+
+    def _machine(self, shared: Path, archive: Path) -> list[str]:
+        return [
+            *("-accel", "tcg,thread=multi", "-cpu", "max", "-smp", "2", "-m", "2048"),
+            *("-nodefaults", "-nographic", "-no-reboot", "-serial", "stdio", "-nic", "none", "-device", "virtio-rng-pci"),
+            *("-kernel", str(self.kernel.image), "-initrd", str(archive), "-append", ARGUMENTS),
+            *("-fsdev", "local,id=host,path=/,security_model=none,readonly=on,multidevs=remap"),
+            *("-device", "virtio-9p-pci,fsdev=host,mount_tag=host"),
+            *("-fsdev", f"local,id=shared,path={shared},security_model=none"),
+            *("-device", "virtio-9p-pci,fsdev=shared,mount_tag=shared"),
+        ]
+
+
+def prepare() -> None:
+    """Fetch what every guest needs beside its kernel."""
+    if platform.machine() != "x86_64":
+        raise MissingError(f"This machine is {platform.machine()}: guests run its own programs, and are made for x86_64.")
+    _busybox()
+    _qemu()
+
+
+def _busybox() -> Path:
+    return BOOKWORM.unpacked("busybox", alone=("busybox-static",)) / "bin/busybox"
+
+
+def _qemu() -> list[str]:
+    """This machine's QEMU, or Debian's started by the loader and with the libraries that belong to it."""
+    if installed := shutil.which("qemu-system-x86_64"):
+        return [installed]
+    tree = BOOKWORM.unpacked("qemu", ("qemu-system-x86",))
+    libraries = tree / "usr/lib/x86_64-linux-gnu"
+    data = [word for folder in ("qemu", "seabios") for word in ("-L", str(tree / "usr/share" / folder))]
+    loader = [str(libraries / "ld-linux-x86-64.so.2"), "--library-path", str(libraries)]
+    return ["env", f"QEMU_MODULE_DIR={libraries / 'qemu'}", *loader, str(tree / "usr/bin/qemu-system-x86_64"), *data]
+
+
+def _tail(log: Path) -> str:
+    return "\n".join(log.read_text(errors="replace").splitlines()[-40:])

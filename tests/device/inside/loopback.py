@@ -1,0 +1,72 @@
+"""In the guest: a loopback device shows one picture in each format, then a session's pictures, each when the one before is recorded.
+
+Usage: python -m tests.device.inside.loopback FIXTURE SHARED
+"""
+
+import json
+import os
+import shutil
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from calib.images import list_images, read_grey
+from capture.errors import CaptureError
+from capture.sources.registry import open_source
+from tests.device.inside.feed import BUFFERS, DEVICE, feeding
+from tests.device.inside.recording import Recording
+
+fixture, shared = Path(sys.argv[1]), Path(sys.argv[2])
+session = Path("/tmp/session")
+
+
+def furthest(pixels: str) -> int | str:
+    """Grey levels between a picture of noise, whose sides few numbers divide, and what the source makes of it in that format."""
+    shown = np.random.default_rng(0).integers(0, 256, (250, 322)).astype(np.uint8)
+    buffer = BUFFERS[pixels](shown)
+    over = threading.Event()
+
+    def feed() -> None:
+        while not over.wait(0.05):
+            os.write(handle, buffer)
+
+    with feeding(pixels, 322, 250) as handle:
+        os.write(handle, buffer)  # before it, the device has no format
+        thread = threading.Thread(target=feed)
+        thread.start()
+        try:
+            with open_source(f"v4l2:{DEVICE}?format={pixels}") as source:
+                seen = next(iter(source)).pixels
+        except CaptureError as error:
+            return str(error)
+        finally:
+            over.set()
+            thread.join()
+    if pixels == "MJPG":  # lossy: what it shows is what is in the file
+        shown = np.asarray(cv2.imdecode(np.frombuffer(buffer, np.uint8), cv2.IMREAD_GRAYSCALE), np.uint8)
+    return int(np.abs(seen.astype(int) - shown).max())
+
+
+def recorded() -> dict[str, Any]:
+    views = list_images(fixture / "frames")
+    height, width = read_grey(views[0]).shape
+    cover = ("--cover-from", str(fixture / "session.yaml"), "--board", "9x9", "--square-mm", "20")
+    with feeding("YUYV", width, height) as feed:
+        for _ in range(2):  # OpenCV passes over a camera's first frame
+            os.write(feed, BUFFERS["YUYV"](np.asarray(read_grey(views[0]), np.uint8)))
+        recording = Recording(session, f"v4l2:{DEVICE}", *cover, "--all", "--views", str(len(views)))
+        for number, view in enumerate(views[1:]):
+            buffer = BUFFERS["YUYV"](np.asarray(read_grey(view), np.uint8))
+            recording.wait_for(number)
+            os.write(feed, buffer)
+        return recording.ended()
+
+
+result = {"formats": {pixels: furthest(pixels) for pixels in BUFFERS}, **recorded()}
+(shared / "result.json").write_text(json.dumps(result))
+if session.exists():
+    shutil.copytree(session, shared / "session")

@@ -1,0 +1,101 @@
+"""In the guest: faults of a camera, feigned by the driver vivid while `capture record` runs.
+
+Usage: python -m tests.device.inside.vivid SHARED
+"""
+
+import json
+import os
+import shutil
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from tests.device.inside.controls import set_control
+from tests.device.inside.recording import Recording, pictures
+
+DEVICE = "/dev/video0"
+SOURCE = f"v4l2:{DEVICE}?size=320x180"
+SESSIONS = Path("/tmp/sessions")
+
+
+def start(session: str, *options: str) -> Recording:
+    return Recording(SESSIONS / session, SOURCE, "--board", "9x9", "--square-mm", "20", "--all", *options)
+
+
+@contextmanager
+def opened() -> Iterator[int]:
+    handle = os.open(DEVICE, os.O_RDWR)
+    try:
+        yield handle
+    finally:
+        os.close(handle)
+
+
+def unplugged() -> dict[str, Any]:
+    """After five pictures. The driver plugs in again once nobody holds the device open any more."""
+    recording = start("unplugged")
+    recording.wait_for(4)
+    with opened() as handle:
+        before = pictures(SESSIONS / "unplugged")
+        pulled = time.monotonic()
+        set_control(handle, "Disconnect")
+        ended = recording.ended(pulled)
+        return {**ended, "before": before, "again": start("unplugged").ended()}
+
+
+def plugged_in_again() -> dict[str, Any]:
+    return start("unplugged", "--views", "3").ended()
+
+
+def dropped() -> dict[str, Any]:
+    """Half of the buffers never come."""
+    with opened() as handle:
+        set_control(handle, "Percentage of Dropped Buffers", 50)
+        try:
+            return start("dropped", "--views", "20").ended()
+        finally:
+            set_control(handle, "Percentage of Dropped Buffers", 0)
+
+
+def whole() -> dict[str, Any]:
+    """The same with a camera that drops nothing."""
+    return start("whole", "--views", "20").ended()
+
+
+def silent() -> dict[str, Any]:
+    """It streams, and no buffer ever comes."""
+    with opened() as handle:
+        set_control(handle, "Percentage of Dropped Buffers", 100)
+        try:
+            return start("silent").ended()
+        finally:
+            set_control(handle, "Percentage of Dropped Buffers", 0)
+
+
+def refusing() -> dict[str, Any]:
+    """It opens, and every attempt to stream fails."""
+    over = threading.Event()
+
+    def refuse() -> None:
+        with opened() as handle:
+            while not over.wait(0.002):
+                set_control(handle, "Inject VIDIOC_STREAMON Error")
+
+    thread = threading.Thread(target=refuse)
+    thread.start()
+    try:
+        return start("refusing").ended()
+    finally:
+        over.set()
+        thread.join()
+
+
+STEPS = (unplugged, plugged_in_again, dropped, whole, silent, refusing)
+shared = Path(sys.argv[1])
+(shared / "result.json").write_text(json.dumps({step.__name__: step() for step in STEPS}))
+if SESSIONS.exists():
+    shutil.copytree(SESSIONS, shared / "sessions")

@@ -1,0 +1,64 @@
+"""Driving the app by keys, and reading what stands on its screen."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+from textual.pilot import Pilot
+
+from capture.tui.app import CaptureApp
+
+SIZES = ((80, 24), (120, 40))
+CONE = ("41.95", "-0.105", "0, -30", "0, 0", "3", "1.5", "1")
+"""The fixtures' cover, in the order of the form."""
+
+
+def drive(story: Coroutine[Any, Any, None]) -> None:
+    asyncio.run(story)
+
+
+@asynccontextmanager
+async def running(session: Path, source: str = "", size: tuple[int, int] = (80, 24)) -> AsyncIterator[Pilot[None]]:
+    app = CaptureApp(session, source)
+    app.dots = False  # no terminal tells what it can
+    async with app.run_test(size=size) as pilot:
+        await pilot.pause()
+        yield pilot
+
+
+def shown(pilot: Pilot[None]) -> str:
+    """The lines of the screen, as a terminal without colours has them."""
+    lines = pilot.app.screen._compositor.render_strips()
+    return "\n".join("".join(segment.text for segment in line).rstrip() for line in lines)
+
+
+async def see(pilot: Pilot[None], words: str, within_s: float = 60) -> None:
+    """Wait until these words stand on the screen, wherever its lines break."""
+    await until(pilot, lambda: words in " ".join(shown(pilot).split()), within_s)
+
+
+async def until(pilot: Pilot[None], holds: Callable[[], bool], within_s: float = 60) -> None:
+    begun = time.monotonic()
+    while not holds():
+        assert time.monotonic() - begun < within_s, f"it never came:\n{shown(pilot)}"
+        await pilot.pause(0.02)
+    await pilot.pause()
+
+
+async def write(pilot: Pilot[None], text: str) -> None:
+    """Type over what stands in the field, and go on to the next."""
+    await pilot.press("ctrl+u", "ctrl+k", *text, "enter")
+
+
+async def describe(pilot: Pilot[None], source: str) -> None:
+    """Fill the empty form with the fixtures' set-up."""
+    await write(pilot, source)
+    await write(pilot, "")  # like
+    for text in ("9", "9", "20"):
+        await write(pilot, text)
+    await pilot.press("tab")  # the shape is a cone
+    for text in CONE:
+        await write(pilot, text)
