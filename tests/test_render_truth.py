@@ -100,18 +100,30 @@ def meet(surface: Callable[[Array], Array], o: Array, d: Array) -> Array:
     return low
 
 
-@each_folder
-def test_light_of_every_true_corner_s_pixel_meets_that_corner(name: str) -> None:
-    truth = loaded(name)
-    off = []
+def off(truth: dict[str, Array]) -> Array:
+    """(V * 81,) px between each true corner and where the light of its pixel goes."""
+    missed = []
     for view, pixels in enumerate(truth["corners"]):
         o, d = leave(truth, pixels)
         points = corner_points(truth, view)
         miss = o + d * ((points - o)[:, 2:] / d[:, 2:]) - points
-        off.append(miss[:, :2] / points[:, 2:] * truth["intrinsics"][0])
-    error = np.linalg.norm(np.concatenate(off), axis=1)
+        missed.append(np.linalg.norm(miss[:, :2] / points[:, 2:] * truth["intrinsics"][0], axis=1))
+    return np.concatenate(missed)
+
+
+@each_folder
+def test_light_of_every_true_corner_s_pixel_meets_that_corner(name: str) -> None:
+    """Measured: 0.0003 px at worst, 0.003 px where the facets round the narrow bump off."""
+    error = off(loaded(name))
     print(f"{name}: {np.sqrt((error**2).mean()):.5f} px RMS, {error.max():.5f} at worst")
-    assert error.max() < 5e-3
+    assert error.max() < (5e-3 if name.startswith("bump") else 1e-3)
+
+
+@pytest.mark.parametrize(("name", "key"), [(name, key) for name, keys in HIDDEN.items() for key in keys])
+def test_without_a_hidden_effect_corners_would_lie_elsewhere(name: str, key: str) -> None:
+    error = off({**loaded(name), key: np.asarray(NEUTRAL[key], dtype=float)})
+    print(f"{name} without {key}: {np.sqrt((error**2).mean()):.2f} px RMS, {error.max():.2f} at worst, {(error > 0.2).sum()} above 0.2 px")
+    assert error.max() > 0.25
 
 
 @each_folder
