@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from calib.board import Board
 from calib.order import canonical_order
 
-VERSION = 1
+VERSION = 2
 """To be raised with every change that moves corners: kept detections are then made again."""
 
 COARSE = 800  # px, longer side of the picture in which the board is looked for
@@ -28,6 +28,10 @@ BEND = 0.3  # of the spacing, how far a corner may lie off the middle of its nei
 KINK = 0.15  # of the spacing, how fast that may change from corner to corner: a skipped row makes 0.6
 SEARCH = cv2.CALIB_CB_NORMALIZE_IMAGE
 QUADS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+
+FINER = 2
+"""cornerSubPix interpolates linearly, which pulls corners towards pixel borders by 0.01 to 0.02 px; on a picture enlarged by cubic
+splines it does not."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,9 +97,15 @@ def eight_bits(grey: NDArray) -> NDArray[np.uint8]:
 def refine(grey: NDArray, corners: NDArray, board: Board) -> NDArray[np.float64]:
     """(count, 2) px, each corner moved to where the edges around it meet, by cornerSubPix."""
     half = half_window(corners, board)
-    smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), max(half / 8, 0.7))  # takes noise from the gradients
-    start = np.array(corners.reshape(-1, 1, 2), np.float32)  # a copy: it is written to
-    return _pairs(cv2.cornerSubPix(smooth, start, (half, half), (-1, -1), STOP))
+    reach = half + 4
+    low = np.maximum(np.floor(corners.min(0)).astype(int) - reach, 0)
+    high = np.ceil(corners.max(0)).astype(int) + reach + 1
+    area = grey[low[1] : high[1], low[0] : high[0]].astype(np.float32)
+    smooth = cv2.GaussianBlur(area, (0, 0), max(half / 8, 1.0))  # takes noise from the gradients
+    fine = cv2.resize(smooth, None, fx=FINER, fy=FINER, interpolation=cv2.INTER_CUBIC)
+    start = ((corners - low + 0.5) * FINER - 0.5).reshape(-1, 1, 2).astype(np.float32)
+    found = _pairs(cv2.cornerSubPix(fine, start, (FINER * half, FINER * half), (-1, -1), STOP))
+    return (found + 0.5) / FINER - 0.5 + low
 
 
 def is_regular(corners: NDArray, board: Board, shape: tuple[int, ...]) -> bool:

@@ -14,6 +14,7 @@ from calib.diagnosis.columns import Columns, Optimum
 from calib.diagnosis.held_out import Gain, HeldOut, gain, hold_out
 from calib.diagnosis.suspect import suspect
 from calib.effects.effect import Effect, Surroundings
+from calib.effects.fine_surface import FineSurface
 from calib.effects.free_field import FreeField
 from calib.effects.registry import EFFECTS
 from calib.joint import JointFit, Start
@@ -77,19 +78,25 @@ class Loop:
         """Add what is missing; returns what was left on held-out views before and after."""
         first = before = self._held(self.model, self.joint)
         for _ in range(ROUNDS):
-            best = self._round(before, EFFECTS)
+            best = self._best(before)
             if not best:
                 break
             before = self._accept(best)
-        best = self._round(before, (FreeField,)) if self.organised(self.model, self.joint) else None
-        if best:
-            before = self._accept(best)
         return first, self._backward(before)
+
+    def _best(self, before: HeldOut) -> Trial | None:
+        """The next effect. Numbers of every view can imitate much, so they wait until no effect with a few numbers for all views helps;
+        a field without a name comes last."""
+        shared, single = ([e for e in EFFECTS if e.per_view is alone] for alone in (False, True))
+        found = self._round(before, shared)
+        if found or not self.organised(self.model, self.joint):
+            return found
+        return self._round(before, single) or self._round(before, (FreeField,))
 
     def _round(self, before: HeldOut, effects: Sequence[type[Effect]]) -> Trial | None:
         """Score all effects, fit the best few, and return the one that helps most, if one surely does."""
         at = Optimum(self.model, self.observations, self.joint)
-        there = self._surroundings(suspect(at) if effects is EFFECTS else None)
+        there = self._surroundings(suspect(at) if FineSurface in effects else None)
         scores = [at.candidate(effect) for effect in _proposed(effects, there, self.model.effects)]
         for columns in scores:
             key = columns.effect.name, form(columns.effect)

@@ -57,5 +57,5 @@ def _named(one: Candidate) -> str:
 
 
 def _number(one: Estimate) -> str:
-    factor, unit = PREFIXES[one.unit]
+    factor, unit = PREFIXES.get(one.unit, (1.0, one.unit))
     return f"{one.value * factor:.4g} ± {one.sigma * factor:.2g} {unit}".rstrip()

@@ -1,0 +1,357 @@
+"""The pictures of docs/effects: what each effect leaves of a session's corners when a model without it may only move the boards.
+
+`python -m benchmarks.effect_pictures [NAME...]` draws them and prints the sizes; `--alike` prints which effects imitate which.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, replace
+from io import BytesIO
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from PIL import Image
+from torch import Tensor
+
+from calib.board import Board
+from calib.camera import Intrinsics
+from calib.cover import Cover
+from calib.diagnosis.columns import Optimum
+from calib.effects.effect import Effect, Surroundings
+from calib.effects.free_field import FreeField
+from calib.effects.registry import EFFECTS
+from calib.model import Model
+from calib.observations import Observations
+from calib.optics.build import covered_path, footprint, with_relief
+from calib.optics.params import LINE, TIME
+from calib.optics.project import project
+from calib.optics.relief import Relief
+from calib.poses import refit_poses
+from calib.schema import Number
+from calib.views import View
+
+mpl.use("Agg")
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
+
+WIDTH, HEIGHT = 1640, 1232
+CAMERA = Intrinsics(Number(1279.18), Number(1279.18), Number(832.765), Number(636.575))
+BOARD = Board(9, 9, 0.02)
+VIEWS = 20
+DEPTHS = (0.25, 0.9)
+"""m"""
+CONE = Cover(
+    "cone",
+    {
+        name: Number(value)
+        for name, value in {
+            "inner_radius": 0.04195,
+            "radius_slope": -0.105,
+            "axis_offset.x": 0.0,
+            "axis_offset.z": -0.030,
+            "tilt.x": 0.0,
+            "tilt.z": 0.0,
+            "thickness": 0.003,
+            "refractive_index": 1.5,
+            "outside_index": 1.0,
+        }.items()
+    },
+)
+BARE = Cover("none", {})
+GRID = (8, 8)
+FOLDER = Path("docs/effects")
+SHOWN = 6
+"""Views whose own arrows are drawn."""
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+
+
+@dataclass(frozen=True)
+class Example:
+    """An effect at a size that is drawn."""
+
+    name: str
+    cover: Cover
+    numbers: dict[str, float]
+    """By name; of reliefs and fields, the standard deviation of random ones."""
+    panels: tuple[str, str]
+    """Of PANELS."""
+    choice: str = ""
+    """Which of the effect's forms."""
+    farther: float = 1.0
+    """The boards' distance, over the others': water magnifies."""
+
+
+EXAMPLES = (
+    Example("lens", BARE, {"k1": 3e-3}, ("views", "image")),
+    Example("principal_point", BARE, {"x": 5.0, "y": 0.0}, ("views", "image")),
+    Example("focal", BARE, {"change": 5e-3}, ("views", "image")),
+    Example("focal_drift", BARE, {"over_session": 1e-2}, ("views", "time")),
+    Example("rolling_shutter", BARE, {}, ("views", "row")),
+    Example("flat_port", BARE, {"distance": 0.025, "thickness": 6e-3, "outside_index": 1.333}, ("views", "image"), "water", 1.4),
+    Example("cover_tilt", CONE, {"x": 0.02, "z": 0.0}, ("views", "image")),
+    Example("cover_offset", CONE, {"axis_offset.x": 1e-3, "axis_offset.z": 0.0}, ("views", "image")),
+    Example("cover_radius", CONE, {"inner_radius": 1e-3}, ("views", "image")),
+    Example("thickness", CONE, {"thickness": 5e-4}, ("views", "image")),
+    Example("refractive_index", CONE, {"refractive_index": 0.02}, ("views", "image")),
+    Example("wedge", CONE, {"x": 0.0, "z": 3e-3}, ("views", "image")),
+    Example("inner_surface", CONE, {"amplitudes": 1e-5}, ("views", "image")),
+    Example("fine_surface", CONE, {"amplitudes": 2e-6}, ("views", "image")),
+    Example("board_bow", BARE, {"x": 1e-3, "y": -5e-4}, ("views", "board")),
+    Example("board_scale", BARE, {"x_over_y": 2e-3}, ("views", "board")),
+    Example("detector_bias", BARE, {"x": 0.05, "y": 0.05}, ("views", "phase")),
+    Example("free_field", BARE, {"board.x": 1e-4, "board.y": 1e-4}, ("views", "board"), "board"),
+)
+MOTION = (0.02, 0.02, 0.02, 2e-3, 2e-3, 2e-3)
+"""rad and m during one readout, the standard deviation over views."""
+
+
+def main() -> None:
+    torch.set_num_threads(1)
+    if "--alike" in sys.argv:
+        _print_alike()
+        return
+    asked = sys.argv[1:]
+    for example in EXAMPLES:
+        if not asked or example.name in asked:
+            left = Left.of(example)
+            _draw(example, left)
+            size = (FOLDER / f"{example.name}.png").stat().st_size
+            print(f"{example.name:18} leaves {left.rms:7.4f} px RMS  picture {size / 1e3:.0f} kB", flush=True)
+
+
+def base(cover: Cover) -> Model:
+    """The model without effects; behind a cover with a relief, which is even."""
+    path, values = covered_path(CAMERA, cover)
+    if cover.shape == "none":
+        return Model(path, values, {})
+    path = with_relief(path, Relief(*footprint(path, values, WIDTH, HEIGHT), GRID))
+    return Model(path, values | {"relief.amplitudes": torch.zeros(GRID, dtype=torch.float64)}, {})
+
+
+def proposed(kinds: tuple[type[Effect], ...], model: Model) -> list[Effect]:
+    """Every form of every effect that is possible; finer glass where the camera looks at left of the middle."""
+    place = None
+    if model.path.cover:
+        outer = model.path.cover[-1]
+        rays = model.path.trace(torch.tensor([[0.35 * WIDTH, 0.5 * HEIGHT]], dtype=torch.float64), model.means)
+        place = torch.cat(outer.surface.chart(outer.frame.enter(rays.origin, model.means)))
+    there = Surroundings(BOARD, WIDTH, HEIGHT, model.path, model.means, suspect=place)
+    return [effect for kind in kinds for effect in kind.propose(there)]
+
+
+def poses_of(model: Model) -> Array:
+    """(VIEWS, 6) with all corners in the image: six side by side, evenly among the others in the order of time."""
+    rng = np.random.default_rng(11)
+    points = torch.from_numpy(BOARD.points())
+    poses: list[Array] = []
+    tiles = dict(zip(np.linspace(0, VIEWS - 1, SHOWN).astype(int).tolist(), np.ndindex(3, 2), strict=True))
+    while len(poses) < VIEWS:
+        depth = rng.uniform(*DEPTHS)
+        across = rng.uniform(-1, 1, 2) * [0.62, 0.46] * depth
+        if len(poses) in tiles:
+            depth = rng.uniform(0.42, 0.5)
+            across = (np.array(tiles[len(poses)]) - [1, 0.5]) * depth * [0.4, 0.43]
+        turn = rng.uniform(0.25, 0.6, 2) * rng.choice([-1, 1], 2)
+        pose = torch.from_numpy(np.concatenate([turn, rng.uniform(-0.3, 0.3, 1), across, [depth]]))
+        pixels = project(model.path, model.means, model.path.place(points, model.means, pose.expand(BOARD.count, 6)))
+        if bool(((pixels > 30) & (pixels < torch.tensor([WIDTH - 30, HEIGHT - 30]))).all()):
+            poses.append(pose.numpy())
+    return np.stack(poses)
+
+
+def seen(model: Model, values: dict[str, Tensor], poses: Array) -> Observations:
+    """The corners of boards at (VIEWS, 6) poses, which move if the model has a shutter."""
+    rng = np.random.default_rng(12)
+    points = torch.from_numpy(BOARD.points())
+    views = []
+    for view, pose in enumerate(poses):
+        numbers = torch.from_numpy(np.concatenate([pose, rng.normal(0, MOTION)])[: model.path.numbers_per_view]).expand(BOARD.count, -1)
+        time = torch.full((BOARD.count,), view / (VIEWS - 1) - 0.5, dtype=torch.float64)
+        pixels = torch.full((BOARD.count, 2), HEIGHT / 2, dtype=torch.float64)
+        for _ in range(8 if model.path.shutter else 1):  # a corner's row says when it was read
+            told = {**values, TIME: time, LINE: (pixels[:, 1] + 0.5) / HEIGHT - 0.5}
+            pixels = project(model.path, told, model.path.place(points, told, numbers))
+        views.append(View(f"{view:04d}.png", pixels.numpy(), np.ones(BOARD.count)))
+    return Observations.of(views, BOARD).timed(range(VIEWS), HEIGHT)
+
+
+@dataclass(frozen=True)
+class Left:
+    """What is left of the corners when only poses are fitted, without the effect."""
+
+    observations: Observations
+    errors: Array
+    """(M, 2) px, seen minus model."""
+
+    @property
+    def rms(self) -> float:
+        return float(np.sqrt((self.errors**2).sum(1).mean()))
+
+    @staticmethod
+    def of(example: Example) -> Left:
+        without = base(example.cover)
+        effect = next(e for e in proposed((*EFFECTS, FreeField), without) if e.name == example.name and example.choice in _choices(e))
+        true = without.with_effect(effect)
+        rng = np.random.default_rng(3)
+        values = dict(true.means)
+        for unknown in effect.unknowns:
+            size = example.numbers.get(unknown.param.name.removeprefix(f"{effect.name}."))
+            if size is not None:
+                drawn = rng.normal(0, size, unknown.param.shape) if unknown.param.shape else size
+                values[unknown.param.name] = torch.as_tensor(drawn, dtype=torch.float64)
+        poses = poses_of(without)
+        poses[:, 5] *= example.farther
+        observations = seen(true, values, poses)
+        _, left = refit_poses(without.path, without.means, observations, torch.from_numpy(poses))
+        return Left(observations, -left.image.numpy())
+
+
+def _choices(effect: Effect) -> tuple[str, ...]:
+    return "", str(getattr(effect, "behind", getattr(effect, "over", "")))
+
+
+def _draw(example: Example, left: Left) -> None:
+    figure, axes = plt.subplots(1, 2, figsize=(8.4, 3.4), layout="constrained")
+    for panel, kind in zip(axes, example.panels, strict=True):
+        PANELS[kind](panel, left)
+        panel.tick_params(labelsize=7)
+        panel.xaxis.label.set_fontsize(8)
+        panel.yaxis.label.set_fontsize(8)
+    drawn = BytesIO()
+    figure.savefig(drawn, dpi=84)
+    plt.close(figure)
+    Image.open(drawn).convert("RGB").quantize(64).save(FOLDER / f"{example.name}.png", optimize=True)
+
+
+def _views(panel: Axes, left: Left) -> None:
+    """The arrows of some views."""
+    pixels, view = left.observations.pixels.numpy(), left.observations.view.numpy()
+    shown = np.linspace(0, VIEWS - 1, SHOWN).astype(int)
+    some = np.isin(view, shown)
+    scale = _magnified(left.errors[some], 60.0)
+    for colour, number in zip(COLOURS, shown, strict=True):
+        own = view == number
+        _arrows(panel, pixels[own], left.errors[own] * scale, colour)
+    _picture(panel)
+    _title(panel, f"{SHOWN} of {VIEWS} views, corners as seen less the model, x{scale:,.0f}")
+
+
+def _image(panel: Axes, left: Left) -> None:
+    """The mean over parts of the image."""
+    pixels = left.observations.pixels.numpy()
+    cell = np.floor(pixels / [WIDTH / 14, HEIGHT / 10]).astype(int) @ [100, 1]
+    at, mean = _means(cell, pixels, left.errors, least=4)
+    scale = _magnified(mean, 70.0)
+    _arrows(panel, at, mean * scale, "#222222")
+    _picture(panel)
+    _title(panel, f"mean over the image, x{scale:,.0f}")
+
+
+def _board(panel: Axes, left: Left) -> None:
+    """The mean of each corner, turned back into the board's directions."""
+    corners, errors = left.observations.corners.numpy(), left.errors.copy()
+    for part in left.observations.per_view(torch.arange(len(errors))):
+        rows = part.numpy()
+        affine = np.column_stack([corners[rows], np.ones(len(rows))])
+        slopes, *_ = np.linalg.lstsq(affine, left.observations.pixels.numpy()[rows], rcond=None)
+        errors[rows] = np.linalg.solve(slopes[:2].T, errors[rows].T).T
+    _, place = np.unique(corners.round(9), axis=0, return_inverse=True)
+    at, mean = _means(place.ravel(), corners, errors, least=1)
+    scale = _magnified(mean, 0.012)
+    _arrows(panel, at * 1e3, mean * scale * 1e3, "#222222", width=0.004)
+    panel.set(aspect="equal", xlim=(-100, 100), ylim=(100, -100), xlabel="mm")
+    _title(panel, f"mean over views, on the board, x{scale:,.0f}")
+
+
+def _row(panel: Axes, left: Left) -> None:
+    """The horizontal error by row."""
+    pixels, view = left.observations.pixels.numpy(), left.observations.view.numpy()
+    for colour, number in zip(COLOURS, np.linspace(0, VIEWS - 1, SHOWN).astype(int), strict=True):
+        own = view == number
+        panel.plot(left.errors[own, 0], pixels[own, 1], ".", color=colour, markersize=2.5)
+    panel.set(ylim=(HEIGHT, 0), ylabel="row, px", xlabel="error to the right, px")
+    _title(panel, "by row, the same views")
+
+
+def _time(panel: Axes, left: Left) -> None:
+    """How much of the pattern of a longer focal length each view shows."""
+    constant = next(example for example in EXAMPLES if example.name == "focal")
+    pattern = Left.of(constant).errors
+    shown = [
+        (left.errors[rows] * pattern[rows]).sum() / (pattern[rows] ** 2).sum() * constant.numbers["change"]
+        for rows in (part.numpy() for part in left.observations.per_view(torch.arange(len(pattern))))
+    ]
+    panel.plot(np.arange(VIEWS), 100 * np.array(shown), "o", color="#222222", markersize=3)
+    panel.set(xlabel="view, in the order of time", ylabel="focal length that the view asks for, %")
+    _title(panel, "by time")
+
+
+def _phase(panel: Axes, left: Left) -> None:
+    """The error to the right by the corner's place in its pixel."""
+    x = left.observations.pixels.numpy()[:, 0]
+    panel.plot(x - np.round(x), left.errors[:, 0], ".", color="#222222", markersize=2)
+    panel.set(xlabel="corner's place in its pixel, px right of its middle", ylabel="error to the right, px")
+    _title(panel, "by sub-pixel phase")
+
+
+PANELS = {"views": _views, "image": _image, "board": _board, "row": _row, "time": _time, "phase": _phase}
+
+
+def _means(label: NDArray[np.int64], at: Array, errors: Array, least: int) -> tuple[Array, Array]:
+    """(K, 2) places and (K, 2) mean errors of the labels that occur often enough."""
+    _, index, count = np.unique(label, return_inverse=True, return_counts=True)
+    sums = [np.stack([np.bincount(index, part[:, axis]) for axis in range(2)], -1) / count[:, None] for part in (at, errors)]
+    return sums[0][count >= least], sums[1][count >= least]
+
+
+def _magnified(errors: Array, longest: float) -> float:
+    """A round factor with which a long arrow is as long as asked for."""
+    exact = longest / np.quantile(np.linalg.norm(errors, axis=1), 0.95)
+    step = 10.0 ** np.floor(np.log10(exact))
+    return float(step * np.floor(exact / step))
+
+
+def _arrows(panel: Axes, at: Array, shift: Array, colour: str, width: float = 0.0022) -> None:
+    panel.quiver(*at.T, *shift.T, angles="xy", scale_units="xy", scale=1, color=colour, width=width, headwidth=4, headlength=4)
+
+
+def _title(panel: Axes, words: str) -> None:
+    panel.set_title(words, fontsize=8.5)
+
+
+def _picture(panel: Axes) -> None:
+    panel.set(aspect="equal", xlim=(0, WIDTH), ylim=(HEIGHT, 0), xticks=[], yticks=[])
+
+
+def _print_alike() -> None:
+    """What clean sessions of 20 views with 0.1 px of noise say of effects that they do not have."""
+    for cover in (BARE, CONE):
+        model = base(cover)
+        if cover is BARE:  # as a fit whose intrinsics come from the same views
+            model = replace(model, free={"camera.fx": 60.0, "camera.fy": 60.0, "camera.cx": 100.0, "camera.cy": 100.0})
+        poses = poses_of(model)
+        observations = seen(model, dict(model.means), poses)
+        noise = torch.from_numpy(np.random.default_rng(1).normal(0, 0.1, observations.pixels.shape))
+        observations = replace(observations, pixels=observations.pixels + noise)
+        at = Optimum(model, observations, model.fitted(observations, torch.from_numpy(poses)))
+        columns = [at.candidate(effect) for effect in proposed(EFFECTS, model)]
+        spans = {c.effect.name + _choices(c.effect)[1].join("()" * bool(_choices(c.effect)[1])): c for c in columns if c.scaled.size}
+        print(f"cover: {cover.shape}")
+        for name, one in spans.items():
+            alike = []
+            for other, two in spans.items():
+                if two.effect.name != one.effect.name:
+                    cosines = np.linalg.svd(one.span().T @ two.span(), compute_uv=False)
+                    alike.append((float(cosines[0] ** 2), other))
+            best = ", ".join(f"{other} {size:.2f}" for size, other in sorted(alike, reverse=True)[:3])
+            print(f"  {name:22} absorbed {one.absorbed:.4f}  most alike: {best}")
+
+
+if __name__ == "__main__":
+    main()

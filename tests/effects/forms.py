@@ -1,0 +1,145 @@
+"""Every effect in every form that it takes: behind each cover of tests.shapes, off-centre and under water, and without a cover."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from calib.board import Board
+from calib.calibration import Calibration, Found
+from calib.camera import Camera, Intrinsics
+from calib.cover import Cover
+from calib.effects.effect import Effect, Surroundings
+from calib.effects.free_field import FreeField
+from calib.effects.registry import EFFECTS
+from calib.model import Model
+from calib.observations import Observations
+from calib.optics.build import covered_path, with_relief
+from calib.optics.path import Path
+from calib.optics.relief import Relief
+from calib.schema import Number
+from calib.views import View
+from tests.known import NOTHING
+from tests.scenes import HEIGHT, INTRINSICS, WIDTH
+from tests.shapes import EXAMPLES
+
+BOARD = Board(5, 4, 0.03)
+GRID = (5, 6)
+KINDS: tuple[type[Effect], ...] = (*EFFECTS, FreeField)
+LENS = Intrinsics(Number(2558.36), Number(2571.0), Number(1666.03), Number(1273.65), tuple(map(Number, (-0.1, 0.05, 1e-3, -2e-3, 0.01))))
+TIMES = (0.0, 1.0, 5.0, 6.0)
+"""s, of the views."""
+
+
+@dataclass(frozen=True)
+class Situation:
+    """A camera, perhaps behind a cover whose outer surface is uneven, and what it saw."""
+
+    cover: Cover
+    intrinsics: Intrinsics
+    relief: Relief | None
+    amplitudes: np.ndarray
+    views: tuple[View, ...]
+    poses: Tensor
+    """(V, 6)"""
+
+    @property
+    def path(self) -> Path:
+        path, _ = covered_path(self.intrinsics, self.cover)
+        return with_relief(path, self.relief) if self.relief else path
+
+    @property
+    def values(self) -> dict[str, Tensor]:
+        _, values = covered_path(self.intrinsics, self.cover)
+        return values | ({"relief.amplitudes": torch.from_numpy(self.amplitudes)} if self.relief else {})
+
+    @property
+    def observations(self) -> Observations:
+        return Observations.of(self.views, BOARD).timed(TIMES, HEIGHT)
+
+    @property
+    def model(self) -> Model:
+        return Model(self.path, self.values, {})
+
+    def surroundings(self, estimated: Sequence[str] = (), suspect: bool = True) -> Surroundings:
+        place = torch.tensor([sum(ends) / 2 for ends in zip(self.relief.low, self.relief.high, strict=True)]) if self.relief else None
+        return Surroundings(BOARD, WIDTH, HEIGHT, self.path, self.values, frozenset(estimated), True, place if suspect else None)
+
+    def calibration(self, effects: Sequence[Found] = (), poses: Tensor | None = None) -> Calibration:
+        return Calibration(
+            board=BOARD,
+            camera=Camera(WIDTH, HEIGHT, intrinsics=self.intrinsics),
+            cover=self.cover,
+            relief=self.relief,
+            amplitudes=self.amplitudes,
+            exact_hit=True,
+            views=self.views,
+            poses=(self.poses if poses is None else poses).numpy(),
+            covariance=NOTHING,
+            rejected=(),
+            stages=(),
+            noise_px=0.1,
+            settings={},
+            gauge="",
+            effects=tuple(effects),
+            times=np.array(TIMES),
+        )
+
+
+def situation(cover: Cover, intrinsics: Intrinsics, relief: Relief | None) -> Situation:
+    rng = np.random.default_rng(4)
+    amplitudes = rng.normal(0, 2e-5, GRID) if relief else NOTHING
+    depth = rng.uniform(0.5, 1.0, len(TIMES))
+    across = rng.uniform(-0.4, 0.4, (2, len(TIMES))) * depth
+    poses = torch.from_numpy(np.column_stack([*rng.uniform(-0.6, 0.6, (3, len(TIMES))), *across, depth]))
+    path, values = covered_path(intrinsics, cover)
+    views = []
+    for view, pose in enumerate(poses):
+        # Beside the corners, where the waves of a free field have no nodes in common.
+        points = torch.from_numpy(BOARD.points() + rng.uniform(-0.01, 0.01, (BOARD.count, 2)))
+        pixels = path.lens.project(path.place(points, values, pose), values)
+        views.append(View(f"{view:04d}.png", pixels.numpy(), np.ones(BOARD.count)))
+    return Situation(cover, intrinsics, relief, amplitudes, tuple(views), poses)
+
+
+SITUATIONS = (
+    situation(Cover("none", {}), LENS, None),
+    *(situation(example.changed(example.moved), INTRINSICS, Relief(*example.patch, GRID)) for example in EXAMPLES),
+)
+
+
+@dataclass(frozen=True)
+class Form:
+    """One effect in one situation."""
+
+    effect: Effect
+    there: Situation
+
+    @property
+    def model(self) -> Model:
+        return self.there.model.with_effect(self.effect)
+
+    def present(self) -> tuple[dict[str, Tensor], Tensor]:
+        """Numbers with which it is there, and the (V, B) numbers of the views."""
+        rng = np.random.default_rng(5)
+        values = dict(self.model.means)
+        for unknown in self.effect.unknowns:
+            off = rng.uniform(0.3, 0.6, unknown.param.shape) * rng.choice([-1.0, 1.0], unknown.param.shape)
+            values[unknown.param.name] = values[unknown.param.name] + unknown.param.scale * torch.from_numpy(np.asarray(off))
+        poses = self.model.padded(self.there.poses)
+        motion = torch.from_numpy(rng.uniform(-0.01, 0.01, (len(poses), poses.shape[1] - 6)))
+        return values, torch.cat([poses[:, :6], motion], 1)
+
+    def __str__(self) -> str:
+        choice = str(getattr(self.effect, "behind", getattr(self.effect, "over", "")))
+        return "-".join(filter(None, (self.effect.name, self.there.cover.shape, choice)))
+
+
+FORMS = tuple(Form(effect, there) for kind in KINDS for there in SITUATIONS for effect in kind.propose(there.surroundings()))
+
+each_form = pytest.mark.parametrize("form", FORMS, ids=str)

@@ -1,0 +1,89 @@
+"""Effects on the board, each against an oracle that was built without it."""
+
+import numpy as np
+import torch
+from scipy.spatial.transform import Rotation
+
+from calib.board import Board
+from calib.effects.board_bow import BoardBow
+from calib.effects.board_scale import BoardScale
+from calib.effects.effect import Effect, Surroundings
+from calib.effects.free_field import FreeField
+from calib.model import Model
+from calib.optics.build import pinhole_path
+from tests.effects.rays import Array, pinhole, projected, waves
+from tests.optics import oracle
+from tests.scenes import HEIGHT, INTRINSICS, WIDTH
+
+BOARD = Board(9, 7, 0.02)
+POSE = np.array([0.5, -0.6, 0.2, -0.03, 0.02, 0.4])
+
+
+def proposed(kind: type[Effect]) -> Effect:
+    path, values = pinhole_path(INTRINSICS)
+    return kind.propose(Surroundings(BOARD, WIDTH, HEIGHT, path, values))[0]
+
+
+def land(effect: Effect, pixels: Array, numbers: dict[str, float | Array]) -> Array:
+    """(N, 2) m where pixels land on the board at POSE."""
+    path, values = pinhole_path(INTRINSICS)
+    model = Model(path, values, {}).with_effect(effect)
+    given = {name: torch.as_tensor(value, dtype=torch.float64) for name, value in numbers.items()}
+    assert given.keys() <= model.means.keys()
+    landed, failure = model.path.land(torch.from_numpy(pixels), {**model.means, **given}, torch.from_numpy(POSE).expand(len(pixels), 6))
+    assert not failure.any()
+    return landed.numpy()
+
+
+def test_board_bow_is_where_rays_meet_the_dish() -> None:
+    """Oracle: bisection along each ray for the height above the surface z = bx (1 - (x / 0.08)^2) + by (1 - (y / 0.06)^2)."""
+    bow_x, bow_y = 1.1e-3, -0.6e-3
+    pixels = projected(np.column_stack([BOARD.points(), np.zeros(BOARD.count)]), POSE)
+    turn = Rotation.from_rotvec(POSE[:3]).as_matrix()
+    start = -POSE[3:] @ turn
+
+    def above(point: Array) -> float:
+        return float(point[2] - bow_x * (1 - (point[0] / 0.08) ** 2) - bow_y * (1 - (point[1] / 0.06) ** 2))
+
+    expected = []
+    for direction in pinhole(pixels) @ turn:
+        distance = oracle.bisect(lambda t, d=direction: above(start + t * d), 0.0, 1.0)  # type: ignore[misc]
+        expected.append((start + distance * direction)[:2])
+    found = land(proposed(BoardBow), pixels, {"board_bow.x": bow_x, "board_bow.y": bow_y})
+    assert np.abs(found - expected).max() < 1e-13
+    assert np.abs(found - BOARD.points()).max() > 3e-4
+
+
+def test_a_positive_bow_takes_the_middle_away_from_the_camera() -> None:
+    """A board seen square on: what is farther away lands nearer to the optical axis."""
+    path, values = pinhole_path(INTRINSICS)
+    model = Model(path, values, {}).with_effect(proposed(BoardBow))
+    corner = torch.tensor([[0.0, 0.0], [0.08, 0.06]], dtype=torch.float64)
+    pose = torch.tensor([0, 0, 0, 0, 0, 0.5], dtype=torch.float64).expand(2, 6)
+    bowed = {**model.means, "board_bow.x": torch.tensor(1e-3, dtype=torch.float64), "board_bow.y": torch.tensor(2e-3, dtype=torch.float64)}
+    assert np.allclose(model.path.place(corner, bowed, pose)[:, 2].numpy(), [0.503, 0.5], rtol=0, atol=1e-15)
+
+
+def test_board_scale_is_opencv_s_view_of_stretched_points() -> None:
+    stretch = 4e-3
+    points = BOARD.points() * [1 + stretch / 2, 1 - stretch / 2]
+    pixels = projected(np.column_stack([points, np.zeros(BOARD.count)]), POSE)
+    found = land(proposed(BoardScale), pixels, {"board_scale.x_over_y": stretch})
+    assert np.abs(found - BOARD.points()).max() < 0.08 * (stretch / 2) ** 3 * 1.01  # two rounds of putting the shift back
+    assert np.abs(land(proposed(BoardScale), pixels, {}) - BOARD.points()).max() > 1e-4
+
+
+def test_free_field_over_the_board_is_a_cosine_transform_of_shifts() -> None:
+    """Oracle: scipy's DCT gives the shifts of 9 x 9 points, OpenCV shows the shifted points."""
+    effect = proposed(FreeField)
+    assert isinstance(effect, FreeField)
+    assert effect.over == "board"
+    rng = np.random.default_rng(2)
+    numbers: dict[str, float | Array] = {f"free_field.board.{axis}": rng.normal(0, 1e-5, 81) for axis in "xy"}
+    x, y = ((np.arange(9) + 0.5) / 9 * count * BOARD.square - count / 2 * BOARD.square for count in (BOARD.columns, BOARD.rows))
+    points = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
+    shifts = np.column_stack([waves(np.asarray(n)).ravel() for n in numbers.values()])
+    pixels = projected(np.column_stack([points + shifts, np.zeros(81)]), POSE)
+    found = land(effect, pixels, numbers)
+    assert np.abs(shifts).max() > 3e-5
+    assert np.abs(found - points).max() < 1e-7  # two rounds of putting back shifts that change by a hundredth

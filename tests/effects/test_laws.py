@@ -1,0 +1,184 @@
+"""What holds for every effect, whatever it does. Being in the registry is what gets an effect tested here."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import yaml
+from torch import Tensor
+
+from calib.calibration import Calibration, Found
+from calib.effects.cover_offset import CoverOffset
+from calib.effects.cover_tilt import CoverTilt
+from calib.effects.effect import Effect
+from calib.effects.fine_surface import FineSurface
+from calib.effects.focal import Focal
+from calib.effects.free_field import FreeField
+from calib.effects.principal_point import PrincipalPoint
+from calib.effects.written import Numbers, effect_from_yaml, effect_to_yaml
+from calib.landing import Landing, landings
+from tests.effects.forms import FORMS, KINDS, SITUATIONS, Form, Situation, each_form
+
+SMALLEST = 1e-9
+"""m, on the board: what a change of one scale moves at least somewhere."""
+MOST = 12
+"""Numbers of one effect that meet central differences; of reliefs and fields, evenly chosen ones."""
+
+each_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+each_situation = pytest.mark.parametrize("there", SITUATIONS, ids=lambda there: there.cover.shape)
+
+
+def land(form: Form, values: dict[str, Tensor], poses: Tensor) -> Tensor:
+    seen = form.there.observations
+    landed, failure = form.model.path.land(seen.pixels, seen.told(values), poses[seen.view])
+    assert not failure.any()
+    return landed
+
+
+def land_without(there: Situation) -> Tensor:
+    seen = there.observations
+    landed, failure = there.path.land(seen.pixels, seen.told(there.values), there.poses[seen.view])
+    assert not failure.any()
+    return landed
+
+
+@each_kind
+def test_every_effect_is_possible_somewhere(kind: type[Effect]) -> None:
+    assert any(isinstance(form.effect, kind) for form in FORMS)
+
+
+@each_form
+def test_neutral_numbers_change_no_landing(form: Form) -> None:
+    model = form.model
+    neutral = {**form.there.values, **model.neutral(form.effect)}
+    assert (land(form, neutral, model.padded(form.there.poses)) - land_without(form.there)).abs().max() < 1e-14  # m
+
+
+@each_form
+def test_its_numbers_are_read_by_the_path(form: Form) -> None:
+    """What a path does not tell of, no fit estimates."""
+    read = {param.name: param for param in form.model.path.params}
+    for unknown in form.effect.unknowns:
+        assert read[unknown.param.name] == unknown.param
+        assert unknown.param.name.startswith(f"{form.effect.name}.")
+        assert unknown.sigma > 0
+
+
+@each_form
+def test_derivatives_agree_with_central_differences(form: Form) -> None:
+    """As a fit sees them, by every number of the effect and of the views; and every one of them moves some landing."""
+    values, poses = form.present()
+    landing = _landing(form, values, poses)
+    scales = [(u.param.name, u.param.scale, entry) for u in form.effect.unknowns for entry in np.ndindex(u.param.shape)]
+    at = landing.linearise(values, poses, torch.tensor([scale for _, scale, _ in scales], dtype=torch.float64))
+    assert torch.equal(at.residual, landing.residual(values, poses)[0])
+    moved = at.by_shared.abs().amax((0, 1))
+    assert not [f"{name}{list(entry)}" for (name, _, entry), size in zip(scales, moved, strict=True) if size < SMALLEST]
+    for column, (name, scale, entry) in list(enumerate(scales))[:: len(scales) // MOST + 1]:
+        step = torch.zeros_like(values[name])
+        step[entry] = 1e-3 * scale
+        up, down = (landing.residual({**values, name: values[name] + sign * step}, poses)[0] for sign in (1, -1))
+        _compare(at.by_shared[..., column], (up - down) / 2e-3, f"{name}{list(entry)}")
+    for column in range(poses.shape[1]):
+        step = torch.zeros_like(poses)
+        step[:, column] = 1e-5
+        up, down = (landing.residual(values, poses + sign * step)[0] for sign in (1, -1))
+        _compare(at.by_block[..., column], (up - down) / 2e-5, f"number {column} of a view")
+
+
+@each_form
+def test_the_relief_s_derivatives_hold_beside_it(form: Form) -> None:
+    """They go through probes and the chart of the glass, which an effect may move."""
+    if not form.there.relief:
+        return
+    values, poses = form.present()
+    landing = _landing(form, values, poses, relief_moves=True)
+    count = sum(int(np.prod(u.param.shape)) for u in form.effect.unknowns)
+    at = landing.linearise(values, poses, torch.ones(count, dtype=torch.float64))
+    direction = torch.from_numpy(np.random.default_rng(6).normal(0, 1, values["relief.amplitudes"].shape))
+    up, down = (
+        landing.residual({**values, "relief.amplitudes": values["relief.amplitudes"] + sign * 1e-8 * direction}, poses)[0]
+        for sign in (1, -1)
+    )
+    _compare(at.by_shared[..., : direction.numel()] @ direction.flatten(), (up - down) / 2e-8, "relief")
+
+
+@each_form
+def test_written_and_read_again(form: Form) -> None:
+    values, _ = form.present()
+    numbers = _numbers(form, values)
+    text = yaml.safe_dump(effect_to_yaml(form.effect, numbers))
+    effect, again = effect_from_yaml(yaml.safe_load(text))
+    assert effect == form.effect
+    assert again.keys() == numbers.keys()
+    for name, parts in numbers.items():
+        assert all(np.array_equal(one, other) for one, other in zip(parts, again[name], strict=True))
+
+
+@each_form
+def test_a_calibration_keeps_it(form: Form, tmp_path: Path) -> None:
+    values, poses = form.present()
+    made = form.there.calibration([Found(form.effect, _numbers(form, values))], poses)
+    again = Calibration.load(made.save(tmp_path))
+    seen = again.observations
+    for one, other in zip(made.rays(seen.pixels.numpy()), again.rays(seen.pixels.numpy()), strict=True):
+        assert np.array_equal(one, other)
+    path, read = again.model()
+    landed, _ = path.land(seen.pixels, seen.told(read), torch.from_numpy(again.poses)[seen.view])
+    assert torch.equal(landed, land(form, values, poses))
+    assert (landed - land_without(form.there)).abs().max() > 1e-7, "it is there"
+
+
+@each_situation
+def test_what_is_estimated_already_is_not_proposed(there: Situation) -> None:
+    names = [param.name for param in there.path.params]
+    kinds: tuple[type[Effect], ...] = (PrincipalPoint, Focal, CoverOffset, CoverTilt)
+    assert not [effect for kind in kinds for effect in kind.propose(there.surroundings(names))]
+
+
+@each_situation
+def test_finer_glass_needs_a_place_that_asks_for_it(there: Situation) -> None:
+    assert not FineSurface.propose(there.surroundings(suspect=False))
+    proposed = FineSurface.propose(there.surroundings())
+    assert len(proposed) == bool(there.relief)
+    for effect in proposed:
+        assert there.relief
+        assert effect.relief.spacing == pytest.approx([step / 3 for step in there.relief.spacing])
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"name": "phlogiston"}, "phlogiston"),
+        ({"form": {"over": "moon", "high": 1}}, "low"),
+        ({"numbers": {}}, "free_field.board.x"),
+        ({"numbers": {f"free_field.board.{axis}": {"value": [1.0], "sigma": [1.0]} for axis in "xy"}}, "is not a number of its shape"),
+    ],
+    ids=["unknown name", "wrong form", "missing number", "wrong shape"],
+)
+def test_a_file_that_tells_of_no_effect_is_refused(change: dict[str, object], reason: str) -> None:
+    form = next(form for form in FORMS if isinstance(form.effect, FreeField))
+    said = effect_to_yaml(form.effect, _numbers(form, form.present()[0]))
+    with pytest.raises((LookupError, TypeError, ValueError), match=reason):
+        effect_from_yaml(said | change)
+
+
+def _landing(form: Form, values: dict[str, Tensor], poses: Tensor, *, relief_moves: bool = False) -> Landing:
+    seen = form.there.observations
+    weights = torch.eye(2, dtype=torch.float64).expand(len(seen.pixels), 2, 2)
+    own = [u.param.name for u in form.effect.unknowns]
+    (landing,) = landings(form.model.path, values, seen, weights, own, relief_moves)
+    assert landing.residual(values, poses)[1].all()
+    return landing
+
+
+def _compare(analytic: Tensor, numeric: Tensor, name: str) -> None:
+    size = numeric.abs().max()
+    assert size > SMALLEST, f"{name} moves no landing"
+    worst = (analytic - numeric).abs().max() / size
+    assert worst < 1e-6, f"{name}: off by {worst:.1e} of its own size"
+
+
+def _numbers(form: Form, values: dict[str, Tensor]) -> Numbers:
+    return {u.param.name: (values[u.param.name].numpy(), np.full(u.param.shape, u.sigma)) for u in form.effect.unknowns}
