@@ -105,7 +105,7 @@ def refine(grey: NDArray, corners: NDArray, board: Board) -> NDArray[np.float64]
     fine = cv2.resize(smooth, None, fx=FINER, fy=FINER, interpolation=cv2.INTER_CUBIC)
     start = ((corners - low + 0.5) * FINER - 0.5).reshape(-1, 1, 2).astype(np.float32)
     found = _pairs(cv2.cornerSubPix(fine, start, (FINER * half, FINER * half), (-1, -1), STOP))
-    return (found + 0.5) / FINER - 0.5 + low
+    return np.asarray((found + 0.5) / FINER - 0.5 + low)
 
 
 def is_regular(corners: NDArray, board: Board, shape: tuple[int, ...]) -> bool:

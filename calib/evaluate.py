@@ -10,9 +10,11 @@ from calib.calibration import Calibration
 from calib.errors import InputError, NotEnoughDataError
 from calib.gather import read_views
 from calib.observations import Observations
+from calib.optics.params import Values
+from calib.optics.path import Path
 from calib.poses import pinhole_poses, refit_poses
 from calib.progress import Progress
-from calib.residuals import Residuals
+from calib.residuals import Residuals, residuals
 from calib.session import Session
 from calib.threads import single_thread
 from calib.usable import with_poses
@@ -47,8 +49,12 @@ class Evaluation:
     """Pictures in which no board with enough corners was found. No view is dropped for its error."""
 
 
-def evaluate(calibration: Calibration, session: Session, progress: Progress) -> Evaluation:
+def evaluate(calibration: Calibration, session: Session, progress: Progress, *, halves: bool = False) -> Evaluation:
     """Refit the poses of a session's views, with the camera and cover of a calibration, and measure what is left.
+
+    Args:
+        halves: measure each half of a view's corners with the pose that the other half gives, as it is always done where boards move
+            during the readout.
 
     Raises:
         InputError: the session is of another camera mode.
@@ -69,11 +75,28 @@ def evaluate(calibration: Calibration, session: Session, progress: Progress) -> 
     views = tuple(view for view, ok in zip(views, found, strict=True) if ok)
     if not views:
         raise NotEnoughDataError(f"{session.path} has no view to evaluate with: take pictures that show the whole board.")
-    observations = Observations.of(views, session.board)
+    observations = Observations.of(views, session.board).timed(None, ours.height)
+    poses = poses[torch.tensor(found)]
     with single_thread():
-        poses, missed = refit_poses(path, values, observations, poses[torch.tensor(found)])
+        if halves or path.shutter:
+            poses, missed = _by_halves(path, values, observations, poses)
+        else:
+            poses, missed = refit_poses(path, values, observations, poses)
     depth = path.place(observations.corners, observations.told(values), poses[observations.view])[:, 2]
     return Evaluation(missed.rms_px, missed.rmse_cm, len(views), _bands(missed, depth), (*rejected, *few, *lost))
+
+
+def _by_halves(path: Path, values: Values, observations: Observations, poses: Tensor) -> tuple[Tensor, Residuals]:
+    """Each half of a view's corners measured with the numbers that the other half gives: where a view has so many numbers of its own
+    that they would hide its error."""
+    poses = torch.cat([poses, poses.new_zeros(len(poses), path.numbers_per_view - poses.shape[1])], 1)
+    odd = (torch.arange(len(observations.pixels)) - observations.starts[observations.view]) % 2 == 1
+    image, board = torch.empty_like(observations.pixels), torch.empty_like(observations.pixels)
+    for scored in (odd, ~odd):
+        own, _ = refit_poses(path, values, observations.kept(~scored), poses)
+        missed = residuals(path, values, observations, own)
+        image[scored], board[scored] = missed.image[scored], missed.board[scored]
+    return own, Residuals(image, board)
 
 
 def _bands(missed: Residuals, depth: Tensor) -> tuple[Band, ...]:

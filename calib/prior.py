@@ -36,6 +36,9 @@ HEIGHT_BOUNDS = (1e-9, 3e-3)
 """m"""
 LENGTH_BOUNDS = (0.08, 3.0)
 """Of the patch."""
+HEIGHTS = (1e-7, 1e-6, 1e-5)
+LENGTHS = (0.15, 0.5)
+"""Where the search looks before it starts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +136,14 @@ class Evidence:
 
 
 def most_probable(evidence: Evidence, sigma: float, start: Smoothness | None) -> tuple[float, Smoothness | None]:
-    """The noise (px, per axis) and the smoothness with the largest evidence, searched from a start; no smoothness without a relief."""
+    """The noise (px, per axis) and the smoothness with the largest evidence; no smoothness without a relief.
+
+    The search begins at the best of a start and a few others.
+    """
+    if start:  # the evidence has several tops
+        start = max(
+            (start, *(Smoothness(height, length) for height in HEIGHTS for length in LENGTHS)), key=lambda s: evidence.log(sigma, s)
+        )
     begin = [sigma, start.height, start.length] if start else [sigma]
     bounds = [SIGMA_BOUNDS, HEIGHT_BOUNDS, LENGTH_BOUNDS][: len(begin)]
 

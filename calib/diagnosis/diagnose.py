@@ -78,7 +78,11 @@ def diagnose(calibration: Calibration, progress: Progress, holdout: Session | No
     held = first.rms, last.rms
     if holdout:
         base = with_fit(calibration, model, joint, observations, order)
-        held = evaluate(base, holdout, progress).rms_px, evaluate(found, holdout, progress).rms_px
+        halves = loop.model.path.shutter
+        held = (
+            evaluate(base, holdout, progress, halves=halves).rms_px,
+            evaluate(found, holdout, progress, halves=halves).rms_px,
+        )
     noise = short_scale_noise(_on_board(after.image, calibration), calibration.board)
     organising = _organising(left)
     accepted = tuple(effect.name for effect in loop.model.effects)

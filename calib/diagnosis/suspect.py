@@ -7,10 +7,12 @@ import torch
 from torch import Tensor
 
 from calib.diagnosis.columns import Optimum
-from calib.effects.fine_surface import FINER
 from calib.landing import landings, pixel_weights
 from calib.optics.relief import Relief
 from calib.problem import LandingProblem, Shared, view_precision
+
+SCAN = 3
+"""Times denser than the relief: the centres among which the place is sought."""
 
 
 def suspect(at: Optimum) -> Tensor | None:
@@ -20,7 +22,7 @@ def suspect(at: Optimum) -> Tensor | None:
     if outer is None or outer.relief is None:
         return None
     coarse = outer.relief
-    rows, columns = (FINER * (n - 1) + 1 for n in coarse.grid)
+    rows, columns = (SCAN * (n - 1) + 1 for n in coarse.grid)
     fine = Relief(coarse.low, coarse.high, (rows, columns))
     kept = Relief(coarse.low, coarse.high, coarse.grid, coarse.beta, "coarse")
     joint, seen = at.joint, at.observations

@@ -9,8 +9,8 @@ from calib.effects.effect import Effect, Surroundings, Unknown
 from calib.optics.path import Path
 from calib.optics.relief import Relief
 
-CENTRES = (7, 7)
-FINER = 3
+CENTRES = (11, 11)
+FINER = 4
 """Times denser than the relief's own centres."""
 SIGMA = 1e-5
 """m"""
