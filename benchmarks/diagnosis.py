@@ -145,9 +145,8 @@ def main() -> None:
     console.print(table)
     for size in SIZES:
         if judged[size]:
-            console.print(
-                f"{size} x: {right[size]} of {judged[size]} named right, among effects that are absorbed by less than {100 * ABSORBED:.0f} %."
-            )
+            known = f"of effects absorbed by less than {100 * ABSORBED:.0f} %"
+            console.print(f"{size} x: {right[size]} of {judged[size]} named right, {known}.")
     console.print(f"False alarms in {options.clean} clean sessions: {dict(false) or 'none'}.")
 
 

@@ -1,6 +1,7 @@
 """Find what a calibration's model lacks, add it, and show the error before and after on views that were not fitted.
 
-OUT gets the calibration with the accepted effects. Without --holdout, views of the calibration itself are held out in turn.
+OUT gets the calibration with the accepted effects, and its report.html. Without --holdout, views of the calibration itself are held out in
+turn.
 """
 
 import argparse
@@ -23,6 +24,7 @@ def run(args: argparse.Namespace) -> None:
     from calib.diagnosis.diagnose import diagnose
     from calib.diagnosis.shown import print_diagnosis
     from calib.files import check_writable
+    from calib.report.write import write_report
     from calib.session import read_session
 
     calibration = Calibration.load(args.calibration)
@@ -32,8 +34,9 @@ def run(args: argparse.Namespace) -> None:
     check_writable(output)
     with Bars() as bars:
         better, finding = diagnose(calibration, bars, holdout)
-    saved = better.save(output)
+        saved = better.save(output)
+        report = write_report(better, output, bars)
     if args.json:
         print_json(finding.as_json())
     else:
-        print_diagnosis(finding, [saved])
+        print_diagnosis(finding, [saved, report])

@@ -22,7 +22,9 @@ from calib.model import Model
 from calib.observations import Observations
 from calib.progress import Advance
 
-ALPHA = 0.02
+NEEDED = 0.05
+"""p-value from which an accepted effect counts as needed beside those that came after it."""
+ALPHA = 0.05
 """Chance of a false acceptance in a whole round, over all the candidates that are tried."""
 LEAST_GAIN = 0.01
 """Of the held-out error: less is not worth an effect."""
@@ -43,11 +45,17 @@ class Trial:
     gain: Gain | None = None
     held: HeldOut | None = None
     joint: JointFit | None = None
-    level: float = 0.0
+    among: int = 1
+    """How many candidates were scored with it."""
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether held-out views say that its gain is not chance, all candidates of the round allowed for."""
+        return self.gain is not None and self.gain.p_value < ALPHA / self.among and self.gain.ci95[0] > 0
 
     @property
     def passes(self) -> bool:
-        return self.gain is not None and self.gain.surely > 0 and self.gain.relative > LEAST_GAIN
+        return self.confirmed and self.gain is not None and self.gain.relative > LEAST_GAIN
 
 
 @dataclass(slots=True, eq=False)
@@ -88,10 +96,10 @@ class Loop:
         """The next effect. Numbers of every view can imitate much, so they wait until no effect with a few numbers for all views helps;
         a field without a name comes last."""
         shared, single = ([e for e in EFFECTS if e.per_view is alone] for alone in (False, True))
-        found = self._round(before, shared)
+        found = self._round(before, shared) or self._round(before, single)
         if found or not self.organised(self.model, self.joint):
             return found
-        return self._round(before, single) or self._round(before, (FreeField,))
+        return self._round(before, (FreeField,))
 
     def _round(self, before: HeldOut, effects: Sequence[type[Effect]]) -> Trial | None:
         """Score all effects, fit the best few, and return the one that helps most, if one surely does."""
@@ -108,11 +116,11 @@ class Loop:
         chosen.sort(key=lambda c: 2 * c.dof - c.chi2)
         always = [c for c in chosen if not c.effect.judged_by_score]
         chosen = always + [c for c in chosen if c.effect.judged_by_score][:TRIED]
-        tried = [self._try(columns, before, 1 - ALPHA / max(1, len(scores))) for columns in chosen]
+        tried = [self._try(columns, before, len(scores)) for columns in chosen]
         passing = [trial for trial in tried if trial.passes]
         return max(passing, key=lambda trial: trial.gain.relative if trial.gain else 0.0, default=None)
 
-    def _try(self, columns: Columns, before: HeldOut, level: float) -> Trial:
+    def _try(self, columns: Columns, before: HeldOut, among: int) -> Trial:
         self._say(f"trying {columns.effect.name}")
         wider = self.model.with_effect(columns.effect)
         start = Start(self.joint.values, self.joint.sigma, self.joint.smoothness)
@@ -121,7 +129,7 @@ class Loop:
         held = hold_out(wider, self.observations, joint, half=half)
         if half:
             before = hold_out(self.model, self.observations, self.joint, half=True)
-        trial = Trial(columns, gain(before, held, level), held, joint, level)
+        trial = Trial(columns, gain(before, held), held, joint, among)
         key = columns.effect.name, form(columns.effect)
         known = self.trials.get(key)
         if not (known and known.gain and trial.gain and known.gain.relative > trial.gain.relative):
@@ -145,8 +153,8 @@ class Loop:
             joint = fewer.fitted(self.observations, self.joint.poses)
             half = self.model.path.shutter
             without = hold_out(fewer, self.observations, joint, half=half)
-            lost = gain(without, held, 0.95)
-            if lost.surely <= 0 or lost.relative < LEAST_GAIN:
+            lost = gain(without, held)
+            if lost.p_value > NEEDED or lost.relative < LEAST_GAIN:
                 self.model, self.joint = fewer, joint
                 held = self._held(fewer, joint) if half != fewer.path.shutter else without
         return held

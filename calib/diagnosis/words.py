@@ -39,9 +39,9 @@ def verdict(trial: Trial, *, taken: bool) -> str:
         return "absorbed"
     if not trial.gain:
         return "not asked for"
-    if trial.gain.surely > 0 and trial.gain.relative <= LEAST_GAIN:
+    if trial.confirmed and trial.gain.relative <= LEAST_GAIN:
         return "too small"
-    if trial.gain.surely > 0:
+    if trial.confirmed:
         return "another helped more"
     return "not confirmed"
 

@@ -22,7 +22,9 @@ def again_html(evidence: Evidence) -> str:
         **{key: value for key, value in origin.items() if key != "session"},
         "gauge": calibration.gauge,
     }
-    rest = yaml.safe_dump({key: value for key, value in settings.items() if key != KEY}, sort_keys=False, allow_unicode=True, width=100)
+    rest = yaml.safe_dump(
+        {key: value for key, value in settings.items() if key not in (KEY, "diagnosis")}, sort_keys=False, allow_unicode=True, width=100
+    )
     return (
         f"<pre>{escape(shlex.join(command(settings, name)))}</pre>"
         + table(("", ""), [(escape(key), f"<code>{escape(str(value))}</code>") for key, value in facts.items()])
@@ -41,6 +43,8 @@ def command(settings: dict[str, Any], session: str) -> list[str]:
         words += ["--free", ",".join(settings["free"])]
     if validation := settings.get("cross_validation"):
         words += ["--folds", str(validation["folds"])]
+    if settings.get("diagnosis"):
+        words += ["--effects", "auto"]
     if settings["method"] == "paper":
         words += ["--steps", str(settings["steps"])]
     return words if settings["exact_hit"] else [*words, "--neglect-shift"]

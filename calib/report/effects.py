@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
+from calib.calibration import Calibration
 from calib.report.tables import bar, table
 
 
@@ -15,6 +16,21 @@ class EffectRow:
     after_px: float
     parameters: str
     """As people read them: names, values, standard deviations, units."""
+
+
+def effect_rows(calibration: Calibration) -> list[EffectRow]:
+    """What a diagnosis found, as the calibration keeps it."""
+    said = calibration.settings.get("diagnosis", {}).get("candidates", [])
+    return [
+        EffectRow(
+            one["effect"],
+            one["held_out_px_before"],
+            one["held_out_px_after"],
+            "; ".join(f"{name} {n['value']:.4g} ± {n['sigma']:.2g} {n['unit']}".rstrip() for name, n in one["parameters"].items()),
+        )
+        for one in said
+        if one["accepted"]
+    ]
 
 
 def effects_html(rows: Sequence[EffectRow]) -> str:

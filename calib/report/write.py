@@ -12,7 +12,7 @@ from calib.report.board_errors import board_errors
 from calib.report.by_depth import distortion_by_depth
 from calib.report.coverage import coverage
 from calib.report.distortion import distortion_fields
-from calib.report.effects import EffectRow, effects_html
+from calib.report.effects import EffectRow, effect_rows, effects_html
 from calib.report.evidence import Evidence, gather_evidence
 from calib.report.figure import Drawing
 from calib.report.glass import glass_surface
@@ -30,13 +30,13 @@ DRAWINGS = (board_errors, residual_maps, distortion_fields, distortion_by_depth,
 
 
 def write_report(
-    calibration: Calibration, folder: Path, progress: Progress, depths: Sequence[float] = (), effects: Sequence[EffectRow] = ()
+    calibration: Calibration, folder: Path, progress: Progress, depths: Sequence[float] = (), effects: Sequence[EffectRow] | None = None
 ) -> Path:
     """Write report.html into the folder of a saved calibration.
 
     Args:
         depths: m, where fields are shown; by default at the nearest, the median and the farthest corner's.
-        effects: what the diagnosis added to the model.
+        effects: what to say of them; None: what the diagnosis found that the calibration keeps.
     """
     advance = progress.task("Report", len(DRAWINGS) + 2)
     with single_thread(), ThreadPoolExecutor() as pool:
@@ -47,7 +47,9 @@ def write_report(
         for done, drawing in enumerate(DRAWINGS, start=2):
             drawn[drawing] = drawing(evidence)
             advance(done, "")
-        sections = _sections(evidence, list(drawn.values()), effects, views_html(evidence, thumbnails))
+        sections = _sections(
+            evidence, list(drawn.values()), effect_rows(calibration) if effects is None else effects, views_html(evidence, thumbnails)
+        )
     path = folder / NAME
     write_atomically(path, page(calibration.camera.model or "A camera", summarise(evidence), sections))
     advance(len(DRAWINGS) + 2, "")

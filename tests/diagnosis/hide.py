@@ -1,0 +1,34 @@
+"""Synthetic sessions with an effect that nobody declares."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from benchmarks.uncertainty import GLASS, calibrate
+from calib.calibration import Calibration
+from calib.effects.effect import Effect
+from calib.optics.project import project
+from calib.stages import Settings
+from calib.views import View
+from tests.scenes import Scene, scene
+
+
+def hidden(effect: Effect | None, numbers: Mapping[str, float], seed: int = 1, views: int = 15, spoiled: int = 0) -> Scene:
+    """Views with 0.1 px noise through uneven glass, and one effect; some views have corners that are off by 0.4 px."""
+    made = scene(seed, views, (4, 4), 1e-5, 0.0, cover=GLASS)
+    path = effect.apply(made.path) if effect else made.path
+    values = {**made.values, **{name: torch.tensor(value, dtype=torch.float64) for name, value in numbers.items()}}
+    rng = np.random.default_rng(seed)
+    seen = []
+    for index, (view, pose) in enumerate(zip(made.views, made.poses, strict=True)):
+        pixels = project(path, values, path.place(torch.from_numpy(made.board.points()), values, pose)).numpy()
+        sigma = 0.4 if index < spoiled else 0.1
+        seen.append(View(view.name, pixels + rng.normal(0, sigma, pixels.shape), view.weight))
+    return replace(made, views=tuple(seen))
+
+
+def fitted(made: Scene) -> Calibration:
+    """As `calib fit` would leave it."""
+    return calibrate(made, Settings(grid=(8, 8)))

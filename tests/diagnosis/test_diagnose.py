@@ -1,0 +1,103 @@
+"""The loop: it names what is hidden, finds nothing where nothing is, and stands bad views."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.calibration import Calibration
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.held_out import HeldOut, gain
+from calib.diagnosis.named import with_named
+from calib.diagnosis.record import Diagnosis
+from calib.effects.board_bow import BoardBow
+from calib.errors import InputError, NotEnoughDataError
+from calib.progress import Silent
+from tests.diagnosis.hide import fitted, hidden
+
+BOW = BoardBow(0.08, 0.08)
+TRUTH = {"board_bow.x": 6e-4, "board_bow.y": -4e-4}
+
+
+@pytest.fixture(scope="module")
+def bowed() -> Calibration:
+    return fitted(hidden(BOW, TRUTH))
+
+
+@pytest.fixture(scope="module")
+def found(bowed: Calibration) -> tuple[Calibration, Diagnosis]:
+    return diagnose(bowed, Silent())
+
+
+def test_a_bowed_board_is_named_with_its_numbers(found: tuple[Calibration, Diagnosis]) -> None:
+    _, finding = found
+    assert finding.accepted == ("board_bow",)
+    (own,) = (candidate for candidate in finding.candidates if candidate.accepted)
+    for name, value in TRUTH.items():
+        one = own.parameters[name]
+        assert abs(one.value - value) < 3 * one.sigma
+        assert one.sigma < 3e-5
+    assert own.gain_ci95
+    assert own.gain_ci95[0] > 0
+    assert finding.after.held_out_px < 0.2 < finding.before.held_out_px
+    assert finding.residual[0].fraction > 2 * finding.residual[0].chance
+    assert finding.unexplained < 0.2
+
+
+def test_the_contract_s_json_has_its_keys(found: tuple[Calibration, Diagnosis]) -> None:
+    said = found[1].as_json()
+    assert {"residual", "candidates", "accepted", "before", "after", "unexplained"} <= set(said)
+    assert set(said["before"]) == {"rms_px", "rmse_cm", "held_out_px"}
+    keys = {"effect", "chi2", "dof", "p_value", "held_out_px_before", "held_out_px_after", "gain_ci95", "parameters", "confounded_with"}
+    assert all(keys <= set(candidate) for candidate in said["candidates"])
+    assert set(said["unexplained"]) == {"fraction", "organised_by"}
+
+
+def test_the_diagnosed_calibration_is_kept_and_can_be_diagnosed_again(found: tuple[Calibration, Diagnosis], tmp_path: Path) -> None:
+    better, finding = found
+    better.save(tmp_path)
+    again = Calibration.load(tmp_path)
+    pixels = np.array([[1600.0, 1200.0], [400.0, 300.0]])
+    assert np.array_equal(again.rays(pixels)[1], better.rays(pixels)[1])
+    _, second = diagnose(again, Silent())
+    assert second.accepted == ("board_bow",)  # it is in the model already, and nothing is added
+    assert second.after.rms_px == pytest.approx(finding.after.rms_px, rel=0.01)
+
+
+@pytest.mark.parametrize("spoiled", [0, 2])
+def test_nothing_is_found_where_nothing_is(spoiled: int) -> None:
+    """With two of fifteen views four times as noisy, too."""
+    _, finding = diagnose(fitted(hidden(None, {}, seed=7, spoiled=spoiled)), Silent())
+    assert finding.accepted == ()
+    assert finding.after == finding.before
+
+
+def test_an_effect_can_be_asked_for_by_name(bowed: Calibration) -> None:
+    better = with_named(bowed, ("board_bow",), Silent())
+    (added,) = better.effects
+    value, sigma = added.numbers["board_bow.x"]
+    assert abs(float(value) - TRUTH["board_bow.x"]) < 3 * float(sigma)
+    assert better.stages[-1].name == "cover+rbf+effects"
+    assert better.stages[-1].rms_px < 0.5 * better.stages[-2].rms_px
+    with pytest.raises(InputError, match="flat_port"):
+        with_named(bowed, ("flat_port",), Silent())
+
+
+def test_too_few_views_are_refused_in_a_sentence() -> None:
+    with pytest.raises(NotEnoughDataError, match="needs 10 or more"):
+        diagnose(fitted(hidden(None, {}, views=8)), Silent())
+
+
+def test_a_gain_is_tested_over_views() -> None:
+    rng = np.random.default_rng(0)
+    view = np.repeat(np.arange(20), 80)
+    before = HeldOut(rng.chisquare(2, 1600), view)
+    same = gain(before, HeldOut(rng.chisquare(2, 1600), view))
+    assert same.p_value > 0.05
+    assert same.ci95[0] < 0 < same.ci95[1]
+    better = gain(before, HeldOut(0.8 * before.squares, view))
+    assert better.p_value < 1e-3
+    assert better.relative == pytest.approx(1 - 0.8**0.5, abs=0.01)
+    one_view = before.squares.copy()
+    one_view[view == 3] *= 0.1
+    assert gain(before, HeldOut(one_view, view)).p_value > 0.05  # a single view proves nothing
