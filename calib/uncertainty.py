@@ -80,14 +80,19 @@ def ray_errors(calibration: Calibration) -> Callable[[Array], Array]:
     if not calibration.covariance.size:
         return lambda pixels: np.zeros((len(pixels), 4, 0))
     model = _Model.of(calibration)
-    variances, axes = np.linalg.eigh(calibration.covariance)
-    root = axes * np.sqrt(np.maximum(variances, 0.0))  # what rounding leaves below zero is nothing
+    root = root_of(calibration.covariance)
 
     def errors(pixels: Array) -> Array:
         changes, lost = model.changes(pixels)
         return np.where(lost[:, None, None], np.nan, changes @ root)
 
     return errors
+
+
+def root_of(covariance: Array) -> Array:
+    """(n, n) R with R R^T the covariance; what rounding leaves below zero is nothing."""
+    variances, axes = np.linalg.eigh(covariance)
+    return np.asarray(axes * np.sqrt(np.maximum(variances, 0.0)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +110,8 @@ class _Model:
     def of(calibration: Calibration) -> _Model:
         path, values = calibration.model()
         assert calibration.camera.intrinsics
-        free = freed(calibration.camera.intrinsics, calibration.cover, path)
+        added = {name for found in calibration.effects for name in found.numbers}
+        free = added | set(freed(calibration.camera.intrinsics, calibration.cover, path))
         scales = {param.name: param.scale for param in path.params if param.name in free}
         still = _Model(path, values, scales, np.zeros((6, len(calibration.covariance))))
         observations = calibration.observations

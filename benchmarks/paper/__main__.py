@@ -1,6 +1,6 @@
 """Make the paper's figures and table again, and print the paper's numbers beside ours.
 
-Needs `pip install -e '.[plot]'`, and '.[render]' for table1, whose pictures are rendered once into out/.
+table1 needs `pip install -e '.[render]'`: its pictures are rendered once into out/.
 """
 
 import argparse

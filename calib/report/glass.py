@@ -15,6 +15,7 @@ from calib.report.chart import border, chart_axes, drawn, hits, units
 from calib.report.evidence import Array, Evidence
 from calib.report.figure import Drawing
 from calib.report.ink import BELOW_AND_ABOVE, INK, MORE, colour_bar, draw, side_by_side
+from calib.uncertainty import root_of
 
 NODES = (81, 61)
 """Of the chart, across and down."""
@@ -98,7 +99,7 @@ def _heights(evidence: Evidence, relief: Relief) -> Heights:
     covariance = evidence.calibration.covariance[: len(amplitudes), : len(amplitudes)]
     if not covariance.size:
         return Heights(second * to_across, first * to_down, inside.reshape(shape), height, None, whole, 0.0)
-    root = 1e6 * np.linalg.cholesky(covariance)
+    root = 1e6 * root_of(covariance)
     sigma = np.linalg.norm((basis - mean) @ root, axis=-1).reshape(shape)
     mean_sigma = float(np.linalg.norm(mean @ root))
     return Heights(second * to_across, first * to_down, inside.reshape(shape), height, sigma, whole, mean_sigma)

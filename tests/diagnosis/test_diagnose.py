@@ -13,6 +13,7 @@ from calib.diagnosis.record import Diagnosis
 from calib.effects.board_bow import BoardBow
 from calib.errors import InputError, NotEnoughDataError
 from calib.progress import Silent
+from calib.uncertainty import predicted_sigma
 from tests.diagnosis.hide import fitted, hidden
 
 BOW = BoardBow(0.08, 0.08)
@@ -101,3 +102,12 @@ def test_a_gain_is_tested_over_views() -> None:
     one_view = before.squares.copy()
     one_view[view == 3] *= 0.1
     assert gain(before, HeldOut(one_view, view)).p_value > 0.05  # a single view proves nothing
+
+
+def test_maps_of_a_diagnosed_calibration_carry_their_sigma(found: tuple[Calibration, Diagnosis]) -> None:
+    """What bends the board moves no ray, but the fit is less sure of the glass for it: a little larger, not smaller."""
+    better, _ = found
+    field = predicted_sigma(better)
+    assert field
+    at = np.full((1, 1), 1600.0), np.full((1, 1), 1200.0)
+    assert 0.001 < float(field.at(*at, 0.8)[0, 0]) < 1.0
