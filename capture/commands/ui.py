@@ -32,6 +32,21 @@ def run(args: argparse.Namespace) -> None:
 
         serve(args.session, args.source, args.host, args.port)
         return
+    _check_terminal()
     from capture.tui.app import CaptureApp
 
     CaptureApp(args.session, args.source).run()
+
+
+def _check_terminal() -> None:
+    """Refuse to wait for keys that nobody can press. A driver of its own, such as a browser's, needs no terminal."""
+    import os
+    import sys
+
+    from calib.errors import InputError
+
+    if not (os.environ.get("TEXTUAL_DRIVER") or (sys.stdin.isatty() and sys.stdout.isatty())):
+        raise InputError(
+            "There is no terminal to show the screen in: run capture SESSION in one, or take pictures without a screen by "
+            "capture record SESSION --source SOURCE."
+        )

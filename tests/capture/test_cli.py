@@ -205,7 +205,6 @@ def test_what_cannot_be_recorded_gets_one_sentence(
         (["record", "x", "--source", "y", "--square-mm", "0"], "write a number above 0"),
         (["record", "x", "--source", "y", "--views", "0"], "write a whole number above 0"),
         (["record", "x", "--source", "y", "--every", "inf"], "write a number above 0"),
-        (["show"], "invalid choice"),
         ([], "COMMAND"),
     ],
 )
@@ -214,6 +213,13 @@ def test_wrong_usage_exits_with_2(arguments: list[str], says: str, capsys: pytes
         main(arguments)
     assert stop.value.code == 2
     assert says in capsys.readouterr().err
+
+
+def test_the_screen_needs_a_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Anything that is no other command's name is a session for it. pytest has no terminal."""
+    assert main([str(tmp_path / "show")]) == 2
+    assert "There is no terminal" in capsys.readouterr().err
+    assert not (tmp_path / "show").exists()
 
 
 def test_sources_says_what_there_is_and_what_is_missing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
