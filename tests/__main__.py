@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-CHECKS = (["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"], ["pytest", *sys.argv[1:]])
+CHECKS = (["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"], ["pytest", "-n", "2", "--dist", "loadfile", *sys.argv[1:]])
 
 for check in CHECKS:
     print("$", *check, flush=True)

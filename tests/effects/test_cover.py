@@ -162,14 +162,14 @@ def test_inner_surface_is_a_sum_of_gaussians_on_the_inside(example: Example) -> 
 
 @each_shape
 def test_fine_surface_adds_narrower_gaussians_outside(example: Example) -> None:
-    """Seven by seven, at a third of the spacing, around the place that asks for them."""
+    """Eleven by eleven, at a quarter of the spacing, around the place that asks for them."""
     base = model(example)
     low, high = example.patch
     place = np.array([0.6 * a + 0.4 * b for a, b in zip(low, high, strict=True)])
     effect = proposed(FineSurface, base, torch.from_numpy(place))
-    steps = [(b - a) / (n - 1) / 3 for a, b, n in zip(low, high, GRID, strict=True)]
-    at = np.array([place + np.array([i, j]) * steps for i in range(-3, 4) for j in range(-3, 4)])
-    amplitudes = np.random.default_rng(9).normal(0, 5e-6, (7, 7))
+    steps = [(b - a) / (n - 1) / 4 for a, b, n in zip(low, high, GRID, strict=True)]
+    at = np.array([place + np.array([i, j]) * steps for i in range(-5, 6) for j in range(-5, 6)])
+    amplitudes = np.random.default_rng(9).normal(0, 5e-6, (11, 11))
     fine, coarse = oracle.bumps(at, amplitudes.ravel(), (steps[0], steps[1])), outer(example)
     glass = Glass(example, numbers_of(example), outer=lambda first, second: coarse(first, second) + fine(first, second))
     agrees(effect, base, {"fine_surface.amplitudes": amplitudes}, glass.rays(PIXELS), moves=1e-4)

@@ -69,6 +69,8 @@ def test_from_a_source_to_maps_over_a_lost_connection(tmp_path: Path, terminals:
     first.press("Tab")
     for text in CONE:
         first.write(text)
+    first.see("Of what is outside")
+    time.sleep(1)  # as a hand that moves on to another key
     first.press("C-s")
     first.see("no more pictures")
     first.see("12 views")
