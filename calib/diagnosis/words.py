@@ -29,6 +29,7 @@ SEPARATES = {
     "detector_bias": "take sharper pictures, at a higher resolution",
 }
 """The board pose, or whatever else, that tells an effect from its like."""
+ELSE = "take views at other depths, tilts and turns of the board"
 
 
 def verdict(trial: Trial, *, taken: bool) -> str:
@@ -51,7 +52,7 @@ def remarks(loop: Loop, accepted: Sequence[str], left: Sequence[Share], *, timed
     for name in accepted:
         like = sorted(loop.confounded.get(name, ()))
         if like:
-            yield f"These views cannot tell {name} from {' or '.join(like)}. To separate them, {SEPARATES[name]}."
+            yield f"These views cannot tell {name} from {' or '.join(like)}. To separate them, {SEPARATES.get(name, ELSE)}."
     if "free_field" in accepted:
         yield "free_field has no name: it describes the error and mends it, but what causes it is not known."
     if not timed and {"focal_drift", "rolling_shutter"} & set(accepted):
