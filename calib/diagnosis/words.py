@@ -55,7 +55,7 @@ def remarks(loop: Loop, accepted: Sequence[str], left: Sequence[Share], *, timed
             yield f"These views cannot tell {name} from {' or '.join(like)}. To separate them, {SEPARATES.get(name, ELSE)}."
     if "free_field" in accepted:
         yield "free_field has no name: it describes the error and mends it, but what causes it is not known."
-    if not timed and {"focal_drift", "rolling_shutter"} & set(accepted):
+    if not timed and "focal_drift" in accepted:
         yield "There are no times in frames.csv, so the order of the files stood for them."
     for share in left[:1]:
         yield (
