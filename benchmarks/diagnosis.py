@@ -123,17 +123,22 @@ def main() -> None:
                     motions = torch.from_numpy(rng.normal(0, [1e-4] * 3 + [1e-5] * 3, (20, 6)))
                     direction = direction_of(effect, rng)
                     amount = size * smallest(made, effect, direction, motions)
+                    spoiled = hidden(made, effect, direction, amount, motions, NOISE)
+                    if not all(np.isfinite(view.corners).all() for view in spoiled.views):
+                        said["unseen"] += 1  # so large a change that some corner is seen no more: poses hide nearly all of it
+                        continue
                     begun = time.perf_counter()
-                    _, finding = diagnosed(hidden(made, effect, direction, amount, motions, NOISE))
+                    _, finding = diagnosed(spoiled)
                     spent.append(time.perf_counter() - begun)
                     own = [c.absorbed for c in finding.candidates if c.effect == kind.name]
                     absorbed += own
                     wrong = [name for name in finding.accepted if name != kind.name]
                     said["right" if kind.name in finding.accepted and not wrong else "wrong" if wrong else "missed"] += 1
-                cells.append("not here" if said["not here"] else f"{said['right']} / {said['wrong']} / {said['missed']}")
+                kinds = [f"{said['right']} / {said['wrong']} / {said['missed']}", *(w for w in ("not here", "unseen") if said[w])]
+                cells.append(kinds[-1])
                 if absorbed and np.mean(absorbed) < ABSORBED:
                     right[size] += said["right"]
-                    judged[size] += options.seeds
+                    judged[size] += options.seeds - said["unseen"]
             table.add_row(
                 kind.name, *cells, f"{100 * np.mean(absorbed):.0f} %" if absorbed else "", f"{np.mean(spent):.1f}" if spent else ""
             )

@@ -10,6 +10,7 @@ machine learning (2006), sections 2.7 and 4.2.1, for free polynomials beside a s
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -61,11 +62,18 @@ class Smoothness:
         axes = [np.linspace(-1, 1, n) for n in relief.grid]
         one, two = (np.exp(-((c[:, None] - c) ** 2) / (8 * self.length**2)) for c in axes)  # a side is 2 long here
         texture = self.height**2 * np.kron(one, two) + LEAST_HEIGHT**2 * np.eye(len(one) * len(two))
-        first, second = (legvander(c, FIGURE_DEGREE) for c in axes)  # (n, degree + 1)
-        degrees = [(i, k) for i in range(FIGURE_DEGREE + 1) for k in range(FIGURE_DEGREE + 1 - i)]
-        figure = np.array([figure_height(i + k) * np.kron(first[:, i], second[:, k]) for i, k in degrees])
-        root: Array = cholesky(texture + figure.T @ figure, lower=True)
+        root: Array = cholesky(texture + figure(relief.grid), lower=True)
         return root
+
+
+@lru_cache(maxsize=8)
+def figure(grid: tuple[int, int]) -> Array:
+    """(n, n) m^2, the covariance of the figure's heights at the centres. Not to be written to."""
+    first, second = (legvander(np.linspace(-1, 1, n), FIGURE_DEGREE) for n in grid)  # (n, degree + 1)
+    degrees = [(i, k) for i in range(FIGURE_DEGREE + 1) for k in range(FIGURE_DEGREE + 1 - i)]
+    waves = np.array([figure_height(i + k) * np.kron(first[:, i], second[:, k]) for i, k in degrees])
+    covariance: Array = waves.T @ waves
+    return covariance
 
 
 def figure_height(degree: int) -> float:
