@@ -77,16 +77,16 @@ def test_detected_corners_are_the_renderer_s(name: str, tmp_path: Path) -> None:
 
 
 def test_rays_of_the_clean_session_are_the_renderer_s(fitted: dict[str, Calibration], by_the_paper: Calibration) -> None:
-    """Measured at 0.3, 0.5 and 1 m: 0.018, 0.014, 0.032 px by the joint fit, 0.120, 0.101, 0.196 px by the paper's procedure; through
-    the strong bumps, by the joint fit, 0.026, 0.018, 0.046 px. That is 0.92, 1.32 and 1.48 times what the calibration expects, and 1.16,
-    1.50 and 1.95 times: corners in pictures err otherwise than by independent noise."""
+    """Measured at 0.3, 0.5 and 1 m: 0.016, 0.013, 0.028 px by the joint fit, 0.120, 0.101, 0.196 px by the paper's procedure; through
+    the strong bumps, by the joint fit, 0.024, 0.017, 0.044 px. That is 0.77, 1.13 and 1.17 times what the calibration expects, and 1.13,
+    1.45 and 1.93 times through the bumps."""
     for name, result, bar in (("clean", fitted["clean"], 0.10), ("clean", by_the_paper, 0.25), ("bumps", fitted["bumps"], 0.10)):
         error = map_error(result, FIXTURES / name / "truth.npz", near=40.0)
         assert error.pixels > 2000
         print(f"{name}, {result.settings['method']}: map error, px RMS by depth: {error.by_depth}, expected: {error.predicted}")
         assert max(error.by_depth.values()) < bar
         assert bool(error.predicted) == (result is not by_the_paper)
-        assert all(error.by_depth[depth] < 2.2 * sigma for depth, sigma in error.predicted.items())
+        assert all(error.by_depth[depth] < (1.25 if name == "clean" else 2.2) * sigma for depth, sigma in error.predicted.items())
 
 
 @pytest.mark.parametrize("name", ["clean", "bumps"])
