@@ -35,8 +35,11 @@ def run(args: argparse.Namespace) -> None:
     with Bars() as bars:
         better, finding = diagnose(calibration, bars, holdout)
         saved = better.save(output)
-        report = write_report(better, output, bars)
     if args.json:
         print_json(finding.as_json())
     else:
-        print_diagnosis(finding, [saved, report])
+        print_diagnosis(finding, [saved])
+    with Bars() as bars:  # last: whatever happens here, the finding is written and told of
+        report = write_report(better, output, bars)
+    if not args.json:
+        print(f"Wrote {report}")

@@ -23,7 +23,8 @@ def hits(evidence: Evidence, pixels: Array) -> Array:
     """(N, 2) px to the (N, 2) chart coordinates, SI, at which their rays leave the glass; NaN where none does."""
     outer = evidence.path.cover[-1]
     rays = evidence.path.trace(torch.from_numpy(pixels), evidence.values)
-    chart = torch.stack(outer.surface.chart(outer.frame.enter(rays.origin, evidence.values)), -1)
+    _, values = evidence.path.adjusted(torch.from_numpy(pixels), evidence.values)
+    chart = torch.stack(outer.surface.chart(outer.frame.enter(rays.origin, values)), -1)
     return torch.where((rays.failure != 0).unsqueeze(-1), torch.nan, chart).numpy()
 
 
