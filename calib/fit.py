@@ -4,15 +4,13 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 
 import numpy as np
-from numpy.typing import NDArray
-from torch import Tensor
 
 from calib.calibration import Calibration
 from calib.errors import NotEnoughDataError
 from calib.folds import GRID_FOLDS, choose_grid, cross_validate
 from calib.free import with_free
 from calib.gather import gather
-from calib.noise import short_scale_noise
+from calib.noise import on_board, short_scale_noise
 from calib.observations import Observations
 from calib.priors import with_estimates
 from calib.progress import Progress
@@ -74,7 +72,7 @@ def fit(session: Session, settings: Settings, progress: Progress) -> Calibration
         covariance=joint.covariance.numpy() if joint else np.zeros((0, 0)),
         rejected=rejected,
         stages=fitted.stages,
-        noise_px=short_scale_noise(_on_board(fitted.residuals.image, views), session.board),
+        noise_px=short_scale_noise(on_board(fitted.residuals.image, views), session.board),
         settings={
             "method": settings.method,
             "grid": list(settings.grid or ()),
@@ -118,10 +116,3 @@ def _check_enough(views: Sequence[View], rejected: Sequence[Rejected], for_folds
             f"{for_folds} folds need {FEWEST_VIEWS} usable views outside each fold, and there are {len(views)} views in all: "
             "take more pictures of the board."
         )
-
-
-def _on_board(errors: Tensor, views: Sequence[View]) -> NDArray[np.float64]:
-    """(M, 2) px of the seen corners to (V, corners of the board, 2), NaN where not seen."""
-    full = np.full((len(views), len(views[0].weight), 2), np.nan)
-    full[np.array([view.seen for view in views])] = errors.numpy()
-    return full

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import torch
 from torch import Tensor
@@ -32,10 +33,13 @@ class Model:
 
     def with_effect(self, effect: Effect) -> Model:
         """The model with one effect more, at the start of its numbers."""
-        begin = {u.param.name: u.neutral if u.start is None else u.start for u in effect.unknowns}
-        values = {u.param.name: torch.full(u.param.shape, begin[u.param.name], dtype=torch.float64) for u in effect.unknowns}
+        values = {u.param.name: torch.full(u.param.shape, u.begin, dtype=torch.float64) for u in effect.unknowns}
         sigmas = {u.param.name: u.sigma for u in effect.unknowns}
         return Model(effect.apply(self.path), {**self.means, **values}, {**self.free, **sigmas}, (*self.effects, effect))
+
+    def with_effects(self, effects: Iterable[Effect]) -> Model:
+        """The model with some effects more."""
+        return reduce(Model.with_effect, effects, self)
 
     def neutral(self, effect: Effect) -> Values:
         """The numbers of an effect where it is not there."""

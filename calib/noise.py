@@ -1,10 +1,14 @@
 """The noise of the detected corners, from what no smooth effect can explain."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
+from torch import Tensor
 
 from calib.board import Board
 from calib.robust import SIGMA
+from calib.views import View
 
 
 def short_scale_noise(residuals: NDArray[np.float64], board: Board) -> float:
@@ -27,3 +31,10 @@ def short_scale_noise(residuals: NDArray[np.float64], board: Board) -> float:
     if bends.size < 20:
         return float("nan")
     return float(2**0.5 * SIGMA * np.median(np.abs(bends)) / 6**0.5)
+
+
+def on_board(errors: Tensor, views: Sequence[View]) -> NDArray[np.float64]:
+    """(M, 2) px of the seen corners to (V, corners of the board, 2), NaN where not seen."""
+    full = np.full((len(views), len(views[0].weight), 2), np.nan)
+    full[np.array([view.seen for view in views])] = errors.numpy()
+    return full

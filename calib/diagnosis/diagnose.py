@@ -6,21 +6,21 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from calib.calibration import Calibration
-from calib.diagnosis.base import base_model
+from calib.diagnosis.base import base_model, model_of
 from calib.diagnosis.held_out import FOLDS
 from calib.diagnosis.loop import ROUNDS, TRIED, Loop, form
 from calib.diagnosis.organised import Scene, Share
 from calib.diagnosis.record import Candidate, Diagnosis, Estimate, Quality
 from calib.diagnosis.result import frame_order, with_fit
 from calib.diagnosis.words import remarks, verdict
+from calib.effects.effect import Effect
 from calib.errors import NotEnoughDataError
 from calib.evaluate import evaluate
 from calib.joint import JointFit
 from calib.model import Model
-from calib.noise import short_scale_noise
+from calib.noise import on_board, short_scale_noise
 from calib.observations import Observations
 from calib.progress import Progress
 from calib.residuals import Residuals, residuals
@@ -55,25 +55,24 @@ def diagnose(calibration: Calibration, progress: Progress, holdout: Session | No
     observations = calibration.observations.timed(order.times, calibration.camera.height)
     advance = progress.task("Diagnosis", ROUNDS + 2 * TRIED)
     with single_thread():
-        model = base_model(calibration)
+        model = model_of(calibration)
         advance(1, "fit")
         joint = model.fitted(observations, torch.from_numpy(calibration.poses))
         loop = Loop(
             calibration.board,
-            calibration.camera.width,
-            calibration.camera.height,
+            calibration.camera,
             observations,
+            base_model(calibration),
             model,
             joint,
-            order.from_file,
             lambda done, words: advance(min(1 + done, ROUNDS + 2 * TRIED - 1), words),
-            lambda model, joint: bool(_organising(_split(calibration, model, joint, observations))),
+            lambda model, joint: bool(_organising(_split(calibration, model, joint, observations, _missed(model, joint, observations)))),
         )
         first, last = loop.run()
         advance(ROUNDS + 2 * TRIED, "")
         before, after = _missed(model, joint, observations), _missed(loop.model, loop.joint, observations)
-        shares = _split(calibration, model, joint, observations)
-        left = _split(calibration, loop.model, loop.joint, observations)
+        shares = _split(calibration, model, joint, observations, before)
+        left = _split(calibration, loop.model, loop.joint, observations, after)
     found = with_fit(calibration, loop.model, loop.joint, observations, order)
     held = first.rms, last.rms
     if holdout:
@@ -83,7 +82,7 @@ def diagnose(calibration: Calibration, progress: Progress, holdout: Session | No
             evaluate(base, holdout, progress, halves=halves).rms_px,
             evaluate(found, holdout, progress, halves=halves).rms_px,
         )
-    noise = short_scale_noise(_on_board(after.image, calibration), calibration.board)
+    noise = short_scale_noise(on_board(after.image, calibration.views), calibration.board)
     organising = _organising(left)
     accepted = tuple(effect.name for effect in loop.model.effects)
     finding = Diagnosis(
@@ -105,8 +104,8 @@ def _missed(model: Model, joint: JointFit, observations: Observations) -> Residu
     return residuals(model.path, joint.values, observations, joint.poses)
 
 
-def _split(calibration: Calibration, model: Model, joint: JointFit, observations: Observations) -> list[Share]:
-    missed = _missed(model, joint, observations).image
+def _split(calibration: Calibration, model: Model, joint: JointFit, observations: Observations, left: Residuals) -> list[Share]:
+    missed = left.image
     seen = torch.isfinite(missed).all(-1)
     kept = observations.kept(seen)
     told = kept.told(joint.values)
@@ -126,12 +125,6 @@ def _unexplained(missed: Residuals, noise: float, observations: Observations, jo
     """The fraction of the residual's variance above the noise floor, fitted numbers allowed for."""
     freedom = max(1, 2 * len(observations.pixels) - joint.poses.numel()) / (2 * len(observations.pixels))
     return max(0.0, 1.0 - noise**2 * freedom / missed.rms_px**2) if np.isfinite(noise) else float("nan")
-
-
-def _on_board(errors: torch.Tensor, calibration: Calibration) -> NDArray[np.float64]:
-    grid = np.full((len(calibration.views), calibration.board.count, 2), np.nan)
-    grid[np.array([view.seen for view in calibration.views])] = errors.numpy()
-    return grid
 
 
 def _candidates(loop: Loop, accepted: tuple[str, ...]) -> list[Candidate]:
@@ -159,10 +152,10 @@ def _candidates(loop: Loop, accepted: tuple[str, ...]) -> list[Candidate]:
     return listed
 
 
-def _parameters(effect: object, joint: JointFit) -> dict[str, Estimate]:
+def _parameters(effect: Effect, joint: JointFit) -> dict[str, Estimate]:
     """Numbers by themselves; of a field, its root mean square."""
     found = {}
-    for unknown in effect.unknowns:  # type: ignore[attr-defined]
+    for unknown in effect.unknowns:
         name, unit = unknown.param.name, unknown.param.unit
         value, sigma = joint.values[name], joint.sigma_of(name)
         if unknown.param.shape:

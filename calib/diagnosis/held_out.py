@@ -29,21 +29,21 @@ class HeldOut:
     """Each view's error when it was held out."""
 
     squares: Array
-    """(M,) px^2 of every corner; NaN where it was not scored."""
+    """(M,) px^2 of every corner; NaN where it was not scored, infinite where the model cannot see it."""
     view: NDArray[np.int64]
     """(M,)"""
 
     def by_view(self, limit: float) -> Array:
         """(V,) px^2, mean of the clipped squares."""
         clipped = np.minimum(self.squares, limit)
-        scored = np.isfinite(self.squares)
+        scored = ~np.isnan(self.squares)
         total, count = (np.bincount(self.view[scored], weights, self.view.max() + 1) for weights in (clipped[scored], None))
         return np.asarray(total / np.maximum(count, 1))
 
     @property
     def rms(self) -> float:
-        """px, of all corners alike."""
-        return float(np.sqrt(np.nanmean(self.squares)))
+        """px, of all corners that the model sees."""
+        return float(np.sqrt(self.squares[np.isfinite(self.squares)].mean()))
 
     @property
     def limit(self) -> float:
@@ -86,7 +86,7 @@ def hold_out(model: Model, observations: Observations, fitted: JointFit, *, half
         scored = torch.arange(len(test.pixels)) % 2 == 1 if half else torch.ones(len(test.pixels), dtype=torch.bool)
         poses = model.seen(found, test.kept(~scored) if half else test, fitted.poses[out])
         own = (residuals(model.path, found.values, test, poses).image ** 2).sum(-1)
-        squares[rows.numpy()] = torch.where(scored, own, torch.nan).numpy()
+        squares[rows.numpy()] = torch.where(scored, own.nan_to_num(torch.inf), torch.nan).numpy()
     return HeldOut(squares, observations.view.numpy())
 
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
-from torch import Tensor
 
 from calib.board import Board
+from calib.camera import Camera
 from calib.diagnosis.columns import Columns, Optimum
 from calib.diagnosis.held_out import Gain, HeldOut, gain, hold_out
-from calib.diagnosis.suspect import suspect
+from calib.diagnosis.suspect import surroundings
 from calib.effects.effect import Effect, Surroundings
 from calib.effects.fine_surface import FineSurface
 from calib.effects.free_field import FreeField
@@ -63,12 +63,12 @@ class Loop:
     """Forward selection, then a backward pass."""
 
     board: Board
-    width: int
-    height: int
+    camera: Camera
     observations: Observations
+    base: Model
+    """Without any effect."""
     model: Model
     joint: JointFit
-    timed: bool
     advance: Advance
     organised: Callable[[Model, JointFit], bool]
     """Whether what a fit leaves is more than noise."""
@@ -76,21 +76,17 @@ class Loop:
     """By effect and form: where each came closest."""
     confounded: dict[str, set[str]] = field(default_factory=dict)
     done: int = 0
-    base: Model = field(init=False)
-    """Without any effect."""
-
-    def __post_init__(self) -> None:
-        self.base = self.model
 
     def run(self) -> tuple[HeldOut, HeldOut]:
         """Add what is missing; returns what was left on held-out views before and after."""
         first = before = self._held(self.model, self.joint)
+        newest = None
         for _ in range(ROUNDS):
             best = self._best(before)
             if not best:
                 break
-            before = self._accept(best)
-        return first, self._backward(before)
+            before, newest = self._accept(best), best.columns.effect
+        return first, self._backward(before, newest)
 
     def _best(self, before: HeldOut) -> Trial | None:
         """The next effect. Numbers of every view can imitate much, so they wait until no effect with a few numbers for all views helps;
@@ -104,7 +100,7 @@ class Loop:
     def _round(self, before: HeldOut, effects: Sequence[type[Effect]]) -> Trial | None:
         """Score all effects, fit the best few, and return the one that helps most, if one surely does."""
         at = Optimum(self.model, self.observations, self.joint)
-        there = self._surroundings(suspect(at) if FineSurface in effects else None)
+        there = surroundings(at, self.board, self.camera, place=FineSurface in effects)
         scores = [at.candidate(effect) for effect in _proposed(effects, there, self.model.effects)]
         for columns in scores:
             key = columns.effect.name, form(columns.effect)
@@ -127,7 +123,7 @@ class Loop:
         joint = wider.fitted(self.observations, self.joint.poses, start)
         half = columns.effect.per_view or self.model.path.shutter
         held = hold_out(wider, self.observations, joint, half=half)
-        if half:
+        if half and not self.model.path.shutter:  # alike
             before = hold_out(self.model, self.observations, self.joint, half=True)
         trial = Trial(columns, gain(before, held), held, joint, among)
         key = columns.effect.name, form(columns.effect)
@@ -143,13 +139,12 @@ class Loop:
         self._say(f"found {trial.columns.effect.name}")
         return self._held(self.model, self.joint)
 
-    def _backward(self, held: HeldOut) -> HeldOut:
-        """Drop what is no longer needed, the oldest first."""
-        for effect in self.model.effects[:-1]:
-            others = [e for e in self.model.effects if e is not effect]
-            fewer = self.base
-            for other in others:
-                fewer = fewer.with_effect(other)
+    def _backward(self, held: HeldOut, newest: Effect | None) -> HeldOut:
+        """Drop what is no longer needed, the oldest first; the newest has just been asked for."""
+        for effect in self.model.effects:
+            if effect is newest:
+                continue
+            fewer = self.base.with_effects(other for other in self.model.effects if other is not effect)
             joint = fewer.fitted(self.observations, self.joint.poses)
             half = self.model.path.shutter
             without = hold_out(fewer, self.observations, joint, half=half)
@@ -162,11 +157,6 @@ class Loop:
     def _held(self, model: Model, joint: JointFit) -> HeldOut:
         self._say("held-out views")
         return hold_out(model, self.observations, joint, half=model.path.shutter)
-
-    def _surroundings(self, place: Tensor | None) -> Surroundings:
-        return Surroundings(
-            self.board, self.width, self.height, self.model.path, self.joint.values, frozenset(self.model.free), self.timed, place
-        )
 
     def _note_confounded(self, scores: Sequence[Columns]) -> None:
         """Pairs of which the whole of the one that has fewer directions can be done by the other."""

@@ -6,11 +6,12 @@ import numpy as np
 import torch
 
 from calib.calibration import Calibration
-from calib.diagnosis.base import base_model
+from calib.diagnosis.base import model_of
 from calib.diagnosis.columns import Optimum
 from calib.diagnosis.result import frame_order, with_fit
-from calib.diagnosis.suspect import suspect
-from calib.effects.effect import Effect, Surroundings
+from calib.diagnosis.suspect import surroundings
+from calib.effects.effect import Effect
+from calib.effects.fine_surface import FineSurface
 from calib.effects.free_field import FreeField
 from calib.effects.registry import EFFECTS
 from calib.errors import InputError
@@ -36,20 +37,11 @@ def with_named(calibration: Calibration, names: Sequence[str], progress: Progres
     observations = calibration.observations.timed(order.times, calibration.camera.height)
     advance = progress.task("Effects", len(names))
     with single_thread():
-        model = base_model(calibration)
+        model = model_of(calibration)
         joint = model.fitted(observations, torch.from_numpy(calibration.poses))
         for done, name in enumerate(names, start=1):
             at = Optimum(model, observations, joint)
-            there = Surroundings(
-                calibration.board,
-                calibration.camera.width,
-                calibration.camera.height,
-                model.path,
-                joint.values,
-                frozenset(model.free),
-                order.from_file,
-                suspect(at) if name == "fine_surface" else None,
-            )
+            there = surroundings(at, calibration.board, calibration.camera, place=name == FineSurface.name)
             forms = kinds[name].propose(there)
             if not forms:
                 raise InputError(f"--effects {name}: this set-up can have no {name}, or the fit estimates it already: leave it out.")

@@ -6,7 +6,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from calib.board import Board
+from calib.camera import Camera
 from calib.diagnosis.columns import Optimum
+from calib.effects.effect import Surroundings
 from calib.landing import landings, pixel_weights
 from calib.optics.relief import Relief
 from calib.problem import LandingProblem, Shared, view_precision
@@ -48,3 +51,9 @@ def suspect(at: Optimum) -> Tensor | None:
     best = int(score.argmax())
     along = [torch.linspace(low, high, n, dtype=torch.float64) for low, high, n in zip(fine.low, fine.high, fine.grid, strict=True)]
     return torch.stack([along[0][best // columns], along[1][best % columns]])
+
+
+def surroundings(at: Optimum, board: Board, camera: Camera, *, place: bool) -> Surroundings:
+    """What effects may go by there; the place on the glass only if it is asked for, as it takes a while."""
+    free = frozenset(at.model.free)
+    return Surroundings(board, camera.width, camera.height, at.model.path, at.joint.values, free, suspect(at) if place else None)

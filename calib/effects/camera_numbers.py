@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
@@ -35,5 +36,5 @@ class CameraEffect(Effect):
     def apply(self, path: Path) -> Path:
         return replace(path, adjustments=(*path.adjustments, self))
 
-    def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
-        raise NotImplementedError
+    @abstractmethod
+    def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]: ...

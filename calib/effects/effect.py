@@ -24,6 +24,10 @@ class Unknown:
     start: float | None = None
     """Where a fit with it begins, and the middle of the prior; None: at the neutral value."""
 
+    @property
+    def begin(self) -> float:
+        return self.neutral if self.start is None else self.start
+
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
@@ -39,8 +43,6 @@ class Surroundings:
     """Of the path as it is fitted."""
     estimated: frozenset[str] = frozenset()
     """Numbers that the fit estimates already."""
-    timed: bool = False
-    """Whether frames.csv says when each picture was taken; otherwise the order of the files stands for it."""
     suspect: Tensor | None = None
     """(2,) chart coordinates of the glass where the residual asks for a finer relief."""
 

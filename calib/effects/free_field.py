@@ -56,11 +56,11 @@ class FreeField(Effect):
         """(...) m or px by which a point is moved."""
         u, v = ((at - low) / (high - low) for at, low, high in zip((x, y), self.low, self.high, strict=True))
         order = torch.arange(WAVES, dtype=x.dtype, device=x.device) * torch.pi
-        across, down = (torch.cos(at.unsqueeze(-1) * order) for at in (u, v))  # (..., WAVES)
+        along_x, along_y = (torch.cos(at.unsqueeze(-1) * order) for at in (u, v))  # (..., WAVES)
         falls = 1 / (1 + (order[:, None] ** 2 + order**2) / torch.pi**2 / 4)  # smooth rather than rough
-        waves = ((across.unsqueeze(-1) * down.unsqueeze(-2)) * falls).flatten(-2)  # (..., WAVES^2)
-        right, low = ((values[param.name] * waves).sum(-1) for param in self.params)
-        return right, low
+        waves = ((along_x.unsqueeze(-1) * along_y.unsqueeze(-2)) * falls).flatten(-2)  # (..., WAVES^2)
+        right, down = ((values[param.name] * waves).sum(-1) for param in self.params)
+        return right, down
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
         return pixels + torch.stack(self.shift(pixels[..., 0], pixels[..., 1], values), -1), values

@@ -84,6 +84,15 @@ def test_an_effect_can_be_asked_for_by_name(bowed: Calibration) -> None:
         with_named(bowed, ("flat_port",), Silent())
 
 
+def test_what_was_added_before_and_is_not_needed_is_dropped(bowed: Calibration) -> None:
+    """A pull of the detector that nobody sees, and the bow that everybody does."""
+    said = with_named(bowed, ("detector_bias", "board_bow"), Silent())
+    better, finding = diagnose(said, Silent())
+    assert finding.accepted == ("board_bow",)
+    assert [type(bend) for bend in better.model()[0].target.bends] == [BoardBow]
+    assert not better.model()[0].adjustments
+
+
 def test_too_few_views_are_refused_in_a_sentence() -> None:
     with pytest.raises(NotEnoughDataError, match="needs 10 or more"):
         diagnose(fitted(hidden(None, {}, views=8)), Silent())

@@ -68,7 +68,7 @@ class Situation:
 
     def surroundings(self, estimated: Sequence[str] = (), suspect: bool = True) -> Surroundings:
         place = torch.tensor([sum(ends) / 2 for ends in zip(self.relief.low, self.relief.high, strict=True)]) if self.relief else None
-        return Surroundings(BOARD, WIDTH, HEIGHT, self.path, self.values, frozenset(estimated), True, place if suspect else None)
+        return Surroundings(BOARD, WIDTH, HEIGHT, self.path, self.values, frozenset(estimated), place if suspect else None)
 
     def calibration(self, effects: Sequence[Found] = (), poses: Tensor | None = None) -> Calibration:
         return Calibration(

@@ -177,9 +177,8 @@ def _landing(form: Form, values: dict[str, Tensor], poses: Tensor, *, relief_mov
 def _compare(analytic: Tensor, numeric: Tensor, name: str) -> None:
     size = numeric.abs().max()
     assert size > SMALLEST, f"{name} moves no landing"
-    # rounding of the differences; 4e-6 for the outermost of the finest bumps, which few rays meet
     worst = (analytic - numeric).abs().max() / size
-    assert worst < 1e-5, f"{name}: off by {worst:.1e} of its own size"
+    assert worst < (1e-5 if name.startswith("fine_surface") else 1e-6), f"{name}: off by {worst:.1e} of its own size"
 
 
 def _numbers(form: Form, values: dict[str, Tensor]) -> Numbers:
