@@ -17,6 +17,17 @@ def depth(text: str) -> float:
     return metres
 
 
+def positive(text: str) -> float:
+    """A finite number above 0."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not 0 < number < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r} will not do: write a number above 0")
+    return number
+
+
 def add_depths(parser: argparse.ArgumentParser, *, required: bool) -> None:
     parser.add_argument(
         "--depth", type=depth, nargs="+", action="extend", default=[], required=required, metavar="M", help="depth of a map, in metres"

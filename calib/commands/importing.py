@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("mrcal", "FILE.cameramodel", "a camera model with its optimization inputs"),
         ("mrcal-corners", "CORNERS.vnl", "corners found by mrgingham or another detector"),
         ("ros", "FILE.tar.gz", "the archive of ROS's camera_calibration"),
-        ("kalibr", "FOLDER", "camchain.yaml, target.yaml and the pictures in cam0/; checkerboards only"),
+        ("kalibr", "FOLDER", "camchain.yaml, target.yaml and the pictures in cam0/, cam1/, ...; checkerboards only"),
         ("images", "FOLDER", "pictures of a checkerboard"),
     ):
         own = sources.add_parser(name, help=words, description=words[0].upper() + words[1:] + ".")
@@ -33,6 +33,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             required = name != "kalibr"
             own.add_argument("--board", type=_size, required=required, metavar="AxB", help="inner corners, columns x rows")
             own.add_argument("--square-mm", type=_millimetres, required=required, metavar="S", help="side of a square")
+        if name == "ros":
+            own.add_argument("--camera", choices=("left", "right"), help="which one of a stereo pair")
+        if name == "kalibr":
+            own.add_argument("--camera", metavar="camN", help="which one, where camchain.yaml describes several")
         if name == "mrcal-corners":
             own.add_argument("--size", type=_size, required=True, metavar="WxH", help="of the pictures, in px")
         add_output(own, "the new session folder", required=True)
@@ -54,11 +58,11 @@ def _draft(args: argparse.Namespace) -> "Draft":
         return mrcal.from_cameramodel(args.path)
     board = _board(args)
     if args.source == "kalibr":
-        return kalibr.from_kalibr(args.path, board)
+        return kalibr.from_kalibr(args.path, board, args.camera)
     assert board
     if args.source == "mrcal-corners":
         return mrcal.from_corners(args.path, board, args.size)
-    return ros.from_tar(args.path, board) if args.source == "ros" else pictures.from_pictures(args.path, board)
+    return ros.from_tar(args.path, board, args.camera) if args.source == "ros" else pictures.from_pictures(args.path, board)
 
 
 def _board(args: argparse.Namespace) -> "Board | None":

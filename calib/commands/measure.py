@@ -13,7 +13,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calib.commands.arguments import add_calibration, depth
+from calib.commands.arguments import add_calibration, depth, positive
 
 if TYPE_CHECKING:
     from calib.measure import Measured
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     poses = "a CSV file of T_camera_board for each picture, image,rx,ry,rz,tx,ty,tz in rad and m, instead of looking for boards"
     parser.add_argument("--poses", type=Path, metavar="FILE", help=poses)
     noise = "noise of the given pixels, per axis; by default that of the calibration's corners, which a click seldom reaches"
-    parser.add_argument("--noise", type=_noise, metavar="PX", help=noise)
+    parser.add_argument("--noise", type=positive, metavar="PX", help=noise)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
@@ -95,13 +95,3 @@ def _cell(metres: float, sigma: float) -> str:
         return "not seen"
     digits = 6 if sigma <= 0 else max(0, min(9, -math.floor(math.log10(sigma / 2))))
     return f"{metres:.{digits}f} ± {sigma:.{digits}f}"
-
-
-def _noise(text: str) -> float:
-    try:
-        pixels = float(text)
-    except ValueError:
-        pixels = math.nan
-    if not 0 < pixels < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a noise: write px above 0, such as 0.5")
-    return pixels

@@ -1,8 +1,9 @@
-"""Kalibr: a folder with camchain.yaml, the target's yaml and the first camera's pictures in cam0/.
+"""Kalibr: a folder with camchain.yaml, the target's yaml and each camera's pictures in cam0/, cam1/, ...
 
 Kalibr's bag is to be unpacked first (kalibr_bagextractor). Only checkerboards: calib does not detect Kalibr's aprilgrid.
 """
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -16,13 +17,13 @@ from calib.importing.pictures import contents
 from calib.schema import Quantity, Section
 from calib.strict_yaml import read_yaml
 
-PICTURES = ("cam0", "cam0/data", "images", ".")
-"""Where they are looked for, in this order."""
+CAMERA = re.compile("cam[0-9]+")
 SPACING = tuple(Quantity(key, low=1e-4, high=100.0) for key in ("colSpacingMeters", "rowSpacingMeters"))
 
 
-def from_kalibr(folder: Path, board: Board | None) -> Draft:
-    """The first camera's pictures. `board` is needed where no target.yaml describes it, and wins over one."""
+def from_kalibr(folder: Path, board: Board | None, camera: str | None) -> Draft:
+    """One camera's pictures. `board` is needed where no target.yaml describes it, and wins over one; `camera`, such as cam1, where
+    camchain.yaml describes several."""
     with reading(folder):
         if not folder.is_dir():
             raise InputError(f"{folder} is not a folder: give the folder that holds Kalibr's camchain.yaml and the pictures in cam0/.")
@@ -31,13 +32,18 @@ def from_kalibr(folder: Path, board: Board | None) -> Draft:
     chain = next((section for section in said.values() if "cam0" in section.values), None)
     if chain is None:
         raise InputError(f"{folder} has no camchain.yaml with a cam0: give the folder that holds the one that Kalibr wrote.")
+    cameras = [key for key in chain.values if CAMERA.fullmatch(key)]
+    own = camera or "cam0"
+    if own not in cameras or (camera is None and len(cameras) > 1):
+        raise InputError(f"{chain.file} describes {', '.join(cameras)}: choose one of them, such as --camera cam0.")
     board = board or _board(folder, said.values())
-    camera = _camera(chain.section("cam0", "{camera_model: pinhole, resolution: [752, 480]}"))
+    described = _camera(chain.section(own, "{camera_model: pinhole, resolution: [752, 480]}"))
+    places = (own, f"{own}/data", *(("images", ".") if len(cameras) == 1 else ()))
     with reading(folder):
-        paths = next((found for name in PICTURES if (folder / name).is_dir() and (found := list_images(folder / name))), ())
+        paths = next((found for name in places if (folder / name).is_dir() and (found := list_images(folder / name))), ())
     if not paths:
-        raise InputError(f"{folder} has no pictures in cam0/: unpack Kalibr's bag there (kalibr_bagextractor).")
-    return Draft(folder, board, camera, frames=contents(paths))
+        raise InputError(f"{folder} has no pictures in {own}/: unpack Kalibr's bag there (kalibr_bagextractor).")
+    return Draft(folder, board, described, frames=contents(paths))
 
 
 def _camera(section: Section) -> Camera:

@@ -1,6 +1,7 @@
-"""ROS: the calibrationdata.tar.gz that camera_calibration's Save button writes: left-0000.png ... and ost.yaml.
+"""ROS: the calibrationdata.tar.gz that camera_calibration's Save button writes.
 
-Nothing in it says which board was used.
+One camera: left-0000.png ... and ost.yaml. A stereo pair: left-0000.png ..., right-0000.png ..., left.yaml and right.yaml. Nothing in it
+says which board was used.
 """
 
 import gzip
@@ -20,28 +21,31 @@ from calib.importing.draft import Draft
 from calib.schema import Section
 from calib.strict_yaml import read_yaml
 
-PICTURE = re.compile(r"left-[0-9]+\.png")
-SETTINGS = ("ost.yaml", "left.yaml")
-"""What one camera's, and a stereo pair's left one's, calibration is called."""
+PICTURE = re.compile(r"(left|right)-[0-9]+\.png")
 LARGEST = 1 << 20
 """bytes of a settings file: a larger one is something else."""
 
 
-def from_tar(path: Path, board: Board) -> Draft:
-    """The left camera's pictures."""
+def from_tar(path: Path, board: Board, camera: str | None) -> Draft:
+    """One camera's pictures; which one of a stereo pair, `camera` says: left or right."""
     with _opened(path) as tar:
         members = {Path(member.name).name: member for member in tar if member.isfile()}
-        pictures = sorted(name for name in members if PICTURE.fullmatch(name))
-        settings = next((name for name in SETTINGS if name in members), None)
-        if not pictures or settings is None:
+        sides = {name: match[1] for name in members if (match := PICTURE.fullmatch(name))}
+        pair = len(set(sides.values())) == 2
+        if pair and camera is None:
+            raise InputError(f"{path} holds the pictures of two cameras: choose one with --camera left or --camera right.")
+        side = camera or "left"
+        pictures = frozenset(name for name in sides if sides[name] == side)
+        settings = f"{side}.yaml" if pair else "ost.yaml"
+        if not pictures or settings not in members:
             raise InputError(
-                f"{path} lacks {'left-*.png' if not pictures else 'ost.yaml'}: give the calibrationdata.tar.gz that ROS's "
+                f"{path} lacks {settings if pictures else f'{side}-*.png'}: give the calibrationdata.tar.gz that ROS's "
                 "camera_calibration saved, or unpack it and use calib import images."
             )
         if members[settings].size > LARGEST:
             raise InputError(f"{path}: {settings} is too large to be a camera's settings: give the archive that ROS saved.")
-        camera = _camera(path, settings, _read(tar, members[settings]))
-    return Draft(path, board, camera, frames=_pictures(path, frozenset(pictures)))
+        described = _camera(path, settings, _read(tar, members[settings]))
+    return Draft(path, board, described, frames=_pictures(path, pictures))
 
 
 def _camera(path: Path, name: str, data: bytes) -> Camera:

@@ -113,9 +113,24 @@ distortion_model: plumb_bob
 
 
 def tar(path: Path, settings: str = OST, extra: tuple[str, ...] = ()) -> Path:
-    """ROS's calibrationdata.tar.gz."""
-    files = {f"left-{number:04d}.png": cv2.imencode(".png", picture)[1].tobytes() for number, picture in enumerate(pictures())}
-    files |= {"ost.yaml": settings.encode(), "ost.txt": b"# oST version 5.0 parameters\n"} | dict.fromkeys(extra, b"x")
+    """ROS's calibrationdata.tar.gz of one camera."""
+    return _pack(path, _pngs("left") | {"ost.yaml": settings.encode()} | dict.fromkeys(extra, b"x"))
+
+
+def stereo_tar(path: Path, without: str = "") -> Path:
+    """The same of a stereo pair, whose right camera sees everything upside down."""
+    settings = {f"{side}.yaml": OST.replace("narrow_stereo", f"narrow_stereo/{side}").encode() for side in ("left", "right")}
+    files = _pngs("left") | _pngs("right", turned=True) | settings
+    return _pack(path, {name: data for name, data in files.items() if name != without})
+
+
+def _pngs(side: str, *, turned: bool = False) -> dict[str, bytes]:
+    seen = [np.ascontiguousarray(picture[::-1, ::-1]) if turned else picture for picture in pictures()]
+    return {f"{side}-{number:04d}.png": cv2.imencode(".png", picture)[1].tobytes() for number, picture in enumerate(seen)}
+
+
+def _pack(path: Path, files: dict[str, bytes]) -> Path:
+    files |= {"ost.txt": b"# oST version 5.0 parameters\n"}
     with tarfile.open(path, "w:gz") as archive:
         for name, data in files.items():
             member = tarfile.TarInfo(name)
@@ -139,6 +154,10 @@ targetRows: 6
 rowSpacingMeters: 0.025      #size of one chessboard square [m]
 colSpacingMeters: 0.025
 """
+
+
+SECOND = CAMCHAIN.replace("cam0", "cam1") + "  T_cn_cnm1:\n" + "  - [1.0, 0.0, 0.0, 0.0]\n" * 4
+"""cam1 of the same chain; its pictures are not made here."""
 
 
 def kalibr(folder: Path, chain: str = CAMCHAIN, target: str = TARGET) -> Path:

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -11,7 +12,7 @@ from calib.session import Session, read_session
 from calib.views import View
 from calib.vnlog import read_corners, write_corners
 from tests.importing import recordings
-from tests.importing.recordings import BOARD, MATRIX, SIZE
+from tests.importing.recordings import BOARD, CAMCHAIN, MATRIX, SECOND, SIZE
 
 AND_BOARD = ["--board", "7x6", "--square-mm", "25"]
 
@@ -82,8 +83,29 @@ def test_a_board_given_wins_over_kalibr_s_target(tmp_path: Path) -> None:
     assert session.board.square == 0.03
 
 
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_either_camera_of_a_stereo_tar(side: str, tmp_path: Path) -> None:
+    archive = recordings.stereo_tar(tmp_path / "calibrationdata.tar.gz")
+    session = imported(["ros", str(archive), *AND_BOARD, "--camera", side], tmp_path / "s")
+    assert session.camera.model == f"narrow_stereo/{side}"
+    assert [path.name for path in session.frames] == [f"{side}-{i:04d}.png" for i in range(8)]
+    first = recordings.pictures()[0]
+    kept = cv2.imread(str(session.frames[0]), cv2.IMREAD_GRAYSCALE)
+    assert kept is not None
+    assert np.array_equal(kept, first if side == "left" else first[::-1, ::-1])
+
+
+def test_either_camera_of_a_kalibr_chain(tmp_path: Path) -> None:
+    folder = recordings.kalibr(tmp_path / "k", chain=CAMCHAIN + SECOND.replace("[640, 480]", "[320, 240]"))
+    (folder / "cam1").mkdir()
+    cv2.imwrite(str(folder / "cam1" / "a.png"), np.zeros((240, 320), np.uint8))
+    first = imported(["kalibr", str(folder), "--camera", "cam0"], tmp_path / "first")
+    second = imported(["kalibr", str(folder), "--camera", "cam1"], tmp_path / "second")
+    assert ((first.camera.width, len(first.frames)), (second.camera.width, len(second.frames))) == ((640, 8), (320, 1))
+
+
 def test_the_picture_s_names_in_a_tar_lead_nowhere_else(tmp_path: Path) -> None:
-    archive = recordings.tar(tmp_path / "c.tar.gz", extra=("../../evil.png", "right-0001.png", "../left-9999.txt"))
+    archive = recordings.tar(tmp_path / "c.tar.gz", extra=("../../evil.png", "rear-0001.png", "../left-9999.txt"))
     session = imported(["ros", str(archive), *AND_BOARD], tmp_path / "in" / "s")
     assert len(session.frames) == 8
     assert sorted(path.name for path in (tmp_path / "in").iterdir()) == ["s"]

@@ -10,7 +10,7 @@ import pytest
 
 from calib.cli import main
 from tests.importing import recordings
-from tests.importing.recordings import CAMCHAIN, OST, TARGET
+from tests.importing.recordings import CAMCHAIN, OST, SECOND, TARGET
 
 BOARD = ("--board", "7x6", "--square-mm", "25")
 
@@ -57,6 +57,10 @@ def cut_tar(folder: Path) -> Path:
 
 def tar(settings: str = OST) -> Callable[[Path], Path]:
     return lambda folder: recordings.tar(folder / "c.tar.gz", settings)
+
+
+def stereo(without: str = "") -> Callable[[Path], Path]:
+    return lambda folder: recordings.stereo_tar(folder / "c.tar.gz", without)
 
 
 def kalibr(chain: str = CAMCHAIN, target: str = TARGET) -> Callable[[Path], Path]:
@@ -113,6 +117,11 @@ REFUSED = (
     Refused("tar with other settings", "ros", tar("image_width: wide\n"), 'c.tar.gz, ost.yaml: image_width is the text "wide"'),
     Refused("tar with bad yaml", "ros", tar("image_width: [\n"), "c.tar.gz, ost.yaml, line"),
     Refused("tar of another size", "ros", tar(OST.replace("640", "320")), "left-0000.png is 640x480 px"),
+    Refused(
+        "tar of a pair", "ros", stereo(), "c.tar.gz holds the pictures of two cameras: choose one with --camera left or --camera right."
+    ),
+    Refused("tar of a pair without yaml", "ros", stereo("right.yaml"), "c.tar.gz lacks right.yaml: give", (*BOARD, "--camera", "right")),
+    Refused("tar of one camera", "ros", tar(), "c.tar.gz lacks right-*.png: give", (*BOARD, "--camera", "right")),
     Refused("kalibr missing", "kalibr", lambda folder: folder / "none", "none is not a folder", ()),
     Refused("kalibr without chain", "kalibr", kalibr(chain="cam1: {}\n"), "has no camchain.yaml with a cam0", ()),
     Refused("kalibr without target", "kalibr", kalibr(target=""), "add --board and --square-mm", ()),
@@ -126,6 +135,21 @@ REFUSED = (
     ),
     Refused("kalibr oblong", "kalibr", kalibr(target=TARGET.replace("colSpacingMeters: 0.025", "colSpacingMeters: 1")), "only square", ()),
     Refused("kalibr resolution", "kalibr", kalibr(chain=CAMCHAIN.replace("[640, 480]", "640")), "cam0.resolution is 640: write [width", ()),
+    Refused(
+        "kalibr with two cameras",
+        "kalibr",
+        kalibr(chain=CAMCHAIN + SECOND),
+        "camchain-bag.yaml describes cam0, cam1: choose one of them, such as --camera cam0.",
+        (),
+    ),
+    Refused("kalibr another camera", "kalibr", kalibr(), "describes cam0: choose one of them", ("--camera", "cam1")),
+    Refused(
+        "kalibr without the second's pictures",
+        "kalibr",
+        kalibr(chain=CAMCHAIN + SECOND),
+        "has no pictures in cam1/: unpack Kalibr's bag there",
+        ("--camera", "cam1"),
+    ),
     Refused("kalibr without pictures", "kalibr", no_pictures, "has no pictures in cam0/", ()),
     Refused("images missing", "images", lambda folder: folder / "none", "none is not a folder"),
     Refused("images a file", "images", text("a.png", "x"), "a.png is not a folder"),
