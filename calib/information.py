@@ -17,15 +17,14 @@ from calib.landing import landings, pixel_weights
 from calib.observations import Observations
 from calib.optics.build import covered_path, footprint, with_relief
 from calib.optics.params import Values
-from calib.optics.path import Path, by_row
+from calib.optics.path import Path
 from calib.optics.project import project
-from calib.optics.rays import Rays
-from calib.optics.relief import PROBES, Relief
-from calib.optics.vector import Vector
+from calib.optics.relief import Relief
 from calib.poses import pinhole_poses, refine_poses
 from calib.prior import Smoothness, basis
 from calib.priors import freed
 from calib.progress import Silent
+from calib.slopes import undistorted_slopes
 from calib.stages import Settings, Setup, fit_stages
 from calib.views import View
 
@@ -73,28 +72,6 @@ class Model:
                 views.append((rest.mT @ rest).numpy())
         return np.array(views)
 
-    def slopes(self, pixels: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """How the undistorted position A + B / Z of (N, 2) px changes.
-
-        Returns:
-            (N, 2, 2, S) of A and B, x and y each, by the shared numbers; (N, 2, 2, 6) by a small rotation (rad) and translation (m) of all
-            rays; (N,) where there is no ray.
-        """
-        rows = len(pixels)
-        numbers = [self.values[name].expand(rows).clone().requires_grad_() for name in self.scales]
-        probes = [torch.zeros(rows, dtype=torch.float64, requires_grad=True) for _ in PROBES]
-        motion = torch.zeros(rows, 6, dtype=torch.float64, requires_grad=True)
-        probed = {**self.values, **dict(zip(self.scales, numbers, strict=True)), **dict(zip(PROBES, probes, strict=True))}
-        with torch.enable_grad():
-            rays = self.path.trace(torch.from_numpy(pixels), probed)
-            by_motion, *rest = by_row(self._undistorted(rays, motion), [motion, *probes, *numbers])
-        columns = [d.unsqueeze(-1) * scale for d, scale in zip(rest[len(probes) :], self.scales.values(), strict=True)]
-        outer = self.path.cover[-1]
-        where = outer.surface.chart(outer.frame.enter(rays.origin.detach(), self.values))
-        columns.insert(0, self.relief.spread(torch.stack(rest[: len(probes)], -1), where))
-        shape = rows, 2, 2, -1
-        return torch.cat(columns, -1).reshape(shape).numpy(), by_motion.reshape(shape).numpy(), (rays.failure != 0).numpy()
-
     def glass(self, pixels: Array) -> Array:
         """(N, 2) where on the relief's patch the rays of (N, 2) px leave the glass, down and across, each from 0 to 1."""
         outer = self.path.cover[-1]
@@ -102,15 +79,6 @@ class Model:
         at = torch.stack(outer.surface.chart(outer.frame.enter(rays.origin, self.values)), -1).numpy()
         low, high = np.array(self.relief.low), np.array(self.relief.high)
         return np.where((rays.failure != 0).numpy()[:, None], np.nan, (at - low) / (high - low))
-
-    def _undistorted(self, rays: Rays, motion: Tensor) -> Tensor:
-        """(N, 4) A and B of rays after a small motion. The picture's own pinhole is held."""
-        turn, shift = Vector.of(motion[:, :3]), Vector.of(motion[:, 3:])
-        direction = rays.direction + turn.cross(rays.direction)
-        origin = rays.origin + turn.cross(rays.origin) + shift
-        fx, fy = (float(self.values[f"camera.{name}"]) for name in ("fx", "fy"))
-        across, down = direction.x / direction.z, direction.y / direction.z
-        return torch.stack([fx * across, fy * down, fx * (origin.x - across * origin.z), fy * (origin.y - down * origin.z)], -1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,7 +139,7 @@ def survey(model: Model, board: Board, camera: Camera, poses: Array, cells: tupl
     views = tuple(View(str(index), seen, np.ones(board.count)) for index, seen in enumerate(corners))
     x, y = ((np.arange(n) + 0.5) / n * length - 0.5 for n, length in zip(cells[::-1], (camera.width, camera.height), strict=True))
     pixels = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
-    slopes, motions, lost = model.slopes(pixels)
+    slopes, motions, lost = undistorted_slopes(model.path, model.values, model.scales, pixels)
     at = np.stack([np.ones_like(depths), 1 / depths])
     changed, moved = (np.einsum("nabs,ad->ndbs", part[~lost], at).reshape(-1, part.shape[-1]) for part in (slopes, motions))
     slopes = slopes - motions @ np.linalg.lstsq(moved, changed, rcond=None)[0]

@@ -13,17 +13,14 @@ import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from calib.calibration import Calibration
-from calib.landing import ROWS, joined
+from calib.landing import ROWS
 from calib.maps import DepthMap
 from calib.optics.params import Values
-from calib.optics.path import Path, by_row
-from calib.optics.rays import Rays
-from calib.optics.relief import PROBES
-from calib.optics.vector import Vector
+from calib.optics.path import Path
 from calib.priors import freed
+from calib.slopes import undistorted_slopes
 
 Array = NDArray[np.float64]
 
@@ -113,53 +110,23 @@ class _Model:
         added = {name for found in calibration.effects for name in found.numbers}
         free = added | set(freed(calibration.camera.intrinsics, calibration.cover, path))
         scales = {param.name: param.scale for param in path.params if param.name in free}
-        still = _Model(path, values, scales, np.zeros((6, len(calibration.covariance))))
         observations = calibration.observations
         poses = torch.from_numpy(calibration.poses)[observations.view]
         depth = path.place(observations.corners, observations.told(values), poses)[:, 2].numpy()
-        normal, pull = np.zeros((6, 6)), np.zeros(still.motion.shape)
+        normal, pull = np.zeros((6, 6)), np.zeros((6, len(calibration.covariance)))
         for first in range(0, len(depth), ROWS):
             some = slice(first, first + ROWS)
-            changes, motions, lost = still._slopes(observations.pixels[some].numpy())
+            changes, motions, lost = undistorted_slopes(path, values, scales, observations.pixels[some].numpy())
             at = np.stack([np.ones_like(depth[some]), 1 / depth[some]], -1)[:, :, None, None] * ~lost[:, None, None, None]
-            seen, moved = ((at * part.reshape(len(at), 2, 2, -1)).sum(1).reshape(2 * len(at), -1) for part in (changes, motions))
+            seen, moved = ((at * part).sum(1).reshape(2 * len(at), -1) for part in (changes, motions))
             normal += moved.T @ moved
             pull += moved.T @ seen
         return _Model(path, values, scales, np.asarray(np.linalg.solve(normal, pull), dtype=np.float64))
 
     def changes(self, pixels: Array) -> tuple[Array, NDArray[np.bool_]]:
         """(N, 4, S) derivatives of A and B by the shared numbers, the hidden motion taken out, and (N,) where there is no ray."""
-        changes, motions, lost = self._slopes(pixels)
-        return changes - motions @ self.motion, lost
-
-    def _slopes(self, pixels: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """(N, 4, S) by the shared numbers, (N, 4, 6) by a rigid motion of the rays, (N,) where there is no ray."""
-        rows = len(pixels)
-        numbers = [self.values[name].expand(rows, *self.values[name].shape).clone().requires_grad_() for name in self.scales]
-        relief = self.path.cover[-1].relief if self.path.cover else None
-        probes = [torch.zeros(rows, dtype=torch.float64, requires_grad=True) for _ in PROBES] if relief else []
-        motion = torch.zeros(rows, 6, dtype=torch.float64, requires_grad=True)
-        probed = {**self.values, **dict(zip(self.scales, numbers, strict=True)), **dict(zip(PROBES, probes, strict=False))}
-        with torch.enable_grad():
-            rays = self.path.trace(torch.from_numpy(pixels), probed)
-            by_motion, *rest = by_row(self._undistorted(rays, motion), [motion, *probes, *numbers])
-        columns = [joined([slope]) * scale for slope, scale in zip(rest[len(probes) :], self.scales.values(), strict=True)]
-        if relief:
-            outer = self.path.cover[-1]
-            _, adjusted = self.path.adjusted(torch.from_numpy(pixels), self.values)
-            where = outer.surface.chart(outer.frame.enter(rays.origin.detach(), adjusted))
-            columns.insert(0, relief.spread(torch.stack(rest[: len(probes)], -1), where))
-        return torch.cat(columns, -1).numpy(), by_motion.numpy(), (rays.failure != 0).numpy()
-
-    def _undistorted(self, rays: Rays, motion: Tensor) -> Tensor:
-        """(N, 4) A and B of rays after a small rotation (rad) and translation (m). The picture's own pinhole is held."""
-        turn, shift = Vector.of(motion[:, :3]), Vector.of(motion[:, 3:])
-        direction = rays.direction + turn.cross(rays.direction)
-        origin = rays.origin + turn.cross(rays.origin) + shift
-        fx, fy, cx, cy = (float(self.values[f"camera.{name}"]) for name in ("fx", "fy", "cx", "cy"))
-        across, down = direction.x / direction.z, direction.y / direction.z
-        infinite = [fx * across + cx, fy * down + cy]
-        return torch.stack([*infinite, fx * (origin.x - across * origin.z), fy * (origin.y - down * origin.z)], -1)
+        changes, motions, lost = undistorted_slopes(self.path, self.values, self.scales, pixels)
+        return (changes - motions @ self.motion).reshape(len(pixels), 4, changes.shape[-1]), lost
 
 
 def _among(at: NDArray[np.floating], nodes: Array) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:

@@ -17,6 +17,7 @@ from calib.information import Estimate, estimate
 from calib.landing import landings, pixel_weights
 from calib.prior import Smoothness
 from calib.priors import freed
+from calib.slopes import undistorted_slopes
 from calib.solve import normal_equations
 from calib.stages import Settings, Setup
 from calib.uncertainty import predicted_sigma
@@ -54,7 +55,7 @@ def some_poses() -> np.ndarray:
 def test_the_slopes_are_central_differences_of_rays(few: Estimate) -> None:
     model = few.model
     pixels = np.array([[300.0, 200], [1600, 1200], [3000, 2300]])
-    slopes, motions, lost = model.slopes(pixels)
+    slopes, motions, lost = undistorted_slopes(model.path, model.values, model.scales, pixels)
     assert not lost.any()
     names = list(model.scales)
     assert {"cover.thickness", "camera.fx"} <= set(names)
@@ -128,7 +129,8 @@ def test_modes_that_are_left_out_change_nothing(few: Estimate, setup: Setup) -> 
     precision[amplitudes:, amplitudes:] = np.diag(fixed)
     covariance = np.linalg.inv(information + precision)
     x, y = ((np.arange(n) + 0.5) / n * length - 0.5 for n, length in zip(CELLS[::-1], (CAMERA.width, CAMERA.height), strict=True))
-    slopes, motions, _ = model.slopes(np.stack(np.meshgrid(x, y), -1).reshape(-1, 2))
+    pixels = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
+    slopes, motions, _ = undistorted_slopes(model.path, model.values, model.scales, pixels)
     at = np.stack([np.ones_like(DEPTHS), 1 / DEPTHS])
     changed, moved = (np.einsum("nabs,ad->ndbs", part, at).reshape(-1, part.shape[-1]) for part in (slopes, motions))
     left = changed - moved @ np.linalg.lstsq(moved, changed, rcond=None)[0]

@@ -5,9 +5,10 @@ v4l2:/dev/video0?size=1640x1232. A session that has pictures is continued. Ctrl-
 """
 
 import argparse
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from calib.commands.arguments import positive
 
 if TYPE_CHECKING:
     from calib.board import Board
@@ -17,12 +18,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("session", type=Path, metavar="SESSION", help="the session folder, which is made if need be")
     parser.add_argument("--source", required=True, help="where frames come from; `capture sources` lists the cameras")
     parser.add_argument("--board", type=_board, metavar="CxR", help="inner corners of the board, such as 9x6, for a new session")
-    parser.add_argument("--square-mm", type=_positive, metavar="MM", help="side of a square, for a new session")
+    parser.add_argument("--square-mm", type=positive, metavar="MM", help="side of a square, for a new session")
     parser.add_argument("--cover-from", type=Path, metavar="FILE", help="session.yaml that describes cover and camera of a new session")
     parser.add_argument("--bare", action="store_true", help="the cover is off: record into bare/")
     parser.add_argument("--views", type=_count, metavar="N", help="views to keep, then end (default: 30; with --all, no end)")
     parser.add_argument("--burst", type=_count, default=1, metavar="N", help="pictures of each view, of the still board (default: 1)")
-    parser.add_argument("--every", type=_positive, default=0.0, metavar="S", help="the least time between two views, in seconds")
+    parser.add_argument("--every", type=positive, default=0.0, metavar="S", help="the least time between two views, in seconds")
     parser.add_argument("--all", action="store_true", help="keep every frame, whatever is in it")
     parser.add_argument("--json", action="store_true", help="print one JSON object at the end")
 
@@ -96,13 +97,3 @@ def _count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number of them: write a whole number above 0")
     return int(text)
-
-
-def _positive(text: str) -> float:
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not 0 < number < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r} will not do: write a number above 0")
-    return number

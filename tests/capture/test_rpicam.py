@@ -57,8 +57,7 @@ PICTURES = noise(3, WIDTH, HEIGHT)
 SOURCE = f"rpicam:0?size={WIDTH}x{HEIGHT}&exposure_us=8000&gain=1&lens_position=2.0&fps=20"
 
 
-@pytest.fixture
-def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder of the stand-in, which is on the PATH."""
     folder = tmp_path / "bin"
     folder.mkdir()
@@ -67,6 +66,11 @@ def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (folder / "grey").write_bytes(b"".join(picture.tobytes() for picture in PICTURES))
     monkeypatch.setenv("PATH", str(folder), prepend=":")
     return folder
+
+
+@pytest.fixture
+def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    return stand_in(tmp_path, monkeypatch)
 
 
 def frames_of(program: Path, script: str) -> list[Frame]:
