@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from calib.report.displacement import Displacement, lattice
 from calib.report.evidence import Array, Evidence
 from calib.report.figure import Drawing
-from calib.report.ink import FAINT, INK, MORE, SERIES, colour_bar, draw, fitted, image_axes, side_by_side
+from calib.report.ink import FAINT, INK, MORE, SERIES, colour_bar, draw, fitted, image_axes, label_lines, side_by_side
 
 NODES = (65, 49)
 REACH = (0.5, 10.0)
@@ -32,7 +32,7 @@ def distortion_by_depth(evidence: Evidence) -> Drawing | None:
         _lines(left, evidence, pixels, everywhere)
         image_axes(right, camera.width, camera.height)
         shown = right.imshow(change, cmap=MORE, vmin=0, extent=(*right.get_xlim(), *right.get_ylim()))
-        right.clabel(right.contour(x, y, change, CONTOURS, colors=[INK], linewidths=0.9), fontsize=8.5)
+        label_lines(right, right.contour(x, y, change, CONTOURS, colors=[INK], linewidths=0.9), marks=pixels)
         for mark, (column, row), colour in zip(CHOSEN, pixels, SERIES, strict=False):
             right.text(column, row, mark, color=colour, ha="center", va="center", fontsize=11)
         right.set_title("what depth moves, px for each 1/m")

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from calib.report.displacement import lattice
 from calib.report.evidence import Evidence
 from calib.report.figure import Drawing
-from calib.report.ink import FAINT, INK, MORE, colour_bar, draw, fitted, image_axes, side_by_side
+from calib.report.ink import FAINT, INK, MORE, colour_bar, draw, fitted, image_axes, label_lines, side_by_side
 
 NODES = (65, 49)
 ARROWS = (15, 11)
@@ -32,7 +32,7 @@ def distortion_fields(evidence: Evidence) -> Drawing:
             shown = axes.imshow(size, cmap=MORE, vmin=0, vmax=most, extent=(*axes.get_xlim(), *axes.get_ylim()))
             if levels:
                 lines = axes.contour(x, y, size, levels, colors=[INK], linewidths=0.9)
-                axes.clabel(lines, fmt="%g px", fontsize=8.5)
+                label_lines(axes, lines, "%g px")
             _arrows(axes, evidence, depth)
             where = f"at {depth:g} m" if moves else "at every depth"
             axes.set_title(f"{where}: {np.nanmin(size):.1f} to {np.nanmax(size):.1f} px")

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from html import escape
 
 from calib.calibration import Calibration
+from calib.diagnosis.shown import PREFIXES
 from calib.report.tables import bar, table
 
 
@@ -26,11 +27,16 @@ def effect_rows(calibration: Calibration) -> list[EffectRow]:
             one["effect"],
             one["held_out_px_before"],
             one["held_out_px_after"],
-            "; ".join(f"{name} {n['value']:.4g} ± {n['sigma']:.2g} {n['unit']}".rstrip() for name, n in one["parameters"].items()),
+            "; ".join(f"{name} {_number(**number)}" for name, number in one["parameters"].items()),
         )
         for one in said
         if one["accepted"]
     ]
+
+
+def _number(value: float, sigma: float, unit: str) -> str:
+    factor, shown = PREFIXES.get(unit, (1.0, unit))
+    return f"{value * factor:.4g} ± {sigma * factor:.2g} {shown}".rstrip()
 
 
 def effects_html(rows: Sequence[EffectRow]) -> str:

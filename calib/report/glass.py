@@ -7,6 +7,7 @@ import torch
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap
 from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
 from matplotlib.path import Path
 from numpy.typing import NDArray
 
@@ -14,7 +15,7 @@ from calib.optics.relief import Relief
 from calib.report.chart import border, chart_axes, drawn, hits, units
 from calib.report.evidence import Array, Evidence
 from calib.report.figure import Drawing
-from calib.report.ink import BELOW_AND_ABOVE, INK, MORE, colour_bar, draw, side_by_side
+from calib.report.ink import BELOW_AND_ABOVE, INK, MORE, colour_bar, draw, label_lines, side_by_side
 from calib.uncertainty import root_of
 
 NODES = (81, 61)
@@ -51,19 +52,20 @@ def glass_surface(evidence: Evidence) -> Drawing | None:
     low, high = _range(glass.height, glass)
     most = max(-low, high) or 1.0
 
-    def field(figure: Figure, axes: Axes, values: Array, cmap: Colormap, limits: tuple[float, float], extend: str) -> None:
+    def field(figure: Figure, axes: Axes, values: Array, cmap: Colormap, limits: tuple[float, float], extend: str) -> Polygon:
         frame = chart_axes(axes, evidence)
         extent = (glass.across[0], glass.across[-1], glass.down[-1], glass.down[0])
         shown = axes.imshow(values, cmap=cmap, vmin=limits[0], vmax=limits[1], extent=extent, aspect="auto")
         shown.set_clip_path(frame)
         colour_bar(figure, shown, axes, "µm", extend)
+        return frame
 
     def paint(figure: Figure) -> None:
         panels = side_by_side(figure, [PANEL[0]] * (1 if glass.sigma is None else 2), (0.65, 0.95)[: 1 if glass.sigma is None else 2])
-        field(figure, panels[0], glass.height, BELOW_AND_ABOVE, (-most, most), "neither")
+        frame = field(figure, panels[0], glass.height, BELOW_AND_ABOVE, (-most, most), "neither")
         if high > low:
             lines = panels[0].contour(glass.across, glass.down, np.where(glass.seen, glass.height, np.nan), 7, colors=[INK], linewidths=0.7)
-            panels[0].clabel(lines, fontsize=8)
+            label_lines(panels[0], lines, size=8, marks=frame.get_xy())
         panels[0].set_title(f"height: {low:+.2g} to {high:+.2g} µm")
         if glass.sigma is not None:
             field(figure, panels[1], glass.sigma, MORE, (0, 2 * float(np.median(glass.sigma[glass.seen]))), "max")

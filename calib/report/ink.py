@@ -7,6 +7,7 @@ dots is drawn into a picture (`rasterized=True`), in colours of middle lightness
 import re
 from collections.abc import Callable, Sequence
 from io import StringIO
+from itertools import chain
 from typing import Any
 
 import matplotlib as mpl
@@ -14,6 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, hsv_to_rgb, to_rgb
+from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -120,6 +122,20 @@ def image_axes(axes: Axes, width: int, height: int) -> None:
     """The camera's picture: x to the right, y down, px."""
     axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xlabel="x (px)", ylabel="y (px)", aspect="equal")
     axes.locator_params(nbins=5)
+
+
+def label_lines(axes: Axes, lines: ContourSet, fmt: str = "%g", size: float = 8.5, marks: NDArray[np.float64] | None = None) -> None:
+    """Write each contour's level where the panel's border, the other labels and (n, 2) marks are farthest; one without room gets none."""
+    box, placed = axes.bbox, np.empty((0, 2)) if marks is None else axes.transData.transform(marks)
+    given = len(placed)
+    for line in filter(len, chain.from_iterable(lines.allsegs)):
+        at = axes.transData.transform(line)  # px of the figure
+        room = np.minimum(at - box.min, box.max - at).min(1)
+        if len(placed):
+            room = np.minimum(room, np.linalg.norm(at[:, None] - placed, axis=-1).min(1))
+        if room.max() > 1.5 * size / 72 * axes.figure.dpi:
+            placed = np.vstack([placed, at[room.argmax()]])
+    axes.clabel(lines, fmt=fmt, fontsize=size, manual=axes.transData.inverted().transform(placed[given:]))
 
 
 def colour_bar(figure: Figure, shown: ScalarMappable, axes: Axes, unit: str, extend: str = "neither") -> None:

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from calib.report.evidence import Evidence
 from calib.report.figure import Drawing
-from calib.report.ink import INK, MORE, colour_bar, draw, fitted, image_axes, side_by_side
+from calib.report.ink import INK, MORE, colour_bar, draw, fitted, image_axes, label_lines, side_by_side
 
 
 def predicted_errors(evidence: Evidence) -> Drawing | None:
@@ -27,7 +27,7 @@ def predicted_errors(evidence: Evidence) -> Drawing | None:
             axes.plot(*evidence.pixels.T, ".", markersize=1, color="#808080", alpha=0.5, rasterized=True)
             levels = np.unique(np.nanquantile(sigma, (0.25, 0.5, 0.75, 0.95)).round(3))
             lines = axes.contour(field.nodes_x, field.nodes_y, sigma, levels, colors=[INK], linewidths=0.8)
-            axes.clabel(lines, fmt="%.3g", fontsize=8)
+            label_lines(axes, lines, "%.3g", 8)
             axes.set_title(f"at {depth:g} m: {np.nanmedian(evidence.sigma_at_corners(depth)):.2g} px at the corners")
         for axes in panels[1:]:
             axes.set(ylabel="", yticklabels=[])
