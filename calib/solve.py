@@ -7,6 +7,7 @@ Sources: K. Madsen, H. B. Nielsen, O. Tingleff, Methods for non-linear least squ
 B. Triggs et al., Bundle adjustment: a modern synthesis (2000), section 6.1, for the elimination.
 """
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -131,6 +132,9 @@ def minimise(
         steps: linearisations at most.
         tolerance: stop when a step promises to lower the cost by less than this fraction.
         progress: called with the step's number and the cost after each accepted step.
+
+    Raises:
+        ValueError: the cost at the start is not a number: no step could be told from a better one.
     """
     precision = problem.precision
 
@@ -143,6 +147,8 @@ def minimise(
         return replace(rows, block=rows.block + own.diag(), block_slope=rows.block_slope + own * blocks)
 
     cost = problem.cost(shared, blocks) + prior(shared, blocks)
+    if math.isnan(cost):
+        raise ValueError("the cost at the start is not a number")
     damping, growth = FIRST_DAMPING, 2.0
     for step in range(1, steps + 1):
         rows = normal_at(shared, blocks)

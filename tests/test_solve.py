@@ -114,6 +114,13 @@ def test_refuses_a_step_into_what_is_not_finite_and_says_that_it_is_stuck() -> N
     assert torch.equal(solution.shared, start(problem)[0])
 
 
+def test_a_start_whose_cost_is_not_a_number_is_refused() -> None:
+    problem = Curves(0, blocks=2, noise=0.0)
+    problem.y[3] = torch.nan
+    with pytest.raises(ValueError, match="not a number"):
+        minimise(problem, *start(problem))
+
+
 def test_a_prior_pulls_as_its_precision_says() -> None:
     """One shared number seen once at 1 with unit noise, prior precision 3 around 0: the answer is 1 / (1 + 3)."""
 

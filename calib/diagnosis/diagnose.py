@@ -97,7 +97,7 @@ def diagnose(calibration: Calibration, progress: Progress, holdout: Session | No
         organised_by=organising[0].organised_by if organising else "",
         remarks=tuple(remarks(loop, accepted, organising, timed=order.from_file)),
     )
-    return replace(found, settings=found.settings | {"diagnosis": finding.as_json()}), finding
+    return replace(found, noise_px=noise, settings=found.settings | {"diagnosis": finding.as_json()}), finding
 
 
 def _missed(model: Model, joint: JointFit, observations: Observations) -> Residuals:

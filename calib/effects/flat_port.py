@@ -21,9 +21,10 @@ WALL = 6e-3
 """m"""
 DISTANCE = 0.025
 """m"""
-INDEX_SIGMA = 1e-3
-"""Of what is behind it: fresh water from cold to warm, over the spectrum of a camera."""
-BEHIND = {"air": 1.0, "water": 1.333}
+WALL_SIGMA = 5e-3
+"""m: from a filter's glass to an aquarium's."""
+AIR, WATER = 1.0, (1.333, 1e-3)
+"""Index; of water with its sigma: fresh water from cold to warm, over the spectrum of a camera."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,16 +38,19 @@ class FlatPort(Effect):
 
     @classmethod
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:
-        return () if there.path.cover else tuple(cls(behind) for behind in BEHIND)
+        return () if there.path.cover else (cls("air"), cls("water"))
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
+        tilt = (Unknown(Param(f"flat_port.tilt.{axis}", "rad", 1e-2), 0.1) for axis in "xy")
+        slab = (*tilt, Unknown(Param("flat_port.thickness", "m", 1e-3), WALL_SIGMA, 0.0, WALL))
+        if self.behind == "air":  # where it stands moves no ray
+            return slab
+        index, sigma = WATER
         return (
             Unknown(Param("flat_port.distance", "m", 1e-3), 0.02, DISTANCE, DISTANCE),
-            Unknown(Param("flat_port.tilt.x", "rad", 1e-2), 0.1),
-            Unknown(Param("flat_port.tilt.y", "rad", 1e-2), 0.1),
-            Unknown(Param("flat_port.thickness", "m", 1e-3), 2e-3, 0.0, WALL),
-            Unknown(Param("flat_port.outside_index", "", 1e-2), INDEX_SIGMA, 1.0, BEHIND[self.behind]),
+            *slab,
+            Unknown(Param("flat_port.outside_index", "", 1e-2), sigma, AIR, index),
         )
 
     @property
@@ -54,12 +58,14 @@ class FlatPort(Effect):
         return tuple(unknown.param for unknown in self.unknowns if unknown.param.name != "flat_port.distance")
 
     def apply(self, path: Path) -> Path:
-        frame = Frame(origin=(None, None, "flat_port.distance"), tilt=("flat_port.tilt.x", "flat_port.tilt.y", None))
+        distance = None if self.behind == "air" else "flat_port.distance"
+        frame = Frame(origin=(None, None, distance), tilt=("flat_port.tilt.x", "flat_port.tilt.y", None))
         window = (Interface("inner", Flat(), frame), Interface("outer", Flat(), frame))
         return replace(path, cover=window, adjustments=(*path.adjustments, self))
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
         """The window's numbers as the cover's."""
-        index = torch.full_like(values["flat_port.thickness"], WALL_INDEX)
-        told = {"cover.thickness": values["flat_port.thickness"], "cover.outside_index": values["flat_port.outside_index"]}
-        return pixels, {**values, "cover.refractive_index": index, **told}
+        thickness = values["flat_port.thickness"]
+        wall, air = (torch.full_like(thickness, index) for index in (WALL_INDEX, AIR))
+        outside = values.get("flat_port.outside_index", air)
+        return pixels, {**values, "cover.refractive_index": wall, "cover.thickness": thickness, "cover.outside_index": outside}

@@ -19,7 +19,7 @@ from calib.optics.surface import Surface
 
 BEYOND = 0.2
 """How far the relief's centres reach beyond what the image sees, as a fraction of it, on each side. Without centres beyond the edge a
-sum of Gaussians falls off there, and an even thickness, say, could not be held (the bumps fixture keeps 0.065 px, not 0.032)."""
+sum of Gaussians falls off there, and an even thickness, say, could not be held (the bumps fixture keeps 0.060 px, not 0.030)."""
 
 LATTICE = 41
 """Pixels along each side of the image that measure which part of the glass it sees."""
