@@ -1,0 +1,128 @@
+"""Synthetic sessions with an effect of a known size that nobody declares, for `benchmarks.diagnosis`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from benchmarks.uncertainty import GLASS, calibrate
+from calib.calibration import Calibration
+from calib.cover import Cover
+from calib.effects.effect import Effect, Surroundings
+from calib.effects.fine_surface import CENTRES, FineSurface
+from calib.effects.flat_port import WALL, FlatPort
+from calib.optics.project import project
+from calib.poses import refit_poses
+from calib.residuals import residuals
+from calib.stages import Settings
+from calib.views import View
+from tests.scenes import HEIGHT, WIDTH, Scene, scene
+
+Array = NDArray[np.float64]
+
+VIEWS = 20
+NOISE = 0.1
+"""px per axis"""
+SMALL = {"m": 1e-5, "rad": 1e-4, "px": 0.01, "": 1e-4}
+"""What the search for the smallest size begins with."""
+MOTION = [1e-4] * 3 + [1e-5] * 3
+"""rad and m: the same for a board that moves."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hidden:
+    """One scene and one effect, of which a size of 1 moves some corner by the noise, poses refitted."""
+
+    made: Scene
+    effect: Effect
+    direction: dict[str, Tensor]
+    motions: Tensor
+    """(V, 6)"""
+
+    @classmethod
+    def drawn(cls, kind: type[Effect], seed: int) -> Self | None:
+        """An effect in a random direction of its numbers, at a random place. None: it cannot be seen here."""
+        rng = np.random.default_rng(seed)
+        made = bare(seed) if kind is FlatPort else scene(1000 + seed, VIEWS, (4, 4), 1e-5, 0.0, cover=GLASS)
+        outer = made.path.cover[-1] if made.path.cover else None
+        place = None
+        if outer and outer.relief:
+            low, high = (np.array(end) for end in (outer.relief.low, outer.relief.high))
+            place = torch.from_numpy(rng.uniform(low + 0.35 * (high - low), high - 0.35 * (high - low)))
+        forms = kind.propose(Surroundings(made.board, WIDTH, HEIGHT, made.path, made.values, suspect=place))
+        if not forms:
+            return None
+        motions = torch.from_numpy(rng.normal(0, MOTION, (VIEWS, 6)))
+        return cls(made, forms[0], direction(forms[0], rng), motions).scaled()
+
+    def scaled(self) -> Self:
+        size = 1.0
+        for _ in range(4):
+            size *= NOISE / float(np.linalg.norm(self.shift(size), axis=-1).max())
+        return replace(self, direction={name: size * step for name, step in self.direction.items()}, motions=size * self.motions)
+
+    def session(self, size: float, noise: float = NOISE) -> Scene:
+        """The scene with its corners where the effect puts them. They are NaN where it puts them out of sight."""
+        path = self.effect.apply(self.made.path)
+        moved = {u.param.name: u.neutral + size * self.direction.get(u.param.name, torch.zeros(())) for u in self.effect.unknowns}
+        values = {**self.made.values, **moved}
+        poses = torch.cat([self.made.poses, size * self.motions], 1) if self.effect.per_view else self.made.poses
+        seen = self.made.observations.timed([float(i) for i in range(VIEWS)], HEIGHT)
+        told = seen.told(values)
+        pixels = project(path, told, path.place(seen.corners, told, poses[seen.view]), start=seen.pixels).numpy()
+        return with_corners(self.made, noisy(pixels, noise))
+
+    def shift(self, size: float) -> Array:
+        """(M, 2) px by which corners are moved, poses refitted to the true path."""
+        moved = self.session(size, noise=0.0).observations
+        return refit_poses(self.made.path, self.made.values, moved, self.made.poses)[1].image.numpy()
+
+    def absorbed(self, size: float, fit: Calibration) -> float:
+        """The part of the shift's sum of squares that the fit takes up: what is left of it with the very same noise is compared."""
+        pixels = self.made.observations.pixels.numpy()
+        left = left_by(fit) - left_by(calibrate(with_corners(self.made, noisy(pixels, NOISE)), Settings()))
+        return 1.0 - float((left**2).sum() / (self.shift(size) ** 2).sum())
+
+
+def direction(effect: Effect, rng: np.random.Generator) -> dict[str, Tensor]:
+    """By how much each of its numbers differs from neutral."""
+    match effect:
+        case FlatPort():
+            return {"flat_port.thickness": torch.tensor(WALL / 100, dtype=torch.float64)}
+        case FineSurface():  # random heights are mostly smooth, and a relief takes them up
+            bump = torch.zeros(CENTRES, dtype=torch.float64)
+            bump[CENTRES[0] // 2, CENTRES[1] // 2] = SMALL["m"]
+            return {"fine_surface.amplitudes": bump}
+    return {u.param.name: torch.from_numpy(np.asarray(rng.normal(size=u.param.shape))) * SMALL[u.param.unit] for u in effect.unknowns}
+
+
+def bare(seed: int) -> Scene:
+    """The same boards without a cover."""
+    covered = scene(1000 + seed, VIEWS, (4, 4), 1e-5, 0.0, cover=GLASS)
+    path = replace(covered.path, cover=())
+    values = {name: value for name, value in covered.values.items() if name.startswith("camera.")}
+    seen = covered.observations
+    pixels = project(path, values, path.place(seen.corners, values, covered.poses[seen.view]), start=seen.pixels).numpy()
+    return with_corners(replace(covered, cover=Cover("none", {}), path=path, values=values), pixels)
+
+
+def noisy(pixels: Array, sigma: float) -> Array:
+    """(M, 2) px with noise that is the same every time."""
+    return np.asarray(pixels + np.random.default_rng(VIEWS).normal(0, sigma, pixels.shape))
+
+
+def with_corners(made: Scene, pixels: Array) -> Scene:
+    """The scene with other (M, 2) px."""
+    per_view = pixels.reshape(len(made.views), made.board.count, 2)
+    return replace(made, views=tuple(View(view.name, own, view.weight) for view, own in zip(made.views, per_view, strict=True)))
+
+
+def left_by(fit: Calibration) -> Array:
+    """(M, 2) px that a calibration leaves."""
+    path, values = fit.model()
+    return residuals(path, values, fit.observations, torch.from_numpy(fit.poses)).image.numpy()
