@@ -33,6 +33,32 @@ def short_scale_noise(residuals: NDArray[np.float64], board: Board) -> float:
     return float(2**0.5 * SIGMA * np.median(np.abs(bends)) / 6**0.5)
 
 
+def burst_noise(residuals: NDArray[np.float64], poses: Sequence[int]) -> float:
+    """From pictures of one pose of the board: what differs between them.
+
+    Each picture's own pose was fitted, so that a board that trembles in the hand adds nothing but its blur.
+
+    Args:
+        residuals: (V, corners of the board, 2) px, NaN where a corner was not seen.
+        poses: (V,) equal for the pictures of one burst.
+
+    Returns:
+        px, root mean square of the two-dimensional noise; NaN if there are too few such pictures.
+    """
+    differences = []
+    for pose in set(poses):
+        own = residuals[[index for index, other in enumerate(poses) if other == pose]]
+        pictures = len(own)
+        seen = np.isfinite(own).all((0, 2))
+        free = 1 - 6 / max(7, 2 * int(seen.sum()))  # the six numbers of each picture's pose
+        off = own[:, seen] - own[:, seen].mean(0)
+        differences.append((off / np.sqrt(free * (1 - 1 / pictures))).ravel() if pictures > 1 else np.empty(0))
+    off = np.concatenate(differences)
+    if off.size < 20:
+        return float("nan")
+    return float(2**0.5 * SIGMA * np.median(np.abs(off)))
+
+
 def on_board(errors: Tensor, views: Sequence[View]) -> NDArray[np.float64]:
     """(M, 2) px of the seen corners to (V, corners of the board, 2), NaN where not seen."""
     full = np.full((len(views), len(views[0].weight), 2), np.nan)

@@ -6,21 +6,23 @@ from dataclasses import replace
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.diagnosis.base import base_model, model_of
-from calib.diagnosis.held_out import FOLDS
+from calib.diagnosis.held_out import FOLDS, bands, folds
 from calib.diagnosis.loop import ROUNDS, TRIED, Loop, form
+from calib.diagnosis.order import frame_order
 from calib.diagnosis.organised import Scene, Share
 from calib.diagnosis.record import Candidate, Diagnosis, Estimate, Quality
-from calib.diagnosis.result import frame_order, with_fit
+from calib.diagnosis.result import with_fit
 from calib.diagnosis.words import remarks, verdict
 from calib.effects.effect import Effect
 from calib.errors import NotEnoughDataError
 from calib.evaluate import evaluate
 from calib.joint import JointFit
 from calib.model import Model
-from calib.noise import on_board, short_scale_noise
+from calib.noise import burst_noise, on_board, short_scale_noise
 from calib.observations import Observations
 from calib.progress import Progress
 from calib.residuals import Residuals, residuals
@@ -46,12 +48,11 @@ def diagnose(calibration: Calibration, progress: Progress, holdout: Session | No
     Raises:
         NotEnoughDataError: too few views to hold any out.
     """
-    if len(calibration.views) < FEWEST_VIEWS:
-        raise NotEnoughDataError(
-            f"A diagnosis holds views out in turn and needs {FEWEST_VIEWS} or more, but the calibration has {len(calibration.views)}: "
-            "take more pictures."
-        )
     order = frame_order(calibration)
+    if (poses := len(set(order.poses))) < FEWEST_VIEWS:
+        raise NotEnoughDataError(
+            f"A diagnosis holds views out in turn and needs {FEWEST_VIEWS} or more, but the calibration has {poses}: take more pictures."
+        )
     observations = calibration.observations.timed(order.times, calibration.camera.height)
     advance = progress.task("Diagnosis", ROUNDS + 2 * TRIED)
     with single_thread():
@@ -62,6 +63,8 @@ def diagnose(calibration: Calibration, progress: Progress, holdout: Session | No
             calibration.board,
             calibration.camera,
             observations,
+            folds(order.poses),
+            bands(_depths(model, joint, observations), order.poses),
             base_model(calibration),
             model,
             joint,
@@ -82,12 +85,14 @@ def diagnose(calibration: Calibration, progress: Progress, holdout: Session | No
             evaluate(base, holdout, progress, halves=halves).rms_px,
             evaluate(found, holdout, progress, halves=halves).rms_px,
         )
-    noise = short_scale_noise(on_board(after.image, calibration.views), calibration.board)
+    grid = on_board(after.image, calibration.views)
+    still = burst_noise(grid, order.poses)
+    noise = still if np.isfinite(still) else short_scale_noise(grid, calibration.board)
     organising = _organising(left)
     accepted = tuple(effect.name for effect in loop.model.effects)
     finding = Diagnosis(
         noise_px=noise,
-        noise_from="the residual's short-scale part",
+        noise_from="pictures of one pose of the board" if np.isfinite(still) else "the residual's short-scale part",
         residual=tuple(shares),
         candidates=tuple(_candidates(loop, accepted)),
         accepted=accepted,
@@ -98,6 +103,13 @@ def diagnose(calibration: Calibration, progress: Progress, holdout: Session | No
         remarks=tuple(remarks(loop, accepted, organising, timed=order.from_file)),
     )
     return replace(found, noise_px=noise, settings=found.settings | {"diagnosis": finding.as_json()}), finding
+
+
+def _depths(model: Model, joint: JointFit, observations: Observations) -> NDArray[np.float64]:
+    """(V,) m, of each view's corners on average."""
+    told = observations.told(joint.values)
+    depth = model.path.place(observations.corners, told, joint.poses[observations.view])[:, 2].numpy()
+    return np.asarray(np.bincount(observations.view.numpy(), depth) / np.bincount(observations.view.numpy()))
 
 
 def _missed(model: Model, joint: JointFit, observations: Observations) -> Residuals:

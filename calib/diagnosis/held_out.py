@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,10 @@ from calib.residuals import residuals
 Array = NDArray[np.float64]
 
 FOLDS = 5
+BANDS = 3
+"""Of depth."""
+BANDED = 1.3
+"""The farthest band's depth over the nearest's, from which a session has bands."""
 DRAWS = 4000
 """Of the bootstrap."""
 FLIPS = 20_000
@@ -31,7 +36,7 @@ class HeldOut:
     squares: Array
     """(M,) px^2 of every corner; NaN where it was not scored, infinite where the model cannot see it."""
     view: NDArray[np.int64]
-    """(M,)"""
+    """(M,) the pose of the board."""
 
     def by_view(self, limit: float) -> Array:
         """(V,) px^2, mean of the clipped squares."""
@@ -68,18 +73,51 @@ class Gain:
         return 1.0 - self.after / self.before
 
 
-def hold_out(model: Model, observations: Observations, fitted: JointFit, *, half: bool = False) -> HeldOut:
-    """Fit without every FOLDS-th view, and score those.
+@dataclass(frozen=True, slots=True, eq=False)
+class Split:
+    """Views that are held out together, one part after the other."""
+
+    part: NDArray[np.int64]
+    """(V,) from 0 on."""
+    pose: NDArray[np.int64]
+    """(V,) of the board, from 0 on: the pictures of a burst share one. They are always in the same part, and count as one view."""
+
+
+def folds(poses: Sequence[int]) -> Split:
+    """Every FOLDS-th pose of the board."""
+    pose = _numbered(poses)
+    return Split(pose % FOLDS, pose)
+
+
+def bands(depths: Array, poses: Sequence[int]) -> Split | None:
+    """Near, middle and far poses, equally many each; None where all are at much the same depth.
 
     Args:
-        fitted: to all views; the folds start there, with its noise and prior.
+        depths: (V,) m.
+        poses: (V,)
+    """
+    pose = _numbered(poses)
+    depth = np.bincount(pose, depths) / np.bincount(pose)
+    band = depth.argsort().argsort() * BANDS // len(depth)
+    nearest, farthest = (np.median(depth[band == end]) for end in (0, BANDS - 1))
+    return Split(band[pose], pose) if farthest > BANDED * nearest else None
+
+
+def _numbered(poses: Sequence[int]) -> NDArray[np.int64]:
+    return np.unique(poses, return_inverse=True)[1].astype(np.int64)
+
+
+def hold_out(model: Model, observations: Observations, fitted: JointFit, split: Split, *, half: bool = False) -> HeldOut:
+    """Fit without each part of the views, and score it.
+
+    Args:
+        fitted: to all views; the other fits start there, with its noise and prior.
         half: fit the numbers of a held-out view to every other corner and score the rest, as numbers of single views ask for.
     """
-    views = len(observations.names)
     start = Start(fitted.values, fitted.sigma, fitted.smoothness)
     squares = np.full(len(observations.pixels), np.nan)
-    for fold in range(FOLDS):
-        out = torch.arange(views) % FOLDS == fold
+    for part in range(int(split.part.max()) + 1):
+        out = torch.from_numpy(split.part == part)
         rest, rows = observations.without(out), out[observations.view]
         found = model.fitted(rest, fitted.poses[~out], start)
         test = observations.without(~out)
@@ -87,7 +125,7 @@ def hold_out(model: Model, observations: Observations, fitted: JointFit, *, half
         poses = model.seen(found, test.kept(~scored) if half else test, fitted.poses[out])
         own = (residuals(model.path, found.values, test, poses).image ** 2).sum(-1)
         squares[rows.numpy()] = torch.where(scored, own.nan_to_num(torch.inf), torch.nan).numpy()
-    return HeldOut(squares, observations.view.numpy())
+    return HeldOut(squares, split.pose[observations.view.numpy()])
 
 
 def gain(before: HeldOut, after: HeldOut) -> Gain:

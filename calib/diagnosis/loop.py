@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from calib.board import Board
 from calib.camera import Camera
 from calib.diagnosis.columns import Columns, Optimum
-from calib.diagnosis.held_out import Gain, HeldOut, gain, hold_out
+from calib.diagnosis.held_out import Gain, HeldOut, Split, gain, hold_out
 from calib.diagnosis.suspect import surroundings
 from calib.effects.effect import Effect, Surroundings
 from calib.effects.fine_surface import FineSurface
@@ -47,6 +47,8 @@ class Trial:
     joint: JointFit | None = None
     among: int = 1
     """How many candidates were scored with it."""
+    bands: Gain | None = None
+    """On depth bands that were held out, where there are such and the folds agree."""
 
     @property
     def confirmed(self) -> bool:
@@ -54,8 +56,14 @@ class Trial:
         return self.gain is not None and self.gain.p_value < ALPHA / self.among and self.gain.ci95[0] > 0
 
     @property
-    def passes(self) -> bool:
+    def large(self) -> bool:
+        """Whether its gain is confirmed, and worth it."""
         return self.confirmed and self.gain is not None and self.gain.relative > LEAST_GAIN
+
+    @property
+    def passes(self) -> bool:
+        """Whether what it says of some depths helps at the others, too."""
+        return self.large and (self.bands is None or self.bands.relative > 0)
 
 
 @dataclass(slots=True, eq=False)
@@ -65,6 +73,8 @@ class Loop:
     board: Board
     camera: Camera
     observations: Observations
+    folds: Split
+    bands: Split | None
     base: Model
     """Without any effect."""
     model: Model
@@ -76,28 +86,32 @@ class Loop:
     """By effect and form: where each came closest."""
     confounded: dict[str, set[str]] = field(default_factory=dict)
     done: int = 0
+    known: dict[tuple[bool, bool], HeldOut] = field(default_factory=dict)
+    """What the model leaves on held-out views, by `half` and `banded`."""
 
     def run(self) -> tuple[HeldOut, HeldOut]:
         """Add what is missing; returns what was left on held-out views before and after."""
-        first = before = self._held(self.model, self.joint)
+        first = self._left()
         newest = None
         for _ in range(ROUNDS):
-            best = self._best(before)
+            best = self._best()
             if not best:
                 break
-            before, newest = self._accept(best), best.columns.effect
-        return first, self._backward(before, newest)
+            newest = best.columns.effect
+            self._accept(best)
+        self._backward(newest)
+        return first, self._left()
 
-    def _best(self, before: HeldOut) -> Trial | None:
+    def _best(self) -> Trial | None:
         """The next effect. Numbers of every view can imitate much, so they wait until no effect with a few numbers for all views helps;
         a field without a name comes last."""
         shared, single = ([e for e in EFFECTS if e.per_view is alone] for alone in (False, True))
-        found = self._round(before, shared) or self._round(before, single)
+        found = self._round(shared) or self._round(single)
         if found or not self.organised(self.model, self.joint):
             return found
-        return self._round(before, (FreeField,))
+        return self._round((FreeField,))
 
-    def _round(self, before: HeldOut, effects: Sequence[type[Effect]]) -> Trial | None:
+    def _round(self, effects: Sequence[type[Effect]]) -> Trial | None:
         """Score all effects, fit the best few, and return the one that helps most, if one surely does."""
         at = Optimum(self.model, self.observations, self.joint)
         there = surroundings(at, self.board, self.camera, place=FineSurface in effects)
@@ -112,51 +126,55 @@ class Loop:
         chosen.sort(key=lambda c: 2 * c.dof - c.chi2)
         always = [c for c in chosen if not c.effect.judged_by_score]
         chosen = always + [c for c in chosen if c.effect.judged_by_score][:TRIED]
-        tried = [self._try(columns, before, len(scores)) for columns in chosen]
+        tried = [self._try(columns, len(scores)) for columns in chosen]
         passing = [trial for trial in tried if trial.passes]
         return max(passing, key=lambda trial: trial.gain.relative if trial.gain else 0.0, default=None)
 
-    def _try(self, columns: Columns, before: HeldOut, among: int) -> Trial:
+    def _try(self, columns: Columns, among: int) -> Trial:
         self._say(f"trying {columns.effect.name}")
         wider = self.model.with_effect(columns.effect)
         start = Start(self.joint.values, self.joint.sigma, self.joint.smoothness)
         joint = wider.fitted(self.observations, self.joint.poses, start)
         half = columns.effect.per_view or self.model.path.shutter
-        held = hold_out(wider, self.observations, joint, half=half)
-        if half and not self.model.path.shutter:  # alike
-            before = hold_out(self.model, self.observations, self.joint, half=True)
-        trial = Trial(columns, gain(before, held), held, joint, among)
+        held = hold_out(wider, self.observations, joint, self.folds, half=half)
+        trial = Trial(columns, gain(self._left(half=half), held), held, joint, among)
+        if trial.large and self.bands:
+            there = hold_out(wider, self.observations, joint, self.bands, half=half)
+            trial = replace(trial, bands=gain(self._left(half=half, banded=True), there))
         key = columns.effect.name, form(columns.effect)
         known = self.trials.get(key)
         if not (known and known.gain and trial.gain and known.gain.relative > trial.gain.relative):
             self.trials[key] = trial
         return trial
 
-    def _accept(self, trial: Trial) -> HeldOut:
+    def _accept(self, trial: Trial) -> None:
         """Take an effect in, with the noise and the prior estimated anew."""
         self.model = self.model.with_effect(trial.columns.effect)
         self.joint = self.model.fitted(self.observations, trial.joint.poses if trial.joint else self.joint.poses)
+        self.known.clear()
         self._say(f"found {trial.columns.effect.name}")
-        return self._held(self.model, self.joint)
 
-    def _backward(self, held: HeldOut, newest: Effect | None) -> HeldOut:
+    def _backward(self, newest: Effect | None) -> None:
         """Drop what is no longer needed, the oldest first; the newest has just been asked for."""
         for effect in self.model.effects:
             if effect is newest:
                 continue
             fewer = self.base.with_effects(other for other in self.model.effects if other is not effect)
             joint = fewer.fitted(self.observations, self.joint.poses)
-            half = self.model.path.shutter
-            without = hold_out(fewer, self.observations, joint, half=half)
-            lost = gain(without, held)
+            self._say(f"without {effect.name}")
+            without = hold_out(fewer, self.observations, joint, self.folds, half=self.model.path.shutter)
+            lost = gain(without, self._left())
             if lost.p_value > NEEDED or lost.relative < LEAST_GAIN:
                 self.model, self.joint = fewer, joint
-                held = self._held(fewer, joint) if half != fewer.path.shutter else without
-        return held
+                self.known.clear()
 
-    def _held(self, model: Model, joint: JointFit) -> HeldOut:
-        self._say("held-out views")
-        return hold_out(model, self.observations, joint, half=model.path.shutter)
+    def _left(self, *, half: bool | None = None, banded: bool = False) -> HeldOut:
+        """What the model leaves on held-out views; whether its views' own numbers ask for half of the corners, it knows itself."""
+        key = self.model.path.shutter if half is None else half, banded
+        if key not in self.known:
+            split = self.bands if banded and self.bands else self.folds
+            self.known[key] = hold_out(self.model, self.observations, self.joint, split, half=key[0])
+        return self.known[key]
 
     def _note_confounded(self, scores: Sequence[Columns]) -> None:
         """Pairs of which the whole of the one that has fewer directions can be done by the other."""

@@ -8,7 +8,8 @@ import torch
 from calib.calibration import Calibration
 from calib.diagnosis.base import model_of
 from calib.diagnosis.columns import Optimum
-from calib.diagnosis.result import frame_order, with_fit
+from calib.diagnosis.order import frame_order
+from calib.diagnosis.result import with_fit
 from calib.diagnosis.suspect import surroundings
 from calib.effects.effect import Effect
 from calib.effects.fine_surface import FineSurface

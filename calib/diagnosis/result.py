@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 
 from calib.calibration import Calibration, Found, Stage
+from calib.diagnosis.order import Order
 from calib.joint import JointFit
 from calib.model import Model
 from calib.observations import Observations
@@ -16,31 +15,6 @@ from calib.priors import with_estimates
 from calib.residuals import residuals
 
 STAGE = "cover+rbf+effects"
-
-
-@dataclass(frozen=True, slots=True)
-class Order:
-    """When the views were taken."""
-
-    times: tuple[float, ...]
-    """One for each view: s, or its number."""
-    from_file: bool
-    """Whether frames.csv says so; otherwise the order of the files stands for it."""
-
-
-def frame_order(calibration: Calibration) -> Order:
-    """From the session's frames.csv, if it is where it was and has every view."""
-    in_order = Order(tuple(float(index) for index in range(len(calibration.views))), from_file=False)
-    session = calibration.settings.get("made_by", {}).get("session")
-    if not session:
-        return in_order
-    try:
-        with (Path(session) / "frames.csv").open(newline="", encoding="utf-8") as file:
-            said = {Path(row["file"]).name: float(row["time_s"]) for row in csv.DictReader(file)}
-        times = tuple(said[Path(view.name).name] for view in calibration.views)
-    except (OSError, ValueError, KeyError, TypeError, csv.Error):
-        return in_order
-    return Order(times, from_file=True) if np.isfinite(times).all() and len(set(times)) > 1 else in_order
 
 
 def with_fit(calibration: Calibration, model: Model, joint: JointFit, observations: Observations, order: Order) -> Calibration:

@@ -1,0 +1,65 @@
+"""What is held out together, and what frames.csv says of it."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from calib.diagnosis.base import base_model
+from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.held_out import bands, folds, hold_out
+from calib.diagnosis.order import frame_order
+from calib.errors import NotEnoughDataError
+from calib.joint import Start
+from calib.poses import refit_poses
+from calib.progress import Silent
+from tests.diagnosis.hide import fitted, hidden
+
+POSES = [0, 0, 0, 1, 1, 2, 3, 4, 5, 5, 6, 7]
+
+
+def test_a_burst_is_held_out_as_a_whole() -> None:
+    split = folds(POSES)
+    assert split.part.tolist() == [0, 0, 0, 1, 1, 2, 3, 4, 0, 0, 1, 2]
+    assert split.pose.tolist() == POSES
+
+
+def test_bands_of_depth_are_near_middle_and_far() -> None:
+    depths = np.array([0.5, 0.52, 0.51, 1.0, 1.01, 0.7, 0.9, 0.6, 1.2, 1.2, 0.8, 1.1])
+    split = bands(depths, POSES)
+    assert split
+    held = [{POSES[view] for view in np.flatnonzero(split.part == band)} for band in range(3)]
+    assert held == [{0, 2, 4}, {1, 3, 6}, {5, 7}]
+    assert bands(np.linspace(0.9, 1.1, 12), POSES) is None
+
+
+def test_a_part_is_scored_by_a_fit_that_did_not_see_it() -> None:
+    """By hand for one part, its poses refitted on the board and not in the image."""
+    made = fitted(hidden(None, {}, views=10))
+    model, seen = base_model(made), made.observations
+    joint = model.fitted(seen, torch.from_numpy(made.poses))
+    held = hold_out(model, seen, joint, folds(range(10)))
+    out = torch.arange(10) % 5 == 3
+    rest = model.fitted(seen.without(out), joint.poses[~out], Start(joint.values, joint.sigma, joint.smoothness))
+    missed = refit_poses(model.path, rest.values, seen.without(~out), joint.poses[out])[1]
+    scored = held.squares[out[seen.view].numpy()]
+    assert np.sqrt(scored.mean()) == pytest.approx(missed.rms_px, rel=0.01)  # the two ways to fit a pose weigh corners differently
+    assert held.rms > 1.01 * joint.sigma * 2**0.5
+
+
+def test_times_and_bursts_are_read_from_frames_csv(tmp_path: Path) -> None:
+    made = fitted(hidden(None, {}, views=10))
+    assert frame_order(made).poses == tuple(range(10))
+    made = replace(made, settings={"made_by": {"session": str(tmp_path)}})
+    rows = [f"{view.name},{100 + index / 2},{index // 2}" for index, view in enumerate(made.views)]
+    (tmp_path / "frames.csv").write_text("\n".join(["file,time_s,view", *reversed(rows)]))
+    order = frame_order(made)
+    assert order.from_file
+    assert order.times == tuple(100 + index / 2 for index in range(10))
+    assert order.poses == (0, 0, 1, 1, 2, 2, 3, 3, 4, 4)
+    with pytest.raises(NotEnoughDataError, match=r"needs 10 or more, but the calibration has 5"):
+        diagnose(made, Silent())
+    (tmp_path / "frames.csv").write_text("\n".join(["file,time_s,view", *rows[1:]]))  # a picture without a row
+    assert frame_order(made) == frame_order(replace(made, settings={}))
