@@ -17,7 +17,7 @@ from calib.camera import Camera
 from calib.design import MOST, Design
 from capture.finder import Sighting
 from capture.gate import new
-from capture.hint_words import tilt_of, words
+from calib.hint_words import tilt_of, words
 from capture.poses_bank import Reach, bank, bare_pose, rim
 
 Array = NDArray[np.float64]

@@ -96,6 +96,20 @@ class Optimum:
         p_value = _p_value(by_view, chi2, count, float(off @ off) / max(1, self._freedom()))
         return Columns(effect, left, float((new**2).sum()), chi2, count, p_value, float(off @ off))
 
+    def information(self, effects: Sequence[Effect]) -> Array:
+        """(V, S, S) what each view says of the fitted numbers, and then of the effects' own, at neutral; its own numbers unknown."""
+        wider = self.model.with_effects(effects)
+        values = dict(self.joint.values)
+        for effect in effects:
+            values |= self.model.neutral(effect)
+        at = self._linearised(wider, values, [u.param.name for effect in effects for u in effect.unknowns])
+        found = []
+        for block, piece in zip(self._pieces(at.by_block), self._pieces(at.by_shared), strict=True):
+            q = orthogonal(block)
+            left = piece - q @ (q.T @ piece)
+            found.append(left.T @ left)
+        return np.array(found)
+
     def _of_views(self, effect: Effect, blocks: list[Array], residual: list[Array], rest: list[Array]) -> Columns:
         """The score of numbers that every view has for itself."""
         gains, dof = [], 0

@@ -75,7 +75,9 @@ def diagnose(calibration: Calibration, progress: Progress, holdout: Session | No
         advance(ROUNDS + 2 * TRIED, "")
         before, after = _missed(model, joint, observations), _missed(loop.model, loop.joint, observations)
         shares = _split(calibration, model, joint, observations, before)
-        left = _split(calibration, loop.model, loop.joint, observations, after)
+        organising = _organising(_split(calibration, loop.model, loop.joint, observations, after))
+        said = tuple(remarks(loop, organising, timed=order.from_file))
+    accepted = tuple(effect.name for effect in loop.model.effects)
     found = with_fit(calibration, loop.model, loop.joint, observations, order)
     held = first.rms, last.rms
     if holdout:
@@ -88,8 +90,6 @@ def diagnose(calibration: Calibration, progress: Progress, holdout: Session | No
     grid = on_board(after.image, calibration.views)
     still = burst_noise(grid, order.poses)
     noise = still if np.isfinite(still) else short_scale_noise(grid, calibration.board)
-    organising = _organising(left)
-    accepted = tuple(effect.name for effect in loop.model.effects)
     finding = Diagnosis(
         noise_px=noise,
         noise_from="pictures of one pose of the board" if np.isfinite(still) else "the residual's short-scale part",
@@ -100,7 +100,7 @@ def diagnose(calibration: Calibration, progress: Progress, holdout: Session | No
         after=Quality(after.rms_px, after.rmse_cm, held[1]),
         unexplained=_unexplained(after, noise, observations, loop.joint),
         organised_by=organising[0].organised_by if organising else "",
-        remarks=tuple(remarks(loop, accepted, organising, timed=order.from_file)),
+        remarks=said,
     )
     return replace(found, noise_px=noise, settings=found.settings | {"diagnosis": finding.as_json()}), finding
 
