@@ -40,7 +40,7 @@ class Outcome:
     """What became of one hidden effect."""
 
     said: str
-    """right, wrong, missed, or unseen: so large that some corner is out of sight."""
+    """right, wrong, missed, or unseen: so large that some corner is out of sight, or a window in air thicker than 20 mm."""
     wrong: tuple[str, ...] = ()
     shift: float = float("nan")
     """px RMS, poses refitted."""
@@ -79,10 +79,9 @@ def finding_of(fit: Calibration) -> Diagnosis:
 
 def outcome(hidden: Hidden, size: int) -> Outcome:
     """Hide it, fit, and diagnose."""
-    spoiled = hidden.session(size)
-    if not all(np.isfinite(view.corners).all() for view in spoiled.views):
+    if not hidden.possible(size):
         return Outcome("unseen")
-    fit = calibrate(spoiled, Settings())
+    fit = calibrate(hidden.session(size), Settings())
     begun = time.perf_counter()
     accepted = finding_of(fit).accepted
     spent = time.perf_counter() - begun
@@ -118,6 +117,7 @@ def main() -> None:
             if kind.name in options.effects:
                 rows.append(row(kind, seeds))
                 console.print(rows[-1].name, *rows[-1].cells(), highlight=False)
+        ports = [outcome(Hidden.under_water(seed), 1) for seed in track(seeds, "water", transient=True)]
         false = Counter[str]()
         for seed in track(range(options.clean), "clean", transient=True):
             made = scene(2000 + options.first + seed, VIEWS, (4, 4), 1e-5, NOISE, cover=GLASS)
@@ -130,6 +130,8 @@ def main() -> None:
         judged = [o for shown in rows for o in shown.outcomes.get(size, []) if o.judged]
         right = sum(o.said == "right" for o in judged)
         console.print(f"{size} x: {right} of {len(judged)} named right, of those absorbed by less than {100 * ABSORBED:.0f} %.")
+    water = Counter(o.said for o in ports)
+    console.print(f"A port under water: right {water['right']}, wrong {water['wrong']}, missed {water['missed']}.")
     every = [o for shown in rows for found in shown.outcomes.values() for o in found]
     console.print("Wrong names:", dict(Counter(name for o in every for name in o.wrong)) or "none", f"in {len(every)} sessions.")
     console.print(

@@ -30,6 +30,8 @@ NOISE = 0.1
 """px per axis"""
 SMALL = {"m": 1e-5, "rad": 1e-4, "px": 0.01, "": 1e-4}
 """What the search for the smallest size begins with."""
+THICKEST = 0.02
+"""m, of a window in air."""
 MOTION = [1e-4] * 3 + [1e-5] * 3
 """rad and m: the same for a board that moves."""
 
@@ -59,6 +61,19 @@ class Hidden:
             return None
         motions = torch.from_numpy(rng.normal(0, MOTION, (VIEWS, 6)))
         return cls(made, forms[0], direction(forms[0], rng), motions).scaled()
+
+    @classmethod
+    def under_water(cls, seed: int) -> Self:
+        """A port in water, which has no size: it is there or not."""
+        port = FlatPort("water")
+        there = {u.param.name: torch.tensor(u.begin - u.neutral, dtype=torch.float64) for u in port.unknowns}
+        return cls(bare(seed), port, there, torch.zeros(VIEWS, 6, dtype=torch.float64))
+
+    def possible(self, size: float) -> bool:
+        """Whether there is such a thing, and every corner is still seen."""
+        if isinstance(self.effect, FlatPort) and size * float(self.direction["flat_port.thickness"]) > THICKEST:
+            return False
+        return all(np.isfinite(view.corners).all() for view in self.session(size).views)
 
     def scaled(self) -> Self:
         size = 1.0

@@ -96,6 +96,11 @@ class Optimum:
         p_value = _p_value(by_view, chi2, count, float(off @ off) / max(1, self._freedom()))
         return Columns(effect, left, float((new**2).sum()), chi2, count, p_value, float(off @ off))
 
+    def slopes(self) -> list[tuple[Array, Array]]:
+        """(2m, B) and (2m, S) of each view, px over sigma: by its own numbers, and by those that views share."""
+        at = self._linearised(self.model, self.joint.values, ())
+        return list(zip(self._pieces(at.by_block), self._pieces(at.by_shared), strict=True))
+
     def information(self, effects: Sequence[Effect]) -> Array:
         """(V, S, S) what each view says of the fitted numbers, and then of the effects' own, at neutral; its own numbers unknown."""
         wider = self.model.with_effects(effects)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from calib.diagnosis.columns import Optimum, orthogonal
 from calib.joint import JointFit, Start
 from calib.model import Model
 from calib.observations import Observations
@@ -25,7 +26,7 @@ DRAWS = 4000
 """Of the bootstrap."""
 FLIPS = 20_000
 """Of the views' signs."""
-CLIP = 4.0
+CLIP = 2.5
 """Times the typical error of a corner: what is farther off counts as that far, for single bad corners are not the model's."""
 
 
@@ -37,13 +38,15 @@ class HeldOut:
     """(M,) px^2 of every corner; NaN where it was not scored, infinite where the model cannot see it."""
     view: NDArray[np.int64]
     """(M,) the pose of the board."""
+    weight: Array
+    """(M,) from 0 to 1, how surely the fit that did not see a corner predicts it: the noise's part of the predicted variance."""
 
-    def by_view(self, limit: float) -> Array:
-        """(V,) px^2, mean of the clipped squares."""
-        clipped = np.minimum(self.squares, limit)
+    def by_view(self, limit: float, weight: Array) -> Array:
+        """(V,) px^2, weighted mean of the clipped squares."""
         scored = ~np.isnan(self.squares)
-        total, count = (np.bincount(self.view[scored], weights, self.view.max() + 1) for weights in (clipped[scored], None))
-        return np.asarray(total / np.maximum(count, 1))
+        own, view = weight[scored], self.view[scored]
+        total = np.bincount(view, own * np.minimum(self.squares, limit)[scored], self.view.max() + 1)
+        return np.asarray(total / np.bincount(view, own, self.view.max() + 1).clip(1e-300))
 
     @property
     def rms(self) -> float:
@@ -115,7 +118,7 @@ def hold_out(model: Model, observations: Observations, fitted: JointFit, split: 
         half: fit the numbers of a held-out view to every other corner and score the rest, as numbers of single views ask for.
     """
     start = Start(fitted.values, fitted.sigma, fitted.smoothness)
-    squares = np.full(len(observations.pixels), np.nan)
+    squares, weight = np.full((2, len(observations.pixels)), np.nan)
     for part in range(int(split.part.max()) + 1):
         out = torch.from_numpy(split.part == part)
         rest, rows = observations.without(out), out[observations.view]
@@ -125,17 +128,29 @@ def hold_out(model: Model, observations: Observations, fitted: JointFit, split: 
         poses = model.seen(found, test.kept(~scored) if half else test, fitted.poses[out])
         own = (residuals(model.path, found.values, test, poses).image ** 2).sum(-1)
         squares[rows.numpy()] = torch.where(scored, own.nan_to_num(torch.inf), torch.nan).numpy()
-    return HeldOut(squares, split.pose[observations.view.numpy()])
+        weight[rows.numpy()] = 1 / (1 + predicted_variance(Optimum(model, test, replace(found, poses=poses))))
+    return HeldOut(squares, split.pose[observations.view.numpy()], weight)
+
+
+def predicted_variance(at: Optimum) -> Array:
+    """(M,) of what the fitted numbers' covariance makes of corners, over the noise's; the views' own numbers are fitted to them."""
+    covariance = at.joint.covariance.numpy()
+    found = []
+    for own, shared in at.slopes():
+        q = orthogonal(own)
+        left = shared - q @ (q.T @ shared)
+        found.append(np.einsum("ij,jk,ik->i", left, covariance, left).reshape(-1, 2).mean(1))
+    return np.asarray(np.nan_to_num(np.concatenate(found), nan=np.inf))
 
 
 def gain(before: HeldOut, after: HeldOut) -> Gain:
     """Compare on the same views: an interval by bootstrap over views, and a test by flipping the signs of the views' gains, which are as
-    often losses if the models are alike.
+    often losses if the models are alike. A corner counts the less, the less surely the first fit predicts it.
 
     The test is made twice, and the better p-value doubled: on the logarithm of the errors' ratio, in which a view with bad corners counts
     no more than another, and on the difference of the squares, for an effect that only some of the views show.
     """
-    one, two = (held.by_view(before.limit) for held in (before, after))
+    one, two = (held.by_view(before.limit, before.weight) for held in (before, after))
     rng = np.random.default_rng(0)
     drawn = rng.integers(0, len(one), (DRAWS, len(one)))
     low, high = np.quantile(np.sqrt(one[drawn].mean(1)) - np.sqrt(two[drawn].mean(1)), [0.025, 0.975])

@@ -46,7 +46,7 @@ class Trial:
     held: HeldOut | None = None
     joint: JointFit | None = None
     among: int = 1
-    """How many candidates were scored with it."""
+    """How many candidates there were."""
     bands: Gain | None = None
     """On depth bands that were held out, where there are such and the folds agree."""
 
@@ -106,13 +106,17 @@ class Loop:
         """The next effect. Numbers of every view can imitate much, so they wait until no effect with a few numbers for all views helps;
         a field without a name comes last."""
         shared, single = ([e for e in EFFECTS if e.per_view is alone] for alone in (False, True))
-        found = self._round(shared) or self._round(single)
+        found = self._round(shared) or self._round(single, among=len(shared))
         if found or not self.organised(self.model, self.joint):
             return found
-        return self._round((FreeField,))
+        return self._round((FreeField,), among=len(EFFECTS))
 
-    def _round(self, effects: Sequence[type[Effect]]) -> Trial | None:
-        """Score all effects, fit the best few, and return the one that helps most, if one surely does."""
+    def _round(self, effects: Sequence[type[Effect]], among: int = 0) -> Trial | None:
+        """Score all effects, fit the best few, and return the one that helps most, if one surely does.
+
+        Args:
+            among: candidates of which none passed before.
+        """
         at = Optimum(self.model, self.observations, self.joint)
         there = surroundings(at, self.board, self.camera, place=FineSurface in effects)
         scores = [at.candidate(effect) for effect in _proposed(effects, there, self.model.effects)]
@@ -126,7 +130,7 @@ class Loop:
         chosen.sort(key=lambda c: 2 * c.dof - c.chi2)
         always = [c for c in chosen if not c.effect.judged_by_score]
         chosen = always + [c for c in chosen if c.effect.judged_by_score][:TRIED]
-        tried = [self._try(columns, len(scores)) for columns in chosen]
+        tried = [self._try(columns, among + len(scores)) for columns in chosen]
         passing = [trial for trial in tried if trial.passes]
         return max(passing, key=lambda trial: trial.gain.relative if trial.gain else 0.0, default=None)
 
@@ -155,18 +159,25 @@ class Loop:
         self._say(f"found {trial.columns.effect.name}")
 
     def _backward(self, newest: Effect | None) -> None:
-        """Drop what is no longer needed, the oldest first; the newest has just been asked for."""
+        """Drop what is no longer needed, the oldest first; the newest has just been asked for. What numbers of every view do as well is
+        not dropped for it: an effect for all views is judged beside its like only."""
         for effect in self.model.effects:
             if effect is newest:
                 continue
-            fewer = self.base.with_effects(other for other in self.model.effects if other is not effect)
-            joint = fewer.fitted(self.observations, self.joint.poses)
-            self._say(f"without {effect.name}")
-            without = hold_out(fewer, self.observations, joint, self.folds, half=self.model.path.shutter)
-            lost = gain(without, self._left())
+            beside = [e for e in self.model.effects if effect.per_view or not e.per_view]
+            fewer = self.base.with_effects(e for e in beside if e is not effect)
+            half = any(e.per_view for e in beside)
+            left = self._left() if len(beside) == len(self.model.effects) else self._fresh(self.base.with_effects(beside), half=half)
+            lost = gain(self._fresh(fewer, half=half), left)
             if lost.p_value > NEEDED or lost.relative < LEAST_GAIN:
-                self.model, self.joint = fewer, joint
+                self.model = self.base.with_effects(e for e in self.model.effects if e is not effect)
+                self.joint = self.model.fitted(self.observations, self.joint.poses)
                 self.known.clear()
+
+    def _fresh(self, model: Model, *, half: bool) -> HeldOut:
+        """What another model leaves on held-out views."""
+        self._say("what is needed")
+        return hold_out(model, self.observations, model.fitted(self.observations, self.joint.poses), self.folds, half=half)
 
     def _left(self, *, half: bool | None = None, banded: bool = False) -> HeldOut:
         """What the model leaves on held-out views; whether its views' own numbers ask for half of the corners, it knows itself."""

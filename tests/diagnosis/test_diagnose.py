@@ -101,16 +101,16 @@ def test_too_few_views_are_refused_in_a_sentence() -> None:
 def test_a_gain_is_tested_over_views() -> None:
     rng = np.random.default_rng(0)
     view = np.repeat(np.arange(20), 80)
-    before = HeldOut(rng.chisquare(2, 1600), view)
-    same = gain(before, HeldOut(rng.chisquare(2, 1600), view))
+    before = HeldOut(rng.chisquare(2, 1600), view, np.ones(1600))
+    same = gain(before, HeldOut(rng.chisquare(2, 1600), view, np.ones(1600)))
     assert same.p_value > 0.05
     assert same.ci95[0] < 0 < same.ci95[1]
-    better = gain(before, HeldOut(0.8 * before.squares, view))
+    better = gain(before, HeldOut(0.8 * before.squares, view, np.ones(1600)))
     assert better.p_value < 1e-3
     assert better.relative == pytest.approx(1 - 0.8**0.5, abs=0.01)
     one_view = before.squares.copy()
     one_view[view == 3] *= 0.1
-    assert gain(before, HeldOut(one_view, view)).p_value > 0.05  # a single view proves nothing
+    assert gain(before, HeldOut(one_view, view, np.ones(1600))).p_value > 0.05  # a single view proves nothing
 
 
 def test_maps_of_a_diagnosed_calibration_carry_their_sigma(found: tuple[Calibration, Diagnosis]) -> None:

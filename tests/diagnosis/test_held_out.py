@@ -63,3 +63,17 @@ def test_times_and_bursts_are_read_from_frames_csv(tmp_path: Path) -> None:
         diagnose(made, Silent())
     (tmp_path / "frames.csv").write_text("\n".join(["file,time_s,view", *rows[1:]]))  # a picture without a row
     assert frame_order(made) == frame_order(replace(made, settings={}))
+
+
+def test_what_the_fit_hardly_predicts_counts_as_much_less() -> None:
+    """Corners that the folds' fits extrapolate to are off by more than the noise, by as much as their weights say."""
+    made = fitted(hidden(None, {}, seed=3, views=15))
+    model, seen = base_model(made), made.observations
+    joint = model.fitted(seen, torch.from_numpy(made.poses))
+    held = hold_out(model, seen, joint, folds(range(15)))
+    unsure = held.weight < np.quantile(held.weight, 0.2)
+    noise = 2 * 0.1**2 * (1 - 6 / (2 * 81))  # each pose takes up six of 162 degrees of freedom
+    assert held.weight[unsure].mean() < 0.8 * held.weight[~unsure].mean()
+    for group in (unsure, ~unsure):
+        weighed = held.squares[group] * held.weight[group]
+        assert weighed.mean() == pytest.approx(noise, rel=0.3)  # what is extrapolated is a few places, whose errors go together
