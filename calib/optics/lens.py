@@ -72,7 +72,7 @@ def tilt(x: Tensor, y: Tensor, coefficients: Sequence[Tensor], *, undo: bool = F
     homography = _tilt_matrix(coefficients[12], coefficients[13])
     if undo:
         homography = torch.linalg.inv(homography)
-    u, v, w = (torch.stack([x, y, torch.ones_like(x)], -1) @ homography.mT).unbind(-1)
+    u, v, w = (homography @ torch.stack([x, y, torch.ones_like(x)], -1).unsqueeze(-1)).squeeze(-1).unbind(-1)
     return u / w, v / w
 
 
@@ -140,9 +140,14 @@ def _padded(like: Tensor, coefficients: Sequence[Tensor]) -> list[Tensor]:
 
 
 def _tilt_matrix(tau_x: Tensor, tau_y: Tensor) -> Tensor:
-    """(3, 3) OpenCV's homography of a sensor tilted by tau_x about x and tau_y about y (rad)."""
+    """(..., 3, 3) OpenCV's homography of a sensor tilted by tau_x about x and tau_y about y, (...) rad."""
     sx, cx, sy, cy = tau_x.sin(), tau_x.cos(), tau_y.sin(), tau_y.cos()
     zero, one = torch.zeros_like(sx), torch.ones_like(sx)
-    turned = torch.stack([cy, sy * sx, -sy * cx, zero, cx, sx, sy, -cy * sx, cy * cx]).reshape(3, 3)
-    onto = torch.stack([turned[2, 2], zero, -turned[0, 2], zero, turned[2, 2], -turned[1, 2], zero, zero, one]).reshape(3, 3)
+    turned = _matrix(cy, sy * sx, -sy * cx, zero, cx, sx, sy, -cy * sx, cy * cx)
+    onto = _matrix(cy * cx, zero, sy * cx, zero, cy * cx, -sx, zero, zero, one)
     return torch.matmul(onto, turned)
+
+
+def _matrix(*entries: Tensor) -> Tensor:
+    """(..., 3, 3) of (...) entries, row after row."""
+    return torch.stack(entries, -1).reshape(*entries[0].shape, 3, 3)

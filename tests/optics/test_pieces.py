@@ -63,6 +63,17 @@ def test_lens_derivatives_agree_with_central_differences() -> None:
         assert (analytic - numeric).abs().max() < 1e-6 * numeric.abs().max(), param.name
 
 
+def test_each_pixel_can_have_a_lens_of_its_own() -> None:
+    """As the derivatives by row ask for."""
+    pixels = torch.tensor([[100.0, 80.0], [900.0, 700.0], [1500.0, 200.0]], dtype=torch.float64)
+    values = lens_values(14)
+    other = {name: 1.1 * value for name, value in values.items()}
+    mixed = {name: torch.stack([value, other[name], value]) for name, value in values.items()}
+    together = Lens(14)(pixels, mixed).direction.stacked()
+    alone = torch.cat([Lens(14)(pixels[i : i + 1], own).direction.stacked() for i, own in enumerate((values, other, values))])
+    assert torch.allclose(together, alone, rtol=0, atol=1e-12)
+
+
 def test_rotation_is_opencv_s() -> None:
     for rotvec in ([0.3, -1.2, 2.0], [1e-5, 2e-5, -1e-5], [0.0, 0.0, 0.0], [0.0, np.pi, 0.0]):
         ours = rotation.matrix(torch.tensor(rotvec, dtype=torch.float64)).numpy()
