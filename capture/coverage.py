@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from calib.board import Board
 from calib.camera import Camera
 from calib.design import MOST, Design
+from calib.hint_words import tilt_of, words
 from capture.finder import Sighting
 from capture.gate import new
-from calib.hint_words import tilt_of, words
 from capture.poses_bank import Reach, bank, bare_pose, rim
 
 Array = NDArray[np.float64]

@@ -26,11 +26,16 @@ except ImportError as error:
 COOKIE = "refracal"
 FONTS = b"https://fonts.googleapis.com"
 """What the page would fetch from elsewhere: it works without, and a Pi may have no network."""
-FITTED = b"""<script>
+FITTED = b"""<style>.xterm .xterm-viewport { overflow-y: hidden; }</style><script>
 const fits = Math.min(innerWidth / 80 / 0.61, innerHeight / 24 / 1.3);
 document.getElementById("terminal").dataset.fontSize = Math.max(6, Math.min(16, Math.floor(fits)));
+const waiting = setInterval(() => {
+  const keys = document.querySelector(".xterm-helper-textarea");
+  keys?.focus();
+  if (keys && document.activeElement === keys) clearInterval(waiting);
+}, 50);
 </script></body>"""
-"""Letters as large as leaves room for 80 columns and 24 rows, as on a phone that lies on its side."""
+"""Letters as large as leaves room for 80 columns and 24 rows, as on a phone that lies on its side; and keys work without a click."""
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 

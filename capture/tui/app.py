@@ -11,6 +11,7 @@ from typing import ClassVar
 
 import cv2
 from textual.app import App
+from textual.reactive import reactive
 
 from capture.tui.setup import SetupScreen
 
@@ -22,10 +23,14 @@ class CaptureApp(App[None]):
     ENABLE_COMMAND_PALETTE = False
     CSS = """
     * { scrollbar-size: 1 1; }
-    *:nocolor:focus { text-style: reverse; }
+    Input { scrollbar-size: 0 0; }
+    Screen *:nocolor:focus { text-style: reverse; }
+    OptionList:nocolor:focus { text-style: none; }
     .banner { width: 1fr; text-style: bold; padding: 0 1; }
     """
     NOTIFICATION_TIMEOUT: ClassVar = 4.0
+    dots: reactive[bool] = reactive(False)
+    """Pictures in dots: the terminal has no greys, or the person wants them so."""
 
     def __init__(self, session: Path, source: str = "") -> None:
         """`source` may be empty: the set-up then names the first camera that it finds."""
@@ -33,10 +38,12 @@ class CaptureApp(App[None]):
         super().__init__()
         self.session = session
         self.source = source
-        self.dots = plain or self.console.color_system in (None, "standard")
-        """Pictures in dots: the terminal has no greys."""
+        self.set_reactive(CaptureApp.dots, plain or self.console.color_system in (None, "standard"))
 
     def on_mount(self) -> None:
         sys.setswitchinterval(SWITCH_S)
         cv2.setNumThreads(1)  # of two cores, one stays for the screen
         self.push_screen(SetupScreen(self.session, self.source))
+
+    def action_dots(self) -> None:
+        self.dots = not self.dots

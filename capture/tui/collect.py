@@ -21,7 +21,7 @@ from capture.record import Shutter, Step
 from capture.tui.adviser import Adviser
 from capture.tui.camera import Preview, Task, Watch
 from capture.tui.cells import FOUND, HINT, Mark
-from capture.tui.page import HELP_AND_QUIT, Line, Page
+from capture.tui.page import DOTS, HELP_AND_QUIT, Line, Page
 from capture.tui.panel import Panel
 from capture.tui.picture import Picture
 
@@ -44,7 +44,7 @@ class CollectScreen(Page):
         Binding("n", "cover_on", "Cover on"),
         Binding("f", "fit", "Fit"),
         Binding("c", "again", "Camera again"),
-        Binding("m", "dots", "Dots"),
+        DOTS,
         Binding("escape", "back", "Set-up", key_display="esc"),
         *HELP_AND_QUIT,
     ]
@@ -120,7 +120,7 @@ class CollectScreen(Page):
     def body(self) -> ComposeResult:
         with Horizontal(id="top"):
             yield Picture()
-            yield Panel()
+            yield Panel(covered=not self.plan.bare and self.plan.asked[2].shape != "none")
         yield Line("The camera is being opened.", id="verdict", classes="banner", markup=False)
         yield Line(id="next", markup=False)
 
@@ -128,12 +128,6 @@ class CollectScreen(Page):
         del parameters
         offered = {"cover_on": self.plan.bare, "fit": not self.plan.bare, "again": self._watch is None}
         return offered.get(action, True)
-
-    def on_mount(self) -> None:
-        from capture.tui.app import CaptureApp
-
-        assert isinstance(self.app, CaptureApp)
-        self.query_one(Picture).dots = self.app.dots
 
     @on(ScreenResume)
     def _begin(self) -> None:
@@ -277,10 +271,6 @@ class CollectScreen(Page):
 
     def action_again(self) -> None:
         self._begin()
-
-    def action_dots(self) -> None:
-        picture = self.query_one(Picture)
-        picture.dots = not picture.dots
 
     def action_cover_on(self) -> None:
         self._close()

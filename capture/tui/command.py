@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 from capture.tui.fitting import NICENESS
 
+REMARKS = ("Take care: ", "Misfit of ")
+
 
 @dataclass(frozen=True, slots=True)
 class Done:
@@ -15,22 +17,16 @@ class Done:
     stdout: str
     sentence: str
     """What it said last on stderr: why it failed."""
+    remarks: Sequence[str]
+    """What else it said there that a person should know."""
 
 
-class Calib:
-    """Run by `run`, ended by `kill` from any thread."""
-
-    def __init__(self, arguments: Sequence[str]) -> None:
-        command = [sys.executable, "-m", "calib", *arguments]
-        self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        os.setpriority(os.PRIO_PROCESS, self._process.pid, NICENESS)
-
-    def run(self) -> Done:
-        """Wait for its end. Blocks."""
-        with self._process:
-            out, err = self._process.communicate()
-        lines = err.strip().splitlines() or [f"calib ended with {self._process.returncode} and said nothing."]
-        return Done(self._process.returncode, out, lines[-1].removeprefix("calib: "))
-
-    def kill(self) -> None:
-        self._process.kill()
+def calib(arguments: Sequence[str]) -> Done:
+    """Run it to its end. Blocks."""
+    command = [sys.executable, "-m", "calib", *arguments]
+    with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        os.setpriority(os.PRIO_PROCESS, process.pid, NICENESS)
+        out, err = process.communicate()
+    lines = err.strip().splitlines() or [f"calib ended with {process.returncode} and said nothing."]
+    remarks = [line for line in lines if line.startswith(REMARKS)]
+    return Done(process.returncode, out, lines[-1].removeprefix("calib: "), remarks)

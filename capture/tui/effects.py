@@ -1,73 +1,64 @@
-"""Effects: what the model lacks, found by `calib diagnose`, with the held-out error before and after."""
+"""Effects: what the model lacks, as `calib diagnose` finds it, with the error before and after; then on with them, or without."""
 
-import json
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from textual import on, work
-from textual.app import ComposeResult
 from textual.binding import Binding
-from textual.containers import VerticalScroll
-from textual.message import Message
-from textual.screen import ModalScreen
-from textual.widgets import Footer, Static
 
-from calib.cli import COMMANDS
-from capture.tui.command import Calib
+from capture.tui.child import Event
+from capture.tui.page import HELP_AND_QUIT
+from capture.tui.working import WorkingPage
 
 
-def can_diagnose() -> bool:
-    """Whether this version of calib has the command."""
-    return any(command.__name__.endswith(".diagnose") for command in COMMANDS)
+class EffectsScreen(WorkingPage):
+    """Dismissed with True where the person wants to go on with what was found: `result` then says with what."""
 
-
-class EffectsScreen(ModalScreen[None]):
-    DEFAULT_CSS = "EffectsScreen { background: $background; } EffectsScreen VerticalScroll { height: 1fr; padding: 1; }"
-    BINDINGS: ClassVar = [Binding("escape", "dismiss", "Back", key_display="esc")]
-
-    class Done(Message):
-        """The command has ended."""
-
-        def __init__(self, words: str) -> None:
-            super().__init__()
-            self.words = words
+    BINDINGS: ClassVar = [
+        Binding("enter", "use", "Use them", key_display="enter"),
+        Binding("e", "again", "Look again"),
+        Binding("up", "scroll(-1)", "Up", key_display="↑"),
+        Binding("down", "scroll(1)", "Down", key_display="↓"),
+        Binding("escape", "back", "Back", key_display="esc"),
+        *HELP_AND_QUIT,
+    ]
+    AGAIN = "Press e to look again, esc to go back."
 
     def __init__(self, calibration: Path) -> None:
         super().__init__()
+        self.result: Event = {}
+        """As `capture.tui.diagnosing` gives it; empty until then."""
         self._calibration = calibration
 
-    def compose(self) -> ComposeResult:
-        with VerticalScroll():
-            yield Static("Effects that the model lacks are being looked for. This takes some minutes; esc cancels.", markup=False)
-        yield Footer(show_command_palette=False, compact=True)
+    def step(self) -> str:
+        return "Results"
 
-    def on_mount(self) -> None:
-        self._calib = Calib(["diagnose", str(self._calibration), "--json"])
-        self._run()
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        match action:
+            case "use":
+                return bool(self.result.get("accepted"))
+            case "scroll":
+                return bool(self.result)
+            case "again":
+                return self.child is None and not self.result
+        return super().check_action(action, parameters)
 
-    def on_unmount(self) -> None:
-        self._calib.kill()
+    def action_again(self) -> None:
+        self.say("Effects that the model lacks are looked for, which takes some minutes at most; esc cancels.")
+        self.follow("capture.tui.diagnosing", [str(self._calibration), str(self._calibration.parent / "diagnosed")])
 
-    @work(thread=True)
-    def _run(self) -> None:
-        done = self._calib.run()
-        self.post_message(self.Done(told(json.loads(done.stdout)) if done.returncode == 0 else done.sentence))
+    def finished(self, result: Event) -> None:
+        self.result = result
+        self.refresh_bindings()
+        self.show(result["told"])
+        found = " and ".join(result["accepted"])
+        use = f"Press enter to go on with {found}, and to export maps with it; esc leaves the fit as it was."
+        self.say(use if found else "Nothing is added: the fit stays as it was. Press esc, then x to export maps.")
 
-    @on(Done)
-    def _show(self, message: Done) -> None:
-        self.query_one(Static).update(message.words)
+    def action_scroll(self, by: int) -> None:
+        self.query_one("VerticalScroll").scroll_relative(y=by, animate=False)
 
+    def action_use(self) -> None:
+        self.dismiss(True)
 
-def told(diagnosis: Mapping[str, Any]) -> str:
-    """The diagnosis as a table."""
-    before, after = diagnosis["before"], diagnosis["after"]
-    found = ", ".join(diagnosis["accepted"]) or "none: nothing that was tried improves views that the fit has not seen"
-    lines = [f"Effects found: {found}.", "", f"{'':<22}{'before':>10}{'after':>10}"]
-    for key, words in (("rms_px", "error, px"), ("rmse_cm", "on the board, cm"), ("held_out_px", "on held-out views, px")):
-        lines.append(f"{words:<22}{before[key]:>10.4f}{after[key]:>10.4f}")
-    lines += ["", f"{'tried':<22}{'held out before':>16}{'after':>10}"]
-    for one in diagnosis["candidates"]:
-        if one["held_out_px_after"] is not None:
-            lines.append(f"{one['effect']:<22}{one['held_out_px_before']:>13.4f} px{one['held_out_px_after']:>7.4f} px")
-    return "\n".join(lines)
+    def action_back(self) -> None:
+        self.dismiss(False)

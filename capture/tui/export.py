@@ -15,14 +15,14 @@ from textual.widgets import Button, Footer, Input, Label, Select, Static
 
 from calib.commands import export
 from calib.commands.arguments import depth
-from capture.tui.command import Calib
-from capture.tui.page import TYPING, onward
+from capture.tui.command import calib
+from capture.tui.page import TYPING, Field, onward, typed
 
 
 class ExportScreen(ModalScreen[None]):
     DEFAULT_CSS = """
     ExportScreen { align: center middle; }
-    ExportScreen #box { width: 72; height: 15; border: round $primary; padding: 0 1; background: $surface; }
+    ExportScreen #box { width: 76; height: 19; border: round $primary; padding: 0 1; background: $surface; }
     ExportScreen .row { height: 1; margin: 0 0 1 0; }
     ExportScreen .row Label { width: 18; }
     ExportScreen .row Input, ExportScreen .row Select { width: 1fr; height: 1; }
@@ -50,10 +50,10 @@ class ExportScreen(ModalScreen[None]):
         with Vertical(id="box"):
             yield Static("Maps that undistort pictures, one for each depth of the scene", markup=False)
             yield Static()
-            yield _row("depths in metres", Input("1.0", id="depths", compact=True))
+            yield _row("depths in metres", Field("1.0", id="depths", compact=True))
             forms = [(form, form) for form in formats()]
             yield _row("form", Select(forms, value=forms[0][1], allow_blank=False, id="form", compact=True))
-            yield _row("folder", Input(str(self._folder), id="folder", compact=True))
+            yield _row("folder", Field(str(self._folder), id="folder", compact=True))
             yield Button("Export", id="export", variant="primary", compact=True)
             yield Static(id="said", markup=False)
         yield Footer(show_command_palette=False, compact=True)
@@ -77,7 +77,9 @@ class ExportScreen(ModalScreen[None]):
         onward(self)
 
     @on(Button.Pressed)
-    def action_export(self) -> None:
+    @work(exclusive=True, group="export")
+    async def action_export(self) -> None:
+        await typed(self)
         try:
             depths = self._depths()
         except argparse.ArgumentTypeError as error:
@@ -91,8 +93,9 @@ class ExportScreen(ModalScreen[None]):
 
     @work(thread=True, exclusive=True)
     def _run(self, arguments: Sequence[str]) -> None:
-        done = Calib(arguments).run()
-        self.post_message(self.Done(f"Wrote\n{done.stdout}" if done.returncode == 0 else done.sentence))
+        done = calib(arguments)
+        written = "Wrote " + " ".join(Path(line).name for line in done.stdout.splitlines())
+        self.post_message(self.Done("\n".join([written, *done.remarks]) if done.returncode == 0 else done.sentence))
 
     @on(Done)
     def _ended(self, message: Done) -> None:

@@ -1,12 +1,13 @@
 """The process that fits: torch is loaded here, and never in the process that draws the screen.
 
-`python -m capture.tui.fitting SESSION OUT` fits and saves; `python -m capture.tui.fitting CALIBRATION` only reads. Either way stdout has
-one JSON object a line: tasks and their steps, and at the end a result or an error.
+`python -m capture.tui.fitting SESSION OUT` fits and saves. stdout has one JSON object a line: tasks and their steps, and at the end a
+result or an error.
 """
 
 import json
 import os
 import sys
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,34 +32,34 @@ def say(**what: object) -> None:
     print(json.dumps(what), flush=True)
 
 
-def main(arguments: list[str]) -> None:
+def answer(work: Callable[[], Mapping[str, object]]) -> None:
+    """Say the result of some work, or the sentence that it ended with."""
     os.nice(NICENESS)
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     try:
-        say(event="task", title="Loading torch", total=1)
-        from calib.calibration import Calibration
-
-        if len(arguments) == 1:
-            calibration, saved = Calibration.load(arguments[0]), Path(arguments[0])
-        else:
-            calibration, saved = _fit(Path(arguments[0]), Path(arguments[1]))
-        say(event="result", **summary(calibration, saved))
+        say(event="result", **work())
     except RefracalError as error:
         say(event="error", sentence=str(error))
     except ImportError as error:
         say(event="error", sentence=f"This machine cannot fit ({error}): install torch, or copy the session and run calib fit there.")
 
 
-def _fit(session: Path, out: Path) -> "tuple[Calibration, Path]":
+def main(session: Path, out: Path) -> None:
+    answer(lambda: _fit(session, out))
+
+
+def _fit(session: Path, out: Path) -> dict[str, object]:
+    say(event="task", title="Loading torch", total=1)
     from calib.files import check_writable
     from calib.fit import fit
+    from calib.report.origin import with_origin
     from calib.session import read_session
     from calib.stages import Settings
 
     described = read_session(session)
     check_writable(out)
-    calibration = fit(described, Settings(), Lines())
-    return calibration, calibration.save(out)
+    calibration = with_origin(fit(described, Settings(), Lines()), described)
+    return summary(calibration, calibration.save(out))
 
 
 def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
@@ -66,10 +67,9 @@ def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
     from torch import from_numpy
 
     from calib.console import remarks
-    from calib.observations import Observations
     from calib.residuals import residuals
 
-    seen = Observations.of(calibration.views, calibration.board)
+    seen = calibration.observations
     path, values = calibration.model()
     missed = residuals(path, values, seen, from_numpy(calibration.poses))
     views = [
@@ -87,4 +87,4 @@ def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main(Path(sys.argv[1]), Path(sys.argv[2]))

@@ -1,13 +1,14 @@
 """What every screen has: where one is on the way, the keys, and a sentence where the terminal is too small."""
 
-from collections.abc import Sequence
-from typing import Any
+import asyncio
+from abc import abstractmethod
+from typing import Any, ClassVar
 
 from textual import on
 from textual.actions import SkipAction
 from textual.app import ComposeResult
 from textual.binding import Binding
-from textual.events import Resize
+from textual.events import Key, Resize
 from textual.screen import Screen
 from textual.widgets import Footer, Input, Static
 
@@ -27,12 +28,28 @@ TYPING = (
 fast, as over a slow connection, goes to the next field."""
 
 
+DOTS = Binding("m", "app.dots", "Dots")
+"""For screens with a picture."""
+
+
 class Line(Static):
     """A text that is laid out only when it changes: what is said twenty times a second mostly stays the same."""
 
     def say(self, text: str) -> None:
         if text != str(self.content):
             self.update(text)
+
+
+class Field(Input):
+    """A field whose editing keys work in their turn: Input's go round by the app, where letters that were typed later overtake them."""
+
+    EDITING: ClassVar = {key: each.action for each in Input.BINDINGS if isinstance(each, Binding) for key in each.key.split(",")}
+
+    async def on_key(self, event: Key) -> None:
+        if action := self.EDITING.get(event.key):
+            event.stop()
+            event.prevent_default()
+            await self.run_action(action)
 
 
 class Page(Screen[bool]):
@@ -51,19 +68,16 @@ class Page(Screen[bool]):
         yield Static(id="small", markup=False)
         yield Footer(show_command_palette=False, compact=True)
 
+    @abstractmethod
     def body(self) -> ComposeResult:
         """The widgets between the first line and the last."""
-        raise NotImplementedError
 
+    @abstractmethod
     def step(self) -> str:
         """Which of STEPS this is."""
-        raise NotImplementedError
-
-    def steps(self) -> Sequence[str]:
-        return STEPS
 
     def _way(self) -> str:
-        return " " + " › ".join(f"[{step.upper()}]" if step == self.step() else step for step in self.steps())
+        return " " + " › ".join(f"[{step.upper()}]" if step == self.step() else step for step in STEPS)
 
     def action_help(self) -> None:
         from capture.tui.help import HelpScreen
@@ -85,3 +99,15 @@ def onward(screen: Screen[Any]) -> None:
     if not isinstance(screen.focused, Input):
         raise SkipAction
     screen.focus_next()
+
+
+async def typed(screen: Screen[Any]) -> None:
+    """Wait until every key that was pressed before is in its field, and on its way up what the screen is to hear of it.
+
+    A key that a screen looks at first overtakes those.
+    """
+    for widget in reversed(list(screen.query("*"))):  # what is inside before what is around it
+        done = asyncio.Event()
+        widget.call_later(done.set)
+        while widget.is_attached and not done.is_set():
+            await asyncio.sleep(0.001)

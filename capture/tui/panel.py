@@ -23,10 +23,15 @@ class Panel(Vertical):
     Panel #maps { height: 6; }
     Panel #maps Line { width: 13; margin: 0 2 0 0; }
     Panel #depth { height: 1; }
-    Panel #legend { height: 3; padding: 1 0 0 0; color: $text-muted; }
+    Panel #legend { height: 2; color: $text-muted; }
     Panel #notes { height: 1fr; color: $text-muted; }
     """
     progress: reactive[Progress | None] = reactive(None)
+
+    def __init__(self, *, covered: bool) -> None:
+        """`covered`: the camera looks through a cover, so its glass has a map of its own."""
+        super().__init__()
+        self._covered = covered
 
     def compose(self) -> ComposeResult:
         yield Line(id="count", markup=False)
@@ -50,5 +55,6 @@ class Panel(Vertical):
             return
         self.query_one("#enough", Line).say(progress.sentence)
         self.query_one("#image", Line).say(f"Picture\n{shaded(progress.image, *MAP)}")
-        self.query_one("#glass", Line).say(f"Glass\n{shaded(progress.glass, *MAP)}")
+        if self._covered:
+            self.query_one("#glass", Line).say(f"Glass\n{shaded(progress.glass, *MAP)}")
         self.query_one("#depth", Line).say(f"Depth  near {shaded(progress.depth[None], 13, 1)} far")

@@ -41,6 +41,12 @@ class Picture(Widget):
         self._preview, self._marks, self._cells = preview, marks, None
         self.refresh()
 
+    def on_mount(self) -> None:
+        self.watch(self.app, "dots", self._change_dots)
+
+    def _change_dots(self, dots: bool) -> None:
+        self.dots = dots
+
     def watch_dots(self) -> None:
         self._cells = None
 

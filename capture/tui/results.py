@@ -20,7 +20,7 @@ from capture.tui.camera import Preview
 from capture.tui.cells import FOUND, WORST, Mark
 from capture.tui.child import Event
 from capture.tui.drop import Dropped, drop, take_back
-from capture.tui.page import HELP_AND_QUIT, Page
+from capture.tui.page import DOTS, HELP_AND_QUIT, Page
 from capture.tui.picture import Picture
 
 BAR = 12  # columns
@@ -36,7 +36,7 @@ class ResultsScreen(Page):
     ResultsScreen #right { width: 1fr; }
     ResultsScreen Picture { height: 1fr; }
     ResultsScreen #view { height: 2; }
-    ResultsScreen #sentence { height: 3; }
+    ResultsScreen #sentence { height: auto; min-height: 3; max-height: 6; }
     """
     BINDINGS: ClassVar = [
         Binding("d", "drop", "Drop"),
@@ -44,7 +44,7 @@ class ResultsScreen(Page):
         Binding("f", "refit", "Fit again"),
         Binding("e", "effects", "Effects"),
         Binding("x", "export", "Export"),
-        Binding("m", "dots", "Dots"),
+        DOTS,
         Binding("escape", "back", "Collect", key_display="esc"),
         *HELP_AND_QUIT,
     ]
@@ -81,17 +81,9 @@ class ResultsScreen(Page):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         del parameters
-        if action == "effects":
-            from capture.tui.effects import can_diagnose
-
-            return can_diagnose()
         return bool(self._dropped) if action == "take_back" else True
 
     def on_mount(self) -> None:
-        from capture.tui.app import CaptureApp
-
-        assert isinstance(self.app, CaptureApp)
-        self.query_one(Picture).dots = self.app.dots
         self.query_one(OptionList).focus()
 
     def _stages(self) -> str:
@@ -103,10 +95,14 @@ class ResultsScreen(Page):
         return "\n".join(lines)
 
     def _verdict(self) -> str:
-        stages, noise = self.result["stages"], self.result["noise_px"]
-        said = f"The error fell from {stages[0]['rms_px']:.3f} to {stages[-1]['rms_px']:.3f} px; the corners' own noise is {noise:.3f} px."
-        care = [f"Take care: {remark}" for remark in self.result["remarks"]]
-        return " ".join([said, *care]) if care else f"{said} Press x to export maps."
+        first, last = (self.result["stages"][place]["rms_px"] for place in (0, -1))
+        said = [f"The error fell from {first:.3f} to {last:.3f} px; the corners' own noise is {self.result['noise_px']:.3f} px."]
+        said += [f"Take care: {remark}" for remark in self.result["remarks"]]
+        if rejected := self.result["rejected"]:
+            more = f" and {len(rejected) - 1} more" if len(rejected) > 1 else ""
+            said.append(f"Not used: {rejected[0]['file']} ({rejected[0]['reason']}){more}.")
+        effects = "e to look for what the model lacks, " if self.result["remarks"] else ""
+        return " ".join([*said, f"Press {effects}x to export maps."])
 
     def _line(self, view: Mapping[str, Any]) -> str:
         gone = any(each.file == view["file"] for each in self._dropped)
@@ -184,11 +180,13 @@ class ResultsScreen(Page):
     def action_effects(self) -> None:
         from capture.tui.effects import EffectsScreen
 
-        self.app.push_screen(EffectsScreen(Path(self.result["calibration"])))
+        screen = EffectsScreen(Path(self.result["calibration"]))
 
-    def action_dots(self) -> None:
-        picture = self.query_one(Picture)
-        picture.dots = not picture.dots
+        def use(wanted: bool | None) -> None:
+            if wanted:
+                self.app.switch_screen(ResultsScreen(self.session, screen.result, self.result))
+
+        self.app.push_screen(screen, use)
 
     def action_back(self) -> None:
         self.app.pop_screen()

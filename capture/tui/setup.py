@@ -20,12 +20,12 @@ from capture.setup import Setup, board_of, read_setup
 from capture.sources.registry import SCHEMES, open_source
 from capture.tui.camera import Task
 from capture.tui.form import BOARD, HELP, Typed, problem, read_form, write_form
-from capture.tui.page import TYPING, Page, onward
+from capture.tui.page import TYPING, Field, Page, onward, typed
 
 BARE_VIEWS = 10
 """Without cover; from here on the lens is taken as recorded, and the set-up proposes to go on through the cover."""
 SOURCE_HELP = "Where pictures come from: v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE."
-LIKE_HELP = "The session.yaml of another session: board, cover and lens are taken from there. May stay empty."
+LIKE_HELP = "Another session, its folder: board, cover and lens are taken from there. May stay empty."
 PHASE_HELP = "First without the cover, to find the lens; then through it, without touching the focus."
 COVER_ON = "NOW PUT THE COVER ON, and leave the focus alone. Check the source, then Start."
 EMPTY = Typed({"columns": "9", "rows": "6", "square_mm": ""}, "cone", {"refractive_index": "1.5", "outside_index": "1", "tilt_deg": "0, 0"})
@@ -67,6 +67,8 @@ class SetupScreen(Page):
         self.session = session
         self._source = source
         self._like: Setup | None = None
+        self._liked = ""
+        """The name that `_like` was read from."""
         self._covered = False
         """The person says that the cover is on now."""
 
@@ -76,13 +78,13 @@ class SetupScreen(Page):
     def body(self) -> ComposeResult:
         with VerticalScroll(can_focus=False):
             yield Static(id="state", markup=False)
-            yield _row("source", Input(self._source, id="source", compact=True))
+            yield _row("source", Field(self._source, id="source", compact=True))
             yield Static("", id="cameras", markup=False)
-            yield _row("like (optional)", Input(id="like", compact=True))
+            yield _row("like (optional)", Field(id="like", compact=True))
             with Horizontal(id="board", classes="row"):
                 for key in BOARD:
                     yield Label(f"board {key}" if key == "columns" else key, id=f"label-{key}", classes="first" if key == "columns" else "")
-                    yield Input(EMPTY.board[key], name=key, compact=True)
+                    yield Field(EMPTY.board[key], name=key, compact=True)
             yield _row(
                 "cover shape", Select([(shape, shape) for shape in SHAPES], value="cone", allow_blank=False, id="shape", compact=True)
             )
@@ -159,7 +161,7 @@ class SetupScreen(Page):
         async with self.batch():
             await place.remove_children()
             keys = [quantity.key for quantity in SHAPES[typed.shape]]
-            await place.mount_all(_row(key, Input(typed.cover.get(key, ""), name=key, compact=True)) for key in keys)
+            await place.mount_all(_row(key, Field(typed.cover.get(key, ""), name=key, compact=True)) for key in keys)
 
     def _input(self, key: str) -> Input:
         return next(each for each in self.query(Input) if each.name == key)
@@ -180,15 +182,24 @@ class SetupScreen(Page):
             if field.id == "source":
                 open_source(field.value)
             elif field.id == "like":
-                self._like = read_setup(Path(field.value)) if field.value.strip() else None
-                if self._like:
-                    await self._fill(self._like)
-                    self.query_one("#phase", Select).value = self._bare_is_missing()
+                await self._follow(field.value)
             else:
                 return problem(field.name or "", field.value, str(self.query_one("#shape", Select).value))
         except InputError as error:
             return str(error)
         return None
+
+    async def _follow(self, like: str) -> None:
+        """Take over what another session says, once for every name that is typed."""
+        if like == self._liked:
+            return
+        self._like, self._liked = None, ""
+        if like.strip():
+            place = Path(like.strip())
+            self._like = read_setup(place / "session.yaml" if place.is_dir() else place)
+            await self._fill(self._like)
+            self.query_one("#phase", Select).value = self._bare_is_missing()
+        self._liked = like
 
     @on(DescendantFocus)
     def _explain(self, event: DescendantFocus) -> None:
@@ -200,16 +211,23 @@ class SetupScreen(Page):
         onward(self)
 
     @on(Button.Pressed, "#start")
-    def action_start(self) -> None:
+    @work(exclusive=True, group="start")
+    async def action_start(self) -> None:
+        await typed(self)
+        self.call_later(self._begin)
+
+    async def _begin(self) -> None:
         from capture.tui.collect import CollectScreen
 
         try:
+            await self._follow(self.query_one("#like", Input).value)
             task = self._read()
         except InputError as error:
             self._say(str(error))
             return
         self._source = task.source
-        self.app.push_screen(CollectScreen(task), self._cover_on)
+        if self.is_current:  # and not started by the same key already
+            self.app.push_screen(CollectScreen(task), self._cover_on)
 
     def _cover_on(self, wanted: bool | None) -> None:
         """Back from recording without the cover, perhaps to go on through it."""
@@ -225,10 +243,24 @@ class SetupScreen(Page):
             shape = str(self.query_one("#shape", Select).value)
             typed = Typed({key: texts[key] for key in BOARD}, shape, {q.key: texts.get(q.key, "") for q in SHAPES[shape]})
             asked = read_form(typed, self._like[1] if self._like else None)
-        return Task(self.session, texts["source"], asked, bare=cast(bool, self.query_one("#phase", Select).value))
+        task = Task(self.session, texts["source"], asked, bare=cast(bool, self.query_one("#phase", Select).value))
+        _check_folder(task)
+        return task
 
     def _say(self, sentence: str) -> None:
         self.query_one("#problem", Static).update(sentence)
+
+
+def _check_folder(task: Task) -> None:
+    """Pictures with and without the cover look alike to the program, and a session has both: InputError where the wrong ones are named."""
+    scheme, _, rest = task.source.partition(":")
+    place = Path(rest.partition("?")[0])
+    if scheme != "folder" or task.asked[2].shape == "none":
+        return
+    if task.bare and (place / "bare").is_dir():
+        raise InputError(f"{task.source} gives a session's pictures through its cover: for those without, write folder:{place / 'bare'}.")
+    if not task.bare and place.name == "bare":
+        raise InputError(f"{task.source} has pictures without the cover: name those that were taken through it, as in folder:SESSION.")
 
 
 def _row(label: str, field: Input | Select[Any]) -> Horizontal:

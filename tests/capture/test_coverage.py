@@ -11,9 +11,9 @@ from calib.board import Board
 from calib.camera import Camera, Intrinsics
 from calib.design import MOST, Design
 from calib.errors import InputError
+from calib.hint_words import words
 from calib.schema import Number
 from capture.coverage import CELLS, InformedGuide, PlainGuide, SeenView, covered_cells, upright
-from calib.hint_words import words
 from capture.poses_bank import Reach, bank, bare_pose, rim, seen_bare
 
 Array = NDArray[np.float64]

@@ -5,7 +5,8 @@ import resource
 import shutil
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
@@ -14,8 +15,8 @@ from textual.pilot import Pilot
 from capture.disk import locked
 from capture.recorder import Recorder
 from capture.tui.collect import CollectScreen
-from capture.tui.fit import FitScreen
 from capture.tui.picture import Picture
+from capture.tui.working import WorkingPage
 from tests.capture.recordings import BOARD
 from tests.capture.test_rpicam import HEIGHT, PICTURES, SOURCE, STAND_IN, WIDTH
 from tests.tui.driving import drive, running, see, shown, until
@@ -74,18 +75,28 @@ def test_a_fit_that_is_killed_can_be_repeated(session: Path) -> None:
 
 
 async def _killed_fit(session: Path) -> None:
-    async with running(session, f"folder:{FIXTURE}") as pilot:
-        await see(pilot, "continued")
-        await pilot.press("ctrl+s")
-        await see(pilot, "12 views")
-        await pilot.press("f")
-        await see(pilot, "Corners in session")
-        assert isinstance(pilot.app.screen, FitScreen)
-        assert pilot.app.screen.child
-        os.kill(pilot.app.screen.child.pid, signal.SIGKILL)
+    async with fitting(session) as (pilot, pid):
+        os.kill(pid, signal.SIGKILL)
         await see(pilot, "was ended from outside (SIGKILL, perhaps for want of memory): start it again. Press f to fit again")
         await pilot.press("f")
         await see(pilot, "[RESULTS]")
+
+
+def test_a_search_for_effects_that_is_killed_can_be_repeated(session: Path) -> None:
+    drive(_killed_search(session))
+
+
+async def _killed_search(session: Path) -> None:
+    async with fitting(session) as (pilot, _):
+        await see(pilot, "[RESULTS]")
+        await pilot.press("e")
+        await see(pilot, "Loading torch")
+        os.kill(_working(pilot), signal.SIGKILL)
+        await see(pilot, "was ended from outside (SIGKILL, perhaps for want of memory): start it again. Press e to look again")
+        await pilot.press("e")
+        await see(pilot, "Found: nothing")
+        await pilot.press("escape")
+        await see(pilot, "Views, the worst first")
 
 
 def test_a_fit_is_cancelled(session: Path) -> None:
@@ -93,19 +104,29 @@ def test_a_fit_is_cancelled(session: Path) -> None:
 
 
 async def _cancelled_fit(session: Path) -> None:
+    async with fitting(session) as (pilot, pid):
+        await pilot.press("escape")
+        await see(pilot, "[THROUGH COVER]")
+        await until(pilot, lambda: not _runs(pid), 5)
+        assert not (session / "calibration").exists() or not list((session / "calibration").iterdir())
+
+
+@asynccontextmanager
+async def fitting(session: Path) -> AsyncIterator[tuple[Pilot[None], int]]:
+    """The app in the middle of a fit, and the number of the process that fits."""
     async with running(session, f"folder:{FIXTURE}") as pilot:
         await see(pilot, "continued")
         await pilot.press("ctrl+s")
         await see(pilot, "12 views")
         await pilot.press("f")
         await see(pilot, "Corners in session")
-        assert isinstance(pilot.app.screen, FitScreen)
-        assert pilot.app.screen.child
-        pid = pilot.app.screen.child.pid
-        await pilot.press("escape")
-        await see(pilot, "[THROUGH COVER]")
-        await until(pilot, lambda: not _runs(pid), 5)
-        assert not (session / "calibration").exists() or not list((session / "calibration").iterdir())
+        yield pilot, _working(pilot)
+
+
+def _working(pilot: Pilot[None]) -> int:
+    assert isinstance(pilot.app.screen, WorkingPage)
+    assert pilot.app.screen.child
+    return pilot.app.screen.child.pid
 
 
 def _runs(pid: int) -> bool:

@@ -1,0 +1,68 @@
+"""The process that looks for effects: `python -m capture.tui.diagnosing CALIBRATION OUT`, a JSON object a line.
+
+It finds and saves what `calib diagnose` does; the result is that of `capture.tui.fitting`, with the names of the effects that were
+accepted and a text for the screen.
+"""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from capture.tui.fitting import Lines, answer, say, summary
+
+if TYPE_CHECKING:
+    from calib.diagnosis.record import Candidate, Diagnosis, Estimate
+
+
+def main(calibration: Path, out: Path) -> None:
+    answer(lambda: _diagnose(calibration, out))
+
+
+def _diagnose(place: Path, out: Path) -> dict[str, object]:
+    say(event="task", title="Loading torch", total=1)
+    from calib.calibration import Calibration
+    from calib.diagnosis.diagnose import diagnose
+    from calib.files import check_writable
+
+    calibration = Calibration.load(place)
+    check_writable(out)
+    better, finding = diagnose(calibration, Lines())
+    return summary(better, better.save(out)) | {"accepted": list(finding.accepted), "told": told(finding)}
+
+
+def told(finding: "Diagnosis") -> str:
+    """The finding in lines of at most 78 characters: what was found, the error before and after, and what else was looked into."""
+    before, after = finding.before, finding.after
+    found = ", ".join(finding.accepted) or "nothing: no effect that is known here improves held-out views beyond chance"
+    lines = [f"Found: {found}.", "", f"{'error (root mean square)':<26}{'before':>12}{'after':>12}"]
+    lines += [
+        f"{'fitted views':<26}{before.rms_px:>9.3f} px{after.rms_px:>9.3f} px",
+        f"{'on the board':<26}{before.rmse_cm:>9.4f} cm{after.rmse_cm:>9.4f} cm",
+        f"{'held-out views':<26}{before.held_out_px:>9.3f} px{after.held_out_px:>9.3f} px",
+        f"{'of which noise':<26}{finding.noise_px:>9.3f} px{finding.noise_px:>9.3f} px",
+    ]
+    for one in finding.candidates:
+        if one.accepted:
+            lines += ["", *(f"{name:<26}{_number(number)}" for name, number in one.parameters.items())]
+    tried = [one for one in finding.candidates if one.held_out_px_after is not None]
+    if tried:
+        lines += ["", f"{'fitted':<26}{'held-out views':<24}verdict", *map(_line, tried)]
+    if rest := ", ".join(one.effect for one in finding.candidates if one not in tried):
+        lines += ["", f"Scored too low to be fitted: {rest}."]
+    return "\n".join([*lines, *(f"\nTake care: {remark}" for remark in finding.remarks)])
+
+
+def _line(one: "Candidate") -> str:
+    name = f"{one.effect} ({one.form})" if one.form else one.effect
+    return f"{name:<25} {one.held_out_px_before:>5.3f} to {one.held_out_px_after:>5.3f} px       {one.verdict}"
+
+
+def _number(one: "Estimate") -> str:
+    from calib.diagnosis.shown import PREFIXES
+
+    factor, unit = PREFIXES.get(one.unit, (1.0, one.unit))
+    return f"{one.value * factor:.4g} ± {one.sigma * factor:.2g} {unit}".rstrip()
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]))

@@ -1,0 +1,133 @@
+"""Waiting for a process that calculates: what it is doing, how far it is, and how the error falls. The screen answers meanwhile."""
+
+import re
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import ClassVar
+
+from textual import on, work
+from textual.app import ComposeResult
+from textual.containers import VerticalScroll
+from textual.message import Message
+from textual.widgets import Static
+
+from capture.tui.child import Child, Event
+from capture.tui.page import Page
+
+BAR = 24  # columns
+
+
+class WorkingPage(Page):
+    """Follows one process at a time. A subclass starts it by `follow`, and says what its result is for."""
+
+    DEFAULT_CSS = """
+    WorkingPage VerticalScroll { height: 1fr; padding: 1 1; }
+    WorkingPage #tasks { height: auto; }
+    WorkingPage #errors { height: auto; margin: 1 0 0 0; }
+    WorkingPage #sentence { height: 3; }
+    """
+    AGAIN: ClassVar[str]
+    """What to press after a failure."""
+
+    class Said(Message):
+        """The process says something."""
+
+        def __init__(self, child: Child, event: Event) -> None:
+            super().__init__()
+            self.child = child
+            self.event = event
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.child: Child | None = None
+        """The process that runs now."""
+        self._tasks: list[tuple[str, int, int, str]] = []  # title, done, total, words
+        self._errors: list[float] = []  # px
+
+    @abstractmethod
+    def finished(self, result: Event) -> None:
+        """The process has ended well."""
+
+    def body(self) -> ComposeResult:
+        with VerticalScroll(can_focus=False):
+            yield Static(id="tasks", markup=False)
+            yield Static(id="errors", markup=False)
+        yield Static(id="sentence", classes="banner", markup=False)
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        del parameters
+        return self.child is None if action == "again" else True
+
+    def on_mount(self) -> None:
+        self.action_again()
+
+    @abstractmethod
+    def action_again(self) -> None:
+        """Start, or start anew."""
+
+    def follow(self, module: str, arguments: Sequence[str]) -> None:
+        self._tasks, self._errors = [], []
+        self.child = Child(module, arguments)
+        self.refresh_bindings()
+        self._listen(self.child)
+
+    @work(thread=True, group="child")
+    def _listen(self, child: Child) -> None:
+        for event in child.events():
+            self.post_message(self.Said(child, event))
+
+    @on(Said)
+    def _hear(self, message: Said) -> None:
+        if message.child is not self.child:
+            return
+        match message.event:
+            case {"event": "task", "title": title, "total": total}:
+                if self._tasks:  # the one before has ended
+                    name, _, length, words = self._tasks[-1]
+                    self._tasks[-1] = name, length, length, words
+                self._tasks.append((title, 0, total, ""))
+            case {"event": "step", "done": done, "words": words}:
+                title, _, total, said = self._tasks[-1]
+                self._tasks[-1] = title, done, total, words or said
+                if number := re.fullmatch(r"([\d.]+) px", words):
+                    self._errors.append(float(number[1]))
+            case {"event": "error", "sentence": sentence}:
+                self._ended()
+                self.say(f"{sentence} {self.AGAIN}")
+            case {"event": "result"} as result:
+                self._ended()
+                self.finished(result)
+                return
+        self._draw()
+
+    def _ended(self) -> None:
+        self.child = None
+        self.refresh_bindings()
+
+    def _draw(self) -> None:
+        width = max([20, *(len(title) + 1 for title, *_ in self._tasks)])
+        lines = [
+            f"{title:<{width}}{_bar(done / max(total, 1), BAR)} {done:>3}/{total:<4} {words}" for title, done, total, words in self._tasks
+        ]
+        falling = [f"{'':{width}}{_bar(error / max(self._errors), BAR)} {error:.3f} px" for error in self._errors[-8:]]
+        self.show("\n".join(lines), "\n".join(["The error that is left (root mean square):", *falling] if falling else []))
+
+    def show(self, above: str, below: str = "") -> None:
+        self.query_one("#tasks", Static).update(above)
+        self.query_one("#errors", Static).update(below)
+
+    def say(self, sentence: str) -> None:
+        self.query_one("#sentence", Static).update(sentence)
+
+    def cancel(self) -> None:
+        if self.child:
+            self.child.kill()
+            self.child = None
+
+    def on_unmount(self) -> None:
+        self.cancel()
+
+
+def _bar(share: float, width: int) -> str:
+    full = min(round(share * width), width)
+    return "█" * full + "░" * (width - full)

@@ -1,0 +1,123 @@
+"""Chromium without a window, driven over its DevTools protocol: keys in, the terminal's text and pictures of it out."""
+
+import asyncio
+import base64
+import shutil
+import subprocess
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+from aiohttp import ClientSession, ClientWebSocketResponse
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking", "--remote-debugging-port=0")
+HOOK = """
+Object.defineProperty(Object.prototype, "fitAddon", {configurable: true, set(addon) {
+  window.served = this;
+  Object.defineProperty(this, "fitAddon", {value: addon, writable: true});
+}});
+"""
+"""Keeps hold of the page's terminal, which is drawn and has no text in the document."""
+TEXT = """
+(() => {
+  const buffer = window.served?.terminal.buffer.active;
+  return buffer ? Array.from({length: buffer.length}, (_, row) => buffer.getLine(row).translateToString(true)).join("\\n") : "";
+})()
+"""
+READY = 'document.activeElement.className === "xterm-helper-textarea"'
+CONTROL = 2
+CODES = {"Enter": 13, "Escape": 27, "Tab": 9, "ArrowDown": 40}
+
+
+class Browser:
+    """One page."""
+
+    def __init__(self, socket: ClientWebSocketResponse) -> None:
+        self.complaints: list[str] = []
+        """What its console warned of, and what it threw."""
+        self._socket = socket
+        self._asked = 0
+
+    async def do(self, method: str, **parameters: object) -> dict[str, Any]:
+        self._asked += 1
+        await self._socket.send_json({"id": self._asked, "method": method, "params": parameters})
+        while True:
+            said = await self._socket.receive_json(timeout=60)
+            if said.get("method") == "Runtime.exceptionThrown" or said.get("params", {}).get("type") in ("error", "warning"):
+                self.complaints.append(str(said["params"]))
+            if said.get("id") == self._asked:
+                assert "error" not in said, said
+                result: dict[str, Any] = said["result"]
+                return result
+
+    async def open(self, address: str) -> None:
+        await self.do("Runtime.enable")
+        await self.do("Page.enable")
+        await self.do("Page.addScriptToEvaluateOnNewDocument", source=HOOK)
+        await self.do("Page.navigate", url=address)
+        for _ in range(300):  # the page itself lets keys in, without a click
+            if await self.evaluate(READY):
+                return
+            await asyncio.sleep(0.1)
+        raise AssertionError(f"keys never reach the terminal of {address}")
+
+    async def evaluate(self, script: str) -> Any:
+        return (await self.do("Runtime.evaluate", expression=script))["result"].get("value")
+
+    async def shown(self) -> str:
+        return str(await self.evaluate(TEXT))
+
+    async def see(self, words: str, within_s: float = 90) -> None:
+        begun = time.monotonic()
+        while words not in " ".join((await self.shown()).split()):
+            assert time.monotonic() - begun < within_s, f"{words!r} never came:\n{await self.shown()}"
+            await asyncio.sleep(0.2)
+
+    async def press(self, *keys: str) -> None:
+        """A letter, a name of CODES, or ^ and a letter."""
+        for key in keys:
+            if key in CODES:
+                named = {"key": key, "code": key, "windowsVirtualKeyCode": CODES[key]}
+            elif len(key) == 2 and key[0] == "^":
+                named = {"key": key[1], "code": f"Key{key[1].upper()}", "windowsVirtualKeyCode": ord(key[1].upper()), "modifiers": CONTROL}
+            else:
+                named = {"key": key, "text": key}
+            await self.do("Input.dispatchKeyEvent", type="keyDown", **named)
+            await self.do("Input.dispatchKeyEvent", type="keyUp", **named)
+
+    async def write(self, text: str) -> None:
+        """Type over what stands in the field, and go on to the next."""
+        await self.press("^u", "^k", *text, "Enter")
+
+    async def picture(self, file: Path) -> None:
+        said = await self.do("Page.captureScreenshot", format="png")
+        file.write_bytes(base64.b64decode(said["data"]))
+
+
+@asynccontextmanager
+async def browsing(address: str, profile: Path, size: tuple[int, int]) -> AsyncIterator[Browser]:
+    """A page with this address on a page of this size, px."""
+    assert CHROMIUM
+    command = [CHROMIUM, *FLAGS, f"--user-data-dir={profile}", "about:blank"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        port = profile / "DevToolsActivePort"
+        for _ in range(300):
+            if port.exists() and port.read_text().count("\n"):
+                break
+            await asyncio.sleep(0.1)
+        host = f"http://127.0.0.1:{port.read_text().split()[0]}"
+        async with ClientSession() as session:
+            async with session.get(f"{host}/json") as answer:
+                page = next(each for each in await answer.json() if each["type"] == "page")
+            async with session.ws_connect(page["webSocketDebuggerUrl"], max_msg_size=0) as socket:
+                browser = Browser(socket)
+                await browser.do("Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=False)
+                await browser.open(address)
+                yield browser
+    finally:
+        process.terminate()
+        process.wait(30)
