@@ -31,7 +31,8 @@ class Candidate:
     absorbed: float
     """The fraction of it that the numbers fitted before can imitate."""
     held_out_px_before: float | None
-    """None: the score was too low to fit it."""
+    """Corners weighted by how surely they are predicted, and clipped where bad, so not quite the whole model's. None: the score was too
+    low to fit it."""
     held_out_px_after: float | None
     gain_ci95: tuple[float, float] | None
     """px"""

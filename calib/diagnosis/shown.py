@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
@@ -42,13 +43,16 @@ def _errors(finding: Diagnosis) -> Table:
 
 
 def _considered(finding: Diagnosis) -> Table:
-    table = Table("effect", "chi²", "p", "held out, px", "gain, 95 %", "verdict", title="What was considered")
+    columns = ("effect", "chi²", "p", "held out, px", "gain, 95 %", "verdict")
+    table = Table(*columns, title="What was considered", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    for column in table.columns[:5]:
+        column.no_wrap = True
     for column in table.columns[1:5]:
         column.justify = "right"
     for one in sorted(finding.candidates, key=lambda c: (not c.accepted, c.p_value)):
         held = f"{one.held_out_px_before:.3f} → {one.held_out_px_after:.3f}" if one.held_out_px_after is not None else ""
         gain = f"{one.gain_ci95[0]:+.3f} to {one.gain_ci95[1]:+.3f}" if one.gain_ci95 else ""
-        table.add_row(_named(one), f"{one.chi2:.0f} / {one.dof}", f"{one.p_value:.1g}", held, gain, one.verdict)
+        table.add_row(_named(one), f"{one.chi2:.0f}/{one.dof}", f"{one.p_value:.1g}", held, gain, one.verdict)
     return table
 
 

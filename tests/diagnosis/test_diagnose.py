@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from calib.calibration import Calibration
+from calib.diagnosis.columns import Columns
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.held_out import HeldOut, gain
+from calib.diagnosis.held_out import Gain, HeldOut, gain
+from calib.diagnosis.loop import Trial
 from calib.diagnosis.named import with_named
 from calib.diagnosis.record import Diagnosis
+from calib.diagnosis.words import verdict
 from calib.effects.board_bow import BoardBow
 from calib.errors import InputError, NotEnoughDataError
 from calib.progress import Silent
@@ -111,6 +114,16 @@ def test_a_gain_is_tested_over_views() -> None:
     one_view = before.squares.copy()
     one_view[view == 3] *= 0.1
     assert gain(before, HeldOut(one_view, view, np.ones(1600))).p_value > 0.05  # a single view proves nothing
+
+
+def test_what_helps_at_the_fitted_depths_only_is_not_taken() -> None:
+    columns = Columns(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0)
+    folds, worse, better = Gain(0.2, 0.1, (0.08, 0.12), 1e-4), Gain(0.2, 0.21, (-0.02, 0.0), 1.0), Gain(0.2, 0.15, (-0.01, 0.1), 0.2)
+    assert Trial(columns, folds).passes
+    assert Trial(columns, folds, bands=better).passes
+    failed = Trial(columns, folds, bands=worse)
+    assert not failed.passes
+    assert verdict(failed, taken=False) == "fails at other depths"
 
 
 def test_maps_of_a_diagnosed_calibration_carry_their_sigma(found: tuple[Calibration, Diagnosis]) -> None:
