@@ -44,6 +44,10 @@ class Columns:
 
     cost: float
     """The fit's sum of squares."""
+    information: Array
+    """(k, k) on its numbers, with the prior of the fitted ones but not of its own; (0, 0) for numbers of views."""
+    pull: Array
+    """(k,) of the residual on its numbers."""
 
     @property
     def promises(self) -> float:
@@ -69,7 +73,13 @@ class Optimum:
     joint: JointFit
 
     def candidate(self, effect: Effect) -> Columns:
-        """The score of one effect."""
+        """The score of one effect, with the prior that suits the residual."""
+        scored = self.scored(effect)
+        tuned = effect.tuned(scored.information, scored.pull)
+        return scored if tuned == effect else self.scored(tuned)
+
+    def scored(self, effect: Effect) -> Columns:
+        """The score of one effect as it is."""
         wider = self.model.with_effect(effect)
         values = {**self.joint.values, **self.model.neutral(effect)}
         own = [u.param.name for u in effect.unknowns]
@@ -94,7 +104,7 @@ class Optimum:
         by_view = np.array([part.sum(0) for part in np.split(left * off[:, None], self._ends())])
         by_view += (pull - by_view.sum(0)) / len(by_view)  # the prior's share
         p_value = _p_value(by_view, chi2, count, float(off @ off) / max(1, self._freedom()))
-        return Columns(effect, left, float((new**2).sum()), chi2, count, p_value, float(off @ off))
+        return Columns(effect, left, float((new**2).sum()), chi2, count, p_value, float(off @ off), new.T @ left, pull)
 
     def slopes(self) -> list[tuple[Array, Array]]:
         """(2m, B) and (2m, S) of each view, px over sigma: by its own numbers, and by those that views share."""
@@ -127,7 +137,8 @@ class Optimum:
         chi2 = sum(gains)
         left = max(1, self._freedom() - dof)
         typical = (off - chi2) / left  # what is left with them, for each degree of freedom
-        return Columns(effect, np.zeros((0, 0)), 0.0, chi2, dof, float(stats.f.sf(chi2 / dof / typical, dof, left)), off)
+        none = np.zeros((0, 0))
+        return Columns(effect, none, 0.0, chi2, dof, float(stats.f.sf(chi2 / dof / typical, dof, left)), off, none, np.zeros(0))
 
     def _linearised(self, model: Model, values: Values, last: Sequence[str]) -> Linearised:
         """All rows at once, shared numbers ordered as those of the fit, then `last`."""

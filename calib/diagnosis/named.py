@@ -49,7 +49,7 @@ def with_named(calibration: Calibration, names: Sequence[str], progress: Progres
             start = Start(joint.values, joint.sigma, joint.smoothness)
             tried: list[tuple[float, Model, JointFit]] = []
             for form in forms:
-                wider = model.with_effect(form)
+                wider = model.with_effect(at.candidate(form).effect)
                 fitted = wider.fitted(observations, joint.poses, start)
                 tried.append((_left(wider, fitted, observations), wider, fitted))
             _, model, joint = min(tried, key=lambda one: one[0])

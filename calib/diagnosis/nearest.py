@@ -26,7 +26,7 @@ def nearest_named(at: Optimum, field: Effect, values: dict[str, torch.Tensor], n
     Returns:
         Names, and fractions of the field's sum of squares.
     """
-    columns = at.candidate(field).scaled
+    columns = at.scored(field).scaled
     moved = columns @ np.concatenate([(values[u.param.name] / u.param.scale).numpy().ravel() for u in field.unknowns])
     shares = dict[str, float]()
     for effect in named:

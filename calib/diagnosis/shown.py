@@ -44,16 +44,21 @@ def _errors(finding: Diagnosis) -> Table:
 
 def _considered(finding: Diagnosis) -> Table:
     columns = ("effect", "chi²", "p", "held out, px", "gain, 95 %", "verdict")
-    table = Table(*columns, title="What was considered", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    table = Table(*columns, title="What was considered", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
     for column in table.columns[:5]:
         column.no_wrap = True
+    table.columns[5].min_width = len("confirmed")
     for column in table.columns[1:5]:
         column.justify = "right"
     for one in sorted(finding.candidates, key=lambda c: (not c.accepted, c.p_value)):
         held = f"{one.held_out_px_before:.3f} → {one.held_out_px_after:.3f}" if one.held_out_px_after is not None else ""
-        gain = f"{one.gain_ci95[0]:+.3f} to {one.gain_ci95[1]:+.3f}" if one.gain_ci95 else ""
-        table.add_row(_named(one), f"{one.chi2:.0f}/{one.dof}", f"{one.p_value:.1g}", held, gain, one.verdict)
+        gain = f"{one.gain_ci95[0]:.3f} to {one.gain_ci95[1]:.3f}" if one.gain_ci95 else ""
+        table.add_row(_named(one), f"{one.chi2:.0f}/{one.dof}", _small(one.p_value), held, gain, one.verdict)
     return table
+
+
+def _small(p_value: float) -> str:
+    return "<1e-99" if p_value < 1e-99 else f"{p_value:.1g}"
 
 
 def _named(one: Candidate) -> str:

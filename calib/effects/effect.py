@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Protocol, Self
 
+import numpy as np
+from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.board import Board
@@ -65,6 +67,16 @@ class Effect(Protocol):
     def unknowns(self) -> tuple[Unknown, ...]:
         """Its numbers, those of single views aside."""
         ...
+
+    def tuned(self, information: NDArray[np.float64], pull: NDArray[np.float64]) -> Self:
+        """The same with a prior that suits a residual, where an effect leaves its prior to the data.
+
+        Args:
+            information: (k, k) on the effect's numbers over their scales, what the fit estimates already being unknown.
+            pull: (k,) of the residual on them.
+        """
+        del information, pull
+        return self
 
     def apply(self, path: Path) -> Path:
         """The path with it."""

@@ -142,7 +142,7 @@ def test_free_field_over_the_image_is_a_cosine_transform_of_shifts() -> None:
     path, values = pinhole_path(INTRINSICS)
     rng = np.random.default_rng(1)
     numbers = {f"free_field.image.{axis}": rng.normal(0, 0.3, 81) for axis in "xy"}
-    model = Model(path, values, {}).with_effect(FreeField("image", (-0.5, -0.5), (WIDTH - 0.5, HEIGHT - 0.5)))
+    model = Model(path, values, {}).with_effect(FreeField("image", (-0.5, -0.5), (WIDTH - 0.5, HEIGHT - 0.5), 0.5, 2.0))
     columns, rows = ((np.arange(9) + 0.5) / 9 * size - 0.5 for size in (WIDTH, HEIGHT))
     pixels = np.stack(np.meshgrid(columns, rows, indexing="ij"), -1).reshape(-1, 2)
     shifts = np.column_stack([waves(numbers[f"free_field.image.{axis}"]).ravel() for axis in "xy"])

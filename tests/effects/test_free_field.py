@@ -1,0 +1,46 @@
+"""The scale of a field without a name, by evidence."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from calib.effects.free_field import FIRST_SIZES, KNEES, SIZES, WAVES, FreeField
+
+FIELD = FreeField("board", (-0.1, -0.1), (0.1, 0.1), FIRST_SIZES["board"], 2.0)
+SCALE = FIELD.unknowns[0].param.scale
+ROWS = 600
+
+
+def falls(knee: float) -> np.ndarray:
+    """Of both directions' numbers, as the page says."""
+    m, n = np.meshgrid(np.arange(WAVES), np.arange(WAVES), indexing="ij")
+    return np.tile(1 / (1 + (m**2 + n**2) / knee**2).ravel(), 2)
+
+
+def observed(size: float, knee: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """(ROWS, 162) what FIELD's numbers over their scales do, and (ROWS,) what a field of another scale left, with noise of 1."""
+    rng = np.random.default_rng(seed)
+    columns = rng.normal(0, 0.05, (ROWS, 2 * WAVES**2))
+    numbers = rng.normal(0, size / SCALE, 2 * WAVES**2) * falls(knee) / falls(FIELD.knee)
+    return columns, columns @ numbers + rng.normal(0, 1, ROWS)
+
+
+def test_the_evidence_is_the_residual_s_probability() -> None:
+    """The chosen scale is that of the largest density of the residual, which numpy's normal distribution gives without any algebra."""
+    columns, residual = observed(2e-4, 4.0, seed=1)
+
+    def density(size: float, knee: float) -> float:
+        spread = columns * (size / SCALE * falls(knee) / falls(FIELD.knee))
+        return float(multivariate_normal.logpdf(residual, np.zeros(ROWS), np.eye(ROWS) + spread @ spread.T))
+
+    best = max(((FIRST_SIZES["board"] * factor, knee) for factor in SIZES for knee in KNEES), key=lambda scale: density(*scale))
+    chosen = FIELD.tuned(columns.T @ columns, columns.T @ residual)
+    assert (chosen.size, chosen.knee) == best
+
+
+@pytest.mark.parametrize(("size", "knee"), [(2e-5, 1.0), (2e-4, 2.0), (1e-3, 8.0)])
+def test_scales_that_made_the_field_are_found_again(size: float, knee: float) -> None:
+    """To a step of the grid, which is a factor of two in either; a fit has no more than 162 numbers to learn it from."""
+    chosen = [FIELD.tuned(columns.T @ columns, columns.T @ residual) for columns, residual in (observed(size, knee, s) for s in range(5))]
+    assert np.median([one.size for one in chosen]) == pytest.approx(size, rel=1.2)
+    assert np.median([one.knee for one in chosen]) == pytest.approx(knee, rel=1.01)
