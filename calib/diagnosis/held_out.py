@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -119,16 +121,20 @@ def hold_out(model: Model, observations: Observations, fitted: JointFit, split: 
     """
     start = Start(fitted.values, fitted.sigma, fitted.smoothness)
     squares, weight = np.full((2, len(observations.pixels)), np.nan)
-    for part in range(int(split.part.max()) + 1):
+
+    def score(part: int) -> None:
         out = torch.from_numpy(split.part == part)
-        rest, rows = observations.without(out), out[observations.view]
+        rest, rows = observations.without(out), out[observations.view].numpy()
         found = model.fitted(rest, fitted.poses[~out], start)
         test = observations.without(~out)
         scored = torch.arange(len(test.pixels)) % 2 == 1 if half else torch.ones(len(test.pixels), dtype=torch.bool)
         poses = model.seen(found, test.kept(~scored) if half else test, fitted.poses[out])
         own = (residuals(model.path, found.values, test, poses).image ** 2).sum(-1)
-        squares[rows.numpy()] = torch.where(scored, own.nan_to_num(torch.inf), torch.nan).numpy()
-        weight[rows.numpy()] = 1 / (1 + predicted_variance(Optimum(model, test, replace(found, poses=poses))))
+        squares[rows] = torch.where(scored, own.nan_to_num(torch.inf), torch.nan).numpy()
+        weight[rows] = 1 / (1 + predicted_variance(Optimum(model, test, replace(found, poses=poses))))
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # each part's fit keeps to one thread
+        list(pool.map(score, range(int(split.part.max()) + 1)))
     return HeldOut(squares, split.pose[observations.view.numpy()], weight)
 
 
@@ -139,7 +145,7 @@ def predicted_variance(at: Optimum) -> Array:
     for own, shared in at.slopes():
         q = orthogonal(own)
         left = shared - q @ (q.T @ shared)
-        found.append(np.einsum("ij,jk,ik->i", left, covariance, left).reshape(-1, 2).mean(1))
+        found.append(((left @ covariance) * left).sum(1).reshape(-1, 2).mean(1))
     return np.asarray(np.nan_to_num(np.concatenate(found), nan=np.inf))
 
 

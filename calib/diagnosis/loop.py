@@ -137,8 +137,7 @@ class Loop:
     def _try(self, columns: Columns, among: int) -> Trial:
         self._say(f"trying {columns.effect.name}")
         wider = self.model.with_effect(columns.effect)
-        start = Start(self.joint.values, self.joint.sigma, self.joint.smoothness)
-        joint = wider.fitted(self.observations, self.joint.poses, start)
+        joint = wider.fitted(self.observations, self.joint.poses, self._start)
         half = columns.effect.per_view or self.model.path.shutter
         held = hold_out(wider, self.observations, joint, self.folds, half=half)
         trial = Trial(columns, gain(self._left(half=half), held), held, joint, among)
@@ -177,7 +176,12 @@ class Loop:
     def _fresh(self, model: Model, *, half: bool) -> HeldOut:
         """What another model leaves on held-out views."""
         self._say("what is needed")
-        return hold_out(model, self.observations, model.fitted(self.observations, self.joint.poses), self.folds, half=half)
+        joint = model.fitted(self.observations, self.joint.poses, self._start)
+        return hold_out(model, self.observations, joint, self.folds, half=half)
+
+    @property
+    def _start(self) -> Start:
+        return Start(self.joint.values, self.joint.sigma, self.joint.smoothness)
 
     def _left(self, *, half: bool | None = None, banded: bool = False) -> HeldOut:
         """What the model leaves on held-out views; whether its views' own numbers ask for half of the corners, it knows itself."""
