@@ -70,7 +70,7 @@ class Browser:
     async def shown(self) -> str:
         return str(await self.evaluate(TEXT))
 
-    async def see(self, words: str, within_s: float = 90) -> None:
+    async def see(self, words: str, within_s: float = 240) -> None:
         begun = time.monotonic()
         while words not in " ".join((await self.shown()).split()):
             assert time.monotonic() - begun < within_s, f"{words!r} never came:\n{await self.shown()}"
