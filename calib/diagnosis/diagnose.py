@@ -159,6 +159,7 @@ def _candidates(loop: Loop, accepted: tuple[str, ...]) -> list[Candidate]:
                 confounded_with=tuple(sorted(loop.confounded.get(name, ()))),
                 accepted=taken,
                 verdict=verdict(trial, taken=taken),
+                depth_bands_px=(trial.bands.before, trial.bands.after) if trial.bands else None,
             )
         )
     return listed

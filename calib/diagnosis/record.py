@@ -40,6 +40,8 @@ class Candidate:
     confounded_with: tuple[str, ...]
     accepted: bool
     verdict: str
+    depth_bands_px: tuple[float, float] | None = None
+    """Before and after, with near, middle and far views held out in turn. None: there are no such bands, or folds gave no gain."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,6 +43,8 @@ def test_a_bowed_board_is_named_with_its_numbers(found: tuple[Calibration, Diagn
         assert one.sigma < 3e-5
     assert own.gain_ci95
     assert own.gain_ci95[0] > 0
+    assert own.depth_bands_px
+    assert own.depth_bands_px[1] < 0.5 * own.depth_bands_px[0]  # it helps near with what is learnt far away, and the other way round
     assert finding.after.held_out_px < 0.2 < finding.before.held_out_px
     assert finding.residual[0].fraction > 2 * finding.residual[0].chance
     assert finding.unexplained < 0.2
