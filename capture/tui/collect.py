@@ -184,8 +184,12 @@ class CollectScreen(Page):
             return
         self._watch, self._found = None, None
         self.refresh_bindings()
-        onward = "n to go on" if self.plan.bare else "f to fit"
-        go_on = " It is tried again every 3 s." if message.again else f" Press {onward}, c to try again, esc for another source."
+        if self.plan.bare:
+            self._hint = None
+            self.query_one("#next", Line).say("")
+            self._draw()
+        onward = "n to go on through the cover, from another source" if self.plan.bare else "f to fit"
+        go_on = " It is tried again every 3 s." if message.again else f" Press {onward}, c to try again, esc for the set-up."
         self._say(message.sentence + go_on)
         if message.again:
             self.set_timer(RETRY_S, self._begin)
@@ -233,10 +237,11 @@ class CollectScreen(Page):
         if not self._improving and self._improved_with != len(self.kept):
             self._improving, self._improved_with = True, len(self.kept)
             self._improve(self._adviser, self._views())
-        self._hint = message.hint
+        over = self.plan.bare and not self._watch  # one goes on, not looking for a better view
+        self._hint = None if over or message.progress.enough else message.hint
         self.query_one(Panel).progress = message.progress
         onward = "press n, then put the cover on" if self.plan.bare else "press f to fit"
-        words = f"Next: {message.hint.words}." if message.hint else ""
+        words = f"Next: {self._hint.words}." if self._hint else ""
         if message.progress.enough:
             words = f"ENOUGH: {onward}. More views do no harm."
         self.query_one("#next", Line).say(words)

@@ -18,6 +18,12 @@ from calib.commands.arguments import depth
 from capture.tui.command import calib
 from capture.tui.page import TYPING, Field, onward, typed
 
+ABOUT = (
+    "Maps that undistort pictures, one for each depth of the scene. Name one depth or more, as in 0.5 1: metres from the lens, along its "
+    "axis. npz has map_x and map_y as cv2.remap takes them."
+)
+DONE = "That is all: esc goes back to the results, and q there ends the program."
+
 
 class ExportScreen(ModalScreen[None]):
     DEFAULT_CSS = """
@@ -48,7 +54,7 @@ class ExportScreen(ModalScreen[None]):
 
     def compose(self) -> ComposeResult:
         with Vertical(id="box"):
-            yield Static("Maps that undistort pictures, one for each depth of the scene", markup=False)
+            yield Static(ABOUT, markup=False)
             yield Static()
             yield _row("depths in metres", Field("1.0", id="depths", compact=True))
             forms = [(form, form) for form in formats()]
@@ -95,7 +101,7 @@ class ExportScreen(ModalScreen[None]):
     def _run(self, arguments: Sequence[str]) -> None:
         done = calib(arguments)
         written = "Wrote " + " ".join(Path(line).name for line in done.stdout.splitlines())
-        self.post_message(self.Done("\n".join([written, *done.remarks]) if done.returncode == 0 else done.sentence))
+        self.post_message(self.Done("\n".join([written, *done.remarks, DONE]) if done.returncode == 0 else done.sentence))
 
     @on(Done)
     def _ended(self, message: Done) -> None:

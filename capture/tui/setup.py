@@ -50,6 +50,7 @@ class SetupScreen(Page):
     """
     BINDINGS: ClassVar = [
         Binding("ctrl+s", "start", "Start", key_display="^s", priority=True),
+        Binding("ctrl+r", "fit", "Fit what there is", key_display="^r", priority=True),
         *TYPING,
         Binding("f1", "help", "Help", key_display="F1"),
         Binding("escape", "app.quit", "Quit", key_display="esc"),
@@ -71,6 +72,8 @@ class SetupScreen(Page):
         """The name that `_like` was read from."""
         self._covered = False
         """The person says that the cover is on now."""
+        self._helped = False
+        """The help has just been read: everything stands as it was typed."""
 
     def step(self) -> str:
         return "Set-up"
@@ -98,9 +101,27 @@ class SetupScreen(Page):
     def on_mount(self) -> None:
         self._find_cameras()
 
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        del parameters
+        return action != "fit" or bool((self.session / "session.yaml").exists() and self._taken(False))
+
+    def action_help(self) -> None:
+        self._helped = True
+        super().action_help()
+
+    def action_fit(self) -> None:
+        """A session that was recorded before needs no camera any more."""
+        from capture.tui.fit import FitScreen
+
+        self.app.push_screen(FitScreen(self.session))
+
     @on(ScreenResume)
     async def _take_up(self) -> None:
         """What the folder says stands above what was typed."""
+        self.refresh_bindings()
+        if self._helped:
+            self._helped = False
+            return
         described = (self.session / "session.yaml").exists()
         state = f"{self.session}: a new session."
         if described:

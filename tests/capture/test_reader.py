@@ -16,7 +16,7 @@ from tests.capture.recordings import noise, write_recording
 
 INTERVAL = 0.03  # s, of the recorded camera
 DETECTION = 0.01  # s, of a detector that keeps up
-SLACK = 0.03  # s, for a machine that does other things too
+SLACK = 0.15  # s, for a machine that does other things too; without the rule it is more than 1 s after 15 frames
 
 
 def worst_age(frames: Iterable[Frame], detection: float) -> float:
@@ -45,7 +45,7 @@ def test_the_picture_judged_is_never_older_than_one_detection_plus_one_frame(rec
 
 def test_without_the_reader_pictures_grow_old(recorded: Path) -> None:
     with FolderSource(recorded, 1.0) as source:
-        assert worst_age((frame for frame, _ in zip(source, range(15), strict=False)), 10 * DETECTION) > 10 * SLACK
+        assert worst_age((frame for frame, _ in zip(source, range(15), strict=False)), 10 * DETECTION) > 5 * SLACK
 
 
 def test_a_recording_waits_for_its_reader(recorded: Path) -> None:

@@ -106,3 +106,35 @@ async def _bare_for_covered(session: Path) -> None:
         await see(pilot, "continued")
         await pilot.press("shift+tab", "enter", "down", "enter", "ctrl+s")
         await see(pilot, "has pictures without the cover: name those that were taken through it")
+
+
+def test_the_help_leaves_everything_as_it_was(tmp_path: Path) -> None:
+    drive(_helped(tmp_path / "session"))
+
+
+async def _helped(session: Path) -> None:
+    async with running(session) as pilot:
+        await see(pilot, "a new session")
+        burst(pilot, "folder:a", "<enter>", "<enter>")
+        await see(pilot, "source folder:a")
+        field = pilot.app.focused
+        await pilot.press("f1")
+        await see(pilot, "A camera behind a cover")
+        await pilot.press("escape")
+        await see(pilot, "source folder:a")
+        assert pilot.app.focused is field
+
+
+def test_what_is_recorded_can_be_fitted_without_a_camera(tmp_path: Path) -> None:
+    session = tmp_path / "session"
+    shutil.copytree(FIXTURE, session)
+    drive(_recorded(session))
+    assert (session / "calibration" / "calibration.yaml").exists()
+
+
+async def _recorded(session: Path) -> None:
+    async with running(session) as pilot:
+        await see(pilot, "continued, 12 views without cover")
+        await see(pilot, "^r Fit what there is")
+        await pilot.press("ctrl+r")
+        await see(pilot, "[RESULTS]")
