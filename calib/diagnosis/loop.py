@@ -125,11 +125,9 @@ class Loop:
             if key not in self.trials or (not self.trials[key].gain and columns.p_value < self.trials[key].columns.p_value):
                 self.trials[key] = Trial(columns)
         self._note_confounded(scores)
-        worth = [c for c in scores if c.p_value < WORTH_TRYING and c.promises > LEAST_GAIN]
-        chosen = worth + [c for c in scores if not c.effect.judged_by_score and c not in worth]
-        chosen.sort(key=lambda c: 2 * c.dof - c.chi2)
-        always = [c for c in chosen if not c.effect.judged_by_score]
-        chosen = always + [c for c in chosen if c.effect.judged_by_score][:TRIED]
+        worth = (c for c in scores if c.effect.judged_by_score and c.p_value < WORTH_TRYING and c.promises > LEAST_GAIN)
+        always = [c for c in scores if not c.effect.judged_by_score]
+        chosen = always + sorted(worth, key=lambda c: 2 * c.dof - c.chi2)[:TRIED]
         tried = [self._try(columns, among + len(scores)) for columns in chosen]
         passing = [trial for trial in tried if trial.passes]
         return max(passing, key=lambda trial: trial.gain.relative if trial.gain else 0.0, default=None)

@@ -8,6 +8,9 @@ from typing import Any
 
 from calib.diagnosis.organised import Share
 
+PREFIXES = {"m": (1e3, "mm"), "rad": (1e3, "mrad")}
+"""Units as people read them, where they are others."""
+
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
@@ -16,6 +19,10 @@ class Estimate:
     value: float
     sigma: float
     unit: str
+
+    def __str__(self) -> str:
+        factor, unit = PREFIXES.get(self.unit, (1.0, self.unit))
+        return f"{self.value * factor:.4g} ± {self.sigma * factor:.2g} {unit}".rstrip()
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +49,11 @@ class Candidate:
     verdict: str
     depth_bands_px: tuple[float, float] | None = None
     """Before and after, with near, middle and far views held out in turn. None: there are no such bands, or folds gave no gain."""
+
+    @property
+    def title(self) -> str:
+        """The effect, and its form where there are several."""
+        return f"{self.effect} ({self.form})" if self.form else self.effect
 
 
 @dataclass(frozen=True, slots=True)

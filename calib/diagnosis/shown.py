@@ -7,10 +7,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from calib.diagnosis.record import Candidate, Diagnosis, Estimate
-
-PREFIXES = {"m": (1e3, "mm"), "rad": (1e3, "mrad"), "px": (1.0, "px"), "": (1.0, "")}
-"""Units as people read them."""
+from calib.diagnosis.record import Diagnosis
 
 
 def print_diagnosis(finding: Diagnosis, written: Sequence[Path]) -> None:
@@ -23,8 +20,8 @@ def print_diagnosis(finding: Diagnosis, written: Sequence[Path]) -> None:
     console.print(_errors(finding))
     for candidate in finding.candidates:
         if candidate.accepted:
-            numbers = "; ".join(f"{name} {_number(one)}" for name, one in candidate.parameters.items())
-            console.print(f"{_named(candidate)}: {numbers or 'numbers of every view'}", highlight=False, soft_wrap=True)
+            numbers = "; ".join(f"{name} {one}" for name, one in candidate.parameters.items())
+            console.print(f"{candidate.title}: {numbers or 'numbers of every view'}", highlight=False, soft_wrap=True)
     console.print(_considered(finding))
     for remark in finding.remarks:
         console.print(f"Take care: {remark}", markup=False, highlight=False, soft_wrap=True)
@@ -53,18 +50,9 @@ def _considered(finding: Diagnosis) -> Table:
     for one in sorted(finding.candidates, key=lambda c: (not c.accepted, c.p_value)):
         held = f"{one.held_out_px_before:.3f} → {one.held_out_px_after:.3f}" if one.held_out_px_after is not None else ""
         gain = f"{one.gain_ci95[0]:.3f} to {one.gain_ci95[1]:.3f}" if one.gain_ci95 else ""
-        table.add_row(_named(one), f"{one.chi2:.0f}/{one.dof}", _small(one.p_value), held, gain, one.verdict)
+        table.add_row(one.title, f"{one.chi2:.0f}/{one.dof}", _small(one.p_value), held, gain, one.verdict)
     return table
 
 
 def _small(p_value: float) -> str:
     return "<1e-99" if p_value < 1e-99 else f"{p_value:.1g}"
-
-
-def _named(one: Candidate) -> str:
-    return f"{one.effect} ({one.form})" if one.form else one.effect
-
-
-def _number(one: Estimate) -> str:
-    factor, unit = PREFIXES.get(one.unit, (1.0, one.unit))
-    return f"{one.value * factor:.4g} ± {one.sigma * factor:.2g} {unit}".rstrip()

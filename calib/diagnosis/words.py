@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from calib.diagnosis.columns import Optimum
-from calib.diagnosis.loop import LEAST_GAIN, Loop, Trial
+from calib.diagnosis.loop import Loop, Trial
 from calib.diagnosis.nearest import nearest_named
 from calib.diagnosis.organised import Share
 from calib.diagnosis.separate import separating_view
@@ -48,13 +48,11 @@ def verdict(trial: Trial, *, taken: bool) -> str:
         return "absorbed"
     if not trial.gain:
         return "not asked for"
-    if trial.confirmed and trial.gain.relative <= LEAST_GAIN:
-        return "too small"
-    if not trial.passes and trial.large:
-        return "fails at other depths"
-    if trial.confirmed:
+    if trial.passes:
         return "another helped more"
-    return "not confirmed"
+    if trial.large:
+        return "fails at other depths"
+    return "too small" if trial.confirmed else "not confirmed"
 
 
 def remarks(loop: Loop, left: Sequence[Share], *, timed: bool) -> Iterator[str]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from html import escape
 
 from calib.calibration import Calibration
-from calib.diagnosis.shown import PREFIXES
+from calib.diagnosis.record import Estimate
 from calib.report.tables import bar, table
 
 
@@ -27,16 +27,11 @@ def effect_rows(calibration: Calibration) -> list[EffectRow]:
             one["effect"],
             one["held_out_px_before"],
             one["held_out_px_after"],
-            "; ".join(f"{name} {_number(**number)}" for name, number in one["parameters"].items()),
+            "; ".join(f"{name} {Estimate(**number)}" for name, number in one["parameters"].items()),
         )
         for one in said
         if one["accepted"]
     ]
-
-
-def _number(value: float, sigma: float, unit: str) -> str:
-    factor, shown = PREFIXES.get(unit, (1.0, unit))
-    return f"{value * factor:.4g} ± {sigma * factor:.2g} {shown}".rstrip()
 
 
 def effects_html(rows: Sequence[EffectRow]) -> str:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from capture.tui.fitting import Lines, answer, say, summary
 
 if TYPE_CHECKING:
-    from calib.diagnosis.record import Candidate, Diagnosis, Estimate
+    from calib.diagnosis.record import Candidate, Diagnosis
 
 
 def main(calibration: Path, out: Path) -> None:
@@ -43,7 +43,7 @@ def told(finding: "Diagnosis") -> str:
     ]
     for one in finding.candidates:
         if one.accepted:
-            lines += ["", *(f"{name:<26}{_number(number)}" for name, number in one.parameters.items())]
+            lines += ["", *(f"{name:<26}{number}" for name, number in one.parameters.items())]
     tried = [one for one in finding.candidates if one.held_out_px_after is not None]
     if tried:
         lines += ["", f"{'fitted':<26}{'held-out views':<24}verdict", *map(_line, tried)]
@@ -53,15 +53,7 @@ def told(finding: "Diagnosis") -> str:
 
 
 def _line(one: "Candidate") -> str:
-    name = f"{one.effect} ({one.form})" if one.form else one.effect
-    return f"{name:<25} {one.held_out_px_before:>5.3f} to {one.held_out_px_after:>5.3f} px       {one.verdict}"
-
-
-def _number(one: "Estimate") -> str:
-    from calib.diagnosis.shown import PREFIXES
-
-    factor, unit = PREFIXES.get(one.unit, (1.0, one.unit))
-    return f"{one.value * factor:.4g} ± {one.sigma * factor:.2g} {unit}".rstrip()
+    return f"{one.title:<25} {one.held_out_px_before:>5.3f} to {one.held_out_px_after:>5.3f} px       {one.verdict}"
 
 
 if __name__ == "__main__":
