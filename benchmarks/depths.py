@@ -10,13 +10,13 @@ import torch
 from rich.console import Console
 from rich.table import Table
 
-from calib.joint import fit_joint
+from calib.estimation.gradient_fit import descend
+from calib.estimation.map_fit import fit_joint
+from calib.estimation.poses import pinhole_poses, refine_poses, refit_poses
 from calib.optics.build import covered_path, footprint, with_relief
 from calib.optics.relief import Relief
-from calib.paper import descend
-from calib.poses import pinhole_poses, refine_poses, refit_poses
 from calib.threads import single_thread
-from tests.scenes import HEIGHT, INTRINSICS, WIDTH, paper_cone, scene
+from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, paper_cone, scene
 
 GLASS = paper_cone(thickness=0.00115)
 NOISE = 0.1  # px per axis

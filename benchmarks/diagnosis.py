@@ -22,13 +22,13 @@ from benchmarks.hidden import NOISE, VIEWS, Hidden
 from benchmarks.uncertainty import GLASS, calibrate
 from calib.calibration import Calibration
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.record import Diagnosis
+from calib.diagnosis.finding import Diagnosis
 from calib.effects.effect import Effect
 from calib.effects.registry import EFFECTS
+from calib.fitting.stages import Settings
 from calib.progress import Silent
-from calib.stages import Settings
 from calib.threads import single_thread
-from tests.scenes import scene
+from fixtures.synthetic import scene
 
 SIZES = (1, 3, 10)
 ABSORBED = 0.95

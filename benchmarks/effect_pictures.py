@@ -17,22 +17,22 @@ from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
-from calib.board import Board
-from calib.camera import Intrinsics
-from calib.cover import Cover
-from calib.diagnosis.columns import Optimum
+from calib.corners.view import View
+from calib.diagnosis.score_test import Optimum
 from calib.effects.effect import Effect, Surroundings
 from calib.effects.free_field import FreeField
 from calib.effects.registry import EFFECTS
-from calib.model import Model
-from calib.observations import Observations
+from calib.estimation.camera_model import Model
+from calib.estimation.observations import Observations
+from calib.estimation.poses import refit_poses
 from calib.optics.build import covered_path, footprint, with_relief
 from calib.optics.params import LINE, TIME
-from calib.optics.project import project
+from calib.optics.projection import project
 from calib.optics.relief import Relief
-from calib.poses import refit_poses
-from calib.schema import Number
-from calib.views import View
+from calib.session.board import Board
+from calib.session.camera import Intrinsics
+from calib.session.cover import Cover
+from calib.session.schema import Number
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt

@@ -23,9 +23,9 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.views import clutter_view, motion_blurred, warped_view
-from calib.board import Board
-from calib.detect import eight_bits, find_corners
-from calib.images import list_images, read_grey
+from calib.corners.detect import eight_bits, find_corners
+from calib.io.images import list_images, read_grey
+from calib.session.board import Board
 from capture.finder import Finder, Sighting
 from capture.frames import Frame
 from capture.gate import judge

@@ -20,20 +20,20 @@ from rich.progress import track
 from rich.table import Table
 
 from benchmarks.uncertainty import motions, rays_of, seen_at
-from calib.board import Board
-from calib.camera import Camera
-from calib.design import Design
-from calib.information import Estimate, estimate
-from calib.optics.project import project
-from calib.stages import Setup
+from calib.corners.view import View
+from calib.fitting.stages import Setup
+from calib.optics.projection import project
+from calib.planning.design import Design
+from calib.planning.information import Estimate, estimate
+from calib.planning.pose_bank import Reach, bank
+from calib.session.board import Board
+from calib.session.camera import Camera
 from calib.threads import single_thread
-from calib.views import View
 from capture.coverage import CELLS, InformedGuide, PlainGuide, SeenView
 from capture.finder import Sighting
 from capture.gate import new
 from capture.guidance_process import GRID
-from capture.poses_bank import Reach, bank
-from tests.scenes import HEIGHT, INTRINSICS, WIDTH, Scene, paper_cone, scene
+from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, Scene, paper_cone, scene
 
 Array = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ class Person:
         self._hold(lambda: pose + self.rng.normal(0, error))
 
     def _anywhere(self) -> Array:
-        """As in tests.scenes."""
+        """As in fixtures.synthetic."""
         depth = self.rng.uniform(REACH.near, REACH.far)
         across = self.rng.uniform(-1, 1, 2) * [0.62, 0.46] * depth
         return np.concatenate([self.rng.uniform(-0.6, 0.6, 2), self.rng.uniform(-0.3, 0.3, 1), across, [depth]])

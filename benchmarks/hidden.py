@@ -12,16 +12,16 @@ from torch import Tensor
 
 from benchmarks.uncertainty import GLASS, calibrate
 from calib.calibration import Calibration
-from calib.cover import Cover
+from calib.corners.view import View
 from calib.effects.effect import Effect, Surroundings
 from calib.effects.fine_surface import CENTRES, FineSurface
 from calib.effects.flat_port import WALL, FlatPort
-from calib.optics.project import project
-from calib.poses import refit_poses
-from calib.residuals import residuals
-from calib.stages import Settings
-from calib.views import View
-from tests.scenes import HEIGHT, WIDTH, Scene, scene
+from calib.estimation.poses import refit_poses
+from calib.estimation.residuals import residuals
+from calib.fitting.stages import Settings
+from calib.optics.projection import project
+from calib.session.cover import Cover
+from fixtures.synthetic import HEIGHT, WIDTH, Scene, scene
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ import torch
 from rich.console import Console
 from rich.table import Table
 
-from calib.maps import RayField, ray_field
-from calib.optics.project import project
-from tests.scenes import HEIGHT, WIDTH, scene
+from calib.optics.projection import project
+from calib.undistortion.ray_field import RayField, ray_field
+from fixtures.synthetic import HEIGHT, WIDTH, scene
 
 DEPTH = 0.5  # m
 EVERY = 8  # pixels, in each direction

@@ -25,23 +25,23 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from calib.apply.measure import Measurer
+from calib.apply.triangulate import meet
+from calib.apply.undistorter import Undistorter
 from calib.calibration import Calibration
-from calib.camera import Intrinsics
-from calib.console import Bars
-from calib.detect import find_corners
-from calib.detections import detect
-from calib.fit import fit
-from calib.images import read_grey
-from calib.measure import Measurer
-from calib.meet import meet
+from calib.commands.console import Bars
+from calib.corners.corners_file import write_corners
+from calib.corners.detect import find_corners
+from calib.corners.detect_all import detect
+from calib.corners.view import View
+from calib.fitting.fit import fit
+from calib.fitting.stages import Settings
+from calib.io.images import read_grey
 from calib.optics.build import pinhole_path
 from calib.optics.relief import Relief
-from calib.schema import Number
-from calib.session import Session, read_session
-from calib.stages import Settings
-from calib.undistorter import Undistorter
-from calib.views import View
-from calib.vnlog import write_corners
+from calib.session.camera import Intrinsics
+from calib.session.schema import Number
+from calib.session.session import Session, read_session
 
 Array = NDArray[np.float64]
 FIXTURES = Path(__file__).parent.parent / "fixtures"
@@ -129,7 +129,7 @@ def true_glass(calibration: Calibration, folder: Path) -> Calibration:
 
 
 def ours(calibration: Calibration, seen: HeldOut) -> Score:
-    """By calib.measure, and points undistorted at the depth at which their rays meet the board."""
+    """By calib.apply.measure, and points undistorted at the depth at which their rays meet the board."""
     measurer = Measurer(calibration)
     boards = [measurer.board_pose(view) for view in seen.views]
     count = calibration.board.count

@@ -6,13 +6,13 @@ import cv2
 import matplotlib as mpl
 import numpy as np
 
-from calib.fit import fit
-from calib.images import read_grey
-from calib.maps import DepthMap
+from calib.apply.undistorter import Undistorter
+from calib.fitting.fit import fit
+from calib.fitting.stages import Settings
+from calib.io.images import read_grey
 from calib.progress import Silent
-from calib.session import read_session
-from calib.stages import Settings
-from calib.undistorter import Undistorter
+from calib.session.session import read_session
+from calib.undistortion.ray_field import DepthMap
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt

@@ -16,14 +16,14 @@ from rich.progress import track
 from rich.table import Table
 from scipy.spatial import cKDTree
 
+from calib.apply.map_uncertainty import predicted_sigma
 from calib.calibration import Calibration
-from calib.camera import Camera
+from calib.fitting.stages import Settings, Setup, fit_stages
 from calib.optics.path import Path
 from calib.progress import Silent
-from calib.stages import Settings, Setup, fit_stages
+from calib.session.camera import Camera
 from calib.threads import single_thread
-from calib.uncertainty import predicted_sigma
-from tests.scenes import HEIGHT, INTRINSICS, WIDTH, Scene, paper_cone, scene
+from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, Scene, paper_cone, scene
 
 Array = NDArray[np.float64]
 

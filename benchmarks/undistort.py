@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from calib.apply.undistorter import Undistorter
 from calib.calibration import Calibration
 from calib.export.npz import read_field, write_npz
-from calib.optics.project import project
+from calib.optics.projection import project
 from calib.progress import Silent
-from calib.undistorter import Undistorter
-from tests.known import known
-from tests.scenes import HEIGHT, INTRINSICS, WIDTH, Scene, scene
+from fixtures.known import known
+from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, Scene, scene
 
 FRAMES = 60
 MAPS = 15

@@ -18,23 +18,23 @@ import yaml
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.board import Board
-from calib.camera import Camera
-from calib.cover import Cover
+from calib.corners.view import Rejected, View
 from calib.effects.effect import Effect
 from calib.effects.rolling_shutter import RollingShutter
-from calib.effects.written import effect_from_yaml, effect_to_yaml
+from calib.effects.serialise import effect_from_yaml, effect_to_yaml
 from calib.errors import InputError
-from calib.files import make_folder, reading, save_npz, write_atomically
-from calib.maps import RayField, ray_field
-from calib.observations import Observations
+from calib.estimation.observations import Observations
+from calib.io.files import make_folder, reading, save_npz, write_atomically
+from calib.io.yaml_reader import read_yaml
 from calib.optics.build import covered_path, with_relief
 from calib.optics.path import Path
-from calib.optics.project import project
+from calib.optics.projection import project
 from calib.optics.relief import Relief
-from calib.session import session_from_mapping, session_to_yaml
-from calib.strict_yaml import read_yaml
-from calib.views import Rejected, View
+from calib.session.board import Board
+from calib.session.camera import Camera
+from calib.session.cover import Cover
+from calib.session.session import session_from_mapping, session_to_yaml
+from calib.undistortion.ray_field import RayField, ray_field
 
 FORMAT = 1
 

@@ -6,10 +6,28 @@ data.
 
 from collections.abc import Sequence
 
-from calib.command_line import run_command
-from calib.commands import diagnose, evaluate, export, fit, importing, measure, report, undistort
+from calib.commands import (
+    diagnose_command,
+    evaluate_command,
+    export_command,
+    fit_command,
+    import_command,
+    measure_command,
+    report_command,
+    undistort_command,
+)
+from calib.commands.command_line import run_command
 
-COMMANDS = (fit, evaluate, diagnose, report, undistort, measure, export, importing)
+COMMANDS = (
+    fit_command,
+    evaluate_command,
+    diagnose_command,
+    report_command,
+    undistort_command,
+    measure_command,
+    export_command,
+    import_command,
+)
 """In the order of the help."""
 
 

@@ -8,7 +8,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from calib.command_line import run_command
+from calib.commands.command_line import run_command
 from capture.commands import record, sources, ui
 
 COMMANDS = (ui, record, sources)

@@ -1,7 +1,7 @@
 """What the views say of the camera so far, and where to hold the board next. Pure: arrays in, a hint out.
 
 Two guides: the plain one looks at the picture alone, and serves where torch is absent or still loading; the informed one knows what each
-pose would tell of this very camera and cover (calib.design, computed in a process of its own).
+pose would tell of this very camera and cover (calib.planning.design, computed in a process of its own).
 """
 
 from collections.abc import Sequence
@@ -12,13 +12,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.board import Board
-from calib.camera import Camera
-from calib.design import MOST, Design
-from calib.hint_words import tilt_of, words
+from calib.planning.design import MOST, Design
+from calib.planning.hints import tilt_of, words
+from calib.planning.pose_bank import Reach, bank, bare_pose, rim
+from calib.session.board import Board
+from calib.session.camera import Camera
 from capture.finder import Sighting
 from capture.gate import new
-from capture.poses_bank import Reach, bank, bare_pose, rim
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from calib.errors import InputError
-from calib.files import ADVICE
-from calib.files import write_atomically as write_whole
+from calib.io.files import ADVICE
+from calib.io.files import write_atomically as write_whole
 from capture.errors import CaptureError
 
 FAILED = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)

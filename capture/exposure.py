@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.board import Board
+from calib.session.board import Board
 
 FULL = 254  # grey levels: a sensor's end of 255, less what JPEG changes
 VIDEO_FULL = 235  # where cameras end that keep to the levels of television

@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.board import Board
-from calib.detect import half_window, is_regular, refine
-from calib.order import canonical_order
+from calib.corners.detect import half_window, is_regular, refine
+from calib.corners.ordering import canonical_order
+from calib.session.board import Board
 from capture.exposure import Exposure, measure_exposure
 from capture.frames import Frame
 from capture.lattice import Lattice, find_lattice
@@ -70,7 +70,7 @@ class Finder:
         return partial
 
     def refine(self, frame: Frame, sighting: Sighting) -> NDArray[np.float64] | None:
-        """(count, 2) px, as `calib.detect` measures them; only the board's area is touched. None where they are no regular board."""
+        """(count, 2) px, as `calib.corners` measures them; only the board's area is touched. None where they are no regular board."""
         if sighting.corners is None:
             return None
         grey = _grey(frame.pixels)

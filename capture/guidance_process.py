@@ -16,19 +16,19 @@ from threading import Lock
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.board import Board
-from calib.camera import Camera
-from calib.cover import Cover
-from calib.design import Design
 from calib.errors import RefracalError
+from calib.planning.design import Design
+from calib.planning.pose_bank import Reach, bank
+from calib.session.board import Board
+from calib.session.camera import Camera
+from calib.session.cover import Cover
 from capture.coverage import CELLS, TARGET, InformedGuide, SeenView
-from capture.poses_bank import Reach, bank
 
 NICENESS = 10  # the screen and the camera go first
 GRID = (12, 12)  # centres of the relief, as a fit has them
 FOLDS = 4
 FEWEST_FOR_FOLDS = 6  # views
-AGREE = 1.25  # held-out over fitted error up to which folds agree, as calib.folds.OVERFITS
+AGREE = 1.25  # held-out over fitted error up to which folds agree, as calib.fitting.cross_validation.OVERFITS
 
 
 class GuidanceError(RefracalError):
@@ -162,12 +162,12 @@ def answers(request: Request) -> Iterator[Answer]:
     if request.camera.intrinsics is None or request.cover.shape == "none":
         yield Answer(None, failure="The informed guide needs a cover and the camera's intrinsics: the plain one serves without.")
         return
-    from calib.folds import cross_validate
-    from calib.information import estimate
+    from calib.corners.view import View
+    from calib.fitting.cross_validation import cross_validate
+    from calib.fitting.stages import Settings, Setup
+    from calib.planning.information import estimate
     from calib.progress import Silent
-    from calib.stages import Settings, Setup
     from calib.threads import single_thread
-    from calib.views import View
 
     views = [View(f"{number:04d}", corners, np.ones(len(corners))) for number, corners in enumerate(request.views)]
     setup = Setup(request.board, request.camera, request.camera.intrinsics, request.cover)

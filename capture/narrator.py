@@ -4,8 +4,8 @@ import sys
 from pathlib import Path
 
 from capture.reader import Reader
-from capture.record import Step
 from capture.recorder import Recorder
+from capture.recording_loop import Step
 
 
 class Narrator:

@@ -11,15 +11,15 @@ from types import TracebackType
 
 import cv2
 
-from calib.board import Board
 from calib.errors import InputError
-from calib.files import reading
-from calib.images import list_images
+from calib.io.files import reading
+from calib.io.frames_table import NAME, Row, columns, last_view, mended, read_table, to_csv
+from calib.io.images import list_images
+from calib.session.board import Board
 from capture.disk import append_durably, locked, write_durably, writing
 from capture.frames import Frame
-from capture.setup import Setup, read_setup, write_setup
-from capture.state import State
-from capture.table import NAME, Row, columns, last_view, mended, read_table, to_csv
+from capture.session_file import Setup, read_setup, write_setup
+from capture.settings_drift import State
 
 PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY)
 """The fastest, and on noisy pictures the smallest: filters and repeats find nothing in noise."""

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.board import Board
+from calib.session.board import Board
 
 ACROSS = np.linspace(-1, 1, 33)  # places on a profile across an edge, in reaches
 ALONG = np.linspace(0.3, 0.7, 7)  # places on a side, over which profiles are averaged

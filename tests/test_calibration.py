@@ -11,15 +11,15 @@ import pytest
 import yaml
 
 from calib.calibration import Calibration
-from calib.camera import Camera
+from calib.corners.corners_file import write_corners
+from calib.corners.view import View
 from calib.errors import InputError, NotEnoughDataError
-from calib.fit import fit
+from calib.fitting.fit import fit
+from calib.fitting.stages import Settings
 from calib.progress import Silent
-from calib.session import read_session, session_to_yaml
-from calib.stages import Settings
-from calib.views import View
-from calib.vnlog import write_corners
-from tests.scenes import HEIGHT, INTRINSICS, WIDTH, Scene, scene
+from calib.session.camera import Camera
+from calib.session.session import read_session, session_to_yaml
+from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, Scene, scene
 
 SHORT = Settings(grid=(5, 5), steps=60)
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from calib.calibration import Calibration
-from calib.detections import detect
-from calib.evaluate import evaluate
-from calib.fit import fit
+from calib.corners.detect_all import detect
+from calib.fitting.evaluate import evaluate
+from calib.fitting.fit import fit
+from calib.fitting.stages import Settings
 from calib.optics.relief import Relief
 from calib.progress import Silent
-from calib.session import read_session
-from calib.stages import Settings
+from calib.session.session import read_session
 from tests.test_render_truth import FOLDERS as HIDING
 from tests.truth import FIXTURES, map_error
 

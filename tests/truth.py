@@ -9,8 +9,8 @@ from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from calib.apply.map_uncertainty import predicted_sigma
 from calib.calibration import Calibration
-from calib.uncertainty import predicted_sigma
 
 FIXTURES = Path(__file__).parent.parent / "fixtures"
 DEPTHS = (0.3, 0.5, 1.0)

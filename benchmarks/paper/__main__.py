@@ -9,7 +9,7 @@ from pathlib import Path
 
 import matplotlib
 
-from calib.console import Bars
+from calib.commands.console import Bars
 from calib.threads import single_thread
 
 PARTS = ("fig4a", "fig4b", "fig7", "fig8", "table1")

@@ -6,16 +6,16 @@ import torch
 from matplotlib.figure import Figure
 from torch import Tensor
 
-from calib.camera import Intrinsics
-from calib.cover import Cover
-from calib.observations import Observations
+from calib.estimation.gradient_fit import descend
+from calib.estimation.observations import Observations
+from calib.estimation.poses import pinhole_poses, refine_poses
+from calib.estimation.residuals import residuals
 from calib.optics.build import covered_path, footprint, pinhole_path, with_relief
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.relief import Relief
-from calib.paper import descend
-from calib.poses import pinhole_poses, refine_poses
-from calib.residuals import residuals
+from calib.session.camera import Intrinsics
+from calib.session.cover import Cover
 
 THICKNESS = 0.00115
 """m: the paper does not state it; fig8 finds it."""

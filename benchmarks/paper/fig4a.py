@@ -4,12 +4,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.paper.common import BLUE, GREY, ORANGE, THICKNESS, Result, relief_fit
+from calib.estimation.poses import pinhole_poses
+from calib.estimation.residuals import residuals
 from calib.optics.build import covered_path, pinhole_path
 from calib.optics.relief import Relief
-from calib.poses import pinhole_poses
 from calib.progress import Progress
-from calib.residuals import residuals
-from tests.scenes import INTRINSICS, PATCH, paper_cone, scene
+from fixtures.synthetic import INTRINSICS, PATCH, paper_cone, scene
 
 AMPLITUDES = np.logspace(-6, -4, 5)  # m, the mean; the standard deviation is a quarter of it
 REPEATS = 10

@@ -8,13 +8,13 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from benchmarks.paper.common import THICKNESS, Result, relief_fit
-from calib.observations import Observations
+from calib.estimation.observations import Observations
+from calib.estimation.residuals import residuals
 from calib.optics.build import covered_path, with_relief
-from calib.optics.project import project
+from calib.optics.projection import project
 from calib.optics.relief import Relief
 from calib.progress import Progress
-from calib.residuals import residuals
-from tests.scenes import INTRINSICS, PATCH, Scene, paper_cone, scene
+from fixtures.synthetic import INTRINSICS, PATCH, Scene, paper_cone, scene
 
 COUNTS = (2, 3, 4, 5, 7, 10)
 AMPLITUDE = 1e-5  # m, the mean: the middle of Fig. 4a's range; the standard deviation is a quarter of it, as there

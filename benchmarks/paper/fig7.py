@@ -6,11 +6,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from benchmarks.paper.common import NOMINAL, THICKNESS, Result, procedure
-from calib.maps import ray_field
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.progress import Progress
-from tests.scenes import HEIGHT, INTRINSICS, WIDTH, paper_cone, scene
+from calib.undistortion.ray_field import ray_field
+from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, paper_cone, scene
 
 DEPTH = 1.0  # m
 LEVELS = (2.5, 5.0, 10.0)  # px

@@ -14,7 +14,7 @@ from calib.optics.build import covered_path
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.progress import Progress
-from tests.scenes import HEIGHT, INTRINSICS, WIDTH, paper_cone, scene
+from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, paper_cone, scene
 
 INVERSE = np.linspace(0.5, 10, 39)  # 1/m
 PIXELS = ((820.0, 1232.0), (410.0, 1232.0))

@@ -5,13 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from benchmarks.paper.common import Fitted, Result, procedure
-from calib.detections import detect
-from calib.observations import Observations
-from calib.poses import refine_poses
+from calib.corners.detect_all import detect
+from calib.corners.view import View
+from calib.estimation.observations import Observations
+from calib.estimation.poses import refine_poses
+from calib.estimation.residuals import residuals
 from calib.progress import Progress
-from calib.residuals import residuals
-from calib.session import Session, read_session
-from calib.views import View
+from calib.session.session import Session, read_session
 
 SETS = 3
 PAPER = ((0.1364, 0.0772, 43.35), (0.1649, 0.0941, 42.90), (0.1570, 0.0973, 38.04))  # cm, cm, %

@@ -20,7 +20,7 @@ from rich.table import Table
 
 from benchmarks.peers.child import Report, start
 from benchmarks.peers.scenes import GLASSES, make
-from calib.console import Bars
+from calib.commands.console import Bars
 from calib.threads import single_thread
 
 DEBIAN = "/usr/bin/python3"

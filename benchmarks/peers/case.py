@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.board import Board
+from calib.session.board import Board
 
 BOARD = Board(9, 9, 0.020)
 CORNERS = np.column_stack([BOARD.points(), np.zeros(BOARD.count)])

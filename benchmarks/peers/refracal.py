@@ -8,13 +8,13 @@ import torch
 from benchmarks.peers.case import Case
 from benchmarks.peers.child import Fitted, main
 from benchmarks.peers.scenes import left, observed
-from calib.joint import fit_joint
+from calib.estimation.gradient_fit import descend
+from calib.estimation.map_fit import fit_joint
+from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.optics.build import covered_path, footprint, with_relief
 from calib.optics.relief import Relief
-from calib.paper import descend
-from calib.poses import pinhole_poses, refine_poses
 from calib.threads import single_thread
-from tests.scenes import INTRINSICS, paper_cone
+from fixtures.synthetic import INTRINSICS, paper_cone
 
 STEPS = 1000
 

@@ -7,13 +7,13 @@ import torch
 from numpy.typing import NDArray
 
 from benchmarks.peers.case import BOARD, CORNERS, Case, Shots
-from calib.observations import Observations
+from calib.corners.view import View
+from calib.estimation.observations import Observations
+from calib.estimation.poses import refit_poses
 from calib.optics.params import Values
 from calib.optics.path import Path
-from calib.optics.project import project
-from calib.poses import refit_poses
-from calib.views import View
-from tests.scenes import HEIGHT, INTRINSICS, WIDTH, paper_cone, scene
+from calib.optics.projection import project
+from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, paper_cone, scene
 
 TRAINED, TESTED = 45, 20
 """Views."""

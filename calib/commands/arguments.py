@@ -60,7 +60,7 @@ def folds(text: str) -> int:
 
 def effects(written: str) -> tuple[str, ...]:
     """none, auto, or names of effects, joined by commas."""
-    from calib.diagnosis.named import NAMES
+    from calib.diagnosis.named_effects import NAMES
 
     names = tuple(name for name in written.split(",") if name)
     wrong = [name for name in names if name not in NAMES]
@@ -72,8 +72,8 @@ def effects(written: str) -> tuple[str, ...]:
 
 
 def free(text: str) -> tuple[str, ...]:
-    """Names of calib.free, joined by commas."""
-    from calib.free import NAMES
+    """Names of calib.session.freeing, joined by commas."""
+    from calib.session.freeing import NAMES
 
     for name in text.split(","):
         if name not in NAMES:

@@ -9,24 +9,24 @@ import torch
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration
-from calib.diagnosis.base import base_model, model_of
+from calib.diagnosis.diagnosed import with_fit
+from calib.diagnosis.finding import Candidate, Diagnosis, Estimate, Quality
+from calib.diagnosis.frame_order import frame_order
 from calib.diagnosis.held_out import FOLDS, bands, folds
-from calib.diagnosis.loop import ROUNDS, TRIED, Loop, form
-from calib.diagnosis.order import frame_order
-from calib.diagnosis.organised import Scene, Share
-from calib.diagnosis.record import Candidate, Diagnosis, Estimate, Quality
-from calib.diagnosis.result import with_fit
-from calib.diagnosis.words import remarks, verdict
+from calib.diagnosis.selection import ROUNDS, TRIED, Loop, form
+from calib.diagnosis.sentences import remarks, verdict
+from calib.diagnosis.starting_model import base_model, model_of
+from calib.diagnosis.variance_split import Scene, Share
 from calib.effects.effect import Effect
 from calib.errors import NotEnoughDataError
-from calib.evaluate import evaluate
-from calib.joint import JointFit
-from calib.model import Model
-from calib.noise import burst_noise, on_board, short_scale_noise
-from calib.observations import Observations
+from calib.estimation.camera_model import Model
+from calib.estimation.map_fit import JointFit
+from calib.estimation.noise import burst_noise, on_board, short_scale_noise
+from calib.estimation.observations import Observations
+from calib.estimation.residuals import Residuals, residuals
+from calib.fitting.evaluate import evaluate
 from calib.progress import Progress
-from calib.residuals import Residuals, residuals
-from calib.session import Session
+from calib.session.session import Session
 from calib.threads import single_thread
 
 FEWEST_VIEWS = 2 * FOLDS

@@ -11,11 +11,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from calib.diagnosis.columns import Optimum, orthogonal
-from calib.joint import JointFit, Start
-from calib.model import Model
-from calib.observations import Observations
-from calib.residuals import residuals
+from calib.diagnosis.score_test import Optimum, orthogonal
+from calib.estimation.camera_model import Model
+from calib.estimation.map_fit import JointFit, Start
+from calib.estimation.observations import Observations
+from calib.estimation.residuals import residuals
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from typing import ClassVar, Self
 
 from calib.effects.effect import Effect, Surroundings, Unknown
 from calib.optics.cone import Cone
+from calib.optics.cover_frame import Names
 from calib.optics.flat import Flat
-from calib.optics.frame import Names
 from calib.optics.params import Param
 from calib.optics.path import Path
 

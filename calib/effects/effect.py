@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.board import Board
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
+from calib.session.board import Board
 
 
 @dataclass(frozen=True, slots=True)

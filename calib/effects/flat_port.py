@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from calib.effects.effect import Effect, Surroundings, Unknown
+from calib.optics.cover_frame import Frame
 from calib.optics.flat import Flat
-from calib.optics.frame import Frame
 from calib.optics.interface import Interface
 from calib.optics.params import Param, Values
 from calib.optics.path import Path

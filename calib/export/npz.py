@@ -4,7 +4,7 @@ rays.npz: width, height px of the image; fx, fy, cx, cy px of the undistorted pi
 px and parallax (h, w, 2) px m, so that the undistorted pixel at depth Z of the distorted pixel at a node is infinite + parallax / Z;
 valid (h, w); nearest (h, w) m, how far in front of the camera each ray leaves the cover.
 sigma_x (m,), sigma_y (n,) px and variance (n, m, 3), where the fit estimated it: the predicted variance of the undistorted position at
-those distorted pixels is variance[..., 0] + variance[..., 1] / Z + variance[..., 2] / Z^2, px^2, x and y together (calib.uncertainty).
+those distorted pixels is variance[..., 0] + variance[..., 1] / Z + variance[..., 2] / Z^2, px^2, x and y together (calib.apply).
 map_Zm.npz: map_x, map_y (height, width) float32 for cv2.remap, -1 where not valid; valid (height, width); depth_m; and sigma (height,
 width) float32 px, where the fit estimated it: the standard deviation of each pixel's position, NaN where not valid.
 """
@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
+from calib.apply.map_uncertainty import SigmaField, predicted_sigma
 from calib.calibration import Calibration
-from calib.files import make_folder, save_npz
-from calib.maps import DepthMap, RayField
+from calib.io.files import make_folder, save_npz
 from calib.progress import Progress
-from calib.uncertainty import SigmaField, predicted_sigma
+from calib.undistortion.ray_field import DepthMap, RayField
 
 ARRAYS = ("nodes_x", "nodes_y", "infinite", "parallax", "valid", "nearest")
 

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 
 from calib.export.central import CentralModel
-from calib.files import write_atomically
-from calib.maps import DepthMap
+from calib.io.files import write_atomically
+from calib.undistortion.ray_field import DepthMap
 
 
 def storage(model: CentralModel, suffix: str) -> str:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.errors import InputError
-from calib.files import write_atomically
-from calib.maps import RayField
+from calib.io.files import write_atomically
+from calib.undistortion.ray_field import RayField
 
 Map = NDArray[np.float32]
 

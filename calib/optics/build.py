@@ -3,19 +3,19 @@
 import torch
 from torch import Tensor
 
-from calib.camera import Intrinsics
-from calib.cover import Cover
 from calib.errors import InputError
 from calib.optics.cone import Cone
+from calib.optics.cover_frame import Frame, Names
 from calib.optics.dome import Dome
 from calib.optics.flat import Flat
-from calib.optics.frame import Frame, Names
 from calib.optics.interface import Interface
-from calib.optics.lens import COEFFICIENTS, Lens
+from calib.optics.lens_model import COEFFICIENTS, Lens
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.relief import Relief
 from calib.optics.surface import Surface
+from calib.session.camera import Intrinsics
+from calib.session.cover import Cover
 
 BEYOND = 0.2
 """How far the relief's centres reach beyond what the image sees, as a fraction of it, on each side. Without centres beyond the edge a
@@ -75,7 +75,7 @@ def footprint(path: Path, values: Values, width: int, height: int) -> tuple[tupl
 
 
 def _placed(cover: Cover) -> tuple[Surface, Frame]:
-    """The cover's surface, and where it stands. Every shape of calib.cover.SHAPES that has glass is here."""
+    """The cover's surface, and where it stands. Every shape of calib.session.cover.SHAPES that has glass is here."""
     match cover.shape:
         case "cone" | "cylinder":
             return Cone(), Frame(origin=_names(cover, "axis_offset"), tilt=_turned(cover))
@@ -84,7 +84,7 @@ def _placed(cover: Cover) -> tuple[Surface, Frame]:
         case "dome":
             return Dome(), Frame(origin=_names(cover, "centre"))
         case other:
-            raise ValueError(f"{other!r} is not a shape of calib.cover.SHAPES")
+            raise ValueError(f"{other!r} is not a shape of calib.session.cover.SHAPES")
 
 
 def _names(cover: Cover, key: str) -> Names:

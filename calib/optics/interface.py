@@ -6,7 +6,7 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from calib.optics.frame import Frame
+from calib.optics.cover_frame import Frame
 from calib.optics.params import Param, Values
 from calib.optics.rays import MISSED_INNER, MISSED_OUTER, REFLECTED_INNER, REFLECTED_OUTER, Rays
 from calib.optics.relief import Relief

@@ -7,11 +7,11 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
+from calib.optics.board_target import Placement, Target
 from calib.optics.interface import Interface
-from calib.optics.lens import Lens
+from calib.optics.lens_model import Lens
 from calib.optics.params import LINE, Param, Values
 from calib.optics.rays import Rays
-from calib.optics.target import Placement, Target
 
 
 class Adjustment(Protocol):

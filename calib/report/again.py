@@ -7,8 +7,8 @@ from typing import Any
 
 import yaml
 
+from calib.fitting.provenance import KEY
 from calib.report.evidence import Evidence
-from calib.report.origin import KEY
 from calib.report.tables import table
 
 

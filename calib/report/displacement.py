@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.maps import RayField
 from calib.report.evidence import Array, Evidence
+from calib.undistortion.ray_field import RayField
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from html import escape
 
 from calib.calibration import Calibration
-from calib.diagnosis.record import Estimate
+from calib.diagnosis.finding import Estimate
 from calib.report.tables import bar, table
 
 

@@ -9,15 +9,15 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from calib.apply.map_uncertainty import SigmaField, predicted_sigma
 from calib.calibration import Calibration
-from calib.camera import Intrinsics
-from calib.maps import RayField
+from calib.estimation.poses import pinhole_poses
+from calib.estimation.residuals import Residuals, residuals
 from calib.optics.build import pinhole_path
 from calib.optics.params import Values
 from calib.optics.path import Path
-from calib.poses import pinhole_poses
-from calib.residuals import Residuals, residuals
-from calib.uncertainty import SigmaField, predicted_sigma
+from calib.session.camera import Intrinsics
+from calib.undistortion.ray_field import RayField
 
 Array = NDArray[np.float64]
 

@@ -11,12 +11,12 @@ from matplotlib.patches import Polygon
 from matplotlib.path import Path
 from numpy.typing import NDArray
 
+from calib.apply.map_uncertainty import root_of
 from calib.optics.relief import Relief
 from calib.report.chart import border, chart_axes, drawn, hits, units
 from calib.report.evidence import Array, Evidence
 from calib.report.figure import Drawing
 from calib.report.ink import BELOW_AND_ABOVE, INK, MORE, colour_bar, draw, label_lines, side_by_side
-from calib.uncertainty import root_of
 
 NODES = (81, 61)
 """Of the chart, across and down."""

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.console import remarks
-from calib.folds import CrossValidation
+from calib.commands.console import remarks
+from calib.fitting.cross_validation import CrossValidation
 from calib.report.evidence import Evidence
 from calib.report.patterns import over_board, over_image
 

@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from html import escape
 
-from calib.camera import COEFFICIENT, PINHOLE
-from calib.cover import SHAPES
-from calib.optics.lens import COEFFICIENTS
+from calib.optics.lens_model import COEFFICIENTS
 from calib.report.evidence import Evidence
-from calib.schema import Number, Quantity
+from calib.session.camera import COEFFICIENT, PINHOLE
+from calib.session.cover import SHAPES
+from calib.session.schema import Number, Quantity
 
 MEANING = {
     "pinhole": "the camera alone, with its lens",

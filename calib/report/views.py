@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.detect import eight_bits
+from calib.corners.detect import eight_bits
 from calib.errors import RefracalError
-from calib.images import read_grey
+from calib.io.images import read_grey
 from calib.report.evidence import Evidence
 from calib.report.ink import hues
 

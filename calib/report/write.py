@@ -5,7 +5,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from calib.calibration import Calibration
-from calib.files import write_atomically
+from calib.fitting.provenance import KEY
+from calib.io.files import write_atomically
 from calib.progress import Progress
 from calib.report.again import again_html
 from calib.report.board_errors import board_errors
@@ -16,7 +17,6 @@ from calib.report.effects import EffectRow, effect_rows, effects_html
 from calib.report.evidence import Evidence, gather_evidence
 from calib.report.figure import Drawing
 from calib.report.glass import glass_surface
-from calib.report.origin import KEY
 from calib.report.page import Section, page
 from calib.report.residual_maps import residual_maps
 from calib.report.sigma import predicted_errors

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from calib.commands.arguments import positive
 
 if TYPE_CHECKING:
-    from calib.board import Board
+    from calib.session.board import Board
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,9 +37,9 @@ def run(args: argparse.Namespace) -> None:
     from capture.interrupt import ending_by
     from capture.narrator import Narrator
     from capture.reader import Reader
-    from capture.record import Plan, corners_of, record
     from capture.recorder import Recorder
-    from capture.setup import board_of, read_setup
+    from capture.recording_loop import Plan, corners_of, record
+    from capture.session_file import board_of, read_setup
     from capture.sources.registry import open_source
 
     source = open_source(args.source)
@@ -72,10 +72,10 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _asked_board(args: argparse.Namespace) -> "Board | None":
-    from calib.board import Board
     from calib.errors import InputError
-    from calib.schema import Section
-    from calib.session import SQUARE
+    from calib.session.board import Board
+    from calib.session.schema import Section
+    from calib.session.session import SQUARE
 
     if (args.board is None) != (args.square_mm is None):
         raise InputError("--board and --square-mm belong together: write both, such as --board 9x6 --square-mm 25.")

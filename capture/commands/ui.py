@@ -24,7 +24,7 @@ def run(args: argparse.Namespace) -> None:
 
         open_source(args.source)
     if (args.session / "session.yaml").exists():
-        from capture.setup import board_of
+        from capture.session_file import board_of
 
         board_of(args.session, None)
     if args.serve:

@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.errors import InputError
-from calib.files import reading
-from calib.images import list_images, read_image
-from calib.schema import Quantity, Section
+from calib.io.files import reading
+from calib.io.frames_table import FIXED, NAME, read_table
+from calib.io.images import list_images, read_image
+from calib.session.schema import Quantity, Section
 from capture.frames import PAUSE_S, Frame
 from capture.sources.options import read_number
 from capture.sources.registry import Inventory
-from capture.table import FIXED, NAME, read_table
 
 SPEED = Quantity("speed", low=0.01, high=1000, default=1.0)
 

@@ -15,7 +15,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from calib.schema import Quantity, Section
+from calib.session.schema import Quantity, Section
 from capture.errors import CaptureError
 from capture.frames import Frame
 from capture.sources import libcamera_device as device

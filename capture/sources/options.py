@@ -2,7 +2,7 @@
 
 import re
 
-from calib.schema import Quantity, Section
+from calib.session.schema import Quantity, Section
 
 EXPOSURE_US = Quantity("exposure_us", low=1, high=1e7)
 GAIN = Quantity("gain", low=0, high=1e5)

@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import Protocol, cast
 
 from calib.errors import InputError
-from calib.schema import Section
+from calib.session.schema import Section
 from capture.frames import FrameSource
 
 

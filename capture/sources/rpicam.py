@@ -20,7 +20,7 @@ from typing import IO, Self
 import numpy as np
 
 from calib.errors import InputError
-from calib.schema import Quantity, Section
+from calib.session.schema import Quantity, Section
 from capture.errors import CaptureError
 from capture.frames import Frame
 from capture.sources.options import read_number, read_size

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 
 from calib.errors import InputError
-from calib.schema import Quantity, Section
+from calib.session.schema import Quantity, Section
 from capture.errors import CaptureError
 from capture.frames import Frame
 from capture.sources import v4l2_device as device

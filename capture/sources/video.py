@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 
 from calib.errors import InputError
-from calib.files import reading
-from calib.schema import Section
+from calib.io.files import reading
+from calib.session.schema import Section
 from capture.frames import Frame
 from capture.sources.registry import Inventory
 

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 
-from calib.camera import Camera, read_camera
-from calib.schema import Section
+from calib.session.camera import Camera, read_camera
+from calib.session.schema import Section
 from capture.coverage import Guide, Hint, PlainGuide, Progress, SeenView
 from capture.guidance_process import Guidance, GuidanceError
 from capture.tui.camera import Task

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from capture.finder import Finder
 from capture.frames import Frame, FrameSource
 from capture.reader import Reader
-from capture.record import Plan, Shutter, Step, corners_of, record
 from capture.recorder import Recorder
-from capture.setup import Setup, board_of
+from capture.recording_loop import Plan, Shutter, Step, corners_of, record
+from capture.session_file import Setup, board_of
 from capture.sources.registry import open_source
 
 PREVIEW = 192  # px, the longer side of what the screen is given: as much as a terminal shows

@@ -17,7 +17,7 @@ from textual.message import Message
 from calib.errors import RefracalError
 from capture.coverage import Hint, Progress, SeenView
 from capture.errors import CaptureError
-from capture.record import Shutter, Step
+from capture.recording_loop import Shutter, Step
 from capture.tui.adviser import Adviser
 from capture.tui.camera import Preview, Task, Watch
 from capture.tui.cells import FOUND, HINT, Mark

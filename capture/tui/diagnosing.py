@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from capture.tui.fitting import Lines, answer, say, summary
 
 if TYPE_CHECKING:
-    from calib.diagnosis.record import Candidate, Diagnosis
+    from calib.diagnosis.finding import Candidate, Diagnosis
 
 
 def main(calibration: Path, out: Path) -> None:
@@ -22,7 +22,7 @@ def _diagnose(place: Path, out: Path) -> dict[str, object]:
     say(event="task", title="Loading torch", total=1)
     from calib.calibration import Calibration
     from calib.diagnosis.diagnose import diagnose
-    from calib.files import check_writable
+    from calib.io.files import check_writable
 
     calibration = Calibration.load(place)
     check_writable(out)

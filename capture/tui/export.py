@@ -13,7 +13,7 @@ from textual.message import Message
 from textual.screen import ModalScreen
 from textual.widgets import Button, Footer, Input, Label, Select, Static
 
-from calib.commands import export
+from calib.commands import export_command
 from calib.commands.arguments import depth
 from capture.tui.command import calib
 from capture.tui.page import TYPING, Field, onward, typed
@@ -114,7 +114,7 @@ class ExportScreen(ModalScreen[None]):
 def formats() -> Sequence[str]:
     """Those that `calib export` knows."""
     parser = argparse.ArgumentParser()
-    export.add_arguments(parser)
+    export_command.add_arguments(parser)
     choices = next(action.choices for action in parser._actions if action.dest == "format")
     return tuple(map(str, choices or ()))
 

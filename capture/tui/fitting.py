@@ -50,11 +50,11 @@ def main(session: Path, out: Path) -> None:
 
 def _fit(session: Path, out: Path) -> dict[str, object]:
     say(event="task", title="Loading torch", total=1)
-    from calib.files import check_writable
-    from calib.fit import fit
-    from calib.report.origin import with_origin
-    from calib.session import read_session
-    from calib.stages import Settings
+    from calib.fitting.fit import fit
+    from calib.fitting.provenance import with_origin
+    from calib.fitting.stages import Settings
+    from calib.io.files import check_writable
+    from calib.session.session import read_session
 
     described = read_session(session)
     check_writable(out)
@@ -66,8 +66,8 @@ def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
     """What the results screen shows."""
     from torch import from_numpy
 
-    from calib.console import remarks
-    from calib.residuals import residuals
+    from calib.commands.console import remarks
+    from calib.estimation.residuals import residuals
 
     seen = calibration.observations
     path, values = calibration.model()

@@ -4,13 +4,13 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from calib.board import Board
-from calib.camera import Camera, camera_to_yaml
-from calib.cover import SHAPES, Cover, cover_to_yaml
 from calib.errors import InputError
-from calib.schema import Quantity, Section
-from calib.session import session_from_mapping, session_to_yaml
-from capture.setup import Setup
+from calib.session.board import Board
+from calib.session.camera import Camera, camera_to_yaml
+from calib.session.cover import SHAPES, Cover, cover_to_yaml
+from calib.session.schema import Quantity, Section
+from calib.session.session import session_from_mapping, session_to_yaml
+from capture.session_file import Setup
 
 BOARD = ("columns", "rows", "square_mm")
 WHERE = "The set-up"

@@ -4,11 +4,11 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from calib.camera import camera_to_yaml
-from calib.gather import read_views
-from calib.intrinsics import calibrate_bare
+from calib.fitting.inputs import read_views
+from calib.fitting.intrinsics import calibrate_bare
 from calib.progress import Silent
-from calib.session import read_session
+from calib.session.camera import camera_to_yaml
+from calib.session.session import read_session
 from capture.tui.fitting import answer
 
 

@@ -13,9 +13,9 @@ from textual.message import Message
 from textual.widgets import OptionList, Static
 from textual.widgets.option_list import Option
 
-from calib.detect import eight_bits
+from calib.corners.detect import eight_bits
 from calib.errors import RefracalError
-from calib.images import read_grey
+from calib.io.images import read_grey
 from capture.tui.camera import Preview
 from capture.tui.cells import FOUND, WORST, Mark
 from capture.tui.child import Event

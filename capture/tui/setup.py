@@ -13,10 +13,10 @@ from textual.message import Message
 from textual.suggester import SuggestFromList
 from textual.widgets import Button, Input, Label, Select, Static
 
-from calib.cover import SHAPES
 from calib.errors import InputError
-from calib.images import list_images
-from capture.setup import Setup, board_of, read_setup
+from calib.io.images import list_images
+from calib.session.cover import SHAPES
+from capture.session_file import Setup, board_of, read_setup
 from capture.sources.registry import SCHEMES, open_source
 from capture.tui.camera import Task
 from capture.tui.form import BOARD, HELP, Typed, problem, read_form, write_form

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.board import Board
+from calib.session.board import Board
 
 FIXTURE = Path(__file__).parents[2] / "fixtures" / "bumps"
 BOARD = Board(9, 9, 0.02)

@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 import pytest
 
-from calib.images import read_image
-from calib.session import read_session
+from calib.io.frames_table import read_table
+from calib.io.images import read_image
+from calib.session.session import read_session
 from capture.cli import main
 from capture.gate import KNOWN, MOVING, SOFT, WAIT
-from capture.table import read_table
 from tests.capture.recordings import BOARD_FLAGS, FIXTURE, capture, noise, read_pictures, write_recording
 
 POSES, REPEATS = (0, 1, 2, 3), 4

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calib.board import Board
-from calib.camera import Camera, Intrinsics
-from calib.design import MOST, Design
 from calib.errors import InputError
-from calib.hint_words import words
-from calib.schema import Number
+from calib.planning.design import MOST, Design
+from calib.planning.hints import words
+from calib.planning.pose_bank import Reach, bank, bare_pose, rim, seen_bare
+from calib.session.board import Board
+from calib.session.camera import Camera, Intrinsics
+from calib.session.schema import Number
 from capture.coverage import CELLS, InformedGuide, PlainGuide, SeenView, covered_cells, upright
-from capture.poses_bank import Reach, bank, bare_pose, rim, seen_bare
 
 Array = NDArray[np.float64]
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calib.board import Board
-from calib.detect import find_corners
-from calib.images import list_images, read_grey
+from calib.corners.detect import find_corners
+from calib.io.images import list_images, read_grey
+from calib.session.board import Board
 from capture.finder import Finder, Sighting
 from capture.frames import Frame
-from tests.test_detect import Scene, rms
+from tests.corners.test_detect import Scene, rms
 
 BOARD = Board(9, 9, 0.02)
 FIXTURES = Path(__file__).parents[2] / "fixtures"

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calib.board import Board
-from calib.images import read_grey
+from calib.io.images import read_grey
+from calib.session.board import Board
 from capture.exposure import Exposure
 from capture.finder import Finder, Sighting
 from capture.frames import Frame

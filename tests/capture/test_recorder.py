@@ -16,14 +16,14 @@ import pytest
 import yaml
 from numpy.typing import NDArray
 
-from calib.board import Board
-from calib.cover import Cover
 from calib.errors import InputError
-from calib.session import read_session
+from calib.io.frames_table import read_table
+from calib.session.board import Board
+from calib.session.cover import Cover
+from calib.session.session import read_session
 from capture.frames import Frame
 from capture.recorder import Recorder
-from capture.setup import board_of, read_setup
-from capture.table import read_table
+from capture.session_file import board_of, read_setup
 from tests.capture.recordings import BOARD, BOARD_FLAGS, FIXTURE, capture, noise, read_pictures, write_recording
 
 PICTURES = noise(8)
@@ -266,7 +266,7 @@ def test_kill_9_at_200_moments(tmp_path: Path) -> None:
 SERVER = """
 import os, sys
 from capture.cli import main
-import capture.commands.record, capture.record, capture.sources.folder
+import capture.commands.record, capture.recording_loop, capture.sources.folder
 for line in sys.stdin:
     arguments = line.split()
     child = os.fork()

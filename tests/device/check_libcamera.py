@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.images import list_images, read_grey
-from capture.table import read_table
+from calib.io.frames_table import read_table
+from calib.io.images import list_images, read_grey
 from tests.device.guest import PROJECT, Guest
 from tests.device.kernels import kernel_6_12, libcamera_root
 from tests.device.wheels import capture_wheels

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calib.images import list_images, read_grey
+from calib.io.images import list_images, read_grey
 from capture.sources.v4l2_formats import FORMATS
 from tests.device.guest import PROJECT, Guest
 from tests.device.kernels import kernel_6_1, v4l2loopback

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from calib.images import list_images, read_grey
-from capture.table import read_table
+from calib.io.frames_table import read_table
+from calib.io.images import list_images, read_grey
 from tests.device.guest import Guest
 from tests.device.kernels import kernel_6_1
 

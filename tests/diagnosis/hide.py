@@ -8,11 +8,11 @@ import torch
 
 from benchmarks.uncertainty import GLASS, calibrate
 from calib.calibration import Calibration
+from calib.corners.view import View
 from calib.effects.effect import Effect
-from calib.optics.project import project
-from calib.stages import Settings
-from calib.views import View
-from tests.scenes import Scene, scene
+from calib.fitting.stages import Settings
+from calib.optics.projection import project
+from fixtures.synthetic import Scene, scene
 
 
 def hidden(effect: Effect | None, numbers: Mapping[str, float], seed: int = 1, views: int = 15, spoiled: int = 0) -> Scene:

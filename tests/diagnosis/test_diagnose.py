@@ -5,18 +5,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.apply.map_uncertainty import predicted_sigma
 from calib.calibration import Calibration
-from calib.diagnosis.columns import Columns
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.finding import Diagnosis
 from calib.diagnosis.held_out import Gain, HeldOut, gain
-from calib.diagnosis.loop import Trial
-from calib.diagnosis.named import with_named
-from calib.diagnosis.record import Diagnosis
-from calib.diagnosis.words import verdict
+from calib.diagnosis.named_effects import with_named
+from calib.diagnosis.score_test import Columns
+from calib.diagnosis.selection import Trial
+from calib.diagnosis.sentences import verdict
 from calib.effects.board_bow import BoardBow
 from calib.errors import InputError, NotEnoughDataError
 from calib.progress import Silent
-from calib.uncertainty import predicted_sigma
 from tests.diagnosis.hide import fitted, hidden
 
 BOW = BoardBow(0.08, 0.08)

@@ -8,11 +8,11 @@ import pytest
 
 from calib.calibration import Calibration
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.record import Diagnosis
-from calib.fit import fit
+from calib.diagnosis.finding import Diagnosis
+from calib.fitting.fit import fit
+from calib.fitting.stages import Settings
 from calib.progress import Silent
-from calib.session import read_session
-from calib.stages import Settings
+from calib.session.session import read_session
 from tests.truth import map_error
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 import torch
 
-from calib.diagnosis.base import base_model
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.frame_order import frame_order
 from calib.diagnosis.held_out import bands, folds, hold_out
-from calib.diagnosis.order import frame_order
+from calib.diagnosis.starting_model import base_model
 from calib.errors import NotEnoughDataError
-from calib.joint import Start
-from calib.poses import refit_poses
+from calib.estimation.map_fit import Start
+from calib.estimation.poses import refit_poses
 from calib.progress import Silent
 from tests.diagnosis.hide import fitted, hidden
 

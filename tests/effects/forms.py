@@ -1,4 +1,4 @@
-"""Every effect in every form that it takes: behind each cover of tests.shapes, off-centre and under water, and without a cover."""
+"""Every effect in every form that it takes: behind each cover of tests.optics.shapes, off-centre and under water, and without a cover."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ import pytest
 import torch
 from torch import Tensor
 
-from calib.board import Board
 from calib.calibration import Calibration, Found
-from calib.camera import Camera, Intrinsics
-from calib.cover import Cover
+from calib.corners.view import View
 from calib.effects.effect import Effect, Surroundings
 from calib.effects.free_field import FreeField
 from calib.effects.registry import EFFECTS
-from calib.model import Model
-from calib.observations import Observations
+from calib.estimation.camera_model import Model
+from calib.estimation.observations import Observations
 from calib.optics.build import covered_path, with_relief
 from calib.optics.path import Path
 from calib.optics.relief import Relief
-from calib.schema import Number
-from calib.views import View
-from tests.known import NOTHING
-from tests.scenes import HEIGHT, INTRINSICS, WIDTH
-from tests.shapes import EXAMPLES
+from calib.session.board import Board
+from calib.session.camera import Camera, Intrinsics
+from calib.session.cover import Cover
+from calib.session.schema import Number
+from fixtures.known import NOTHING
+from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH
+from tests.optics.shapes import EXAMPLES
 
 BOARD = Board(5, 4, 0.03)
 GRID = (5, 6)

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.fft import dctn
 from scipy.spatial.transform import Rotation
 
+from fixtures.synthetic import INTRINSICS
 from tests.optics import oracle
-from tests.scenes import INTRINSICS
-from tests.shapes import Example
+from tests.optics.shapes import Example
 
 Array = NDArray[np.float64]
 Height = Callable[[float, float], float]

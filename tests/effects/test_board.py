@@ -4,16 +4,16 @@ import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
-from calib.board import Board
 from calib.effects.board_bow import BoardBow
 from calib.effects.board_scale import BoardScale
 from calib.effects.effect import Effect, Surroundings
 from calib.effects.free_field import FreeField
-from calib.model import Model
+from calib.estimation.camera_model import Model
 from calib.optics.build import pinhole_path
+from calib.session.board import Board
+from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH
 from tests.effects.rays import Array, pinhole, projected, waves
 from tests.optics import oracle
-from tests.scenes import HEIGHT, INTRINSICS, WIDTH
 
 BOARD = Board(9, 7, 0.02)
 POSE = np.array([0.5, -0.6, 0.2, -0.03, 0.02, 0.4])

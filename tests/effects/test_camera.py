@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from calib.board import Board
-from calib.camera import Intrinsics
+from calib.corners.view import View
 from calib.effects.detector_bias import DetectorBias
 from calib.effects.effect import Effect
 from calib.effects.focal import Focal
@@ -15,14 +14,15 @@ from calib.effects.free_field import FreeField
 from calib.effects.lens import Lens
 from calib.effects.principal_point import PrincipalPoint
 from calib.effects.rolling_shutter import RollingShutter
-from calib.model import Model
-from calib.observations import Observations
+from calib.estimation.camera_model import Model
+from calib.estimation.observations import Observations
 from calib.optics.build import pinhole_path
-from calib.schema import Number
-from calib.views import View
+from calib.session.board import Board
+from calib.session.camera import Intrinsics
+from calib.session.schema import Number
+from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH
 from tests.effects.forms import LENS
 from tests.effects.rays import Array, camera_matrix, projected, waves
-from tests.scenes import HEIGHT, INTRINSICS, WIDTH
 
 BOARD = Board(9, 7, 0.02)
 SOLID = np.column_stack([BOARD.points(), np.zeros(BOARD.count)])

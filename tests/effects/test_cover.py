@@ -7,7 +7,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from calib.board import Board
 from calib.effects.cover_offset import CoverOffset
 from calib.effects.cover_radius import CoverRadius
 from calib.effects.cover_tilt import CoverTilt
@@ -18,13 +17,14 @@ from calib.effects.inner_surface import InnerSurface
 from calib.effects.refractive_index import RefractiveIndex
 from calib.effects.thickness import Thickness
 from calib.effects.wedge import Wedge
-from calib.model import Model
+from calib.estimation.camera_model import Model
 from calib.optics.build import covered_path, pinhole_path, with_relief
 from calib.optics.relief import Relief
+from calib.session.board import Board
+from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH
 from tests.effects.rays import Array, Glass, Height, centres, pinhole, turned
 from tests.optics import oracle
-from tests.scenes import HEIGHT, INTRINSICS, WIDTH
-from tests.shapes import CONE, CYLINDER, DOME, EXAMPLES, FLAT, Example, each_shape
+from tests.optics.shapes import CONE, CYLINDER, DOME, EXAMPLES, FLAT, Example, each_shape
 
 PIXELS = np.random.default_rng(0).uniform([0, 0], [WIDTH - 1, HEIGHT - 1], (16, 2))
 GRID = (5, 6)

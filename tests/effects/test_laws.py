@@ -16,8 +16,8 @@ from calib.effects.fine_surface import FineSurface
 from calib.effects.focal import Focal
 from calib.effects.free_field import FreeField
 from calib.effects.principal_point import PrincipalPoint
-from calib.effects.written import Numbers, effect_from_yaml, effect_to_yaml
-from calib.landing import Landing, landings
+from calib.effects.serialise import Numbers, effect_from_yaml, effect_to_yaml
+from calib.estimation.residual_blocks import Landing, landings
 from tests.effects.forms import FORMS, KINDS, SITUATIONS, Form, Situation, each_form
 
 SMALLEST = 1e-9

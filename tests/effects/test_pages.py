@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from calib.diagnosis.words import SEPARATES
+from calib.diagnosis.sentences import SEPARATES
 from calib.effects.effect import Effect
 from tests.effects.forms import KINDS
 
@@ -22,10 +22,10 @@ import cv2, numpy as np
 from calib.calibration import Calibration
 from calib.diagnosis.diagnose import diagnose
 from calib.progress import Silent
-from calib.views import View
+from calib.corners.view import View
 from tests.effects.rays import camera_matrix
-from tests.known import lens_alone
-from tests.scenes import scene
+from fixtures.known import lens_alone
+from fixtures.synthetic import scene
 from dataclasses import replace
 
 made = scene(0, views=15)
@@ -67,9 +67,9 @@ def test_the_steps_for_a_new_effect_work_as_written(tmp_path: Path) -> None:
     place, kind = re.search(r"\*\*One file\*\*, `(.*?)`", steps), re.search(r"class (\w+)\(Effect\)", code)
     assert place
     assert kind
-    for folder in ("calib", "tests"):
-        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__", "device", "tui", "report"))
-    shutil.copytree(ROOT / "calib" / "report", tmp_path / "calib" / "report")
+    for folder in ("calib", "tests", "fixtures"):
+        left_out = shutil.ignore_patterns("__pycache__", "device", "tui", "frames", "holdout", "bare")
+        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=left_out)
     (tmp_path / place[1]).write_text(code, encoding="utf-8")
     registry = tmp_path / "calib" / "effects" / "registry.py"
     module = place[1].removesuffix(".py").replace("/", ".")

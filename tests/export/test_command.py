@@ -7,7 +7,7 @@ import pytest
 from calib.calibration import Calibration
 from calib.cli import main
 from calib.export.formats import FORMATS
-from calib.export.write import CENTRAL
+from calib.export.write_exports import CENTRAL
 
 
 @pytest.fixture(scope="module")

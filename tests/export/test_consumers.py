@@ -11,8 +11,8 @@ import yaml
 
 from calib.calibration import Calibration
 from calib.cli import main
+from fixtures.synthetic import HEIGHT, WIDTH
 from tests.export.truth import centre, check_misfit, distorted, fisheye, seen, statements
-from tests.scenes import HEIGHT, WIDTH
 
 DEPTH = 0.4
 

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration, Stage
-from calib.camera import Camera, Intrinsics
-from calib.cover import Cover
 from calib.optics.relief import Relief
-from calib.schema import Number
-from tests.scenes import HEIGHT, INTRINSICS, PATCH, WIDTH, scene
+from calib.session.camera import Camera, Intrinsics
+from calib.session.cover import Cover
+from calib.session.schema import Number
+from fixtures.synthetic import HEIGHT, INTRINSICS, PATCH, WIDTH, scene
 
 Array = NDArray[np.float64]
 

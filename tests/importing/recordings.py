@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.board import Board
+from calib.session.board import Board
 
 BOARD = Board(7, 6, 0.025)
 SIZE = 640, 480

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from calib.cli import main
-from calib.session import Session, read_session
-from calib.views import View
-from calib.vnlog import read_corners, write_corners
+from calib.corners.corners_file import read_corners, write_corners
+from calib.corners.view import View
+from calib.session.session import Session, read_session
 from tests.importing import recordings
 from tests.importing.recordings import BOARD, CAMCHAIN, MATRIX, SECOND, SIZE
 

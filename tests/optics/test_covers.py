@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import torch
 
-from calib.cover import Cover
 from calib.optics.build import covered_path, with_relief
 from calib.optics.rays import MISSED_INNER, MISSED_OUTER, Rays
 from calib.optics.relief import Relief
-from calib.schema import Number
-from tests.scenes import HEIGHT, INTRINSICS, WIDTH
-from tests.shapes import CONE, CYLINDER, DOME, FLAT, GLASS, WATER, Example, each_shape
+from calib.session.cover import Cover
+from calib.session.schema import Number
+from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH
+from tests.optics.shapes import CONE, CYLINDER, DOME, FLAT, GLASS, WATER, Example, each_shape
 
 PIXELS = torch.from_numpy(np.random.default_rng(0).uniform([0, 0], [WIDTH - 1, HEIGHT - 1], (200, 2)))
 

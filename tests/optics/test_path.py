@@ -7,15 +7,15 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from calib.cover import SHAPES
 from calib.optics.build import covered_path, footprint, with_relief
 from calib.optics.path import Path, by_row
-from calib.optics.project import project
+from calib.optics.projection import project
 from calib.optics.rays import FAILURES, MISSED_INNER, REFLECTED_OUTER
 from calib.optics.relief import Relief
+from calib.session.cover import SHAPES
+from fixtures.synthetic import HEIGHT, INTRINSICS, PATCH, WIDTH
 from tests.optics import oracle
-from tests.scenes import HEIGHT, INTRINSICS, PATCH, WIDTH
-from tests.shapes import CONE, EXAMPLES, Example, each_shape
+from tests.optics.shapes import CONE, EXAMPLES, Example, each_shape
 
 
 def nominal(

@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 import torch
 
-from calib.camera import COEFFICIENTS as ACCEPTED_COUNTS
 from calib.optics import rotation
-from calib.optics.lens import COEFFICIENTS, Lens
+from calib.optics.board_target import Placement, Target
+from calib.optics.lens_model import COEFFICIENTS, Lens
 from calib.optics.rays import LENS, Rays
 from calib.optics.relief import Relief
 from calib.optics.snell import refract
-from calib.optics.target import Placement, Target
 from calib.optics.vector import Vector
+from calib.session.camera import COEFFICIENTS as ACCEPTED_COUNTS
 from tests.optics import oracle
 
 LENS_NUMBERS = (-0.28, 0.11, 8e-4, -5e-4, -0.02, 0.05, -0.03, 0.01, 1e-3, -2e-4, 7e-4, 3e-4, 0.02, -0.03)

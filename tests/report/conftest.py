@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 
 from calib.calibration import Calibration
+from calib.fitting.provenance import with_origin
 from calib.progress import Silent
-from calib.report.origin import with_origin
 from calib.report.write import write_report
-from calib.session import read_session
+from calib.session.session import read_session
+from fixtures.synthetic import paper_cone, scene
 from tests.report.made import add_pictures, calibrated
-from tests.scenes import paper_cone, scene
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 
 from calib.calibration import Calibration
-from calib.fit import fit
+from calib.fitting.fit import fit
+from calib.fitting.stages import Settings
 from calib.progress import Silent
-from calib.session import read_session
-from calib.stages import Settings
-from tests.scenes import HEIGHT, WIDTH, Scene
+from calib.session.session import read_session
+from fixtures.synthetic import HEIGHT, WIDTH, Scene
 from tests.test_calibration import write_session
 
 SETTINGS = Settings(grid=(6, 6), folds=3)

@@ -13,13 +13,13 @@ import yaml
 
 from calib.calibration import Calibration
 from calib.cli import main
-from calib.commands import fit as fit_command
-from calib.commands.report import has_screen
+from calib.commands import fit_command
+from calib.commands.report_command import has_screen
+from calib.fitting.provenance import session_hash
+from calib.fitting.stages import Settings
 from calib.report.again import command
-from calib.report.origin import session_hash
-from calib.session import read_session
-from calib.stages import Settings
-from tests.scenes import scene
+from calib.session.session import read_session
+from fixtures.synthetic import scene
 from tests.test_calibration import write_session
 
 

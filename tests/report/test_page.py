@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 
 from calib.calibration import Calibration
+from calib.corners.view import Rejected
 from calib.progress import Silent
 from calib.report.effects import EffectRow
 from calib.report.write import write_report
-from calib.views import Rejected
 from tests.report.conftest import Reported
 
 HOSTILE = """<script>alert("1")</script>&lt;'$x_1$"""

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calib.board import Board
+from calib.fitting.stages import Settings
 from calib.progress import Silent
 from calib.report.evidence import gather_evidence
 from calib.report.patterns import over_board, over_image
 from calib.report.summary import summarise
 from calib.report.write import write_report
-from calib.stages import Settings
+from calib.session.board import Board
+from fixtures.synthetic import scene
+from tests.optics.shapes import Example, each_shape
 from tests.report.conftest import Reported
 from tests.report.made import calibrated
-from tests.scenes import scene
-from tests.shapes import Example, each_shape
 
 FAST = Settings(grid=(5, 5))
 

@@ -8,7 +8,7 @@ import shutil
 import sys
 from pathlib import Path
 
-from calib.images import list_images
+from calib.io.images import list_images
 from tests.device.inside.recording import Recording
 
 VIRTUAL = """\

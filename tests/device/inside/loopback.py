@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from calib.images import list_images, read_grey
+from calib.io.images import list_images, read_grey
 from capture.errors import CaptureError
 from capture.sources.registry import open_source
 from tests.device.inside.feed import BUFFERS, DEVICE, feeding

@@ -1,0 +1,135 @@
+"""How sure the undistorted position of each pixel is, at any depth: the fit's covariance, carried to the maps.
+
+p_u(Z) = A + B / Z for every pixel, so the variance is a quadratic in inverse depth, of three numbers a pixel. The rigid motion of all
+rays that board views leave open is taken out: of each error, the motion that hides most of it at the training corners is subtracted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from calib.calibration import Calibration
+from calib.estimation.jacobians import undistorted_slopes
+from calib.estimation.residual_blocks import ROWS
+from calib.estimation.stated_priors import freed
+from calib.optics.params import Values
+from calib.optics.path import Path
+from calib.undistortion.ray_field import DepthMap
+
+Array = NDArray[np.float64]
+
+NODES = (49, 37)
+"""Pixels across and down at which the variance is computed; between them it is linear."""
+
+
+@dataclass(frozen=True, slots=True)
+class SigmaField:
+    """The predicted error of the undistorted pixel of every distorted one."""
+
+    nodes_x: Array
+    """(w,) px"""
+    nodes_y: Array
+    """(h,) px"""
+    variance: Array
+    """(h, w, 3) px^2, px^2 m, px^2 m^2: the variance at depth Z is the first + the second / Z + the third / Z^2, x and y together. NaN
+    where no ray leaves the cover."""
+
+    def at_nodes(self, depth: float) -> Array:
+        """(h, w) px: standard deviation of the two-dimensional position at depth m."""
+        sigma: Array = np.sqrt(np.maximum(self.variance @ np.array([1, 1 / depth, 1 / depth**2]), 0.0))
+        return sigma
+
+    def at(self, x: NDArray[np.floating], y: NDArray[np.floating], depth: float) -> NDArray[np.float32]:
+        """The same at (h, w) distorted px each; NaN next to where no ray leaves the cover, and outside the image."""
+        column, inside_x = _among(x, self.nodes_x)
+        row, inside_y = _among(y, self.nodes_y)
+        sigma = self.at_nodes(depth).astype(np.float32)
+        found = cv2.remap(sigma, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return np.where(inside_x & inside_y, found, np.float32(np.nan))
+
+    def of_map(self, made: DepthMap) -> NDArray[np.float32]:
+        """(height, width) px of a map's own pixels; NaN where the map is not valid."""
+        return np.where(made.valid, self.at(made.x, made.y, made.depth), np.float32(np.nan))
+
+
+def predicted_sigma(calibration: Calibration) -> SigmaField | None:
+    """The uncertainty of a calibration's maps; None where its fit estimated no covariance."""
+    if not calibration.covariance.size:
+        return None
+    size = calibration.camera.width, calibration.camera.height
+    nodes_x, nodes_y = (np.linspace(-0.5, length - 0.5, n) for length, n in zip(size, NODES, strict=True))
+    pixels = np.stack(np.meshgrid(nodes_x, nodes_y), -1).reshape(-1, 2)
+    spread = ray_errors(calibration)(pixels).reshape(len(pixels), 2, 2, -1)  # (N, A or B, x or y, S)
+    infinite, parallax = spread[:, 0], spread[:, 1]
+    variance = np.stack([(infinite**2).sum((1, 2)), 2 * (infinite * parallax).sum((1, 2)), (parallax**2).sum((1, 2))], -1)
+    return SigmaField(nodes_x, nodes_y, variance.reshape(len(nodes_y), len(nodes_x), 3))
+
+
+def ray_errors(calibration: Calibration) -> Callable[[Array], Array]:
+    """From (N, 2) px to the (N, 4, S) errors of their A (px) and B (px m) for each of S independent errors of unit variance, which all
+    pixels share; NaN where no ray leaves the cover. S is 0 where the fit estimated no covariance."""
+    if not calibration.covariance.size:
+        return lambda pixels: np.zeros((len(pixels), 4, 0))
+    model = _Model.of(calibration)
+    root = root_of(calibration.covariance)
+
+    def errors(pixels: Array) -> Array:
+        changes, lost = model.changes(pixels)
+        return np.where(lost[:, None, None], np.nan, changes @ root)
+
+    return errors
+
+
+def root_of(covariance: Array) -> Array:
+    """(n, n) R with R R^T the covariance; what rounding leaves below zero is nothing."""
+    variances, axes = np.linalg.eigh(covariance)
+    return np.asarray(axes * np.sqrt(np.maximum(variances, 0.0)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Model:
+    """A calibration's rays and how they change."""
+
+    path: Path
+    values: Values
+    scales: dict[str, float]
+    """Of the free numbers."""
+    motion: Array
+    """(6, S): the rigid motion of all rays that hides most of a change of each shared number at the training corners."""
+
+    @staticmethod
+    def of(calibration: Calibration) -> _Model:
+        path, values = calibration.model()
+        assert calibration.camera.intrinsics
+        added = {name for found in calibration.effects for name in found.numbers}
+        free = added | set(freed(calibration.camera.intrinsics, calibration.cover, path))
+        scales = {param.name: param.scale for param in path.params if param.name in free}
+        observations = calibration.observations
+        poses = torch.from_numpy(calibration.poses)[observations.view]
+        depth = path.place(observations.corners, observations.told(values), poses)[:, 2].numpy()
+        normal, pull = np.zeros((6, 6)), np.zeros((6, len(calibration.covariance)))
+        for first in range(0, len(depth), ROWS):
+            some = slice(first, first + ROWS)
+            changes, motions, lost = undistorted_slopes(path, values, scales, observations.pixels[some].numpy())
+            at = np.stack([np.ones_like(depth[some]), 1 / depth[some]], -1)[:, :, None, None] * ~lost[:, None, None, None]
+            seen, moved = ((at * part).sum(1).reshape(2 * len(at), -1) for part in (changes, motions))
+            normal += moved.T @ moved
+            pull += moved.T @ seen
+        return _Model(path, values, scales, np.asarray(np.linalg.solve(normal, pull), dtype=np.float64))
+
+    def changes(self, pixels: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """(N, 4, S) derivatives of A and B by the shared numbers, the hidden motion taken out, and (N,) where there is no ray."""
+        changes, motions, lost = undistorted_slopes(self.path, self.values, self.scales, pixels)
+        return (changes - motions @ self.motion).reshape(len(pixels), 4, changes.shape[-1]), lost
+
+
+def _among(at: NDArray[np.floating], nodes: Array) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Coordinates in px as indices of evenly spaced nodes, and whether they are among them, but for float32's rounding."""
+    index = ((at - nodes[0]) / (nodes[1] - nodes[0])).astype(np.float32)
+    return index, (index >= -1e-3) & (index <= len(nodes) - 1 + 1e-3)

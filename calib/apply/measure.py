@@ -1,0 +1,219 @@
+"""Where in space the pixels of a calibrated camera look: on a plane, or where the rays of several views meet. In metres, with sigma.
+
+Sigma counts the noise of the pixels, the uncertainty of the calibration's rays, which pixels and boards share, and the noise of the
+corners of boards that say where a plane is. It does not count a board that is not as declared, nor glass that the fit cannot follow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from calib.apply.map_uncertainty import ray_errors
+from calib.apply.triangulate import meet, nearest, slopes, turns
+from calib.calibration import Calibration
+from calib.corners.usable import with_poses
+from calib.corners.view import View
+from calib.errors import NotEnoughDataError
+from calib.estimation.observations import Observations
+from calib.estimation.poses import pinhole_poses, refit_poses
+from calib.estimation.residual_blocks import landings, pixel_weights
+from calib.threads import single_thread
+from calib.undistortion.grids import Array
+
+Indices = NDArray[np.signedinteger]
+
+PIXEL_STEP = 0.05
+"""px, of differences."""
+LINE_STEPS = (0.05, 0.05, 0.05, 0.05)
+"""px, px, px m, px m: of differences by A and B."""
+POSE_STEPS = (1e-6,) * 6
+"""rad and m"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoardPose:
+    """T_camera_board, or where any plane is."""
+
+    pose: Array
+    """(6,) rotation vector (rad) and translation (m)."""
+    noise: Array
+    """(6, 6) errors for each of six independent errors of unit variance, from the noise of the corners."""
+    rays: Array
+    """(6, S) errors for each independent error of the calibration's rays."""
+
+    @staticmethod
+    def exactly(pose: Array) -> BoardPose:
+        return BoardPose(np.asarray(pose, dtype=np.float64), np.zeros((6, 6)), np.zeros((6, 0)))
+
+    @staticmethod
+    def facing(depth: float) -> BoardPose:
+        """A plane across the optical axis, depth m in front of the camera."""
+        return BoardPose.exactly(np.array([0, 0, 0, 0, 0, depth]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """N points in one frame."""
+
+    points: Array
+    """(N, 3) m; NaN where a ray does not leave the cover or does not reach the plane."""
+    own: Array
+    """(N, 3, 3) m^2: covariance from the noise of each point's own pixels."""
+    shared: Array
+    """(N, 3, Q) m: errors for each of Q independent errors of unit variance that points share."""
+    gap_px: Array
+    """(N,): how far its rays miss a triangulated point, root mean square; 0 on a plane."""
+
+    @property
+    def sigma(self) -> Array:
+        """(N, 3) m: standard deviations of x, y and z."""
+        return np.asarray(np.sqrt(np.einsum("nii->ni", self.own) + (self.shared**2).sum(-1)))
+
+    def distance(self, first: int, second: int) -> tuple[float, float]:
+        """Between two points, and its sigma, m. What moves both alike does not count."""
+        apart = self.points[second] - self.points[first]
+        metres = float(np.linalg.norm(apart))
+        along = apart / metres if metres else np.full(3, 3**-0.5)
+        variance = along @ (self.own[first] + self.own[second]) @ along + ((along @ (self.shared[second] - self.shared[first])) ** 2).sum()
+        return metres, float(np.sqrt(variance))
+
+
+class Measurer:
+    """Measures with one calibration."""
+
+    def __init__(self, calibration: Calibration, noise_px: float | None = None) -> None:
+        """
+        Args:
+            calibration: of the camera.
+            noise_px: per axis, of the pixels that will be measured; by default that of the calibration's corners.
+        """
+        self.calibration = calibration
+        self._corner_noise = calibration.noise_px / 2**0.5
+        self.noise_px = self._corner_noise if noise_px is None else noise_px
+        self._errors = ray_errors(calibration)
+        pinhole = calibration.camera.intrinsics
+        assert pinhole
+        self._focal, self._centre = np.array([pinhole.fx.value, pinhole.fy.value]), np.array([pinhole.cx.value, pinhole.cy.value])
+
+    def board_pose(self, view: View) -> BoardPose:
+        """Where the board is in a view, with the least reprojection error through the calibrated camera.
+
+        Raises:
+            NotEnoughDataError: the corners that are seen give no pose.
+        """
+        usable, few = with_poses((view,), self.calibration.board)
+        path, values = self.calibration.model()
+        observations = Observations.of(usable, self.calibration.board)
+        start = pinhole_poses(observations, values)
+        if few or not bool(torch.isfinite(start).all()):
+            reason = few[0].reason if few else "no board pose explains its corners"
+            raise NotEnoughDataError(f"{view.name}: {reason}: take a picture that shows the whole board.")
+        with single_thread():
+            poses, _ = refit_poses(path, values, observations, start)
+            seen = observations.kept(path.land(observations.pixels, values, poses[observations.view])[1] == 0)
+            weights = pixel_weights(path, values, seen, poses, self._corner_noise)
+            (landing,) = landings(path, values, seen, weights, (), relief_moves=False)
+            by_pose = landing.linearise(values, poses, poses.new_zeros(0)).by_block.flatten(0, 1).numpy()
+        noise = np.linalg.cholesky(np.linalg.inv(by_pose.T @ by_pose))
+        pose, pixels = poses[0].numpy(), seen.pixels.numpy()
+        each = np.broadcast_to(pose, (len(pixels), 6))
+        by_line = slopes(lambda lines: meet(*self._rays(lines), each), self._lines(pixels), LINE_STEPS)  # (M, 3, 4)
+        on_board = turns(pose[None])[0].T[:2] @ by_line @ self._errors(pixels)  # (M, 2, S)
+        pull = (weights.numpy() @ on_board).reshape(len(by_pose), -1)
+        return BoardPose(pose, noise, -noise @ noise.T @ by_pose.T @ pull)
+
+    def on_planes(self, pixels: Array, planes: Sequence[BoardPose], plane: Sequence[int]) -> Measured:
+        """Where pixels look on planes, in the camera frame.
+
+        Args:
+            pixels: (N, 2)
+            planes: V, each the x-y plane of a board.
+            plane: (N,) which of them each pixel sees.
+        """
+        of = np.asarray(plane, dtype=np.intp)
+        poses, lines = np.stack([one.pose for one in planes])[of], self._lines(pixels)
+        points = meet(*self._rays(lines), poses)
+        by_line = slopes(lambda moved: meet(*self._rays(moved), poses), lines, LINE_STEPS)
+        by_pose = slopes(lambda moved: meet(*self._rays(lines), moved), poses, POSE_STEPS)
+        shared = self._shared(planes, of, by_pose, by_line @ self._errors(pixels))
+        return Measured(points, self._own(by_line, pixels), shared, np.where(np.isnan(points[:, 0]), np.nan, 0.0))
+
+    def triangulate(self, pixels: Array, boards: Sequence[BoardPose], board: Sequence[int], point: Sequence[int]) -> Measured:
+        """Points that several views see, in the frame of the board that stands still in all of them: where each misses its rays least.
+
+        Args:
+            pixels: (M, 2)
+            boards: V
+            board: (M,) in whose view each pixel is.
+            point: (M,) which of the N points it shows.
+        """
+        of, which = np.asarray(board, dtype=np.intp), np.asarray(point, dtype=np.intp)
+        poses, lines, errors = np.stack([one.pose for one in boards])[of], self._lines(pixels), self._errors(pixels)
+        parts = [self._triangulated(rows, pixels, poses, lines, errors, boards, of) for rows in _groups(which)]
+        return Measured(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+    def _triangulated(
+        self,
+        rows: Indices,
+        pixels: Array,
+        poses: Array,
+        lines: Array,
+        errors: Array,
+        boards: Sequence[BoardPose],
+        of: Indices,
+    ) -> tuple[Array, Array, Array, Array]:
+        """One point's (1, ...) parts of Measured, from the rows of its pixels."""
+
+        here, there = lines[rows], poses[rows]
+        at, missed = nearest(*self._rays(here), there)
+
+        def by_one(which: int) -> tuple[Array, Array]:
+            """(1, 3, 4) and (1, 3, 6) derivatives by one of the lines and one of the poses."""
+
+            def by_its_line(moved: Array) -> Array:
+                return nearest(*self._rays(np.vstack([here[:which], moved, here[which + 1 :]])), there)[0][None]
+
+            def by_its_pose(moved: Array) -> Array:
+                return nearest(*self._rays(here), np.vstack([there[:which], moved, there[which + 1 :]]))[0][None]
+
+            one = slice(which, which + 1)
+            return slopes(by_its_line, here[one], LINE_STEPS), slopes(by_its_pose, there[one], POSE_STEPS)
+
+        by_line, by_pose = (np.concatenate(parts) for parts in zip(*map(by_one, range(len(rows))), strict=True))
+        own = self._own(by_line, pixels[rows]).sum(0, keepdims=True)
+        shared = self._shared(boards, of[rows], by_pose, by_line @ errors[rows]).sum(0, keepdims=True)
+        return at[None], own, shared, np.sqrt((missed**2).mean(keepdims=True)) * self._focal.mean()
+
+    def _lines(self, pixels: Array) -> Array:
+        """(N, 4) A and B of each pixel's ray, px and px m."""
+        origins, directions = self.calibration.rays(pixels)
+        tangents = directions[:, :2] / directions[:, 2:]
+        return np.concatenate([self._focal * tangents + self._centre, self._focal * (origins[:, :2] - tangents * origins[:, 2:])], -1)
+
+    def _rays(self, lines: Array) -> tuple[Array, Array]:
+        """(N, 3) where lines of A and B cross the plane of the pinhole, m, and (N, 3) where they go."""
+        ones = np.ones((len(lines), 1))
+        return np.hstack([lines[:, 2:] / self._focal, 0 * ones]), np.hstack([(lines[:, :2] - self._centre) / self._focal, ones])
+
+    def _own(self, by_line: Array, pixels: Array) -> Array:
+        """(N, 3, 3) m^2 from the pixels' noise."""
+        by_pixel = self.noise_px * by_line @ slopes(self._lines, pixels, (PIXEL_STEP, PIXEL_STEP))
+        return np.asarray(by_pixel @ by_pixel.swapaxes(1, 2))
+
+    def _shared(self, planes: Sequence[BoardPose], of: Indices, by_pose: Array, by_rays: Array) -> Array:
+        """(N, 3, S + 6 V) errors that points share: of the rays, directly and through the boards, then of each board's corners."""
+        noise = np.zeros((len(of), 3, len(planes), 6))
+        for row, plane in enumerate(of):
+            noise[row, :, plane] = by_pose[row] @ planes[plane].noise
+            if planes[plane].rays.size:
+                by_rays[row] += by_pose[row] @ planes[plane].rays
+        return np.concatenate([by_rays, noise.reshape(len(of), 3, -1)], -1)
+
+
+def _groups(which: Indices) -> list[Indices]:
+    return [np.flatnonzero(which == n) for n in range(int(which.max()) + 1)]

@@ -1,0 +1,61 @@
+"""Videos, frame by frame through an undistorter. Sound is not kept."""
+
+import secrets
+from contextlib import suppress
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from calib.apply.undistorter import Undistorter
+from calib.errors import InputError
+from calib.progress import Progress
+
+VIDEOS = {".avi": "MJPG", ".mp4": "mp4v", ".m4v": "mp4v", ".mov": "mp4v", ".mkv": "mp4v"}
+"""By suffix, the code of what is written: one that every OpenCV can."""
+
+
+def list_videos(folder: Path) -> tuple[Path, ...]:
+    """The videos of a folder, by name. Hidden files are left out."""
+    return tuple(sorted(p for p in folder.iterdir() if p.suffix.lower() in VIDEOS and not p.name.startswith(".") and not p.is_dir()))
+
+
+def straighten_video(path: Path, target: Path, undistorter: Undistorter, progress: Progress) -> None:
+    """Write the undistorted video, with the frame rate of the original. What was at `target` stays whole until the last frame."""
+    if not path.exists():
+        raise InputError(f"{path} cannot be read (No such file or directory): check its name and permissions.")
+    capture = cv2.VideoCapture(str(path))
+    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # the calibration is of frames as stored
+    temporary = target.with_name(f".{secrets.token_hex(8)}{target.suffix}")
+    width, height = undistorter.size
+    writer = cv2.VideoWriter()
+    straight = np.empty((height, width, 3), np.uint8)
+    advance = progress.task(path.name, max(1, int(capture.get(cv2.CAP_PROP_FRAME_COUNT))))
+    frames = 0
+    try:
+        while True:
+            there, frame = capture.read()
+            if not there:
+                break
+            try:
+                undistorter.undistort(frame.astype(np.uint8, copy=False), straight)
+            except InputError as error:
+                raise InputError(f"{path}: {error}") from error
+            if not frames:
+                rate = capture.get(cv2.CAP_PROP_FPS) or 25.0
+                if not writer.open(str(temporary), cv2.VideoWriter.fourcc(*VIDEOS[target.suffix.lower()]), rate, (width, height)):
+                    raise InputError(f"{target} cannot be written: choose another folder, or give the video as .avi.")
+            writer.write(straight)
+            frames += 1
+            advance(frames, "")
+        writer.release()
+        if not frames:
+            raise InputError(f"{path} holds no frame that can be decoded: convert it to mp4 or avi, or replace it.")
+        temporary.replace(target)
+    except OSError as error:
+        raise InputError(f"{target} cannot be written ({error.strerror}): choose another folder.") from error
+    finally:
+        capture.release()
+        writer.release()
+        with suppress(OSError):
+            temporary.unlink()

@@ -1,0 +1,67 @@
+"""A command of several commands: its arguments, and what every end of it says and exits with. Nothing slow is imported here."""
+
+import argparse
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from importlib.metadata import version
+from types import ModuleType
+
+from calib.errors import RefracalError
+
+
+def run_command(program: str, description: str | None, commands: Sequence[ModuleType], argv: Sequence[str] | None) -> int:
+    """Run the command that the arguments name; returns the exit code.
+
+    Args:
+        commands: each has its help as docstring, `add_arguments(parser)` and `run(args)`; in the order of the help. It is called as its
+            module is, without `_command`.
+        argv: None for this process's own.
+    """
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+    args = _parser(program, description, commands).parse_args(argv)
+    try:
+        args.run(args)
+        print(end="", flush=True)  # here a full disk is a sentence; at exit it would be a traceback
+    except RefracalError as error:
+        print(f"{program}: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print(f"{program}: interrupted.", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # the reader of a pipe has gone: its right
+        _drop_stdout()
+        return 0
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno and error.filename is None:  # of no file by name, so of stdout
+            print(f"{program}: the result cannot be printed ({error.strerror}): send stdout to another place.", file=sys.stderr)
+            _drop_stdout()
+            return 2
+        if "REFRACAL_TRACEBACK" in os.environ:
+            traceback.print_exc()
+        print(
+            f"{program}: this is a bug in {program} ({type(error).__name__}: {error}): "
+            "run it again with REFRACAL_TRACEBACK=1 and report what it prints.",
+            file=sys.stderr,
+        )
+        return 1
+    return 0
+
+
+def _drop_stdout() -> None:
+    """What is still buffered goes nowhere, so that Python does not try again at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _parser(program: str, description: str | None, commands: Sequence[ModuleType]) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(program, description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--version", action="version", version=f"refracal {version('refracal')}")
+    choices = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for command in commands:
+        name = command.__name__.rpartition(".")[2].removesuffix("_command")
+        summary = (command.__doc__ or "").partition("\n")[0]
+        own = choices.add_parser(name, help=summary, description=command.__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+        command.add_arguments(own)
+        own.set_defaults(run=command.run)
+    return parser

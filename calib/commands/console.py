@@ -1,0 +1,130 @@
+"""What a person sees: progress bars on stderr, tables on stdout."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from calib.calibration import Calibration
+from calib.corners.view import Rejected
+from calib.estimation.levenberg_marquardt import Outcome
+from calib.fitting.cross_validation import CrossValidation
+from calib.fitting.evaluate import Evaluation
+from calib.optics.lens_model import COEFFICIENTS
+from calib.progress import Advance
+from calib.session.camera import COEFFICIENT, PINHOLE
+from calib.session.cover import SHAPES
+
+
+class Bars:
+    """One bar for each task, on stderr."""
+
+    def __init__(self) -> None:
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=30),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TextColumn("{task.fields[words]}"),
+        )
+        self._progress = Progress(*columns, console=Console(stderr=True))
+
+    def __enter__(self) -> "Bars":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+        self._progress.stop()
+
+    def task(self, title: str, total: int) -> Advance:
+        self._progress.start()
+        bar: TaskID = self._progress.add_task(title, total=total, words="")
+        return lambda done, words: self._progress.update(bar, completed=done, words=words)
+
+
+def print_fit(calibration: Calibration, seconds: float, written: Sequence[Path]) -> None:
+    """The stage table, what was used and what was not, and where the results are."""
+    console = Console()
+    table = Table("stage", "reprojection error", "on the board", "against the pinhole", title="How the error fell (root mean square)")
+    first = calibration.stages[0]
+    for column in table.columns[1:]:
+        column.justify = "right"
+    for stage in calibration.stages:
+        change = f"{100 * (stage.rms_px / first.rms_px - 1):+.0f} %" if stage is not first else ""
+        table.add_row(stage.name, f"{stage.rms_px:.3f} px", f"{stage.rmse_cm:.4f} cm", change)
+    console.print(table)
+    corners = sum(view.count for view in calibration.views)
+    console.print(
+        f"{len(calibration.views)} views with {corners} corners, noise of the corners about {calibration.noise_px:.3f} px, {seconds:.1f} s."
+    )
+    for line in _estimates(calibration):
+        console.print(f"Estimated: {line}", highlight=False)
+    if validation := calibration.settings.get("cross_validation"):
+        console.print(
+            f"Held out in {validation['folds']} folds: {validation['held_out_px']:.3f} px, where the fitted views have "
+            f"{validation['fitted_px']:.3f} px."
+        )
+    _list_rejected(console, calibration.rejected)
+    for remark in remarks(calibration):
+        console.print(f"Take care: {remark}", markup=False, highlight=False)
+    for path in written:
+        console.print(f"Wrote {path}", soft_wrap=True, markup=False, highlight=False)
+
+
+def _estimates(calibration: Calibration) -> Iterator[str]:
+    """The numbers that the fit estimated, as a session writes them, with their standard deviations."""
+    if not calibration.covariance.size:
+        return
+    cover, camera = calibration.cover, calibration.camera.intrinsics
+    assert camera
+    numbers = [(q, f"cover.{name}", cover.numbers[name]) for q in SHAPES[cover.shape] for name in q.names]
+    numbers += [(q, f"camera.{q.key}", n) for q, n in zip(PINHOLE, (camera.fx, camera.fy, camera.cx, camera.cy), strict=True)]
+    numbers += [(COEFFICIENT, f"camera.{name}", n) for name, n in zip(COEFFICIENTS, camera.distortion, strict=False)]
+    for quantity, name, number in numbers:
+        if number.sigma:
+            unit, per_si = quantity.unit
+            yield f"{name} {number.value * per_si:.6g} ± {number.sigma * per_si:.2g} {unit}".rstrip()
+
+
+def remarks(calibration: Calibration) -> list[str]:
+    """What a person should know before trusting a fit, a sentence each."""
+    said = []
+    errors = {stage.name: stage.rms_px for stage in calibration.stages}
+    if errors.get("cover", 0.0) > 1.5 * errors["pinhole"]:
+        said.append("the cover as it is described makes the error larger than no cover at all: check its numbers in session.yaml.")
+    if calibration.settings.get("outcome", Outcome.CONVERGED.value) != Outcome.CONVERGED.value:
+        said.append(str(calibration.settings["outcome"]))
+    validation = calibration.settings.get("cross_validation")
+    if validation and CrossValidation(**validation).overfits:
+        said.append("the fit overfits, views that it has not seen are much further off: take more views, or choose a coarser --grid.")
+    last = calibration.stages[-1].rms_px
+    if np.isfinite(calibration.noise_px) and last > 2 * calibration.noise_px:
+        said.append(
+            f"{last:.3f} px are left where the corners' noise is about {calibration.noise_px:.3f} px: the model lacks something, or the "
+            "board, cover or intrinsics are not as described."
+        )
+    return said
+
+
+def print_evaluation(evaluation: Evaluation) -> None:
+    """The held-out error, in all and by depth."""
+    console = Console()
+    table = Table("depth", "corners", "reprojection error", "on the board", title="Error on held-out views (root mean square)")
+    for column in table.columns[1:]:
+        column.justify = "right"
+    for band in evaluation.by_depth:
+        table.add_row(f"{band.from_m:g} to {band.to_m:g} m", str(band.corners), f"{band.rms_px:.3f} px", f"{band.rmse_cm:.4f} cm")
+    table.add_section()
+    total = sum(band.corners for band in evaluation.by_depth)
+    table.add_row("all", str(total), f"{evaluation.rms_px:.3f} px", f"{evaluation.rmse_cm:.4f} cm")
+    console.print(table)
+    console.print(f"{evaluation.frames_used} views, their poses refitted.")
+    _list_rejected(console, evaluation.rejected)
+
+
+def _list_rejected(console: Console, rejected: Sequence[Rejected]) -> None:
+    for one in rejected:
+        console.print(f"Not used: {one.name}: {one.reason}.", markup=False)

@@ -1,0 +1,45 @@
+"""Find what a calibration's model lacks, add it, and show the error before and after on views that were not fitted.
+
+OUT gets the calibration with the accepted effects, and its report.html. Without --holdout, views of the calibration itself are held out in
+turn.
+"""
+
+import argparse
+from pathlib import Path
+
+from calib.commands.arguments import add_output
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("calibration", type=Path, metavar="CALIBRATION", help="calibration.yaml, or its folder")
+    parser.add_argument("--holdout", type=Path, metavar="SESSION", help="a session of views that were not fitted, to measure with")
+    add_output(parser, "where the diagnosed calibration goes (default: diagnosed/ beside it)", required=False)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(args: argparse.Namespace) -> None:
+    from calib.calibration import Calibration
+    from calib.commands.console import Bars
+    from calib.commands.diagnosis_table import print_diagnosis
+    from calib.commands.printing import print_json
+    from calib.diagnosis.diagnose import diagnose
+    from calib.io.files import check_writable
+    from calib.report.write import write_report
+    from calib.session.session import read_session
+
+    calibration = Calibration.load(args.calibration)
+    holdout = read_session(args.holdout) if args.holdout else None
+    folder = args.calibration if args.calibration.is_dir() else args.calibration.parent
+    output = args.output or folder / "diagnosed"
+    check_writable(output)
+    with Bars() as bars:
+        better, finding = diagnose(calibration, bars, holdout)
+        saved = better.save(output)
+    if args.json:
+        print_json(finding.as_json())
+    else:
+        print_diagnosis(finding, [saved])
+    with Bars() as bars:  # last: whatever happens here, the finding is written and told of
+        report = write_report(better, output, bars)
+    if not args.json:
+        print(f"Wrote {report}")

@@ -1,0 +1,34 @@
+"""Measure a calibration on views that it has not seen.
+
+Camera and cover come from CALIBRATION, board and views from SESSION; only each view's pose is refitted.
+"""
+
+import argparse
+from pathlib import Path
+
+from calib.commands.arguments import add_calibration
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_calibration(parser)
+    parser.add_argument("session", type=Path, metavar="SESSION", help="a session folder with held-out views")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(args: argparse.Namespace) -> None:
+    from dataclasses import asdict
+
+    from calib.calibration import Calibration
+    from calib.commands.console import Bars, print_evaluation
+    from calib.commands.printing import print_json
+    from calib.fitting.evaluate import evaluate
+    from calib.session.session import read_session
+
+    calibration = Calibration.load(args.calibration)
+    session = read_session(args.session)
+    with Bars() as bars:
+        evaluation = evaluate(calibration, session, bars)
+    if args.json:
+        print_json({key: value for key, value in asdict(evaluation).items() if key != "rejected"})
+    else:
+        print_evaluation(evaluation)

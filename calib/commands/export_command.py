@@ -1,0 +1,81 @@
+"""Write a calibration in a form that other programs read.
+
+Maps, which are exact at their depth:
+  npz         the ray field, from which any depth's map follows, and the two maps of cv2.remap with a mask for every --depth
+  stmap       for compositing programs: undistort and redistort, 32-bit float TIFF
+  stmap-exr   the same as OpenEXR
+
+A central camera, which can only approximate a covered one: it is fitted at each --depth, and its misfit there, at half and at double of
+it is said in the file and here:
+  opencv      FileStorage YAML, and the exact maps of cv2.remap as float TIFF; opencv-xml writes XML
+  ros         camera_info
+  kalibr      camchain
+  colmap      cameras.txt
+  mrcal       .cameramodel
+"""
+
+import argparse
+from typing import TYPE_CHECKING
+
+from calib.commands.arguments import add_calibration, add_depths, add_output
+from calib.errors import InputError
+from calib.export.formats import FORMATS, Format, Lens
+
+if TYPE_CHECKING:
+    from calib.export.central import CentralModel
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_calibration(parser)
+    parser.add_argument("--format", choices=[form.name for form in FORMATS], required=True, help="the form")
+    add_depths(parser, required=False)
+    lenses = "; ".join(f"{form.name}: {', '.join(lens.name for lens in form.lenses)}" for form in FORMATS if form.lenses)
+    parser.add_argument("--lens", metavar="NAME", help=f"distortion model of a central camera, by default the best; {lenses}")
+    add_output(parser, "where the files go", required=True)
+
+
+def run(args: argparse.Namespace) -> None:
+    form = next(form for form in FORMATS if form.name == args.format)
+    lenses = _lenses(form, args.lens)
+    if form.name != "npz" and not args.depth:
+        raise InputError(f"--format {form.name} holds for one depth: write the distance of the scene in metres, such as --depth 1.0.")
+
+    from calib.calibration import Calibration
+    from calib.commands.console import Bars
+    from calib.export.npz import write_npz
+    from calib.export.write_exports import write_central, write_maps
+
+    calibration = Calibration.load(args.calibration)
+    models: list[CentralModel] = []
+    with Bars() as bars:
+        if form.name == "npz":
+            written = write_npz(calibration, args.depth, args.output, bars)
+        elif form.lenses:
+            written, models = write_central(calibration, form.name, lenses, args.depth, args.output, bars)
+        else:
+            written = write_maps(calibration, form.name, args.depth, args.output, bars)
+    print(*written, sep="\n")
+    for model in models:
+        _say(model)
+
+
+def _lenses(form: Format, name: str | None) -> tuple[Lens, ...]:
+    if name is None:
+        return form.lenses
+    chosen = tuple(lens for lens in form.lenses if lens.name == name)
+    if not chosen:
+        known = ", ".join(lens.name for lens in form.lenses)
+        advice = f"write one of {known}" if known else "drop --lens, as this format holds maps"
+        raise InputError(f"--lens {name} is none of the format {form.name}: {advice}.")
+    return chosen
+
+
+def _say(model: "CentralModel") -> None:
+    """The misfit is a remark: stdout lists files."""
+    from rich.console import Console
+
+    console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
+    for misfit in (model.half, model.at, model.double):
+        console.print(f"Misfit of the central camera ({model.lens.name}) fitted at {model.at.depth:g} m: {misfit}.")
+    for remark in model.remarks():
+        console.print(f"Take care: {remark}")

@@ -1,0 +1,102 @@
+"""Calibrate a session: a folder of pictures in, a calibration and undistortion maps out.
+
+SESSION holds session.yaml and frames/. OUT gets calibration.yaml with calibration.npz, the ray field, a map for every --depth, and
+report.html, which shows what was calibrated and whether to trust it.
+"""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from calib.commands.arguments import add_depths, add_output, effects, folds, free, grid, steps
+
+if TYPE_CHECKING:
+    from calib.calibration import Calibration
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("session", type=Path, metavar="SESSION", help="the session folder")
+    add_output(parser, "where the results go (default: SESSION/calibration)", required=False)
+    parser.add_argument("--method", choices=["joint", "paper"], default="joint", help="how to fit (default: %(default)s)")
+    parser.add_argument(
+        "--grid",
+        type=grid,
+        default=(12, 12),
+        metavar="AxB",
+        help="centres of the relief, around and along the cover (default: 12x12); auto chooses by held-out error",
+    )
+    parser.add_argument(
+        "--free",
+        type=free,
+        default=(),
+        metavar="NAME,...",
+        help="also estimate, near what the session states: radius, slope, offset, centre, distance, tilt, thickness, index, intrinsics",
+    )
+    parser.add_argument(
+        "--effects",
+        type=effects,
+        default=(),
+        metavar="none|auto|NAME,...",
+        help="auto: find what the model lacks and add what held-out views confirm; or add effects by name (default: none)",
+    )
+    parser.add_argument("--folds", type=folds, default=0, metavar="N", help="cross-validate over the views, and say if the fit overfits")
+    parser.add_argument("--steps", type=steps, default=1000, metavar="N", help="gradient steps of the paper's method (default: 1000)")
+    parser.add_argument("--neglect-shift", action="store_true", help="let the relief bend the normal only, as the paper does")
+    add_depths(parser, required=False)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(args: argparse.Namespace) -> None:
+    import time
+
+    from calib.commands.console import Bars, print_fit
+    from calib.commands.diagnosis_table import print_diagnosis
+    from calib.commands.printing import print_json
+    from calib.diagnosis.diagnose import diagnose
+    from calib.diagnosis.named_effects import with_named
+    from calib.export.npz import write_npz
+    from calib.fitting.fit import fit
+    from calib.fitting.provenance import with_origin
+    from calib.fitting.stages import Settings
+    from calib.io.files import check_writable
+    from calib.report.write import write_report
+    from calib.session.session import read_session
+
+    begun = time.monotonic()
+    session = read_session(args.session)
+    output = args.output or args.session / "calibration"
+    check_writable(output)
+    settings = Settings(args.method, args.grid, args.steps, not args.neglect_shift, args.free, args.folds)
+    with Bars() as bars:
+        calibration = with_origin(fit(session, settings, bars), session)
+        finding = None
+        if args.effects == ("auto",):
+            calibration, finding = diagnose(calibration, bars)
+        elif args.effects:
+            calibration = with_named(calibration, args.effects, bars)
+        saved = calibration.save(output)
+        written = [saved, *write_npz(calibration, args.depth, output, bars, replace=True)]
+    seconds = time.monotonic() - begun
+    if args.json:
+        print_json(summary(calibration, seconds))
+    else:
+        print_fit(calibration, seconds, written)
+        if finding:
+            print_diagnosis(finding, [])
+    with Bars() as bars:  # last: whatever happens here, the calibration is written and told of
+        report = write_report(calibration, output, bars, args.depth)
+    if not args.json:
+        print(f"Wrote {report}")
+
+
+def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
+    """The contract's JSON object."""
+    return {
+        "frames_used": len(calibration.views),
+        "frames_rejected": [{"file": r.name, "reason": r.reason} for r in calibration.rejected],
+        "corners": sum(view.count for view in calibration.views),
+        "noise_px": calibration.noise_px,
+        "seconds": seconds,
+        "stages": [{"name": s.name, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in calibration.stages],
+        "effects": [found.effect.name for found in calibration.effects],
+    } | ({"cross_validation": calibration.settings["cross_validation"]} if "cross_validation" in calibration.settings else {})

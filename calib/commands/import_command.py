@@ -1,0 +1,93 @@
+"""Make a session folder of what other programs recorded: their pictures, or the corners that they found.
+
+A folder that is there already is left alone. The new session has no cover; describe yours in its session.yaml.
+"""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from calib.commands.arguments import add_output
+from calib.errors import InputError
+
+if TYPE_CHECKING:
+    from calib.importing.session_draft import Draft
+    from calib.session.board import Board
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    sources = parser.add_subparsers(title="sources", metavar="SOURCE", dest="source", required=True)
+    for name, metavar, words in (
+        ("mrcal", "FILE.cameramodel", "a camera model with its optimization inputs"),
+        ("mrcal-corners", "CORNERS.vnl", "corners found by mrgingham or another detector"),
+        ("ros", "FILE.tar.gz", "the archive of ROS's camera_calibration"),
+        ("kalibr", "FOLDER", "camchain.yaml, target.yaml and the pictures in cam0/, cam1/, ...; checkerboards only"),
+        ("images", "FOLDER", "pictures of a checkerboard"),
+    ):
+        own = sources.add_parser(name, help=words, description=words[0].upper() + words[1:] + ".")
+        own.add_argument("path", type=Path, metavar=metavar)
+        if name != "mrcal":
+            required = name != "kalibr"
+            own.add_argument("--board", type=_size, required=required, metavar="AxB", help="inner corners, columns x rows")
+            own.add_argument("--square-mm", type=_millimetres, required=required, metavar="S", help="side of a square")
+        if name == "ros":
+            own.add_argument("--camera", choices=("left", "right"), help="which one of a stereo pair")
+        if name == "kalibr":
+            own.add_argument("--camera", metavar="camN", help="which one, where camchain.yaml describes several")
+        if name == "mrcal-corners":
+            own.add_argument("--size", type=_size, required=True, metavar="WxH", help="of the pictures, in px")
+        add_output(own, "the new session folder", required=True)
+
+
+def run(args: argparse.Namespace) -> None:
+    from calib.importing.session_draft import check_new, write_session
+
+    check_new(args.output)
+    count = write_session(_draft(args), args.output)
+    kind = "views" if args.source.startswith("mrcal") else "pictures"
+    print(f"{args.output} has {count} {kind}: calibrate it with calib fit {args.output}")
+
+
+def _draft(args: argparse.Namespace) -> "Draft":
+    from calib.importing.from_kalibr import from_kalibr
+    from calib.importing.from_mrcal import from_cameramodel, from_corners
+    from calib.importing.from_pictures import from_pictures
+    from calib.importing.from_ros import from_tar
+
+    if args.source == "mrcal":
+        return from_cameramodel(args.path)
+    board = _board(args)
+    if args.source == "kalibr":
+        return from_kalibr(args.path, board, args.camera)
+    assert board
+    if args.source == "mrcal-corners":
+        return from_corners(args.path, board, args.size)
+    return from_tar(args.path, board, args.camera) if args.source == "ros" else from_pictures(args.path, board)
+
+
+def _board(args: argparse.Namespace) -> "Board | None":
+    from calib.session.board import Board
+
+    if (args.board is None) != (args.square_mm is None):
+        raise InputError("--board and --square-mm belong together: give both, such as --board 9x6 --square-mm 25.")
+    if args.board is None:
+        return None
+    columns, rows = args.board
+    return Board(columns, rows, args.square_mm / 1000)
+
+
+def _size(text: str) -> tuple[int, int]:
+    first, _, second = text.partition("x")
+    if not (first.isdecimal() and second.isdecimal() and int(first) > 2 and int(second) > 2):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a size: write two whole numbers of 3 or more, such as 9x6")
+    return int(first), int(second)
+
+
+def _millimetres(text: str) -> float:
+    try:
+        side = float(text)
+    except ValueError:
+        side = 0.0
+    if not 0.05 <= side <= 1e5:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a side of a square: write millimetres from 0.05 to 100000, such as 25")
+    return side

@@ -1,0 +1,97 @@
+"""Measure in metres: where pixels look on a plane, or where the rays of several pictures meet, and how far apart the points are.
+
+POINTS is a CSV file with the columns x,y (px in the pictures as they were taken), and optionally name and image. Points are on a plane
+across the optical axis (--depth), on the board that their own picture shows (--on-boards), or where the rays to one name meet from two or
+more pictures of one still board (--triangulate). Pictures are sought beside POINTS.
+
+Sigma counts the pixels' noise, the uncertainty of the calibrated rays, and the corner noise of the boards; not a board that is
+otherwise than declared, nor glass that the fit cannot follow.
+"""
+
+import argparse
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from calib.commands.arguments import add_calibration, depth, positive
+
+if TYPE_CHECKING:
+    from calib.apply.measure import Measured
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_calibration(parser)
+    parser.add_argument("points", type=Path, metavar="POINTS", help="a CSV file of pixels")
+    where = parser.add_mutually_exclusive_group(required=True)
+    where.add_argument("--depth", type=depth, metavar="M", help="how far away the plane is, in metres")
+    where.add_argument("--on-boards", action="store_true", help="each point lies on the board in its picture; in the camera frame")
+    where.add_argument("--triangulate", action="store_true", help="points of the same name are one; in the board's frame")
+    poses = "a CSV file of T_camera_board for each picture, image,rx,ry,rz,tx,ty,tz in rad and m, instead of looking for boards"
+    parser.add_argument("--poses", type=Path, metavar="FILE", help=poses)
+    noise = "noise of the given pixels, per axis; by default that of the calibration's corners, which a click seldom reaches"
+    parser.add_argument("--noise", type=positive, metavar="PX", help=noise)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(args: argparse.Namespace) -> None:
+    from calib.apply.measure import Measurer
+    from calib.apply.measure_files import measure_at_depth, measure_by_rays, measure_on_boards, read_points, read_poses
+    from calib.calibration import Calibration
+    from calib.commands.console import Bars
+    from calib.commands.printing import print_json
+
+    calibration = Calibration.load(args.calibration)
+    points = read_points(args.points)
+    given = read_poses(args.poses) if args.poses else {}
+    measurer = Measurer(calibration, args.noise)
+    names, folder = [point.name for point in points], args.points.parent
+    with Bars() as bars:
+        if args.depth is not None:
+            measured = measure_at_depth(measurer, points, args.depth)
+        elif args.on_boards:
+            measured = measure_on_boards(measurer, points, folder, given, bars)
+        else:
+            names, measured = measure_by_rays(measurer, points, folder, given, bars)
+    frame = "board" if args.triangulate else "camera"
+    if args.json:
+        print_json(_as_mapping(names, measured, frame, measurer.noise_px))
+    else:
+        _print(names, measured, frame, measurer.noise_px)
+
+
+def _as_mapping(names: list[str], measured: "Measured", frame: str, noise_px: float) -> dict[str, object]:
+    rows = zip(names, measured.points.tolist(), measured.sigma.tolist(), measured.gap_px.tolist(), strict=True)
+    return {
+        "frame": frame,
+        "noise_px": noise_px,
+        "points": [{"name": name, "m": at, "sigma_m": sigma, "gap_px": gap} for name, at, sigma, gap in rows],
+        "distances": [
+            {"from": names[i], "to": names[i + 1], "m": metres, "sigma_m": sigma}
+            for i, (metres, sigma) in enumerate(measured.distance(i, i + 1) for i in range(len(names) - 1))
+        ],
+    }
+
+
+def _print(names: list[str], measured: "Measured", frame: str, noise_px: float) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    table = Table("point", "x", "y", "z", "to the next", title=f"In the {frame} frame, metres ± sigma")
+    for column in table.columns[1:]:
+        column.justify = "right"
+    for i, (name, at, sigma) in enumerate(zip(names, measured.points, measured.sigma, strict=True)):
+        cells = [_cell(value, spread) for value, spread in zip(at, sigma, strict=True)]
+        table.add_row(name, *cells, _cell(*measured.distance(i, i + 1)) if i + 1 < len(names) else "")
+    console.print(table)
+    if frame == "board":
+        console.print(f"The rays miss their points by {measured.gap_px.max():.2f} px at most, root mean square of each point.")
+    console.print(f"Pixel noise {noise_px:.3f} px per axis.")
+
+
+def _cell(metres: float, sigma: float) -> str:
+    """With as many digits as sigma says something about: one of its own, two where it begins with a 1."""
+    if not (math.isfinite(metres) and math.isfinite(sigma)):
+        return "not seen"
+    digits = 6 if sigma <= 0 else max(0, min(9, -math.floor(math.log10(sigma / 2))))
+    return f"{metres:.{digits}f} ± {sigma:.{digits}f}"

@@ -1,0 +1,40 @@
+"""Show a calibration: write report.html beside it, afresh, and open it in a browser.
+
+The report is one file that needs no network. Over SSH, and where there is no screen, its path is printed and nothing opened.
+"""
+
+import argparse
+from collections.abc import Mapping
+
+from calib.commands.arguments import add_calibration, add_depths
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_calibration(parser)
+    add_depths(parser, required=False)
+    parser.add_argument("--no-open", action="store_true", help="only write it, and print its path")
+
+
+def run(args: argparse.Namespace) -> None:
+    import os
+    import sys
+    import webbrowser
+
+    from calib.calibration import Calibration
+    from calib.commands.console import Bars
+    from calib.report.write import write_report
+
+    calibration = Calibration.load(args.calibration)
+    folder = args.calibration if args.calibration.is_dir() else args.calibration.parent
+    with Bars() as bars:
+        path = write_report(calibration, folder, bars, args.depth)
+    print(path)
+    if not args.no_open and has_screen(os.environ, sys.platform):
+        webbrowser.open(path.resolve().as_uri())
+
+
+def has_screen(environment: Mapping[str, str], platform: str) -> bool:
+    """Whether a browser would open where the person is."""
+    if "SSH_CONNECTION" in environment or "SSH_TTY" in environment:
+        return False
+    return platform in ("darwin", "win32") or "DISPLAY" in environment or "WAYLAND_DISPLAY" in environment

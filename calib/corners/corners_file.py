@@ -1,0 +1,119 @@
+"""mrcal's corners file, a vnlog: "# filename x y level", then a line for each corner.
+
+Corners come row by row, columns fastest. Level k weighs 2^-k; "-" for x and y, for the level, or a negative level, marks a corner
+that was not seen. A picture with a single line of "-" shows no board.
+"""
+
+import math
+from collections.abc import Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.corners.view import View
+from calib.errors import InputError, NotEnoughDataError
+from calib.io.files import write_atomically
+from calib.session.board import Board
+
+LEGEND = "# filename x y level"
+
+
+class _Row(NamedTuple):
+    line: int
+    name: str
+    x: float
+    y: float
+    weight: float
+
+
+def read_corners(path: Path, board: Board) -> tuple[View, ...]:
+    """The views of a corners file, in its order. Pictures in which no corner was seen are left out."""
+    rows = _read_rows(path)
+    views: dict[str, View | None] = {}
+    for name, group in groupby(rows, key=lambda row: row.name):
+        block = list(group)
+        where = f"{path}, line {block[0].line}"
+        if name in views:
+            raise InputError(f"{where}: {name} comes a second time: keep all lines of one picture together, and each picture once.")
+        seen = any(row.weight > 0 for row in block)
+        if len(block) != board.count and (seen or len(block) > 1):
+            raise InputError(
+                f"{where}: {name} has {len(block)} of the {board.count} lines that a {board} board needs: "
+                'write one for each inner corner ("-" if not seen), or correct board in session.yaml.'
+            )
+        views[name] = View(name, np.array([row[2:4] for row in block]), np.array([row.weight for row in block])) if seen else None
+    if not views:
+        raise InputError(f'{path} has no corners: below "{LEGEND}", write one line for each corner of each picture.')
+    if not any(views.values()):
+        raise NotEnoughDataError(f"{path} lists {len(views)} pictures, none with a board in it: detect the corners again.")
+    return tuple(view for view in views.values() if view)
+
+
+def write_corners(path: Path, views: Sequence[View]) -> None:
+    """Write views so that `read_corners` gives back the same numbers."""
+    lines = [LEGEND]
+    for view in views:
+        if view.name.startswith("#") or view.name.split() != [view.name]:
+            raise InputError(f'{path} cannot name a picture "{view.name}": rename it without spaces and without a leading "#".')
+        lines += [f"{view.name} {_corner(xy, weight)}" for xy, weight in zip(view.corners, view.weight, strict=True)]
+    write_atomically(path, "\n".join(lines) + "\n")
+
+
+def _corner(xy: NDArray[np.float64], weight: float) -> str:
+    if not 0 <= weight <= 1:
+        raise ValueError(f"a corner weighs {weight}, which no level of a corners file can say")
+    if weight == 0:
+        return "- - -"
+    return f"{float(xy[0])!r} {float(xy[1])!r} {-math.log2(weight) + 0.0:.17g}"
+
+
+def _read_rows(path: Path) -> list[_Row]:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}): check its name and permissions.") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f'{path} is not a UTF-8 text file: write a vnlog that starts with "{LEGEND}".') from error
+    legend: list[str] = []
+    rows = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        fields = line.split()
+        if not fields:
+            continue
+        if line.lstrip().startswith("#"):
+            columns = line.lstrip()[1:].split()
+            if not legend and {"filename", "x", "y"} <= set(columns):
+                legend = columns
+            continue
+        where = f"{path}, line {number}"
+        if not legend:
+            raise InputError(f'{where}: no line above says what the columns are: start the file with "{LEGEND}".')
+        if len(fields) != len(legend):
+            raise InputError(f'{where} has {len(fields)} columns: write {len(legend)}, "{" ".join(legend)}" ("-" for none).')
+        rows.append(_row(dict(zip(legend, fields, strict=True)), number, where))
+    return rows
+
+
+def _row(fields: dict[str, str], number: int, where: str) -> _Row:
+    x, y, level = (_number(fields.get(column, "0"), column, where) for column in ("x", "y", "level"))
+    if (x is None) != (y is None):
+        raise InputError(f'{where}: only one of x and y is "-": write both numbers, or "-" for both if the corner was not seen.')
+    weight = 0.5**level if level is not None and level >= 0 else 0.0
+    if x is None or y is None or weight == 0:
+        return _Row(number, fields["filename"], math.nan, math.nan, 0.0)
+    return _Row(number, fields["filename"], x, y, weight)
+
+
+def _number(text: str, column: str, where: str) -> float | None:
+    if text == "-":
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f'{where}: {column} is "{text}": write a number, or "-" if the corner was not seen.')
+    return value

@@ -1,0 +1,159 @@
+"""The pictures of a session -> their corners, by several threads; what was found is kept beside the pictures."""
+
+import hashlib
+import json
+import os
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.corners import detect as detector
+from calib.corners.detect import Found, eight_bits, has_grid, largest_grid
+from calib.corners.view import Rejected, View
+from calib.errors import InputError, NotEnoughDataError
+from calib.io.files import write_atomically
+from calib.io.images import read_grey
+from calib.session.board import Board
+
+KEPT = ".detections.json"
+FEWEST = 3
+"""Views, of however many: with fewer, no calibration is possible."""
+SMALLEST_PART = 0.2
+"""Of the views: below it, the board is not the declared one, or something is wrong with the pictures."""
+PROBED = 6
+"""Views, spread over the session, that are looked at first, and once more for other boards if the declared one is in none of them."""
+COMMON = ((11, 8), (10, 7), (9, 9), (9, 7), (9, 6), (8, 8), (8, 6), (8, 5), (7, 7), (7, 6), (7, 5), (6, 5), (6, 4))
+"""Boards that people have, the larger first: part of a larger one can pass for a smaller one."""
+ADVICE = "show the whole board with its white margin, sharp and evenly lit"
+
+
+@dataclass(frozen=True, slots=True)
+class Detections:
+    """What was seen in the pictures of one folder; every picture is in one of the two."""
+
+    views: tuple[View, ...]
+    """In the order of the pictures, each with all corners of the board."""
+    rejected: tuple[Rejected, ...]
+
+
+def detect(paths: Sequence[Path], board: Board, progress: Callable[[int, int], None] | None = None) -> Detections:
+    """Look for the board in every picture.
+
+    Args:
+        paths: the pictures. Their folders get a `.detections.json`, if they can be written, and it is used again.
+        progress: called after each view with how many are done, and in how many of them the board was found.
+
+    Raises:
+        InputError: a picture cannot be read.
+        NotEnoughDataError: the board is in hardly any picture; the message names the board that is, if there is one.
+    """
+    if not paths:
+        raise NotEnoughDataError(f"there is no picture to find the {board} board in: take some, from different sides and distances.")
+    sample = sorted({round(index) for index in np.linspace(0, len(paths) - 1, PROBED)})
+    rest = [index for index in range(len(paths)) if index not in sample]
+    stores = {folder: _Store(folder, board) for folder in {path.parent for path in paths}}
+    found: dict[int, Found | None] = {}
+    hits = 0
+    try:
+        for batch in (sample, rest):
+            for index, result in zip(batch, _in_threads([paths[i] for i in batch], stores, board), strict=True):
+                found[index] = result
+                hits += result is not None
+                if progress is not None:
+                    progress(len(found), hits)
+            if batch is sample and not hits:
+                _refuse_other_board([paths[i] for i in sample], board)
+    finally:
+        for store in stores.values():
+            store.save()
+    if hits < min(FEWEST, len(paths)) or hits < SMALLEST_PART * len(paths):
+        if hits:
+            _refuse_other_board([paths[i] for i in (*sample, *rest) if found[i] is None][:PROBED], board)
+        raise NotEnoughDataError(f"the {board} board was found in {hits} of {len(paths)} pictures: {ADVICE}, or take more of them.")
+    every = [(path.name, found[index]) for index, path in enumerate(paths)]
+    views = tuple(View(name, hit.corners, np.ones(board.count)) for name, hit in every if hit is not None)
+    reason = f"no {board} board found: {ADVICE}"
+    return Detections(views, tuple(Rejected(name, reason) for name, hit in every if hit is None))
+
+
+def _in_threads(paths: Sequence[Path], stores: dict[Path, "_Store"], board: Board) -> Iterator[Found | None]:
+    """In the order of the paths. OpenCV lets other threads run while it works, and processes would each import it anew."""
+    pool = ThreadPoolExecutor(os.cpu_count())
+    try:
+        yield from pool.map(lambda path: stores[path.parent].look(path, board), paths)
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _refuse_other_board(paths: Sequence[Path], board: Board) -> None:
+    """Raise NotEnoughDataError if at least half of the pictures show one board, and not the declared one."""
+    pictures = [eight_bits(read_grey(path)) for path in paths]
+    size, count = _shown(pictures, board.square)
+    if 2 * count >= len(paths) and count >= min(2, len(paths)) and set(size) != {board.columns, board.rows}:
+        raise NotEnoughDataError(
+            f"a board of {size[0]}x{size[1]} inner corners fits {count} of the {len(paths)} pictures that were tried, the declared {board} "
+            f"none of them: write board.columns: {size[0]}, board.rows: {size[1]} in session.yaml."
+        )
+
+
+def _shown(pictures: Sequence[NDArray[np.uint8]], square: float) -> tuple[tuple[int, int], int]:
+    """Columns and rows of the board that most pictures show, and how many do; of the common boards where none can be measured."""
+    measured = Counter(grid.size for grid in map(largest_grid, pictures) if grid is not None)
+    if measured and 2 * max(measured.values()) >= len(pictures):
+        return measured.most_common(1)[0]
+    tried = {size: sum(has_grid(picture, Board(*size, square)) for picture in pictures) for size in COMMON}
+    return max(tried.items(), key=lambda entry: entry[1])
+
+
+class _Store:
+    """The detections of one folder's pictures, kept from run to run. They hold for the same bytes, board, detector and OpenCV alone."""
+
+    def __init__(self, folder: Path, board: Board) -> None:
+        self._path = folder / KEPT
+        opencv = int(cv2.__version__.split(".")[0])
+        self._settings = {"columns": board.columns, "rows": board.rows, "detector": detector.VERSION, "opencv": opencv}
+        self._files: dict[str, Any] = {}
+        self._changed = False
+        with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
+            kept = json.loads(self._path.read_bytes())
+            if kept["settings"] == self._settings and isinstance(kept["files"], dict):
+                self._files = kept["files"]
+
+    def look(self, path: Path, board: Board) -> Found | None:
+        """The kept result, or a new one. Safe in several threads."""
+        try:
+            digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        except OSError:
+            digest = ""  # reading the picture says what is wrong
+        with suppress(ValueError, KeyError, TypeError, OverflowError):
+            return _recalled(self._files[path.name], digest, board)
+        found = detector.find_corners(read_grey(path), board)
+        corners = None if found is None else found.corners.tolist()
+        self._files[path.name] = {"sha256": digest, "corners": corners, "detector": found and found.detector}
+        self._changed = True
+        return found
+
+    def save(self) -> None:
+        if self._changed:
+            with suppress(InputError):  # a folder that cannot be written does without
+                write_atomically(self._path, json.dumps({"settings": self._settings, "files": dict(sorted(self._files.items()))}))
+
+
+def _recalled(entry: Any, digest: str, board: Board) -> Found | None:
+    """An entry's result; ValueError, KeyError, TypeError or OverflowError where it is another picture's, or damaged."""
+    if entry["sha256"] != digest:
+        raise ValueError("another picture")
+    if entry["corners"] is None:
+        return None
+    corners = np.array(entry["corners"], np.float64)
+    if corners.shape != (board.count, 2) or not np.isfinite(corners).all() or entry["detector"] not in ("sb", "classic"):
+        raise ValueError("not a detection")
+    return Found(corners, entry["detector"])

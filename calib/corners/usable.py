@@ -1,0 +1,28 @@
+"""Which views can give a pose."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.corners.view import Rejected, View
+from calib.session.board import Board
+
+FEWEST_CORNERS = 8
+"""A pose takes six numbers of the sixteen."""
+FLATTEST = 0.5
+"""Squares: how far, root mean square, the seen corners must spread across their own longest line."""
+
+
+def with_poses(views: Sequence[View], board: Board) -> tuple[tuple[View, ...], tuple[Rejected, ...]]:
+    """The views whose corners are enough for a pose, and the others with the reason."""
+    reasons = [_reason(view, board) for view in views]
+    rejected = tuple(Rejected(view.name, reason) for view, reason in zip(views, reasons, strict=True) if reason)
+    return tuple(view for view, reason in zip(views, reasons, strict=True) if not reason), rejected
+
+
+def _reason(view: View, board: Board) -> str:
+    if view.count < FEWEST_CORNERS:
+        return f"only {view.count} corners are seen, and a pose needs {FEWEST_CORNERS}"
+    points = board.points()[view.seen] / board.square
+    across = np.linalg.svd(points - points.mean(0), compute_uv=False)[1] / len(points) ** 0.5
+    return "the corners that are seen lie on one line, which gives no pose" if across < FLATTEST else ""

@@ -1,0 +1,64 @@
+"""Effects that a person asks for by name: added without asking held-out views."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+
+from calib.calibration import Calibration
+from calib.diagnosis.diagnosed import with_fit
+from calib.diagnosis.fine_surface_search import surroundings
+from calib.diagnosis.frame_order import frame_order
+from calib.diagnosis.score_test import Optimum
+from calib.diagnosis.starting_model import model_of
+from calib.effects.effect import Effect
+from calib.effects.fine_surface import FineSurface
+from calib.effects.free_field import FreeField
+from calib.effects.registry import EFFECTS
+from calib.errors import InputError
+from calib.estimation.camera_model import Model
+from calib.estimation.map_fit import JointFit, Start
+from calib.estimation.observations import Observations
+from calib.estimation.residuals import residuals
+from calib.progress import Progress
+from calib.threads import single_thread
+
+KINDS: tuple[type[Effect], ...] = (*EFFECTS, FreeField)
+NAMES = tuple(kind.name for kind in KINDS)
+
+
+def with_named(calibration: Calibration, names: Sequence[str], progress: Progress) -> Calibration:
+    """Fit again with these effects; of an effect's forms, the one with the smallest error.
+
+    Raises:
+        InputError: there can be no such effect in this set-up.
+    """
+    kinds = {kind.name: kind for kind in KINDS}
+    order = frame_order(calibration)
+    observations = calibration.observations.timed(order.times, calibration.camera.height)
+    advance = progress.task("Effects", len(names))
+    with single_thread():
+        model = model_of(calibration)
+        joint = model.fitted(observations, torch.from_numpy(calibration.poses))
+        for done, name in enumerate(names, start=1):
+            at = Optimum(model, observations, joint)
+            there = surroundings(at, calibration.board, calibration.camera, place=name == FineSurface.name)
+            forms = kinds[name].propose(there)
+            if not forms:
+                raise InputError(f"--effects {name}: this set-up can have no {name}, or the fit estimates it already: leave it out.")
+            start = Start(joint.values, joint.sigma, joint.smoothness)
+            tried: list[tuple[float, Model, JointFit]] = []
+            for form in forms:
+                wider = model.with_effect(at.candidate(form).effect)
+                fitted = wider.fitted(observations, joint.poses, start)
+                tried.append((_left(wider, fitted, observations), wider, fitted))
+            _, model, joint = min(tried, key=lambda one: one[0])
+            joint = model.fitted(observations, joint.poses)
+            advance(done, name)
+    return with_fit(calibration, model, joint, observations, order)
+
+
+def _left(model: Model, joint: JointFit, observations: Observations) -> float:
+    """px^2: the median, which single bad corners do not move."""
+    missed = residuals(model.path, joint.values, observations, joint.poses).image
+    return float(np.nanmedian((missed**2).sum(-1).numpy()))

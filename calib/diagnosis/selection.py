@@ -1,0 +1,216 @@
+"""Closing the loop: which effects the model lacks, added one by one as long as held-out views agree."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import numpy as np
+
+from calib.diagnosis.fine_surface_search import surroundings
+from calib.diagnosis.held_out import Gain, HeldOut, Split, gain, hold_out
+from calib.diagnosis.score_test import Columns, Optimum
+from calib.effects.effect import Effect, Surroundings
+from calib.effects.fine_surface import FineSurface
+from calib.effects.free_field import FreeField
+from calib.effects.registry import EFFECTS
+from calib.estimation.camera_model import Model
+from calib.estimation.map_fit import JointFit, Start
+from calib.estimation.observations import Observations
+from calib.progress import Advance
+from calib.session.board import Board
+from calib.session.camera import Camera
+
+NEEDED = 0.05
+"""p-value from which an accepted effect counts as needed beside those that came after it."""
+ALPHA = 0.05
+"""Chance of a false acceptance in a whole round, over all the candidates that are tried."""
+LEAST_GAIN = 0.01
+"""Of the held-out error: less is not worth an effect."""
+WORTH_TRYING = 0.05
+"""p-value of the score."""
+TRIED = 4
+"""Candidates that are fitted in a round, best scores first; those whose neutral point says little of them come on top."""
+ROUNDS = 6
+CONFOUNDED = 0.9
+"""Squared correlation from which two effects count as the same to these views."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """One candidate in one round."""
+
+    columns: Columns
+    gain: Gain | None = None
+    held: HeldOut | None = None
+    joint: JointFit | None = None
+    among: int = 1
+    """How many candidates there were."""
+    bands: Gain | None = None
+    """On depth bands that were held out, where there are such and the folds agree."""
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether held-out views say that its gain is not chance, all candidates of the round allowed for."""
+        return self.gain is not None and self.gain.p_value < ALPHA / self.among and self.gain.ci95[0] > 0
+
+    @property
+    def large(self) -> bool:
+        """Whether its gain is confirmed, and worth it."""
+        return self.confirmed and self.gain is not None and self.gain.relative > LEAST_GAIN
+
+    @property
+    def passes(self) -> bool:
+        """Whether what it says of some depths helps at the others, too."""
+        return self.large and (self.bands is None or self.bands.relative > 0)
+
+
+@dataclass(slots=True, eq=False)
+class Loop:
+    """Forward selection, then a backward pass."""
+
+    board: Board
+    camera: Camera
+    observations: Observations
+    folds: Split
+    bands: Split | None
+    base: Model
+    """Without any effect."""
+    model: Model
+    joint: JointFit
+    advance: Advance
+    organised: Callable[[Model, JointFit], bool]
+    """Whether what a fit leaves is more than noise."""
+    trials: dict[tuple[str, str], Trial] = field(default_factory=dict)
+    """By effect and form: where each came closest."""
+    confounded: dict[str, set[str]] = field(default_factory=dict)
+    done: int = 0
+    known: dict[tuple[bool, bool], HeldOut] = field(default_factory=dict)
+    """What the model leaves on held-out views, by `half` and `banded`."""
+
+    def run(self) -> tuple[HeldOut, HeldOut]:
+        """Add what is missing; returns what was left on held-out views before and after."""
+        first = self._left()
+        newest = None
+        for _ in range(ROUNDS):
+            best = self._best()
+            if not best:
+                break
+            newest = best.columns.effect
+            self._accept(best)
+        self._backward(newest)
+        return first, self._left()
+
+    def _best(self) -> Trial | None:
+        """The next effect. Numbers of every view can imitate much, so they wait until no effect with a few numbers for all views helps;
+        a field without a name comes last."""
+        shared, single = ([e for e in EFFECTS if e.per_view is alone] for alone in (False, True))
+        found = self._round(shared) or self._round(single, among=len(shared))
+        if found or not self.organised(self.model, self.joint):
+            return found
+        return self._round((FreeField,), among=len(EFFECTS))
+
+    def _round(self, effects: Sequence[type[Effect]], among: int = 0) -> Trial | None:
+        """Score all effects, fit the best few, and return the one that helps most, if one surely does.
+
+        Args:
+            among: candidates of which none passed before.
+        """
+        at = Optimum(self.model, self.observations, self.joint)
+        there = surroundings(at, self.board, self.camera, place=FineSurface in effects)
+        scores = [at.candidate(effect) for effect in _proposed(effects, there, self.model.effects)]
+        for columns in scores:
+            key = columns.effect.name, form(columns.effect)
+            if key not in self.trials or (not self.trials[key].gain and columns.p_value < self.trials[key].columns.p_value):
+                self.trials[key] = Trial(columns)
+        self._note_confounded(scores)
+        worth = (c for c in scores if c.effect.judged_by_score and c.p_value < WORTH_TRYING and c.promises > LEAST_GAIN)
+        always = [c for c in scores if not c.effect.judged_by_score]
+        chosen = always + sorted(worth, key=lambda c: 2 * c.dof - c.chi2)[:TRIED]
+        tried = [self._try(columns, among + len(scores)) for columns in chosen]
+        passing = [trial for trial in tried if trial.passes]
+        return max(passing, key=lambda trial: trial.gain.relative if trial.gain else 0.0, default=None)
+
+    def _try(self, columns: Columns, among: int) -> Trial:
+        self._say(f"trying {columns.effect.name}")
+        wider = self.model.with_effect(columns.effect)
+        joint = wider.fitted(self.observations, self.joint.poses, self._start)
+        half = columns.effect.per_view or self.model.path.shutter
+        held = hold_out(wider, self.observations, joint, self.folds, half=half)
+        trial = Trial(columns, gain(self._left(half=half), held), held, joint, among)
+        if trial.large and self.bands:
+            there = hold_out(wider, self.observations, joint, self.bands, half=half)
+            trial = replace(trial, bands=gain(self._left(half=half, banded=True), there))
+        key = columns.effect.name, form(columns.effect)
+        known = self.trials.get(key)
+        if not (known and known.gain and trial.gain and known.gain.relative > trial.gain.relative):
+            self.trials[key] = trial
+        return trial
+
+    def _accept(self, trial: Trial) -> None:
+        """Take an effect in, with the noise and the prior estimated anew."""
+        self.model = self.model.with_effect(trial.columns.effect)
+        self.joint = self.model.fitted(self.observations, trial.joint.poses if trial.joint else self.joint.poses)
+        self.known.clear()
+        self._say(f"found {trial.columns.effect.name}")
+
+    def _backward(self, newest: Effect | None) -> None:
+        """Drop what is no longer needed, the oldest first; the newest has just been asked for. What numbers of every view do as well is
+        not dropped for it: an effect for all views is judged beside its like only."""
+        for effect in self.model.effects:
+            if effect is newest:
+                continue
+            beside = [e for e in self.model.effects if effect.per_view or not e.per_view]
+            fewer = self.base.with_effects(e for e in beside if e is not effect)
+            half = any(e.per_view for e in beside)
+            left = self._left() if len(beside) == len(self.model.effects) else self._fresh(self.base.with_effects(beside), half=half)
+            lost = gain(self._fresh(fewer, half=half), left)
+            if lost.p_value > NEEDED or lost.relative < LEAST_GAIN:
+                self.model = self.base.with_effects(e for e in self.model.effects if e is not effect)
+                self.joint = self.model.fitted(self.observations, self.joint.poses)
+                self.known.clear()
+
+    def _fresh(self, model: Model, *, half: bool) -> HeldOut:
+        """What another model leaves on held-out views."""
+        self._say("what is needed")
+        joint = model.fitted(self.observations, self.joint.poses, self._start)
+        return hold_out(model, self.observations, joint, self.folds, half=half)
+
+    @property
+    def _start(self) -> Start:
+        return Start(self.joint.values, self.joint.sigma, self.joint.smoothness)
+
+    def _left(self, *, half: bool | None = None, banded: bool = False) -> HeldOut:
+        """What the model leaves on held-out views; whether its views' own numbers ask for half of the corners, it knows itself."""
+        key = self.model.path.shutter if half is None else half, banded
+        if key not in self.known:
+            split = self.bands if banded and self.bands else self.folds
+            self.known[key] = hold_out(self.model, self.observations, self.joint, split, half=key[0])
+        return self.known[key]
+
+    def _note_confounded(self, scores: Sequence[Columns]) -> None:
+        """Pairs of which the whole of the one that has fewer directions can be done by the other."""
+        spans = [(columns.effect.name, columns.span()) for columns in scores if columns.scaled.size]
+        for (one, ours), (other, theirs) in combinations(spans, 2):
+            if one == other or not (ours.size and theirs.size):
+                continue
+            if np.linalg.svd(ours.T @ theirs, compute_uv=False)[-1] ** 2 > CONFOUNDED:
+                self.confounded.setdefault(one, set()).add(other)
+                self.confounded.setdefault(other, set()).add(one)
+
+    def _say(self, words: str) -> None:
+        self.done += 1
+        self.advance(self.done, words)
+
+
+def form(effect: Effect) -> str:
+    """Which of an effect's forms: what its proposal chose by itself, in a word."""
+    return str(getattr(effect, "behind", getattr(effect, "over", "")))
+
+
+def _proposed(effects: Sequence[type[Effect]], there: Surroundings, present: Sequence[Effect]) -> Iterator[Effect]:
+    taken = {effect.name for effect in present}
+    for kind in effects:
+        if kind.name not in taken:
+            yield from kind.propose(there)

@@ -1,0 +1,31 @@
+"""The model that a diagnosis starts from: a calibration's, with what its fit estimated free again."""
+
+from dataclasses import replace
+
+import torch
+
+from calib.calibration import Calibration
+from calib.estimation.camera_model import Model
+from calib.estimation.stated_priors import freed
+
+FOCAL, CENTRE, COEFFICIENT = 0.05, 100.0, 3.0
+"""Priors of intrinsics that come from these same views: of the focal length, in px, and of a coefficient. They hardly hold anything."""
+
+
+def base_model(calibration: Calibration) -> Model:
+    """What the calibration's fit started from, as far as it says, without any effect."""
+    path, values = replace(calibration, effects=()).model()
+    assert calibration.camera.intrinsics
+    free = dict(freed(calibration.camera.intrinsics, calibration.cover, path))
+    if calibration.settings.get("intrinsics_from") == "views":
+        focal = FOCAL * float(values["camera.fx"])
+        own = {"camera.fx": focal, "camera.fy": focal, "camera.cx": CENTRE, "camera.cy": CENTRE}
+        free |= {param.name: own.get(param.name, COEFFICIENT) for param in path.lens.params}
+    if calibration.relief:
+        values["relief.amplitudes"] = torch.zeros_like(values["relief.amplitudes"])
+    return Model(path, values, free)
+
+
+def model_of(calibration: Calibration) -> Model:
+    """The same, with the calibration's effects."""
+    return base_model(calibration).with_effects(found.effect for found in calibration.effects)

@@ -1,0 +1,62 @@
+"""A model of the camera as a fit sees it: the ray path, what is known beforehand of its numbers, and the effects that were added."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import reduce
+
+import torch
+from torch import Tensor
+
+from calib.effects.effect import Effect
+from calib.estimation.map_fit import JointFit, Start, fit_joint
+from calib.estimation.observations import Observations
+from calib.estimation.poses import refine_poses_in_image
+from calib.optics.params import Values
+from calib.optics.path import Path
+
+CLOSE = 1e-6
+"""The fraction of its error by which a held-out view's last step may still lower it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """A ray path with priors."""
+
+    path: Path
+    means: Values
+    """Every number of the path: where it is held, or the middle of its prior."""
+    free: Mapping[str, float | Tensor]
+    """The priors' standard deviations of what is estimated beside the relief."""
+    effects: tuple[Effect, ...] = ()
+
+    def with_effect(self, effect: Effect) -> Model:
+        """The model with one effect more, at the start of its numbers."""
+        values = {u.param.name: torch.full(u.param.shape, u.begin, dtype=torch.float64) for u in effect.unknowns}
+        sigmas = {u.param.name: u.sigma for u in effect.unknowns}
+        return Model(effect.apply(self.path), {**self.means, **values}, {**self.free, **sigmas}, (*self.effects, effect))
+
+    def with_effects(self, effects: Iterable[Effect]) -> Model:
+        """The model with some effects more."""
+        return reduce(Model.with_effect, effects, self)
+
+    def neutral(self, effect: Effect) -> Values:
+        """The numbers of an effect where it is not there."""
+        return {u.param.name: torch.full(u.param.shape, u.neutral, dtype=torch.float64) for u in effect.unknowns}
+
+    def fitted(self, observations: Observations, poses: Tensor, start: Start | None = None) -> JointFit:
+        """The most probable numbers, from a start like `fit_joint`'s; numbers that the start lacks begin at their means."""
+        if start:
+            start = replace(start, values={name: start.values.get(name, mean) for name, mean in self.means.items()})
+        return fit_joint(self.path, self.means, observations, self.padded(poses), free=self.free, start=start)
+
+    def padded(self, poses: Tensor) -> Tensor:
+        """(V, 6 or 12) numbers of views as this model has them: motions begin at rest, or are dropped."""
+        count = self.path.numbers_per_view
+        return torch.cat([poses, poses.new_zeros(len(poses), max(0, count - poses.shape[1]))], 1)[:, :count]
+
+    def seen(self, joint: JointFit, observations: Observations, poses: Tensor) -> Tensor:
+        """The (V, B) numbers of views that were not fitted, from a start."""
+        padded = self.padded(poses)
+        return refine_poses_in_image(self.path, joint.values, observations, padded, sigma=joint.sigma, tolerance=CLOSE).blocks

@@ -1,0 +1,101 @@
+"""The paper's procedure: with poses and cover held, the amplitudes go down the gradient (section 3, equations 2 and 3).
+
+The paper does not name its descent. This is Nesterov's accelerated gradient descent with the step 1 / L, L the curvature of the
+loss measured by power iteration, restarted when the loss rises: no learning rate is left to choose, at any amplitude.
+
+Sources: Y. Nesterov, A method of solving a convex programming problem with convergence rate O(1/k^2) (1983);
+B. O'Donoghue, E. Candes, Adaptive restart for accelerated gradient schemes (2015), section 3.2, the function scheme.
+"""
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from calib.estimation.observations import Observations
+from calib.optics.board_target import Placement
+from calib.optics.interface import Interface
+from calib.optics.params import Values
+from calib.optics.path import Path
+
+POWER_STEPS = 12
+SAFETY = 1.1
+"""The power iteration comes from below: a step this much shorter is still stable."""
+
+
+def descend(
+    path: Path,
+    values: Values,
+    observations: Observations,
+    poses: Tensor,
+    *,
+    steps: int,
+    progress: Callable[[int, float], None] | None = None,
+) -> Tensor:
+    """Fit the amplitudes alone.
+
+    Args:
+        path: with a relief on its outer surface.
+        values: all numbers of the path; relief.amplitudes is the start.
+        poses: (V, 6) T_camera_board, held.
+        steps: gradient steps.
+        progress: called after each step with its number and the loss, m^2 summed over corners.
+
+    Returns:
+        (rows, columns) m, the amplitudes of the lowest loss met.
+    """
+    loss = _loss(path, values, observations, poses)
+    start = values["relief.amplitudes"].detach()
+    length = 1 / (SAFETY * _curvature(loss, start))
+    best, lowest = start, float("inf")
+    here, ahead, momentum, previous = start, start, 1.0, float("inf")
+    for step in range(1, steps + 1):
+        cost, slope = _gradient(loss, ahead)
+        if cost < lowest:
+            best, lowest = ahead, cost
+        if cost > previous:
+            momentum = 1.0  # the restart: forget the speed
+        previous = cost
+        landed = ahead - length * slope
+        faster = (1 + (1 + 4 * momentum**2) ** 0.5) / 2
+        ahead = landed + (momentum - 1) / faster * (landed - here)
+        here, momentum = landed, faster
+        if progress:
+            progress(step, lowest)
+    return here if float(loss(here)) < lowest else best
+
+
+def _loss(path: Path, values: Values, observations: Observations, poses: Tensor) -> Callable[[Tensor], Tensor]:
+    """The sum of squared distances on the board as a function of the amplitudes. What they cannot change is traced once."""
+    *before, outer = path.cover
+    rays = Path(path.lens, tuple[Interface, ...](before)).trace(observations.pixels, values)
+    own = Placement.of(poses)[observations.view]
+
+    def loss(amplitudes: Tensor) -> Tensor:
+        landed, failure = path.target(outer(rays, {**values, "relief.amplitudes": amplitudes}), own, values)
+        squared = ((landed - observations.corners) ** 2).sum(-1) * observations.weight**2
+        return torch.where(failure == 0, squared, torch.zeros_like(squared)).sum()
+
+    return loss
+
+
+def _gradient(loss: Callable[[Tensor], Tensor], at: Tensor) -> tuple[float, Tensor]:
+    at = at.detach().requires_grad_()
+    cost = loss(at)
+    (slope,) = torch.autograd.grad(cost, at)
+    return float(cost.detach()), slope
+
+
+def _curvature(loss: Callable[[Tensor], Tensor], start: Tensor) -> float:
+    """The largest eigenvalue of the loss's second derivative, by power iteration on differences of gradients."""
+    _, base = _gradient(loss, start)
+    direction = torch.ones_like(start) / start.numel() ** 0.5
+    size = 1e-7  # m: far above rounding, far below a bump
+    curvature = 0.0
+    for _ in range(POWER_STEPS):
+        change = (_gradient(loss, start + size * direction)[1] - base) / size
+        curvature = float(change.norm())
+        if curvature == 0:
+            return 1.0
+        direction = change / curvature
+    return curvature

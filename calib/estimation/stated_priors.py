@@ -1,0 +1,31 @@
+"""Numbers that are described with a standard deviation: freed for the joint fit, and written back with what it found."""
+
+from dataclasses import replace
+
+from calib.estimation.map_fit import JointFit
+from calib.optics.lens_model import COEFFICIENTS
+from calib.optics.path import Path
+from calib.session.camera import Intrinsics
+from calib.session.cover import Cover
+from calib.session.schema import Number
+
+
+def freed(intrinsics: Intrinsics, cover: Cover, path: Path) -> dict[str, float]:
+    """The prior's standard deviation of each number of the path that is described with one (SI units)."""
+    stated = {f"cover.{name}": number.sigma for name, number in cover.numbers.items()}
+    stated |= {name: number.sigma for name, number in _named(intrinsics).items()}
+    known = {param.name for param in path.params}
+    return {name: sigma for name, sigma in stated.items() if sigma > 0 and name in known}
+
+
+def with_estimates(intrinsics: Intrinsics, cover: Cover, joint: JointFit | None) -> tuple[Intrinsics, Cover]:
+    """The same description with the estimated numbers and their standard deviations."""
+    found = joint.estimates() if joint else {}
+    numbers = {name: found.get(f"cover.{name}", number) for name, number in cover.numbers.items()}
+    fx, fy, cx, cy, *lens = (found.get(name, number) for name, number in _named(intrinsics).items())
+    return Intrinsics(fx, fy, cx, cy, tuple(lens)), replace(cover, numbers=numbers)
+
+
+def _named(intrinsics: Intrinsics) -> dict[str, Number]:
+    pinhole = {f"camera.{name}": getattr(intrinsics, name) for name in ("fx", "fy", "cx", "cy")}
+    return pinhole | {f"camera.{name}": number for name, number in zip(COEFFICIENTS, intrinsics.distortion, strict=False)}

@@ -1,0 +1,71 @@
+"""Cross-validation over views: what a fit leaves on views that it has not seen."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from calib.corners.view import View
+from calib.estimation.observations import Observations
+from calib.estimation.poses import pinhole_poses, refit_poses
+from calib.fitting.stages import Settings, Setup, fit_stages
+from calib.progress import Progress, Silent
+from calib.threads import single_thread
+
+GRIDS = ((6, 6), (8, 8), (12, 12), (16, 16))
+"""What `--grid auto` chooses from, coarse to fine."""
+GRID_FOLDS = 4
+WORTH = 0.01
+"""A finer grid must lower the held-out error by this fraction."""
+OVERFITS = 1.25
+"""Held-out over fitted error from which a fit is said to overfit, beyond what the fitted poses explain."""
+
+
+@dataclass(frozen=True, slots=True)
+class CrossValidation:
+    """Every view was held out once; only its pose was refitted."""
+
+    folds: int
+    held_out_px: float
+    """Root mean square two-dimensional reprojection error."""
+    fitted_px: float
+    """The same of the views that were fitted, over all folds."""
+
+    @property
+    def overfits(self) -> bool:
+        return self.held_out_px > OVERFITS * self.fitted_px
+
+
+def cross_validate(setup: Setup, views: Sequence[View], settings: Settings, folds: int, progress: Progress) -> CrossValidation:
+    """Fit `folds` times, each time without every folds-th view, and measure those.
+
+    Raises:
+        NotEnoughDataError: too few views are left to fit.
+    """
+    advance = progress.task(f"{folds} folds" + (f", grid {settings.grid[0]}x{settings.grid[1]}" if settings.grid else ""), folds)
+    held_out, fitted, corners = 0.0, 0.0, 0
+    with single_thread():
+        for fold in range(folds):
+            rest, own = ([view for index, view in enumerate(views) if (index % folds == fold) is held] for held in (False, True))
+            found = fit_stages(setup, Observations.of(rest, setup.board), settings, Silent())
+            test = Observations.of(own, setup.board)
+            missed = refit_poses(found.path, found.values, test, pinhole_poses(test, found.values))[1]
+            held_out += missed.rms_px**2 * len(test.pixels)
+            fitted += found.residuals.rms_px**2 * len(test.pixels)
+            corners += len(test.pixels)
+            advance(fold + 1, f"{missed.rms_px:.3f} px held out")
+    return CrossValidation(folds, (held_out / corners) ** 0.5, (fitted / corners) ** 0.5)
+
+
+def choose_grid(setup: Setup, views: Sequence[View], settings: Settings, progress: Progress) -> tuple[tuple[int, int], dict[str, float]]:
+    """The coarsest of GRIDS that no finer one beats by WORTH on held-out views, and the held-out error of each that was tried, in px.
+
+    Finer grids are tried as long as they help.
+    """
+    best, errors = GRIDS[0], dict[str, float]()
+    lowest = float("inf")
+    for grid in GRIDS:
+        error = cross_validate(setup, views, replace(settings, grid=grid), GRID_FOLDS, progress).held_out_px
+        errors[f"{grid[0]}x{grid[1]}"] = error
+        if error >= (1 - WORTH) * lowest:
+            break
+        best, lowest = grid, error
+    return best, errors

@@ -1,0 +1,112 @@
+"""How good a calibration is on views that it has not seen: only each view's pose is refitted."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import torch
+from torch import Tensor
+
+from calib.calibration import Calibration
+from calib.corners.usable import with_poses
+from calib.corners.view import Rejected
+from calib.errors import InputError, NotEnoughDataError
+from calib.estimation.observations import Observations
+from calib.estimation.poses import pinhole_poses, refit_poses
+from calib.estimation.residuals import Residuals, residuals
+from calib.fitting.inputs import read_views
+from calib.optics.params import Values
+from calib.optics.path import Path
+from calib.progress import Progress
+from calib.session.session import Session
+from calib.threads import single_thread
+
+NARROWEST = 0.125
+"""m: where the depth bands begin to double; what is nearer is one band."""
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """The error of the corners at some depths."""
+
+    from_m: float
+    to_m: float
+    rms_px: float
+    rmse_cm: float
+    corners: int
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """Held-out quality."""
+
+    rms_px: float
+    """Root mean square two-dimensional reprojection error."""
+    rmse_cm: float
+    frames_used: int
+    by_depth: tuple[Band, ...]
+    """By each corner's own depth, near to far; bands without corners are left out."""
+    rejected: tuple[Rejected, ...]
+    """Pictures in which no board with enough corners was found. No view is dropped for its error."""
+
+
+def evaluate(calibration: Calibration, session: Session, progress: Progress, *, halves: bool = False) -> Evaluation:
+    """Refit the poses of a session's views, with the camera and cover of a calibration, and measure what is left.
+
+    Args:
+        halves: measure each half of a view's corners with the pose that the other half gives, as it is always done where boards move
+            during the readout.
+
+    Raises:
+        InputError: the session is of another camera mode.
+        NotEnoughDataError: no view can be used.
+    """
+    ours, theirs = calibration.camera, session.camera
+    if (ours.width, ours.height) != (theirs.width, theirs.height):
+        raise InputError(
+            f"{session.path} is of {theirs.width}x{theirs.height} px and the calibration for {ours.width}x{ours.height}: "
+            "evaluate with a session of the calibrated camera mode."
+        )
+    views, rejected = read_views(session, progress)
+    views, few = with_poses(views, session.board)
+    path, values = calibration.model()
+    poses = pinhole_poses(Observations.of(views, session.board), values)
+    found = torch.isfinite(poses).all(-1).tolist()
+    lost = tuple(Rejected(view.name, "no board pose explains its corners") for view, ok in zip(views, found, strict=True) if not ok)
+    views = tuple(view for view, ok in zip(views, found, strict=True) if ok)
+    if not views:
+        raise NotEnoughDataError(f"{session.path} has no view to evaluate with: take pictures that show the whole board.")
+    observations = Observations.of(views, session.board).timed(None, ours.height)
+    poses = poses[torch.tensor(found)]
+    with single_thread():
+        if halves or path.shutter:
+            poses, missed = _by_halves(path, values, observations, poses)
+        else:
+            poses, missed = refit_poses(path, values, observations, poses)
+    depth = path.place(observations.corners, observations.told(values), poses[observations.view])[:, 2]
+    return Evaluation(missed.rms_px, missed.rmse_cm, len(views), _bands(missed, depth), (*rejected, *few, *lost))
+
+
+def _by_halves(path: Path, values: Values, observations: Observations, poses: Tensor) -> tuple[Tensor, Residuals]:
+    """Each half of a view's corners measured with the numbers that the other half gives: where a view has so many numbers of its own
+    that they would hide its error."""
+    poses = torch.cat([poses, poses.new_zeros(len(poses), path.numbers_per_view - poses.shape[1])], 1)
+    odd = (torch.arange(len(observations.pixels)) - observations.starts[observations.view]) % 2 == 1
+    image, board = torch.empty_like(observations.pixels), torch.empty_like(observations.pixels)
+    for scored in (odd, ~odd):
+        own, _ = refit_poses(path, values, observations.kept(~scored), poses)
+        missed = residuals(path, values, observations, own)
+        image[scored], board[scored] = missed.image[scored], missed.board[scored]
+    return own, Residuals(image, board)
+
+
+def _bands(missed: Residuals, depth: Tensor) -> tuple[Band, ...]:
+    edges = [0.0, NARROWEST]
+    while edges[-1] <= float(depth.max()):
+        edges.append(2 * edges[-1])
+    bands = []
+    for low, high in pairwise(edges):
+        inside = (depth >= low) & (depth < high)
+        if bool(inside.any()):
+            part = Residuals(missed.image[inside], missed.board[inside])
+            bands.append(Band(low, high, part.rms_px, part.rmse_cm, int(inside.sum())))
+    return tuple(bands)

@@ -1,0 +1,118 @@
+"""From a session to a calibration."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+
+import numpy as np
+
+from calib.calibration import Calibration
+from calib.corners.view import Rejected, View
+from calib.errors import NotEnoughDataError
+from calib.estimation.noise import on_board, short_scale_noise
+from calib.estimation.observations import Observations
+from calib.estimation.residuals import Residuals
+from calib.estimation.robust import outlying
+from calib.estimation.stated_priors import with_estimates
+from calib.fitting.cross_validation import GRID_FOLDS, choose_grid, cross_validate
+from calib.fitting.inputs import gather
+from calib.fitting.stages import Settings, Setup, fit_stages
+from calib.progress import Progress
+from calib.session.freeing import with_free
+from calib.session.session import Session
+from calib.threads import single_thread
+
+FEWEST_VIEWS = 3
+GAUGES = {
+    "bare": "camera frame at the pinhole",
+    "paper": "camera frame at the pinhole; cover and intrinsics held as stated, or as bare/ gives them; poses as a smooth cover gives them",
+    "joint": "camera frame at the pinhole; cover and intrinsics held as stated, or as bare/ gives them, or near that by their priors; "
+    "the relief's figure free, what is finer near zero by its prior",
+}
+
+
+def fit(session: Session, settings: Settings, progress: Progress) -> Calibration:
+    """Calibrate a session.
+
+    Raises:
+        InputError: a picture or corners file is damaged.
+        NotEnoughDataError: too few views show the board.
+    """
+    start = gather(session, progress)
+    views, rejected = start.views, start.rejected
+    setup = Setup(session.board, session.camera, *with_free(start.intrinsics, session.cover, settings.free))
+    grids: dict[str, float] = {}
+    if settings.grid is None:
+        _check_enough(views, rejected, for_folds=GRID_FOLDS)
+        grid, grids = choose_grid(setup, views, settings, progress)
+        settings = replace(settings, grid=grid)
+    while True:
+        _check_enough(views, rejected)
+        observations = Observations.of(views, session.board)
+        with single_thread():
+            fitted = fit_stages(setup, observations, settings, progress)
+        views, bad = _without_outliers(views, observations, fitted.residuals)
+        if not bad:
+            break
+        rejected = (*rejected, *bad)
+    intrinsics, cover = with_estimates(setup.intrinsics, setup.cover, fitted.joint)
+    validation = None
+    if settings.folds:
+        _check_enough(views, rejected, for_folds=settings.folds)
+        validation = cross_validate(setup, views, settings, settings.folds, progress)
+    joint = fitted.joint
+    return Calibration(
+        board=session.board,
+        camera=replace(session.camera, intrinsics=intrinsics),
+        cover=cover,
+        relief=fitted.relief,
+        amplitudes=fitted.values["relief.amplitudes"].numpy() if fitted.relief else np.zeros((0, 0)),
+        exact_hit=settings.exact_hit,
+        views=views,
+        poses=fitted.poses.numpy(),
+        covariance=joint.covariance.numpy() if joint else np.zeros((0, 0)),
+        rejected=rejected,
+        stages=fitted.stages,
+        noise_px=short_scale_noise(on_board(fitted.residuals.image, views), session.board),
+        settings={
+            "method": settings.method,
+            "grid": list(settings.grid or ()),
+            "grid_held_out_px": grids,
+            "free": list(settings.free),
+            "steps": settings.steps,
+            "exact_hit": settings.exact_hit,
+            "intrinsics_from": start.intrinsics_from,
+            "lens_held_out_px": {str(count): error for count, error in start.lens_held_out_px.items()},
+        }
+        | ({"cross_validation": asdict(validation)} if validation else {})
+        | (joint.said() if joint else {}),
+        gauge=GAUGES[settings.method if fitted.relief else "bare"],
+    )
+
+
+def _without_outliers(
+    views: Sequence[View], observations: Observations, missed: Residuals
+) -> tuple[tuple[View, ...], tuple[Rejected, ...]]:
+    squared = (missed.image**2).sum(-1)
+    errors = np.array([float(own.nanmean().sqrt()) for own in observations.per_view(squared)])
+    bad = outlying(errors)
+    reasons = (
+        f"its {error:.2f} px do not fit the {np.nanmedian(errors):.2f} px of the other views"
+        if np.isfinite(error)
+        else "no board pose explains its corners"
+        for error in errors
+    )
+    rejected = tuple(Rejected(view.name, reason) for view, reason, out in zip(views, reasons, bad, strict=True) if out)
+    return tuple(view for view, out in zip(views, bad, strict=True) if not out), rejected
+
+
+def _check_enough(views: Sequence[View], rejected: Sequence[Rejected], for_folds: int = 0) -> None:
+    if len(views) < FEWEST_VIEWS:
+        why = f" (the first that was dropped, {rejected[0].name}: {rejected[0].reason})" if rejected else ""
+        raise NotEnoughDataError(
+            f"A fit needs {FEWEST_VIEWS} usable views and there are {len(views)}: take more pictures of the board{why}."
+        )
+    if len(views) - -(-len(views) // max(for_folds, 1)) < FEWEST_VIEWS and for_folds:
+        raise NotEnoughDataError(
+            f"{for_folds} folds need {FEWEST_VIEWS} usable views outside each fold, and there are {len(views)} views in all: "
+            "take more pictures of the board."
+        )

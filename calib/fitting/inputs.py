@@ -1,0 +1,81 @@
+"""What a fit starts from: the corners of a session, and the intrinsics of its camera."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from calib.corners.corners_file import read_corners
+from calib.corners.detect_all import detect
+from calib.corners.usable import with_poses
+from calib.corners.view import Rejected, View
+from calib.errors import InputError
+from calib.fitting.intrinsics import calibrate_bare
+from calib.progress import Progress
+from calib.session.camera import Intrinsics
+from calib.session.session import Session, check_images
+
+
+@dataclass(frozen=True, slots=True)
+class Gathered:
+    """The start of a fit."""
+
+    views: tuple[View, ...]
+    """With corners enough for a pose."""
+    rejected: tuple[Rejected, ...]
+    intrinsics: Intrinsics
+    intrinsics_from: Literal["session.yaml", "bare", "views"]
+    lens_held_out_px: dict[int, float]
+    """By number of coefficients, the error on held-out views, where the number was chosen by it."""
+
+
+def read_views(session: Session, progress: Progress) -> tuple[tuple[View, ...], tuple[Rejected, ...]]:
+    """The session's corners: from its corners file, or detected in its pictures."""
+    if session.corners:
+        views = read_corners(session.corners, session.board)
+        _check_inside(views, session)
+        return views, ()
+    check_images(session)
+    advance = progress.task(f"Corners in {session.path.resolve().name}", len(session.frames))
+    found = detect(session.frames, session.board, lambda done, hits: advance(done, f"{hits} boards found"))
+    return found.views, found.rejected
+
+
+def gather(session: Session, progress: Progress) -> Gathered:
+    """Read or detect the corners, and find the intrinsics.
+
+    Intrinsics come from the session where it states them, else from bare/, else, without a cover, from the views themselves.
+    """
+    views, rejected = read_views(session, progress)
+    bare: tuple[Rejected, ...] = ()
+    tried: dict[int, float] = {}
+    source: Literal["session.yaml", "bare", "views"]
+    if session.camera.intrinsics:
+        intrinsics = session.camera.intrinsics
+        source = "session.yaml"
+    elif session.bare:
+        shown, dropped = read_views(session.bare, progress)
+        fitted = calibrate_bare(shown, session.bare.board, session.camera, progress)
+        bare = tuple(Rejected(f"{session.bare.path.name}/{r.name}", r.reason) for r in (*dropped, *fitted.rejected))
+        intrinsics, tried = fitted.intrinsics, fitted.held_out_px
+        source = "bare"
+    else:
+        fitted = calibrate_bare(views, session.board, session.camera, progress)
+        views, bare, intrinsics, tried = fitted.views, fitted.rejected, fitted.intrinsics, fitted.held_out_px
+        source = "views"
+    kept, too_few = with_poses(views, session.board)
+    return Gathered(kept, (*rejected, *bare, *too_few), intrinsics, source, tried)
+
+
+def _check_inside(views: Sequence[View], session: Session) -> None:
+    size = session.camera.width, session.camera.height
+    for view in views:
+        seen = view.corners[view.seen]
+        outside = ((seen < -0.5) | (seen > np.array(size) - 0.5)).any(-1)
+        if outside.any():
+            x, y = seen[outside][0]
+            raise InputError(
+                f"{session.corners}: {view.name} has a corner at ({x:g}, {y:g}), outside the camera's {size[0]}x{size[1]} px: "
+                "correct camera.width and camera.height, or use corners of this camera mode."
+            )

@@ -1,0 +1,190 @@
+"""The camera without its cover: intrinsics and lens by Zhang's method (cv2.calibrateCamera).
+
+Source: Z. Zhang, A flexible new technique for camera calibration (2000), the paper's reference for its own intrinsics.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.corners.usable import with_poses
+from calib.corners.view import Rejected, View
+from calib.errors import NotEnoughDataError
+from calib.estimation.robust import outlying
+from calib.progress import Progress
+from calib.session.board import Board
+from calib.session.camera import COEFFICIENTS, Camera, Intrinsics
+from calib.session.schema import Number
+
+FEWEST_VIEWS = 4
+LEAST_SPREAD_DEG = 5.0
+"""Between the most different normals of the board."""
+FOLDS = 4
+WORTH = 0.98
+"""More coefficients must leave at most this fraction of the held-out error."""
+CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-9)
+
+FLAGS = {
+    0: cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST,
+    4: cv2.CALIB_FIX_K3,
+    5: 0,
+    8: cv2.CALIB_RATIONAL_MODEL,
+    12: cv2.CALIB_RATIONAL_MODEL | cv2.CALIB_THIN_PRISM_MODEL,
+    14: cv2.CALIB_RATIONAL_MODEL | cv2.CALIB_THIN_PRISM_MODEL | cv2.CALIB_TILTED_MODEL,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class BareFit:
+    """A plain camera calibration."""
+
+    intrinsics: Intrinsics
+    """Each number with its standard deviation."""
+    rms_px: float
+    views: tuple[View, ...]
+    rejected: tuple[Rejected, ...]
+    held_out_px: dict[int, float]
+    """By number of lens coefficients: the error on held-out views, where it was asked."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Solved:
+    camera: NDArray[np.float64]  # (3, 3)
+    coefficients: NDArray[np.float64]  # (count,)
+    sigmas: NDArray[np.float64]  # (4 + count,) fx, fy, cx, cy, then the coefficients
+    per_view: NDArray[np.float64]  # (V,) px
+    normals: NDArray[np.float64]  # (V, 3) unit, of the board in the camera frame
+    rms: float
+
+
+def calibrate_bare(views: Sequence[View], board: Board, camera: Camera, progress: Progress) -> BareFit:
+    """Intrinsics from views of a board, with the number of lens coefficients that `camera` asks for or that held-out views do.
+
+    Raises:
+        NotEnoughDataError: too few views are left.
+    """
+    usable, poseless = with_poses(views, board)
+    kept, rejected = list(usable), list(poseless)
+    _check_enough(kept)
+    size = camera.width, camera.height
+    held_out: dict[int, float] = {}
+    count = camera.lens_coefficients
+    if count is None:
+        count, held_out = _choose_count(kept, board, size, progress)
+    advance = progress.task("Intrinsics", 1)
+    while True:
+        solved = _solve(kept, board, size, count)
+        bad = outlying(solved.per_view)
+        if not bad.any():
+            break
+        rejected += [
+            Rejected(view.name, f"its {error:.2f} px do not fit the {np.median(solved.per_view):.2f} px of the other views")
+            for view, error, out in zip(kept, solved.per_view, bad, strict=True)
+            if out
+        ]
+        kept = [view for view, out in zip(kept, bad, strict=True) if not out]
+        _check_enough(kept)
+    spread = _spread_deg(solved.normals)
+    if spread < LEAST_SPREAD_DEG:
+        raise NotEnoughDataError(
+            f"All views without the cover show the board at the same angle, within {spread:.1f} degrees, and no focal length follows: "
+            "take more pictures, with the board tilted in different directions."
+        )
+    advance(1, f"{solved.rms:.3f} px")
+    return BareFit(_intrinsics(solved), solved.rms, tuple(kept), tuple(rejected), held_out)
+
+
+def _choose_count(views: Sequence[View], board: Board, size: tuple[int, int], progress: Progress) -> tuple[int, dict[int, float]]:
+    """The fewest coefficients within 2 % of the least error on views that the fit has not seen.
+
+    The tilted sensor's fourteen take minutes, so they are tried only where the thin prism's twelve were worth having.
+    """
+    folds = min(FOLDS, len(views) // 2)
+    advance = progress.task("Lens coefficients", folds * len(COEFFICIENTS))
+    previous: list[_Solved | None] = [None] * folds
+    scores: dict[int, float] = {}
+    for i, count in enumerate(COEFFICIENTS):
+        if count == 14 and scores[12] > WORTH * scores[8]:
+            break
+        per_view = np.empty(len(views))
+        for fold in range(folds):
+            solved = previous[fold] = _step([view for j, view in enumerate(views) if j % folds != fold], board, size, count, previous[fold])
+            for j in range(fold, len(views), folds):
+                per_view[j] = _held_out_rms(views[j], board, solved)
+            advance(i * folds + fold + 1, f"{count} coefficients")
+        # A few bad views would drown the rest: none counts for more than four times its model's median.
+        per_view = np.nan_to_num(per_view, nan=np.inf)
+        scores[count] = float(np.minimum(per_view, 4 * np.median(per_view)).mean())
+    advance(folds * len(COEFFICIENTS), "")
+    return next(count for count, score in scores.items() if WORTH * score <= min(scores.values())), scores
+
+
+def _solve(views: Sequence[View], board: Board, size: tuple[int, int], count: int) -> _Solved:
+    """Zhang's method, from few coefficients to many: started with many at once, it stops in poor places."""
+    solved = None
+    for fewer in COEFFICIENTS:
+        if fewer < count:
+            solved = _step(views, board, size, fewer, solved)
+    return _step(views, board, size, count, solved)
+
+
+def _step(views: Sequence[View], board: Board, size: tuple[int, int], count: int, start: _Solved | None) -> _Solved:
+    points = np.column_stack([board.points(), np.zeros(board.count)]).astype(np.float32)
+    objects = [points[view.seen] for view in views]
+    pixels = [view.corners[view.seen].astype(np.float32) for view in views]
+    coefficients = np.zeros(max(5, count))
+    if start:
+        coefficients[: len(start.coefficients)] = start.coefficients
+    width, height = size
+    camera = start.camera.copy() if start else np.array([[width, 0, (width - 1) / 2], [0, width, (height - 1) / 2], [0, 0, 1.0]])
+    guess = cv2.CALIB_USE_INTRINSIC_GUESS if start else 0
+    try:
+        rms, found, bent, rotvecs, _, sigmas, _, per_view = cv2.calibrateCameraExtended(
+            objects, pixels, size, camera, coefficients, flags=FLAGS[count] | guess, criteria=CRITERIA
+        )
+    except cv2.error as error:
+        raise NotEnoughDataError(
+            "No intrinsics fit these views: take pictures of the board tilted in different directions, "
+            "and check board.columns and board.rows."
+        ) from error
+    lens = np.ravel(bent)[:count].astype(np.float64)
+    return _Solved(
+        found.astype(np.float64),
+        lens,
+        np.ravel(sigmas)[: 4 + count].astype(np.float64),
+        np.ravel(per_view).astype(np.float64),
+        np.array([cv2.Rodrigues(rotvec)[0][:, 2] for rotvec in rotvecs]),
+        float(rms),
+    )
+
+
+def _held_out_rms(view: View, board: Board, solved: _Solved) -> float:
+    points = np.column_stack([board.points(), np.zeros(board.count)])[view.seen]
+    pixels = view.corners[view.seen]
+    found, rotvec, translation = cv2.solvePnP(points, pixels, solved.camera, solved.coefficients)
+    if not found:
+        return float("nan")
+    seen, _ = cv2.projectPoints(points, rotvec, translation, solved.camera, solved.coefficients)
+    return float(np.sqrt(((seen.reshape(-1, 2) - pixels) ** 2).sum(-1).mean()))
+
+
+def _intrinsics(solved: _Solved) -> Intrinsics:
+    numbers = (solved.camera[0, 0], solved.camera[1, 1], solved.camera[0, 2], solved.camera[1, 2], *solved.coefficients)
+    fx, fy, cx, cy, *lens = (Number(float(v), float(s)) for v, s in zip(numbers, solved.sigmas, strict=True))
+    return Intrinsics(fx, fy, cx, cy, tuple(lens))
+
+
+def _spread_deg(normals: NDArray[np.float64]) -> float:
+    """Degrees between the two most different of (V, 3) unit normals."""
+    return float(np.degrees(np.arccos(np.clip((normals @ normals.T).min(), -1, 1))))
+
+
+def _check_enough(views: Sequence[View]) -> None:
+    if len(views) < FEWEST_VIEWS:
+        raise NotEnoughDataError(
+            f"Intrinsics need {FEWEST_VIEWS} usable views without the cover and there are {len(views)}: "
+            "take more pictures of the board, tilted in different directions."
+        )

@@ -1,0 +1,135 @@
+"""The stages of a fit, each on top of the one before: the pinhole, its smooth cover, the cover's relief."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from calib.calibration import Stage
+from calib.errors import NotEnoughDataError
+from calib.estimation.gradient_fit import descend
+from calib.estimation.map_fit import JointFit, fit_joint
+from calib.estimation.observations import Observations
+from calib.estimation.poses import pinhole_poses, refine_poses
+from calib.estimation.residuals import Residuals, residuals
+from calib.estimation.stated_priors import freed
+from calib.optics.build import covered_path, footprint, pinhole_path, with_relief
+from calib.optics.params import Values
+from calib.optics.path import Path
+from calib.optics.relief import Relief
+from calib.progress import Progress
+from calib.session.board import Board
+from calib.session.camera import Camera, Intrinsics
+from calib.session.cover import Cover
+
+MOST_LOST = 0.2
+"""Of the corners: more cannot be seen through the cover as it is described."""
+LINEARISATIONS = 12
+"""About as many as a joint fit takes; the bar's length."""
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What a fit is asked to do."""
+
+    method: Literal["joint", "paper"] = "joint"
+    grid: tuple[int, int] | None = (12, 12)
+    """Centres of the relief around and along the cover (horizontally and vertically for an upright cone). None: by held-out error."""
+    steps: int = 1000
+    """Gradient steps of the paper's procedure."""
+    exact_hit: bool = True
+    """False neglects that the relief moves the hit point, as the paper does."""
+    free: tuple[str, ...] = ()
+    """Of calib.session.freeing.NAMES: what is estimated beside poses and relief."""
+    folds: int = 0
+    """Of the cross-validation; 0 for none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What is known before the fit."""
+
+    board: Board
+    camera: Camera
+    intrinsics: Intrinsics
+    cover: Cover
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """Where the last stage ended."""
+
+    path: Path
+    values: Values
+    poses: Tensor
+    stages: tuple[Stage, ...]
+    residuals: Residuals
+    relief: Relief | None = None
+    joint: JointFit | None = None
+
+
+def fit_stages(setup: Setup, observations: Observations, settings: Settings, progress: Progress) -> Fitted:
+    """Fit the model to corners, stage by stage. Numbers that are described with a standard deviation are estimated, by the joint method.
+
+    Raises:
+        InputError: no ray of the camera leaves the cover.
+        NotEnoughDataError: the corners cannot be seen through the cover.
+    """
+    path, values = pinhole_path(setup.intrinsics)
+    poses = pinhole_poses(observations, values)
+    missed = residuals(path, values, observations, poses)
+    stages = [Stage("pinhole", missed.rms_px, missed.rmse_cm)]
+    if setup.cover.shape == "none" or not bool(torch.isfinite(poses).all()):  # a view without a pose is rejected first
+        return Fitted(path, values, poses, tuple(stages), missed)
+    path, values = covered_path(setup.intrinsics, setup.cover)
+    poses = refine_poses(path, values, observations, poses).blocks
+    missed = residuals(path, values, observations, poses)
+    _check_cover(missed)
+    stages.append(Stage("cover", missed.rms_px, missed.rmse_cm))
+    low, high = footprint(path, values, setup.camera.width, setup.camera.height)
+    assert settings.grid, "to be chosen before"
+    around, along = settings.grid
+    relief = Relief(low, high, (along, around))
+    path = with_relief(path, relief, exact_hit=settings.exact_hit)
+    values["relief.amplitudes"] = torch.zeros(along, around, dtype=torch.float64)
+    joint = None
+    if settings.method == "paper":
+        values["relief.amplitudes"] = _descend(path, values, observations, poses, settings.steps, progress)
+    else:
+        advance = progress.task("Joint fit", LINEARISATIONS)
+        joint = fit_joint(
+            path,
+            values,
+            observations,
+            poses,
+            free=freed(setup.intrinsics, setup.cover, path),
+            progress=lambda spent, rms: advance(min(spent, LINEARISATIONS), f"{rms:.3f} px"),
+        )
+        advance(LINEARISATIONS, "")
+        values, poses = joint.values, joint.poses
+    missed = residuals(path, values, observations, poses)
+    stages.append(Stage("cover+rbf", missed.rms_px, missed.rmse_cm))
+    return Fitted(path, values, poses, tuple(stages), missed, relief, joint)
+
+
+def _descend(path: Path, values: Values, observations: Observations, poses: Tensor, steps: int, progress: Progress) -> Tensor:
+    advance = progress.task("Relief", steps)
+    corners = len(observations.weight)
+    return descend(
+        path,
+        values,
+        observations,
+        poses,
+        steps=steps,
+        progress=lambda step, loss: advance(step, f"{100 * (loss / corners) ** 0.5:.4f} cm"),
+    )
+
+
+def _check_cover(missed: Residuals) -> None:
+    lost = float((~torch.isfinite(missed.image + missed.board)).any(-1).double().mean())
+    if lost > MOST_LOST:
+        raise NotEnoughDataError(
+            f"{100 * lost:.0f} % of the corners are seen where this cover lets no ray from the camera to the board: "
+            "check the cover's numbers and board.square_mm in session.yaml."
+        )

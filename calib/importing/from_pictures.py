@@ -1,0 +1,30 @@
+"""A plain folder of pictures of a checkerboard."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from calib.errors import InputError
+from calib.importing.session_draft import Draft
+from calib.io.files import reading
+from calib.io.images import image_size, list_images
+from calib.session.board import Board
+from calib.session.camera import Camera
+
+
+def from_pictures(folder: Path, board: Board, model: str = "") -> Draft:
+    """All pictures of a folder; the first says how large they are. `model` is the camera's name."""
+    with reading(folder):
+        if not folder.is_dir():
+            raise InputError(f"{folder} is not a folder: give the folder that holds the pictures.")
+    paths = list_images(folder)
+    if not paths:
+        raise InputError(f"{folder} has no pictures: give a folder of png, jpg, tiff, bmp or npy files.")
+    width, height = image_size(paths[0])
+    return Draft(folder, board, Camera(width, height, model), frames=contents(paths))
+
+
+def contents(paths: Sequence[Path]) -> Iterator[tuple[str, bytes]]:
+    """Names and contents, one picture in memory at a time."""
+    for path in paths:
+        with reading(path):
+            yield path.name, path.read_bytes()

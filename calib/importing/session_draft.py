@@ -1,0 +1,92 @@
+"""A session as other programs' files describe it, and its folder. No file there is ever overwritten."""
+
+import secrets
+import shutil
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from calib.corners.corners_file import write_corners
+from calib.corners.view import View
+from calib.errors import InputError
+from calib.io.files import make_folder, write_atomically
+from calib.session.board import Board
+from calib.session.camera import Camera
+from calib.session.cover import Cover
+from calib.session.session import check_images, read_session, session_from_mapping, session_to_yaml
+
+COVER = """\
+# Imported by calib import from {source}.
+# It knows of no cover: describe yours below in place of "shape: none", and state camera.intrinsics or put pictures of the same camera
+# without its cover into bare/. As it is, the session is a plain camera calibration.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Draft:
+    """What an importer found: corners, or pictures."""
+
+    source: Path
+    """The file or folder that a person named."""
+    board: Board
+    camera: Camera
+    views: tuple[View, ...] = ()
+    frames: Iterable[tuple[str, bytes]] = ()
+    """File names and contents, read as they are written."""
+    remarks: tuple[str, ...] = ()
+    """Lines for session.yaml: what the source knows and a session does not say."""
+
+
+def check_new(folder: Path) -> None:
+    """Refuse a folder that holds anything."""
+    try:
+        taken = folder.is_symlink() or (folder.exists() and (not folder.is_dir() or any(folder.iterdir())))
+    except OSError as error:
+        raise InputError(f"{folder} cannot be read ({error.strerror}): give another folder with -o.") from error
+    if taken:
+        raise InputError(f"{folder} is there already, and no session is overwritten: give the name of a new folder with -o.")
+
+
+def write_session(draft: Draft, folder: Path) -> int:
+    """Write the session folder, whole or not at all; returns how many pictures it has, or views if it has corners.
+
+    Raises:
+        InputError: the folder is taken, or what was imported is no valid session; the message names the source.
+    """
+    check_new(folder)
+    setup = session_to_yaml(draft.board, draft.camera, Cover("none", {}))
+    session_from_mapping(setup, str(draft.source))
+    make_folder(folder.absolute().parent)
+    unfinished = folder.absolute().with_name(f".{secrets.token_hex(8)}.tmp")
+    make_folder(unfinished)
+    try:
+        count = _fill(draft, unfinished, setup)
+        check_new(folder)
+        unfinished.rename(folder)
+    except OSError as error:
+        raise InputError(f"{folder} cannot be written ({error.strerror}): choose another folder with -o.") from error
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
+    return count
+
+
+def _fill(draft: Draft, folder: Path, setup: dict[str, object]) -> int:
+    content = {"format": 1, **setup} | ({"corners": "corners.vnl"} if draft.views else {})
+    head = COVER.format(source=draft.source.name) + "".join(f"# {line}\n" for line in draft.remarks)
+    write_atomically(folder / "session.yaml", head + yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120))
+    if draft.views:
+        write_corners(folder / "corners.vnl", draft.views)
+        read_session(folder)
+        return len(draft.views)
+    frames = folder / "frames"
+    make_folder(frames)
+    for name, data in draft.frames:
+        write_atomically(frames / name, data)
+    try:
+        session = read_session(folder)
+        check_images(session)
+    except InputError as error:
+        raise InputError(str(error).replace(str(frames), str(draft.source))) from error
+    return len(session.frames)

@@ -1,0 +1,66 @@
+"""frames.csv: one row for each picture, with the time and what the camera said.
+
+A row is appended only after its picture is on the disk, so a recording that is cut short leaves at worst a row without its end, or a
+picture without a row. Both are mended when the recording is continued.
+"""
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from calib.errors import InputError
+from calib.io.files import reading
+
+NAME = "frames.csv"
+FIXED = ("file", "time_s", "sequence", "view")
+"""The columns that every recording has: the picture's name, Unix time in s, the driver's counter, and the number of the board's pose,
+which the pictures of a burst share. What the camera said comes after them."""
+
+Row = Mapping[str, str]
+
+
+def read_table(path: Path) -> list[dict[str, str]]:
+    """The rows of a frames.csv, without one that a kill left without its end; none where there is no such file."""
+    with reading(path):
+        if not path.exists():
+            return []
+        data = path.read_bytes()
+    if data.startswith(",".join(FIXED).encode()):  # a recorder's; tables by hand often lack the last line break
+        data = data[: data.rfind(b"\n") + 1]
+    try:
+        text = data.decode("utf-8-sig")
+        rows = list(csv.DictReader(io.StringIO(text, newline=""), restval="", strict=True))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path} is not a CSV table in UTF-8 ({error}): mend it, or move it elsewhere.") from error
+    if any("file" not in row or None in row for row in rows):
+        raise InputError(f"{path} has no column file, or rows longer than its first: its first line must be {','.join(FIXED)},...")
+    return rows
+
+
+def mended(rows: Sequence[Row], pictures: Sequence[Path]) -> list[Row]:
+    """A row for each picture, in the rows' order and then the pictures': those without one get a row that only names them."""
+    names = {picture.name for picture in pictures}
+    kept = [row for row in rows if row["file"] in names]
+    known = {row["file"] for row in kept}
+    return kept + [{"file": picture.name} for picture in pictures if picture.name not in known]
+
+
+def columns(rows: Sequence[Row], more: Sequence[str] = ()) -> list[str]:
+    """Every column of the rows, and others, each once."""
+    return list(dict.fromkeys((*FIXED, *(key for row in rows for key in row), *more)))
+
+
+def to_csv(rows: Sequence[Row], keys: Sequence[str], *, header: bool = True) -> str:
+    """Lines of the table; a cell holds no line break, so that a line without its end is a row without its end."""
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, keys, restval="", lineterminator="\n")
+    if header:
+        writer.writeheader()
+    writer.writerows({key: " ".join(cell.split()) for key, cell in row.items()} for row in rows)
+    return text.getvalue()
+
+
+def last_view(rows: Sequence[Row]) -> int:
+    """The highest number of a view so far; -1 if there is none."""
+    return max((int(row["view"]) for row in rows if row.get("view", "").isdecimal()), default=-1)

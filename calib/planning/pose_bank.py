@@ -1,0 +1,128 @@
+"""The poses in which a person can hold the board before this camera: some hundred, over the picture, depths and tilts.
+
+The cover is not seen here. It shifts the picture of the board by some pixels, for which the picture's margin leaves room.
+"""
+
+from dataclasses import dataclass
+from itertools import product
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.errors import InputError
+from calib.session.board import Board
+from calib.session.camera import Camera
+
+Array = NDArray[np.float64]
+
+MARGIN = 0.01  # of the picture's width, at each border
+AROUND = 0.5  # squares, that must be in the picture around the outermost corners
+TILT = np.radians(32)  # about each axis: at 45 degrees about both, corners are hard to find
+LEVELS = 3  # depths, evenly spaced in inverse depth, in which refraction is linear
+LARGEST, SMALLEST = 0.75, 0.25  # of the picture's shorter side, the board's longer one: the reach, where none is stated
+FOCAL = 0.8  # of the picture's longer side, where intrinsics are not known: 64 degrees across
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """Between which depths the board is held."""
+
+    near: float
+    """m"""
+    far: float
+    """m"""
+
+    def levels(self, count: int = LEVELS) -> Array:
+        """(count,) m, near to far, evenly spaced in inverse depth."""
+        return np.asarray(1 / np.linspace(1 / self.near, 1 / self.far, count), np.float64)
+
+    @staticmethod
+    def of(board: Board, camera: Camera) -> "Reach":
+        """What a board of this size allows: it fills most of the picture, or a quarter."""
+        side = (max(board.columns, board.rows) - 1) * board.square
+        whole = matrix(camera)[0, 0] * side / min(camera.width, camera.height)  # m, where it fills the shorter side
+        return Reach(whole / LARGEST, whole / SMALLEST)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bank:
+    """P poses, and what the bare camera would see of the board in each."""
+
+    poses: Array
+    """(P, 6) T_camera_board: rotation vector (rad) and translation (m)."""
+    corners: Array
+    """(P, count, 2) px"""
+
+
+def bank(board: Board, camera: Camera, reach: Reach) -> Bank:
+    """Every pose of a lattice that leaves the board wholly in the picture: farther boards, which cover less, at more places.
+
+    Raises:
+        InputError: there is none.
+    """
+    low, high = _borders(camera)
+    half = np.array([board.columns - 1, board.rows - 1]) / 2 + AROUND
+    rim = np.array([[x, y, 0] for x, y in product((-1, 1), repeat=2)]) * [*half * board.square, 0]
+    poses = []
+    for level, depth in enumerate(reach.levels()):
+        for tilt in product((-TILT, 0, TILT), repeat=2):
+            turn = np.array([*tilt, 0.0])
+            turned = rim @ cv2.Rodrigues(turn)[0].T
+            away = depth + turned[:, 2:]  # (4, 1) m
+            least, most = (low * away - turned[:, :2]).max(0), (high * away - turned[:, :2]).min(0)  # m: where its middle may be
+            if (least < most).all():
+                across = np.linspace(least[0], most[0], 3 + level)
+                down = np.linspace(least[1], most[1], 3 + level // 2)
+                poses += [np.array([*turn, x, y, depth]) for x, y in product(across, down)]
+    if not poses:
+        raise InputError(
+            f"A board of {board} corners and {board.square * 1000:g} mm is nowhere wholly in the picture between {reach.near:g} and "
+            f"{reach.far:g} m: hold it farther away, or correct its numbers."
+        )
+    return Bank(np.array(poses), np.array([seen_bare(board, camera, pose) for pose in poses]))
+
+
+def matrix(camera: Camera) -> Array:
+    """(3, 3) OpenCV's camera matrix; a usual lens's where the camera's is not known."""
+    k = camera.intrinsics
+    if k:
+        return np.array([[k.fx.value, 0, k.cx.value], [0, k.fy.value, k.cy.value], [0, 0, 1]])
+    focal = FOCAL * max(camera.width, camera.height)
+    return np.array([[focal, 0, (camera.width - 1) / 2], [0, focal, (camera.height - 1) / 2], [0, 0, 1]])
+
+
+def seen_bare(board: Board, camera: Camera, pose: Array) -> Array:
+    """(count, 2) px, where the bare camera sees the corners of a board at (6,)."""
+    seen = cv2.projectPoints(_solid(board), pose[:3], pose[3:], matrix(camera), _lens(camera))[0]
+    return np.asarray(seen, np.float64).reshape(-1, 2)
+
+
+def bare_pose(board: Board, camera: Camera, corners: Array) -> Array | None:
+    """(6,) the pose that (count, 2) px would show to the bare camera; None where no pose does."""
+    found, turn, shift = cv2.solvePnP(_solid(board), corners, matrix(camera), _lens(camera), flags=cv2.SOLVEPNP_IPPE)
+    pose = np.concatenate([np.ravel(turn), np.ravel(shift)]) if found else np.full(6, np.nan)
+    return pose if np.isfinite(pose).all() and pose[5] > 0 else None
+
+
+def rim(board: Board) -> NDArray[np.intp]:
+    """(N,) which corners lie on the board's outline, in order around it."""
+    index = np.arange(board.count).reshape(board.rows, board.columns)
+    return np.concatenate([index[0], index[1:, -1], index[-1, -2::-1], index[-2:0:-1, 0]])
+
+
+def _borders(camera: Camera) -> tuple[Array, Array]:
+    """(2,) the least and the greatest x / z and y / z that are in the picture wherever the other one is."""
+    margin = MARGIN * camera.width
+    x, y = (np.linspace(margin, length - 1 - margin, 9) for length in (camera.width, camera.height))
+    sides = [np.column_stack(np.broadcast_arrays(*side)) for side in ((x[0], y), (x[-1], y), (x, y[0]), (x, y[-1]))]
+    left, right, top, bottom = (cv2.undistortPoints(side, matrix(camera), _lens(camera)).reshape(-1, 2) for side in sides)
+    return np.array([left[:, 0].max(), top[:, 1].max()]), np.array([right[:, 0].min(), bottom[:, 1].min()])
+
+
+def _solid(board: Board) -> Array:
+    return np.column_stack([board.points(), np.zeros(board.count)])
+
+
+def _lens(camera: Camera) -> Array:
+    return np.array([number.value for number in camera.intrinsics.distortion] if camera.intrinsics else [], np.float64)

@@ -1,0 +1,81 @@
+"""The cover in front of the camera: its shapes, and the numbers that each of them has."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from calib.errors import InputError
+from calib.session.schema import Number, Quantity, Section
+
+RADIUS = Quantity("inner_radius_mm", low=0.05, high=1e5)
+GLASS = (
+    Quantity("thickness_mm", low=0.05, high=1e4),
+    Quantity("refractive_index", low=1, high=3),
+    Quantity("outside_index", low=1, high=3, default=1.0),
+)
+AXIS = (
+    Quantity("axis_offset_mm", ("x", "z"), low=-1e5, high=1e5),
+    Quantity("tilt_deg", ("x", "z"), low=-45, high=45, default=0.0),
+)
+SHAPES: Mapping[str, tuple[Quantity, ...]] = {
+    "none": (),
+    "cone": (RADIUS, Quantity("radius_slope", low=-2, high=2), *AXIS, *GLASS),
+    "cylinder": (RADIUS, *AXIS, *GLASS),
+    "flat": (
+        Quantity("distance_mm", low=0.05, high=1e5),
+        Quantity("tilt_deg", ("x", "y"), low=-45, high=45, default=0.0),
+        *GLASS,
+    ),
+    "dome": (RADIUS, Quantity("centre_mm", ("x", "y", "z"), low=-1e5, high=1e5), *GLASS),
+}
+"""Every shape a session may name, and the keys of each."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cover:
+    """A shape and its numbers: {"inner_radius": ..., "tilt.x": ...}, in SI units, by the names of `SHAPES`."""
+
+    shape: str
+    numbers: Mapping[str, Number]
+
+
+def read_cover(section: Section) -> Cover:
+    shapes = tuple(SHAPES)
+    shape = section.choice("shape", shapes, f"one of {', '.join(shapes)}")
+    section.only(("shape", *(quantity.key for quantity in SHAPES[shape])), f"key of the shape {shape}")
+    cover = Cover(shape, {name: number for quantity in SHAPES[shape] for name, number in section.numbers(quantity).items()})
+    _refuse_camera_outside(section, cover)
+    return cover
+
+
+def cover_to_yaml(cover: Cover) -> dict[str, object]:
+    """The mapping that `read_cover` reads as this cover."""
+    written: dict[str, object] = {"shape": cover.shape}
+    for quantity in SHAPES[cover.shape]:
+        entries = [quantity.to_yaml(cover.numbers[name]) for name in quantity.names]
+        written[quantity.key] = entries if quantity.components else entries[0]
+    return written
+
+
+def _refuse_camera_outside(section: Section, cover: Cover) -> None:
+    n = {name: number.value for name, number in cover.numbers.items()}
+    if cover.shape == "dome":
+        away, radius, key, centre = math.hypot(n["centre.x"], n["centre.y"], n["centre.z"]), n["inner_radius"], "centre_mm", "centre"
+    elif cover.shape in ("cone", "cylinder"):
+        along = -_axis_dot_offset(n)  # m, of the pinhole, from the axis's point at y = 0
+        away = math.sqrt(max(n["axis_offset.x"] ** 2 + n["axis_offset.z"] ** 2 - along**2, 0.0))
+        radius, key, centre = n["inner_radius"] + n.get("radius_slope", 0.0) * along, "axis_offset_mm", "axis"
+    else:
+        return
+    if away >= radius:
+        raise InputError(
+            f"{section.file}: {section.at(key)} puts the camera outside the {cover.shape}, {away * 1000:g} mm from its {centre} "
+            f"where the inner radius is {radius * 1000:g} mm: write a smaller {key} or a larger inner_radius_mm."
+        )
+
+
+def _axis_dot_offset(n: Mapping[str, float]) -> float:
+    """m. The axis is y, turned by the rotation vector (tilt.x, 0, tilt.z)."""
+    angle = math.hypot(n["tilt.x"], n["tilt.z"])
+    scale = math.sin(angle) / angle if angle else 1.0
+    return scale * (n["tilt.x"] * n["axis_offset.z"] - n["tilt.z"] * n["axis_offset.x"])

@@ -1,0 +1,162 @@
+"""The session folder: session.yaml, the pictures or corners beside it, and the same camera without its cover."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from calib.errors import InputError
+from calib.io.images import image_size, list_images
+from calib.io.yaml_reader import read_yaml
+from calib.session.board import Board
+from calib.session.camera import Camera, Intrinsics, camera_to_yaml, read_camera
+from calib.session.cover import Cover, cover_to_yaml, read_cover
+from calib.session.schema import Number, Quantity, Section
+
+__all__ = [
+    "Board",
+    "Camera",
+    "Cover",
+    "Intrinsics",
+    "Number",
+    "Session",
+    "check_images",
+    "read_session",
+    "session_from_mapping",
+    "session_to_yaml",
+]
+
+FORMAT = 1
+MINIMAL = "{format: 1, board: {columns: 9, rows: 6, square_mm: 25.0}, camera: {width: 1640, height: 1232}, cover: {shape: none}}"
+SQUARE = Quantity("square_mm", low=0.05, high=1e5)
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """What a session folder says. Its pictures and corners are not read yet."""
+
+    path: Path
+    """The folder."""
+    board: Board
+    camera: Camera
+    cover: Cover
+    frames: tuple[Path, ...]
+    """Pictures through the cover; may be empty if there are corners."""
+    corners: Path | None
+    """Corners already detected: read these, not the frames."""
+    bare: "Session | None"
+    """The same camera without the cover."""
+
+
+def read_session(path: Path) -> Session:
+    """Read and check a session folder; an InputError says what is wrong, where, and what to write instead."""
+    try:
+        return _read(path, bare_of=None)
+    except OSError as error:
+        raise InputError(f"{error.filename or path} cannot be read ({error.strerror}): check its name and permissions.") from error
+
+
+def check_images(session: Session) -> None:
+    """Read every picture, and refuse one that is damaged or of another size than the camera."""
+    camera = session.camera
+    for frame in session.frames:
+        width, height = image_size(frame)
+        if (width, height) != (camera.width, camera.height):
+            raise InputError(
+                f"{frame} is {width}x{height} px where camera.width and camera.height in session.yaml say {camera.width}x{camera.height}: "
+                "correct them, or remove the picture."
+            )
+    if session.bare:
+        check_images(session.bare)
+
+
+def session_from_mapping(mapping: Mapping[str, object], where: str) -> tuple[Board, Camera, Cover]:
+    """Read the keys board, camera and cover; `where` names the file in messages."""
+    section = Section(mapping, where)
+    section.only(("board", "camera", "cover"))
+    return _read_setup(section)
+
+
+def session_to_yaml(board: Board, camera: Camera, cover: Cover) -> dict[str, object]:
+    """The mapping that `session_from_mapping` reads as the same numbers."""
+    return {
+        "board": {"columns": board.columns, "rows": board.rows, "square_mm": SQUARE.to_yaml(Number(board.square))},
+        "camera": camera_to_yaml(camera),
+        "cover": cover_to_yaml(cover),
+    }
+
+
+def _read(path: Path, bare_of: Session | None) -> Session:
+    file = path / "session.yaml"
+    if not path.is_dir():
+        raise InputError(f"{path} is not a folder: give the folder that holds session.yaml.")
+    if not file.exists():
+        raise InputError(f"{path} has no session.yaml: write one that describes your set-up, at the least {MINIMAL}")
+    section = Section(read_yaml(file), str(file))
+    section.choice("format", (FORMAT,), f"{FORMAT}, the format that this version of calib reads")
+    section.only(("format", "board", "camera", "cover", "corners"))
+    board, camera, cover = _read_setup(section)
+    corners = _corners(section, path)
+    frames = list_images(path / "frames") if (path / "frames").is_dir() else ()
+    if not frames and not corners:
+        hint = "write corners: corners.vnl in session.yaml to use that file, or put" if (path / "corners.vnl").exists() else "put"
+        raise InputError(f"{path} has no pictures: {hint} png, jpg, tiff, bmp or npy files in {path / 'frames'}.")
+    session = Session(path, board, camera, cover, frames, corners, None)
+    if bare_of:
+        _check_bare(session, bare_of, file)
+        return session
+    session = replace(session, bare=_bare(session))
+    if not (camera.intrinsics or session.bare or cover.shape == "none"):
+        raise InputError(
+            f"{file}: camera.intrinsics is missing: write {{fx: ..., fy: ..., cx: ..., cy: ..., distortion: [...]}}, "
+            f"or put pictures taken without the cover in {path / 'bare'}."
+        )
+    return session
+
+
+def _read_setup(section: Section) -> tuple[Board, Camera, Cover]:
+    board = section.section("board", "{columns: 9, rows: 6, square_mm: 25.0}")
+    camera = section.section("camera", "{width: 1640, height: 1232}")
+    cover = section.section("cover", "{shape: none}")
+    return _read_board(board), read_camera(camera), read_cover(cover)
+
+
+def _read_board(section: Section) -> Board:
+    section.only(("columns", "rows", "square_mm"))
+    columns, rows = (section.whole(key, 3, 1000) for key in ("columns", "rows"))
+    square = section.numbers(SQUARE)["square"]
+    if square.sigma:
+        raise section.wrong(SQUARE.key, section.values[SQUARE.key], SQUARE.expected)
+    return Board(columns, rows, square.value)
+
+
+def _corners(section: Section, folder: Path) -> Path | None:
+    if "corners" not in section.values:
+        return None
+    path = folder / section.text("corners", "the name of a corners file, such as corners.vnl")
+    if not path.is_file():
+        raise InputError(f"{section.file}: corners names {path}, which is not a file: write the name of a corners file, or drop the key.")
+    return path
+
+
+def _bare(session: Session) -> Session | None:
+    folder = session.path / "bare"
+    if not folder.is_dir():
+        return None
+    if (folder / "session.yaml").exists():
+        return _read(folder, bare_of=session)
+    frames = list_images(folder)
+    if not frames:
+        raise InputError(f"{folder} has neither pictures nor a session.yaml: put pictures taken without the cover there, or remove it.")
+    camera = replace(session.camera, intrinsics=None)
+    return Session(folder, session.board, camera, Cover("none", {}), frames, None, None)
+
+
+def _check_bare(bare: Session, session: Session, file: Path) -> None:
+    if bare.cover.shape != "none":
+        raise InputError(f"{file}: cover.shape is {bare.cover.shape}: write none, as bare/ is the camera without its cover.")
+    ours, theirs = session.camera, bare.camera
+    if (ours.width, ours.height) != (theirs.width, theirs.height):
+        raise InputError(
+            f"{file}: camera is {theirs.width}x{theirs.height} px: write {ours.width}x{ours.height}, as in the session around it, "
+            "or take both with the same camera mode."
+        )

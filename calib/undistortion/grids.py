@@ -1,0 +1,43 @@
+"""Evenly spaced nodes over a picture, and the cells between them."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from calib.undistortion.spline import FEWEST
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+def grid(size: int, spacing: float, margin: float) -> Array:
+    """Evenly spaced nodes from -0.5 - margin to size - 0.5 + margin, about `spacing` apart and six at least."""
+    count = max(FEWEST, int(np.ceil((size + 2 * margin) / spacing)) + 1)
+    return np.linspace(-0.5 - margin, size - 0.5 + margin, count)
+
+
+def middles(nodes: Array) -> Array:
+    return np.asarray((nodes[1:] + nodes[:-1]) / 2)
+
+
+def cell(at: NDArray[np.generic], nodes: Array) -> NDArray[np.intp]:
+    """Between which two of the evenly spaced nodes each coordinate lies: the index of the first."""
+    return np.asarray(np.clip((at - nodes[0]) / (nodes[1] - nodes[0]), 0, len(nodes) - 2).astype(np.intp))
+
+
+def all_corners(nodes: Mask) -> Mask:
+    """(h - 1, w - 1) whether all four nodes around a cell are true."""
+    return nodes[1:, 1:] & nodes[1:, :-1] & nodes[:-1, 1:] & nodes[:-1, :-1]
+
+
+def inner(sure: Mask) -> Mask:
+    """What is further than two cells from any that is not sure: finer nodes would not help there."""
+    return sure if sure.all() else np.asarray(distance_transform_edt(sure) > 2)
+
+
+def carried_on(field: Array, valid: Mask) -> Array:
+    """The field with what is not valid replaced by its nearest valid neighbour's value."""
+    if valid.all():
+        return field
+    nearest = distance_transform_edt(~valid, return_distances=False, return_indices=True)
+    return np.asarray(field[tuple(nearest)])

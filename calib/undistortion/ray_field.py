@@ -1,0 +1,187 @@
+"""Undistortion maps for any depth, from one field of rays.
+
+A pixel's ray leaves the cover at x_o along r_o, whatever the depth of what it meets. So the undistorted pixel at depth Z is exactly
+p_u = A + B / Z with A = K r_o / r_oz and B = K' (x_o - r_o x_oz / r_oz), K' without the principal point (the paper's Fig. 8). A and
+B are smooth: a coarse grid with cubic splines holds them, and the inverse that cv2.remap wants is solved on a coarse grid as well.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from calib.errors import InputError
+from calib.optics.params import Values
+from calib.optics.path import Path
+from calib.undistortion.grids import Array, Mask, all_corners, carried_on, cell, grid, inner, middles
+from calib.undistortion.inverse import ACCEPTED, SPACING, Inverse, invert, solve, spacings
+from calib.undistortion.spline import Spline
+from calib.undistortion.window import Window
+
+FINEST = 2
+MOST_NODES = 700_000
+"""Refinement stops before it would take more."""
+TOLERANCE = 0.002
+"""px: how far a spline should be from the traced rays. It leaves room for the second spline under the promised 0.01 px."""
+CHECK_DEPTH = 0.1
+"""m: where the splines are compared with rays. Nearer than a board can be held, so parallax counts in full."""
+MARGIN = 0.06
+"""How far the nodes reach beyond the image, as a fraction of its side: a spline needs neighbours at the border."""
+NEAREST = 1e-3
+"""m: the least depth of a map. Nearer, the point would lie in the lens or its cover, and parallax / depth loses its meaning."""
+CHUNK = 65_536
+"""Rays traced at once: an uneven cover takes memory for every ray and bump."""
+
+
+@dataclass(frozen=True, slots=True)
+class DepthMap:
+    """Where the distorted picture holds each undistorted pixel, for cv2.remap."""
+
+    depth: float
+    """m"""
+    x: NDArray[np.float32]
+    """(height, width) px; -1 where not valid."""
+    y: NDArray[np.float32]
+    valid: Mask
+    """(height, width), false where the camera does not see that direction through its cover."""
+
+
+@dataclass(frozen=True, slots=True)
+class RayField:
+    """A and B on a grid of distorted pixels."""
+
+    width: int
+    height: int
+    nodes_x: Array
+    """(w,) px"""
+    nodes_y: Array
+    """(h,) px"""
+    infinite: Array
+    """(h, w, 2) px, A: the undistorted pixel at infinite depth."""
+    parallax: Array
+    """(h, w, 2) px m, B: what is added for each 1/m of inverse depth."""
+    valid: Mask
+    """(h, w), false where no ray leaves the cover, or where the lens or cover bends so sharply that the nodes do not hold it. A and B are
+    carried on there. Between four valid nodes, the splines are true."""
+
+    nearest: Array
+    """(h, w) m: how far in front of the camera its ray leaves the cover. It sees nothing nearer."""
+
+    @property
+    def window(self) -> Window:
+        """The picture of the bare pinhole camera."""
+        return Window(self.width, self.height)
+
+    @property
+    def spacing(self) -> float:
+        """px between nodes."""
+        return float(self.nodes_x[1] - self.nodes_x[0])
+
+    def spline(self, depth: float) -> Spline:
+        """From distorted to undistorted px at depth m."""
+        return Spline.through(self.nodes_x, self.nodes_y, self.infinite + self.parallax / depth)
+
+    def undistorted(self, pixels: Array, depth: float | Array) -> Array:
+        """(N, 2) distorted px to (N, 2) undistorted px at depth m, one for all or (N,)."""
+        return self._forward(pixels, depth)[0]
+
+    def distorted(self, pixels: Array, depth: float | Array) -> tuple[Array, Mask]:
+        """(N, 2) undistorted px at depth m, one for all or (N,), to (N, 2) distorted px, and (N,) whether the camera sees them."""
+        each = np.broadcast_to(np.asarray(depth, dtype=np.float64), len(pixels))
+        found, held = solve(self, lambda some, rows: self._forward(some, each[rows]), pixels, float(np.median(each)))
+        return found, held & self.sees(found[:, 0], found[:, 1], each)
+
+    def sees(self, x: NDArray[np.floating], y: NDArray[np.floating], depth: float | NDArray[np.floating]) -> Mask:
+        """(...) whether distorted px lie on the image, see through the cover, and see as near as depth m."""
+        seen = (x >= -0.5) & (x <= self.width - 0.5) & (y >= -0.5) & (y <= self.height - 0.5)
+        near = bool((np.asarray(depth) <= self.nearest.max()).any())
+        if near or not self.valid.all():
+            column, row = cell(x, self.nodes_x), cell(y, self.nodes_y)
+            seen &= all_corners(self.valid)[row, column]
+            if near:
+                out = sliding_window_view(self.nearest, (2, 2)).max((2, 3))
+                seen &= depth > out[row, column]
+        return seen
+
+    def map_at(self, depth: float, window: Window | None = None) -> DepthMap:
+        """The map of one depth, in m; infinity is a depth. By default, of the picture that the bare pinhole camera takes."""
+        check_depth(depth)
+        window = window or self.window
+        return self._filled(invert(self, depth, window), depth, window)
+
+    def _forward(self, pixels: Array, depth: float | Array) -> tuple[Array, Array]:
+        both = Spline.through(self.nodes_x, self.nodes_y, np.concatenate([self.infinite, self.parallax], -1))
+        value, slopes = both.at(pixels)
+        near = 1 / np.broadcast_to(np.asarray(depth, dtype=np.float64), len(pixels))
+        return value[:, :2] + near[:, None] * value[:, 2:], slopes[:, :2] + near[:, None, None] * slopes[:, 2:]
+
+    def _filled(self, inverse: Inverse, depth: float, window: Window) -> DepthMap:
+        shape = window.height, window.width
+        made = DepthMap(depth, np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.bool_))
+        whole = bool(inverse.cells.all())
+        column, row = (cell(np.arange(size), nodes) for size, nodes in ((window.width, inverse.columns), (window.height, inverse.rows)))
+        for rows, (x, y) in inverse.spline.strips(window.width, window.height):
+            valid = self.sees(x, y, depth)
+            if not whole:
+                valid &= inverse.cells[row[rows]][:, column]
+            if not valid.all():
+                np.copyto(x, -1, where=~valid)
+                np.copyto(y, -1, where=~valid)
+            made.x[rows], made.y[rows], made.valid[rows] = x, y, valid
+        return made
+
+
+def check_depth(depth: float) -> None:
+    """Refuse what is not a distance of something that the camera can see."""
+    if not depth > 0:
+        raise InputError(f"depth {depth:g} is not a distance in front of the camera: write metres above 0, such as 1.0.")
+    if depth < NEAREST:
+        raise InputError(f"depth {depth:g} m is too near: write metres from {NEAREST:g} on, beyond the cover, such as 1.0.")
+
+
+def ray_field(path: Path, values: Values, width: int, height: int) -> RayField:
+    """Trace the field, on a grid fine enough that between its nodes, too, its splines agree with tracing."""
+    for spacing in spacings(FINEST):
+        columns, rows = (grid(size, spacing, MARGIN * size) for size in (width, height))
+        at, infinite, parallax, nearest, ok = _affine(path, values, columns, rows)
+        if spacing == SPACING and not ok.any():
+            raise InputError("No ray of this camera leaves its cover: check the cover's numbers.")
+        if spacing > SPACING and not ok.all():
+            continue
+        displacement = carried_on(infinite - at, ok)
+        field = RayField(width, height, columns, rows, at + displacement, carried_on(parallax, ok), ok, carried_on(nearest, ok))
+        between, infinite, parallax, _, arrived = _affine(path, values, middles(columns), middles(rows))
+        off = np.linalg.norm(
+            field.undistorted(between.reshape(-1, 2), CHECK_DEPTH).reshape(infinite.shape) - infinite - parallax / CHECK_DEPTH, axis=-1
+        )
+        sure = all_corners(ok) & arrived
+        good = sure & (off < ACCEPTED)
+        seen = (np.abs(between - [(width - 1) / 2, (height - 1) / 2]) <= [width / 2, height / 2]).all(-1)
+        if off[inner(sure) & seen].max(initial=0) < TOLERANCE and (spacing <= SPACING or good.all()):
+            break
+        if 4 * len(columns) * len(rows) > MOST_NODES:
+            break
+    bad = np.pad(~good, 1)
+    touched = bad[1:, 1:] | bad[1:, :-1] | bad[:-1, 1:] | bad[:-1, :-1]
+    return replace(field, valid=ok & ~touched)
+
+
+def _affine(path: Path, values: Values, columns: Array, rows: Array) -> tuple[Array, Array, Array, Array, Mask]:
+    """The (h, w, 2) px of a grid, their A (h, w, 2) px and B (h, w, 2) px m, the (h, w) m in front of the camera where their rays leave the
+    cover, and (h, w) whether they go forward out of it."""
+    at = np.stack(np.meshgrid(columns, rows), -1)
+    fx, fy, cx, cy = (values[f"camera.{name}"] for name in ("fx", "fy", "cx", "cy"))
+    chunks = []
+    for first in range(0, len(columns) * len(rows), CHUNK):
+        rays = path.trace(torch.from_numpy(at.reshape(-1, 2)[first : first + CHUNK]), values)
+        ok = (rays.failure == 0) & (rays.direction.z > 1e-3)
+        forward = torch.where(ok, rays.direction.z, torch.ones_like(rays.direction.z))
+        tan_x, tan_y = rays.direction.x / forward, rays.direction.y / forward
+        infinite = torch.stack([fx * tan_x + cx, fy * tan_y + cy], -1)
+        parallax = torch.stack([fx * (rays.origin.x - tan_x * rays.origin.z), fy * (rays.origin.y - tan_y * rays.origin.z)], -1)
+        chunks.append((infinite, parallax, rays.origin.z, ok))
+    shape = at.shape[:2]
+    a, b, nearest, arrived = (torch.cat(parts).numpy() for parts in zip(*chunks, strict=True))
+    return at, a.reshape(at.shape), b.reshape(at.shape), nearest.reshape(shape), arrived.reshape(shape)

@@ -1,0 +1,67 @@
+"""session.yaml of a recording: read and compared with what was asked for, or written."""
+
+from pathlib import Path
+
+import yaml
+
+from calib.errors import InputError
+from calib.io.files import reading
+from calib.io.yaml_reader import read_yaml
+from calib.session.board import Board
+from calib.session.camera import Camera
+from calib.session.cover import Cover
+from calib.session.schema import Section
+from calib.session.session import FORMAT, session_from_mapping, session_to_yaml
+from capture.disk import write_durably
+
+Setup = tuple[Board, Camera, Cover]
+
+
+def read_setup(file: Path) -> Setup:
+    """Board, camera and cover of a session.yaml, whose folder may have no pictures yet."""
+    written = read_yaml(file)
+    Section(written, str(file)).choice("format", (FORMAT,), f"{FORMAT}, the format that this version reads")
+    return session_from_mapping({key: value for key, value in written.items() if key not in ("format", "corners")}, str(file))
+
+
+def board_of(session: Path, asked: Board | None, like: Setup | None = None) -> Board:
+    """The board that a session folder describes, or the one that was asked for where it describes none yet.
+
+    InputError where it describes another board than was asked for, or another cover than `like` has.
+    """
+    file = session / "session.yaml"
+    with reading(file):
+        described = file.exists()
+    if not described:
+        if asked is None:
+            raise InputError(f"{session} has no session.yaml yet: describe the board by --board 9x9 --square-mm 20 (inner corners).")
+        return asked
+    if "corners" in read_yaml(file):
+        raise InputError(
+            f"{file} names a corners file, so calib would not look at new pictures: drop the key corners, or record elsewhere."
+        )
+    board, _, cover = read_setup(file)
+    if asked not in (None, board):
+        raise InputError(
+            f"{file} describes a board of {_described(board)} where {_described(asked)} were asked for: "
+            "leave --board and --square-mm out, correct the file, or record elsewhere."
+        )
+    if like and like[2] != cover:
+        raise InputError(f"{file} describes another cover than --cover-from's: leave that out, correct the file, or record elsewhere.")
+    return board
+
+
+def write_setup(session: Path, board: Board, size: tuple[int, int], like: Setup | None) -> Cover:
+    """Describe a session whose pictures have this size, with another's cover and, if its pictures are as large, its camera."""
+    camera, cover = Camera(*size), Cover("none", {})
+    if like:
+        cover = like[2]
+        if (like[1].width, like[1].height) == size:
+            camera = like[1]
+    described = {"format": FORMAT, **session_to_yaml(board, camera, cover)}
+    write_durably(session / "session.yaml", yaml.safe_dump(described, sort_keys=False, allow_unicode=True, width=120))
+    return cover
+
+
+def _described(board: Board) -> str:
+    return f"{board} corners and {board.square * 1000:g} mm"

@@ -1,0 +1,258 @@
+"""Measuring in metres: against points that were put there, with sigmas that are what repetition shows."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from calib.apply.measure import BoardPose, Measured, Measurer
+from calib.apply.measure_files import read_points, read_poses
+from calib.calibration import Calibration
+from calib.cli import main
+from calib.corners.view import View
+from calib.errors import InputError, NotEnoughDataError
+from fixtures.known import known, lens_alone
+from fixtures.synthetic import HEIGHT, WIDTH, Scene, scene
+
+POSES = np.array([[0.3, -0.2, 0.1, 0.05, 0.02, 0.6], [-0.35, 0.25, 0.2, -0.08, 0.03, 0.5]])
+NOISE = 0.1
+REPEATS = 20
+
+
+@pytest.fixture(scope="module")
+def made() -> Scene:
+    return scene(1, views=2, grid=(8, 8), amplitude=3e-5)
+
+
+@pytest.fixture(scope="module")
+def calibration(made: Scene) -> Calibration:
+    return known(made, WIDTH, HEIGHT)
+
+
+def placed(points: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    """(N, 3) m in a board's frame to the camera's."""
+    return np.asarray(points @ cv2.Rodrigues(pose[:3])[0].T + pose[3:])
+
+
+def seen(calibration: Calibration, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
+    return calibration.project(placed(points, pose))
+
+
+def view_of(calibration: Calibration, pose: np.ndarray, rng: np.random.Generator | None = None) -> View:
+    points = np.column_stack([calibration.board.points(), np.zeros(calibration.board.count)])
+    pixels = seen(calibration, pose, points)
+    if rng:
+        pixels = pixels + rng.normal(0, NOISE / 2**0.5, pixels.shape)
+    return View("board", pixels, np.ones(len(pixels)))
+
+
+def test_points_on_a_plane_across_the_axis(calibration: Calibration) -> None:
+    points = np.array([[0.1, -0.05, 0.8], [-0.2, 0.1, 0.8], [0.0, 0.0, 0.8]])
+    measured = Measurer(calibration).on_planes(calibration.project(points), [BoardPose.facing(0.8)], [0, 0, 0])
+    assert np.abs(measured.points - points).max() < 1e-9
+    assert measured.distance(0, 1)[0] == pytest.approx(np.linalg.norm(points[1] - points[0]), abs=1e-9)
+    assert (measured.sigma[:, 2] == 0).all(), "the plane is given"
+    assert measured.sigma[:, :2] == pytest.approx(0.1 / 2**0.5 * 0.8 / 2558, rel=0.2)
+
+
+def test_points_on_two_boards(calibration: Calibration) -> None:
+    spots = np.array([[0.03, 0.05, 0.0], [-0.07, 0.0, 0.0]])
+    measurer = Measurer(calibration)
+    boards = [measurer.board_pose(view_of(calibration, pose)) for pose in POSES]
+    pixels = np.concatenate([seen(calibration, pose, spots) for pose in POSES])
+    measured = measurer.on_planes(pixels, boards, [0, 0, 1, 1])
+    true = np.concatenate([placed(spots, pose) for pose in POSES])
+    assert np.abs(measured.points - true).max() < 1e-7
+    assert measured.distance(0, 3)[0] == pytest.approx(np.linalg.norm(true[3] - true[0]), abs=1e-7)
+
+
+def test_points_that_two_views_see(calibration: Calibration) -> None:
+    """The board stands still and the camera moves; the points are off the board."""
+    points = np.array([[0.02, 0.03, -0.05], [-0.06, 0.04, 0.10]])
+    measurer = Measurer(calibration)
+    boards = [measurer.board_pose(view_of(calibration, pose)) for pose in POSES]
+    pixels = np.concatenate([seen(calibration, pose, points) for pose in POSES])
+    measured = measurer.triangulate(pixels, boards, [0, 0, 1, 1], [0, 1, 0, 1])
+    assert np.abs(measured.points - points).max() < 1e-7
+    assert measured.gap_px.max() < 1e-3
+    parallel = measurer.triangulate(pixels[[0, 0]], [boards[0], boards[0]], [0, 1], [0, 0])
+    assert np.isnan(parallel.points).all(), "two pictures from one place say nothing of the depth"
+
+
+@pytest.mark.parametrize("how", ["plane", "boards", "views"])
+def test_sigma_is_what_repeated_noise_shows(how: str) -> None:
+    """A camera without a cover, many times with other noise on corners and points: the spread is within its own statistical error."""
+    calibration = lens_alone(scene(1, views=1), 820, 616, 640, 640, 410, 308)
+    rng = np.random.default_rng(0)
+    measurer = Measurer(calibration)
+    on, off = np.array([[0.03, 0.05, 0.0], [-0.07, 0.01, 0.0]]), np.array([0, 0, -0.05])
+    across = np.array([[0.1, 0.05, 0.7], [-0.1, 0.0, 0.7]])
+
+    def boards(count: int) -> list[BoardPose]:
+        return [measurer.board_pose(view_of(calibration, pose, rng)) for pose in POSES[:count]]
+
+    def noisy(pixels: np.ndarray) -> np.ndarray:
+        return np.asarray(pixels + rng.normal(0, NOISE / 2**0.5, pixels.shape))
+
+    def once() -> tuple[Measured, np.ndarray]:
+        if how == "views":
+            both = noisy(np.concatenate([seen(calibration, pose, on + off) for pose in POSES]))
+            return measurer.triangulate(both, boards(2), [0, 0, 1, 1], [0, 1, 0, 1]), on + off
+        if how == "boards":
+            return measurer.on_planes(noisy(seen(calibration, POSES[0], on)), boards(1), [0, 0]), placed(on, POSES[0])
+        return measurer.on_planes(noisy(calibration.project(across)), [BoardPose.facing(0.7)], [0, 0]), across
+
+    errors, said, apart, said_apart = [], [], [], []
+    for _ in range(REPEATS):
+        measured, true = once()
+        errors.append(measured.points - true)
+        said.append(measured.sigma)
+        metres, sigma = measured.distance(0, 1)
+        apart.append(metres - np.linalg.norm(true[1] - true[0]))
+        said_apart.append(sigma)
+    counted = np.mean(said, 0) > 0
+    ratio = np.sqrt(np.mean(np.square(errors), 0))[counted] / np.mean(said, 0)[counted]
+    assert ratio.mean() == pytest.approx(1, abs=0.25)  # 16 % standard error each
+    assert np.sqrt(np.mean(np.square(apart))) / np.mean(said_apart) == pytest.approx(1, abs=0.4)
+
+
+def test_uncertain_glass_shows_in_sigma(made: Scene) -> None:
+    """With doubt of one amplitude alone, the sigma of a distance between two boards is how much it changes with that amplitude: the boards'
+    poses are refitted, and a motion of all rays moves both boards alike."""
+    truth = replace(known(made, WIDTH, HEIGHT), noise_px=1e-6)
+    covariance = np.zeros((64, 64))
+    covariance[27, 27] = 1e-6**2
+    doubtful = replace(truth, covariance=covariance, views=made.views, poses=made.poses.numpy())
+    amplitudes = truth.amplitudes.copy()
+    amplitudes.flat[27] += 1e-6
+    views = [view_of(truth, pose) for pose in POSES]
+    pixels = np.concatenate([view.corners[::16] for view in views])
+    found = []
+    for calibration in (truth, replace(truth, amplitudes=amplitudes), doubtful):
+        measurer = Measurer(calibration)
+        found.append(measurer.on_planes(pixels, [measurer.board_pose(view) for view in views], [0] * 6 + [1] * 6))
+    still, moved, said = ([one.distance(i, j) for i in range(6) for j in range(6, 12)] for one in found)
+    change = np.abs(np.array(moved) - np.array(still))[:, 0]
+    sigma = np.array(said)[:, 1]
+    assert change.max() > 1e-6
+    assert sigma == pytest.approx(change, abs=0.03 * change.max())
+
+
+def drawn_board(path: Path, calibration: Calibration, pose: np.ndarray) -> None:
+    """A picture of the board: for each pixel of the camera, where its ray meets the board, and the colour of the square there."""
+    camera, board = calibration.camera, calibration.board
+    fine = np.stack(np.meshgrid(np.arange(2 * camera.width), np.arange(2 * camera.height)), -1).reshape(-1, 2) / 2 - 0.25
+    measured = Measurer(calibration)
+    origins, directions = measured.calibration.rays(fine)
+    turn = cv2.Rodrigues(pose[:3])[0]
+    along = ((pose[3:] - origins) @ turn[:, 2]) / (directions @ turn[:, 2])
+    on = ((origins + along[:, None] * directions - pose[3:]) @ turn[:, :2]) / board.square + [(board.columns + 1) / 2, (board.rows + 1) / 2]
+    black = (np.floor(on).sum(1) % 2 == 0) & (on > 0).all(1) & (on < [board.columns + 1, board.rows + 1]).all(1)
+    sheet = np.where(black, 30, 200).astype(np.uint8).reshape(2 * camera.height, 2 * camera.width)
+    cv2.imwrite(str(path), cv2.GaussianBlur(cv2.resize(sheet, (camera.width, camera.height), interpolation=cv2.INTER_AREA), (3, 3), 0.6))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A calibration, two pictures of one board, and points that were put there."""
+    folder = tmp_path_factory.mktemp("measure")
+    calibration = lens_alone(scene(1, views=1), 820, 616, 640, 640, 410, 308)
+    calibration.save(folder / "calibration")
+    points = np.array([[0.02, 0.03, 0.0], [-0.06, 0.04, 0.0], [0.01, -0.07, -0.06]])
+    lines = ["# three points, the last above the board", "name,image,x,y"]
+    for image, pose in zip(("a.png", "b.png"), POSES, strict=True):
+        drawn_board(folder / image, calibration, pose)
+        lines += [f"{name},{image},{x},{y}" for name, (x, y) in zip("pqr", seen(calibration, pose, points), strict=True)]
+    (folder / "points.csv").write_text("\n".join(lines) + "\n")
+    (folder / "plane.csv").write_text("\n".join(lines[:4]) + "\n")
+    rows = [",".join([image, *map(str, pose)]) for image, pose in zip(("a.png", "b.png"), POSES, strict=True)]
+    (folder / "poses.csv").write_text("image,rx,ry,rz,tx,ty,tz\n" + "\n".join(rows) + "\n")
+    return folder
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, list[dict[str, Any]]]:
+    assert main(["measure", *map(str, arguments), "--json"]) == 0
+    answer: dict[str, list[dict[str, Any]]] = json.loads(capsys.readouterr().out)
+    return answer
+
+
+def test_the_command_measures_on_boards(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    answer = said(capsys, folder / "calibration", folder / "plane.csv", "--on-boards")
+    assert answer["distances"][0]["m"] == pytest.approx(np.hypot(0.08, 0.01), abs=2e-4)
+    exact = said(capsys, folder / "calibration", folder / "plane.csv", "--on-boards", "--poses", folder / "poses.csv")
+    assert exact["distances"][0]["m"] == pytest.approx(np.hypot(0.08, 0.01), abs=1e-7)
+    assert exact["distances"][0]["sigma_m"] < answer["distances"][0]["sigma_m"]
+
+
+def test_the_command_triangulates_although_a_board_looks_the_same_turned_about(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    answer = said(capsys, folder / "calibration", folder / "points.csv", "--triangulate")
+    assert [point["name"] for point in answer["points"]] == ["p", "q", "r"]
+    heights = [abs(point["m"][2]) for point in answer["points"]]
+    assert heights == pytest.approx([0, 0, 0.06], abs=1e-3)
+    assert answer["distances"][0]["m"] == pytest.approx(np.hypot(0.08, 0.01), abs=3e-4)
+    assert max(point["gap_px"] for point in answer["points"]) < 1
+
+
+def test_the_command_prints_a_table(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["measure", str(folder / "calibration"), str(folder / "plane.csv"), "--depth", "0.6", "--noise", "0.5"]) == 0
+    out = capsys.readouterr().out
+    assert "camera frame, metres" in out
+    assert "0.600000 ±" in " ".join(out.split())
+    assert "Pixel noise 0.500 px per axis" in out
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "has no column x"),
+        ("x,y\n", "holds no entry"),
+        ("x,y\n1,a\n", "entry 1: x, y are not all numbers"),
+        ("x,y\n1,2\n3\n", "entry 2: x, y are not all numbers"),
+        ("u,v\n1,2\n", "has no column x"),
+    ],
+)
+def test_points_files_get_their_sentence(tmp_path: Path, text: str, says: str) -> None:
+    (tmp_path / "p.csv").write_text(text)
+    with pytest.raises(InputError, match=says):
+        read_points(tmp_path / "p.csv")
+
+
+def test_files_that_cannot_be_read_get_their_sentence(tmp_path: Path) -> None:
+    (tmp_path / "p.csv").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match="not a text file"):
+        read_poses(tmp_path / "p.csv")
+    with pytest.raises(InputError, match="cannot be read"):
+        read_poses(tmp_path / "none.csv")
+
+
+@pytest.mark.parametrize(
+    ("points", "arguments", "says", "code"),
+    [
+        ("x,y\n1,2\n", ["--on-boards"], "add a column `image`", 2),
+        ("name,image,x,y\np,a.png,1,2\n", ["--triangulate"], "p is in one picture only", 3),
+        ("image,x,y\nnone.png,1,2\n", ["--on-boards"], "none.png cannot be read", 2),
+        ("image,x,y\nblank.png,1,2\n", ["--on-boards"], "does not show the whole 9x9 board", 3),
+        ("image,x,y\nsmall.png,1,2\n", ["--on-boards"], "is 50x40 px where the calibration is for 820x616", 2),
+        ("image,x,y\nc.png,1,2\n", ["--on-boards", "--poses", "poses.csv"], "the poses do not name c.png", 2),
+    ],
+)
+def test_what_cannot_be_measured_gets_its_sentence(
+    folder: Path, capsys: pytest.CaptureFixture[str], points: str, arguments: list[str], says: str, code: int
+) -> None:
+    (folder / "wrong.csv").write_text(points)
+    cv2.imwrite(str(folder / "blank.png"), np.full((616, 820), 128, np.uint8))
+    cv2.imwrite(str(folder / "small.png"), np.full((40, 50), 128, np.uint8))
+    given = [str(folder / word) if word.endswith(".csv") else word for word in arguments]
+    assert main(["measure", str(folder / "calibration"), str(folder / "wrong.csv"), *given]) == code
+    assert says in capsys.readouterr().err
+
+
+def test_a_board_of_which_too_little_is_seen_gives_no_pose(calibration: Calibration) -> None:
+    view = view_of(calibration, POSES[0])
+    few = View("few.png", np.where(np.arange(81)[:, None] < 5, view.corners, np.nan), np.where(np.arange(81) < 5, 1.0, 0.0))
+    with pytest.raises(NotEnoughDataError, match=r"few.png: only 5 corners"):
+        Measurer(calibration).board_pose(few)

@@ -1,0 +1,91 @@
+"""What a diagnosis says on the screen, and how one goes on with what it found."""
+
+import shutil
+from pathlib import Path
+
+from textual.pilot import Pilot
+
+from calib.diagnosis.finding import Candidate, Diagnosis, Estimate, Quality
+from capture.tui.diagnosing import told
+from tests.capture.tui.driving import drive, running, see, shown
+
+BOW = Candidate(
+    effect="board_bow",
+    form="",
+    chi2=2838.0,
+    dof=2,
+    p_value=0.0,
+    absorbed=0.0,
+    held_out_px_before=0.59,
+    held_out_px_after=0.17,
+    gain_ci95=(0.3, 0.5),
+    parameters={"board_bow.x": Estimate(0.001002, 3.3e-6, "m")},
+    confounded_with=(),
+    accepted=True,
+    verdict="found",
+)
+FOCAL = Candidate("focal", "", 1.0, 1, 0.4, 0.99, None, None, None, {}, (), False, "absorbed")
+FINDING = Diagnosis(
+    noise_px=0.08,
+    noise_from="the residual's short-scale part",
+    residual=(),
+    candidates=(BOW, FOCAL),
+    accepted=("board_bow",),
+    before=Quality(0.6, 0.05, 0.59),
+    after=Quality(0.1, 0.01, 0.17),
+    unexplained=0.0,
+    organised_by="",
+    remarks=("these views do not tell focal from thickness.",),
+)
+SESSION = Path(__file__).parents[3] / "fixtures" / "bow"
+
+
+def test_what_was_found_with_the_error_before_and_after() -> None:
+    lines = told(FINDING).splitlines()
+    assert lines[0] == "Found: board_bow."
+    assert lines[5].split() == ["held-out", "views", "0.590", "px", "0.170", "px"]
+    assert "board_bow.x               1.002 ± 0.0033 mm" in lines
+    assert "board_bow                 0.590 to 0.170 px       found" in lines
+    assert "Scored too low to be fitted: focal." in lines
+    assert lines[-1] == "Take care: these views do not tell focal from thickness."
+    assert max(map(len, lines)) < 79
+
+
+def test_finding_nothing_is_said_as_a_result() -> None:
+    nothing = Diagnosis(0.08, "", (), (), (), Quality(0.1, 0.01, 0.1), Quality(0.1, 0.01, 0.1), 0.0, "", ())
+    assert told(nothing).startswith("Found: nothing: no effect that is known here improves")
+    assert "verdict" not in told(nothing)
+
+
+def test_a_hidden_bow_is_found_and_exported(tmp_path: Path) -> None:
+    session = tmp_path / "session"
+    session.mkdir()
+    shutil.copytree(SESSION / "frames", session / "frames")
+    shutil.copy(SESSION / "session.yaml", session)
+    drive(_bow(session))
+
+
+async def _bow(session: Path) -> None:
+    async with running(session, f"folder:{SESSION}") as pilot:
+        await see(pilot, "continued")
+        await pilot.press("ctrl+s")
+        await see(pilot, "24 views")
+        await pilot.press("f")
+        await see(pilot, "Press e to look for what the model lacks")
+        await pilot.press("e")
+        await see(pilot, "Diagnosis")
+        await see(pilot, "Found: board_bow.")
+        assert _numbers(pilot, "held-out views")[1] < _numbers(pilot, "held-out views")[0] / 4
+        await see(pilot, "enter Use them")
+        await pilot.press("enter")
+        await see(pilot, "cover+rbf+effects")
+        assert "last fit" in shown(pilot)
+        assert "the model lacks" not in " ".join(shown(pilot).split())
+        await pilot.press("x", "ctrl+s")
+        await see(pilot, "Wrote rays.npz map_1m.npz")
+    assert (session / "export" / "map_1m.npz").exists()
+
+
+def _numbers(pilot: Pilot[None], words: str) -> list[float]:
+    line = next(line for line in shown(pilot).splitlines() if line.strip().startswith(words))
+    return [float(part) for part in line.split() if part[0].isdigit()]

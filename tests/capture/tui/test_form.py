@@ -1,0 +1,64 @@
+"""What is typed is judged by the session's own rules, and reads as what was meant."""
+
+from dataclasses import replace
+
+import pytest
+
+from calib.errors import InputError
+from calib.session.cover import SHAPES, Cover
+from calib.session.schema import Number
+from capture.session_file import read_setup
+from capture.tui.form import HELP, Typed, problem, read_form, write_form
+from tests.capture.recordings import FIXTURE
+
+SETUP = read_setup(FIXTURE / "session.yaml")
+
+
+def test_what_is_written_reads_the_same() -> None:
+    board, camera, cover = SETUP
+    assert read_form(write_form(board, cover), camera) == SETUP
+    unsure = Cover(cover.shape, {**cover.numbers, "inner_radius": Number(0.041, 0.002), "axis_offset.z": Number(-0.03, 0.0001)})
+    assert read_form(write_form(board, unsure), camera)[2] == unsure
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "said"),
+    [
+        ("columns", "9", None),
+        ("columns", "2", "write a whole number from 3 to 1000"),
+        ("columns", "9.5", "write a whole number"),
+        ("rows", "nine", 'is the text "nine"'),
+        ("rows", "", "is empty"),
+        ("square_mm", "0.02", "0.02 m, if metres were meant, is 20"),
+        ("square_mm", "20 ± 1", "a mapping"),
+        ("inner_radius_mm", "41.95", None),
+        ("inner_radius_mm", "42 ± 2", None),
+        ("inner_radius_mm", "42 +- 2", None),
+        ("inner_radius_mm", "42 ± 0", "a number above 0"),
+        ("inner_radius_mm", "nan", "write a number"),
+        ("axis_offset_mm", "0, -30", None),
+        ("axis_offset_mm", "0 -30", None),
+        ("axis_offset_mm", "0 ± 1, -30 ± 2", None),
+        ("axis_offset_mm", "[0, -30]", None),
+        ("axis_offset_mm", "-30", "write [x, z]"),
+        ("tilt_deg", "", None),
+        ("refractive_index", "0.5", "from 1 to 3"),
+    ],
+)
+def test_a_value_by_itself(key: str, text: str, said: str | None) -> None:
+    found = problem(key, text, "cone")
+    assert found is None if said is None else found is not None and said in found
+
+
+def test_values_that_do_not_go_together() -> None:
+    typed = write_form(SETUP[0], SETUP[2])
+    with pytest.raises(InputError, match="puts the camera outside the cone"):
+        read_form(replace(typed, cover={**typed.cover, "axis_offset_mm": "0, -300"}))
+
+
+def test_every_number_is_explained() -> None:
+    assert {quantity.key for quantities in SHAPES.values() for quantity in quantities} <= set(HELP)
+
+
+def test_no_cover_has_no_numbers() -> None:
+    assert read_form(Typed({"columns": "9", "rows": "6", "square_mm": "25"}, "none", {}))[2] == Cover("none", {})

@@ -1,0 +1,91 @@
+"""The command in a real terminal of 80x24, by keys: from a source to maps, and again after the connection was lost."""
+
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.capture.tui.driving import CONE
+from tests.capture.tui.test_session import FIXTURE
+
+if not shutil.which("tmux"):
+    pytest.skip("tmux is not installed", allow_module_level=True)
+
+
+class Tmux:
+    """A terminal of its own, in a server of its own."""
+
+    def __init__(self, socket: Path, command: list[str]) -> None:
+        self._tmux = ["tmux", "-S", str(socket), "-f", "/dev/null"]
+        self._do("new-session", "-d", "-x", "80", "-y", "24", *command)
+
+    def press(self, *keys: str) -> None:
+        for key in keys:
+            self._do("send-keys", key)
+
+    def write(self, text: str) -> None:
+        self._do("send-keys", "C-u")
+        self._do("send-keys", "-l", "--", text)
+        self._do("send-keys", "Enter")
+
+    def shown(self) -> str:
+        return self._do("capture-pane", "-p")
+
+    def see(self, words: str, within_s: float = 180) -> None:
+        begun = time.monotonic()
+        while words not in " ".join(self.shown().split()):
+            assert time.monotonic() - begun < within_s, f"{words!r} never came:\n{self.shown()}"
+            time.sleep(0.2)
+
+    def hang_up(self) -> None:
+        """As when a connection is lost."""
+        subprocess.run([*self._tmux, "kill-server"], check=False, capture_output=True)
+
+    def _do(self, *arguments: str) -> str:
+        return subprocess.run([*self._tmux, *arguments], check=True, capture_output=True, text=True).stdout
+
+
+@pytest.fixture
+def terminals() -> Iterator[list[Tmux]]:
+    opened: list[Tmux] = []
+    yield opened
+    for terminal in opened:
+        terminal.hang_up()
+
+
+def test_from_a_source_to_maps_over_a_lost_connection(tmp_path: Path, terminals: list[Tmux]) -> None:
+    session = tmp_path / "session"
+    command = [sys.executable, "-m", "capture", str(session)]
+    first = Tmux(tmp_path / "first", [*command, "--source", f"folder:{FIXTURE / 'bare'}"])
+    terminals.append(first)
+    first.see("Where pictures come from")
+    first.press("Tab", "Tab")
+    for text in ("9", "9", "20"):
+        first.write(text)
+    first.press("Tab")
+    for text in CONE:
+        first.write(text)
+    first.press("C-s")
+    first.see("[WITHOUT COVER]")
+    first.see("no more pictures")
+    first.see("12 views")
+    first.hang_up()
+
+    second = Tmux(tmp_path / "second", [*command, "--source", f"folder:{FIXTURE}"])
+    terminals.append(second)
+    second.see("continued, 12 views without cover and 0 views through it")
+    second.press("Enter")
+    second.see("[THROUGH COVER]")
+    second.see("Press f to fit")
+    second.press("f")
+    second.see("The error fell from 0.4")
+    second.press("x")
+    second.see("Maps that undistort pictures")
+    second.press("C-s")
+    second.see("Wrote")
+    assert (session / "export" / "map_1m.npz").exists()
+    second.press("Escape", "q")

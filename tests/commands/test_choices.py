@@ -1,0 +1,92 @@
+"""What the command lets a person choose of a fit: --free, --grid auto, --folds, --effects; and `calib diagnose`."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.calibration import Calibration
+from calib.cli import main
+from fixtures.synthetic import scene
+from tests.diagnosis.hide import hidden
+from tests.diagnosis.test_diagnose import BOW, TRUTH
+from tests.test_calibration import write_session
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Twelve views through the paper's glass, as corners."""
+    return write_session(tmp_path_factory.mktemp("choices"), scene(8, views=12, noise=0.05))
+
+
+def fit(session: Path, out: Path, *options: str, capsys: pytest.CaptureFixture[str]) -> str:
+    assert main(["fit", str(session), "-o", str(out), "--grid", "5x4", *options]) == 0
+    return capsys.readouterr().out
+
+
+def test_free_estimates_numbers_near_what_the_session_states(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said = fit(session, tmp_path / "out", "--free", "thickness,intrinsics", capsys=capsys)
+    lines = [line for line in said.splitlines() if line.startswith("Estimated:")]
+    assert [line.split()[1] for line in lines] == ["cover.thickness", "camera.fx", "camera.fy", "camera.cx", "camera.cy"]
+    assert all("±" in line for line in lines)
+
+
+def test_folds_are_said_and_in_the_json(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said = json.loads(fit(session, tmp_path / "out", "--folds", "3", "--json", capsys=capsys))
+    assert set(said["cross_validation"]) == {"folds", "held_out_px", "fitted_px"}
+    assert said["cross_validation"]["folds"] == 3
+    assert 0.04 < said["cross_validation"]["fitted_px"] < said["cross_validation"]["held_out_px"] < 0.4
+
+
+def test_grid_auto_keeps_the_coarsest_that_nothing_beats(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fit", str(session), "-o", str(tmp_path / "out"), "--grid", "auto"]) == 0
+    capsys.readouterr()
+    settings = Calibration.load(tmp_path / "out").settings
+    tried = settings["grid_held_out_px"]
+    assert next(iter(tried)) == "6x6"
+    assert len(tried) >= 2
+    chosen = "x".join(str(n) for n in settings["grid"])
+    assert all(tried[chosen] < error / 0.99 for error in tried.values())
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--free", "colour"], "colour"),
+        (["--free", "centre"], "has no centre"),
+        (["--folds", "1"], "1"),
+        (["--grid", "7"], "such as 8x8, or auto"),
+        (["--effects", "ghost"], "ghost"),
+        (["--effects", "board_bow,board_bow"], "each once"),
+        (["--effects", "flat_port"], "flat_port"),
+    ],
+)
+def test_a_wrong_choice_gets_a_sentence(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], words: str
+) -> None:
+    try:
+        code = main(["fit", str(session), "-o", str(tmp_path / "out"), *options])
+    except SystemExit as stop:  # argparse's own way
+        code = int(stop.code or 0)
+    assert code == 2
+    said = capsys.readouterr().err
+    assert words in said
+    assert "Traceback" not in said
+
+
+def test_effects_auto_and_diagnose_say_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_session(tmp_path, hidden(BOW, TRUTH, views=12))
+    assert main(["fit", str(folder), "--grid", "8x8", "-o", str(tmp_path / "auto"), "--effects", "auto", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["effects"] == ["board_bow"]
+    assert said["stages"][-1]["name"] == "cover+rbf+effects"
+    assert main(["fit", str(folder), "--grid", "8x8", "-o", str(tmp_path / "plain")]) == 0
+    assert main(["diagnose", str(tmp_path / "plain"), "-o", str(tmp_path / "better"), "--json"]) == 0
+    capsys.readouterr()
+    with np.load(tmp_path / "better" / "calibration.npz") as ours, np.load(tmp_path / "auto" / "calibration.npz") as theirs:
+        assert np.allclose(ours["amplitudes"], theirs["amplitudes"], atol=1e-7)
+    assert main(["diagnose", str(tmp_path / "plain"), "-o", str(tmp_path / "better")]) == 0
+    printed = capsys.readouterr().out
+    assert "Found: board_bow" in printed
+    assert "Wrote" in printed

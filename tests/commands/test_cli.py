@@ -1,0 +1,262 @@
+"""The command as a person runs it: names, exit codes, JSON keys, sentences, and no traceback ever."""
+
+import json
+import math
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from calib.cli import main
+from calib.commands.printing import print_json
+from calib.io.files import check_writable
+from fixtures.synthetic import scene
+from tests.session.malformed import MALFORMED, Malformed, write_good_session
+from tests.test_calibration import write_session
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, object]]:
+    """A small session fitted through the command, and the JSON that it printed."""
+    folder = write_session(tmp_path_factory.mktemp("cli"), scene(8, views=6, noise=0.05))
+    command = [sys.executable, "-m", "calib", "fit", str(folder), "--grid", "5x4", "--steps", "40", "--depth", "1", "0.5", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return folder, json.loads(done.stdout)
+
+
+def test_fit_json_keeps_the_contract(fitted: tuple[Path, dict[str, object]]) -> None:
+    _, said = fitted
+    assert list(said) == ["frames_used", "frames_rejected", "corners", "noise_px", "seconds", "stages", "effects"]
+    assert said["frames_used"] == 6
+    assert said["frames_rejected"] == []
+    assert said["corners"] == 6 * 81
+    assert said["effects"] == []
+    stages = said["stages"]
+    assert isinstance(stages, list)
+    assert [stage["name"] for stage in stages] == ["pinhole", "cover", "cover+rbf"]
+    assert all(set(stage) == {"name", "rms_px", "rmse_cm"} for stage in stages)
+
+
+def test_fit_leaves_calibration_field_and_a_map_for_every_depth(fitted: tuple[Path, dict[str, object]]) -> None:
+    out = fitted[0] / "calibration"
+    assert sorted(path.name for path in out.iterdir()) == [
+        "calibration.npz",
+        "calibration.yaml",
+        "map_0.5m.npz",
+        "map_1m.npz",
+        "rays.npz",
+        "report.html",
+    ]
+    with np.load(out / "map_1m.npz") as file:
+        assert set(file) == {"map_x", "map_y", "valid", "depth_m", "sigma"}
+        assert file["map_x"].shape == (2464, 3280)
+        assert file["depth_m"] == 1.0
+
+
+def test_export_gives_the_same_map_without_the_session(fitted: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
+    out = fitted[0] / "calibration"
+    assert main(["export", str(out), "--format", "npz", "--depth", "0.5", "-o", str(tmp_path)]) == 0
+    with np.load(out / "map_0.5m.npz") as ours, np.load(tmp_path / "map_0.5m.npz") as theirs:
+        assert np.abs(ours["map_x"] - theirs["map_x"]).max() < 1e-6
+
+
+def test_the_field_gives_any_other_depth(fitted: tuple[Path, dict[str, object]]) -> None:
+    from calib.calibration import Calibration
+    from calib.export.npz import read_field
+
+    out = fitted[0] / "calibration"
+    field = read_field(out / "rays.npz")
+    direct = Calibration.load(out).undistort_maps(0.33)[0]
+    assert np.abs(field.map_at(0.33).x - direct).max() < 1e-3
+
+
+@pytest.mark.parametrize(("depth", "colour"), [(np.uint8, False), (np.uint8, True), (np.uint16, False), (np.uint16, True)])
+def test_undistort_straightens_what_the_map_says(fitted: tuple[Path, dict[str, object]], tmp_path: Path, depth: type, colour: bool) -> None:
+    """A smooth ramp: every undistorted pixel holds its own distorted coordinate, so the map can be read off the picture."""
+    out = fitted[0] / "calibration"
+    top = np.iinfo(depth).max
+    ramp: np.ndarray = np.broadcast_to(np.arange(3280) / 3280 * 0.8 * top, (2464, 3280)).astype(depth)
+    cv2.imwrite(str(tmp_path / "ramp.png"), np.dstack([ramp] * 3) if colour else ramp)
+    assert main(["undistort", str(out), str(tmp_path / "ramp.png"), "--depth", "1", "-o", str(tmp_path / "flat")]) == 0
+    flat = cv2.imread(str(tmp_path / "flat" / "ramp.png"), cv2.IMREAD_UNCHANGED)
+    assert flat is not None
+    assert flat.dtype == depth
+    assert flat.ndim == (3 if colour else 2)
+    with np.load(out / "map_1m.npz") as file:
+        expected, valid = file["map_x"] / 3280 * 0.8 * top, file["valid"]
+    inner = valid & (expected > 0.01 * top) & (expected < 0.78 * top)
+    seen = flat[..., 0] if colour else flat
+    assert np.abs(seen[inner].astype(float) - expected[inner]).max() < max(2.0, 2e-4 * top)
+    assert (seen[~valid] == 0).all()
+
+
+@pytest.mark.parametrize("case", MALFORMED, ids=lambda case: case.name)
+def test_malformed_sessions_get_their_sentence_and_exit_code(case: Malformed, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    folder = write_good_session(tmp_path / "session")
+    case.spoil(folder)
+    code = main(["fit", str(folder), "--steps", "2", "--json"])
+    out, err = capfd.readouterr()
+    assert code == case.exit_code, err
+    assert code in (2, 3)
+    assert out == ""
+    assert "Traceback" not in err
+    sentence = err[err.index("calib: ") :].strip()
+    assert sentence.count("\n") == 0, sentence
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["fit"], "SESSION"),
+        (["fit", "x", "--grid", "8"], "write two whole numbers from 2 to 64, such as 8x8"),
+        (["fit", "x", "--grid", "1x8"], "write two whole numbers"),
+        (["fit", "x", "--steps", "0"], "whole number above 0"),
+        (["fit", "x", "--depth", "-1"], "metres above 0"),
+        (["fit", "x", "--depth", "nan"], "metres above 0"),
+        (["export", "x", "--format", "bmp", "-o", "y"], "invalid choice"),
+        (["undistort", "x", "y", "-o", "z"], "--depth"),
+        (["calibrate"], "invalid choice"),
+        ([], "COMMAND"),
+    ],
+)
+def test_wrong_usage_exits_with_2(arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 2
+    assert says in capsys.readouterr().err
+
+
+def test_undistort_refuses_what_would_overwrite_or_does_not_fit(
+    fitted: tuple[Path, dict[str, object]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = str(fitted[0] / "calibration")
+    picture = tmp_path / "small.png"
+    cv2.imwrite(str(picture), np.zeros((48, 64), np.uint8))
+    (tmp_path / "loop.png").symlink_to(tmp_path / "loop.png")
+    for arguments, says in (
+        ([str(picture), "-o", str(tmp_path)], "would be overwritten"),
+        ([str(picture), "-o", str(tmp_path / "out")], "is 64x48 px where the calibration is for 3280x2464"),
+        ([str(tmp_path / "none.png"), "-o", str(tmp_path / "out")], "none.png"),
+        ([str(tmp_path / "empty"), "-o", str(tmp_path / "out")], "There are no pictures to undistort"),
+        ([str(tmp_path / f"{'x' * 300}.jpg"), "-o", str(tmp_path / "out")], "File name too long"),
+        ([str(tmp_path / "loop.png"), "-o", str(tmp_path / "out")], "loop.png cannot be read"),
+        ([str(picture), "-o", str(tmp_path / "loop.png")], "loop.png cannot be made"),
+        ([str(tmp_path / "noext"), "-o", str(tmp_path / "out")], "noext does not say what to write"),
+        ([str(tmp_path / "b.jpg.bak"), "-o", str(tmp_path / "out")], "one of .png, .jpg"),
+        ([str(tmp_path / "a.gif"), "-o", str(tmp_path / "out")], "a.gif does not say what to write"),
+    ):
+        (tmp_path / "empty").mkdir(exist_ok=True)
+        assert main(["undistort", out, *arguments, "--depth", "1"]) == 2
+        assert says in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["deep.jpg", "deep.BMP"])
+def test_sixteen_bits_are_not_clipped_into_eight(
+    fitted: tuple[Path, dict[str, object]], tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    cv2.imwrite(str(tmp_path / "deep.png"), np.full((2464, 3280), 40000, np.uint16))
+    (tmp_path / "deep.png").rename(tmp_path / name)
+    out = str(fitted[0] / "calibration")
+    assert main(["undistort", out, str(tmp_path / name), "--depth", "1", "-o", str(tmp_path / "flat")]) == 2
+    assert f"{name} holds 16-bit pixels, which a {Path(name).suffix.lower()} cannot" in capsys.readouterr().err
+    assert list((tmp_path / "flat").iterdir()) == []
+
+
+def test_unreadable_pictures_are_one_sentence(
+    fitted: tuple[Path, dict[str, object]], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    is_dir = Path.is_dir
+
+    def locked(path: Path) -> bool:
+        if path.parent.name == "locked":
+            raise PermissionError(13, "Permission denied", str(path))
+        return is_dir(path)
+
+    monkeypatch.setattr(Path, "is_dir", locked)
+    picture = str(tmp_path / "locked" / "a.png")
+    assert main(["undistort", str(fitted[0] / "calibration"), picture, "--depth", "1", "-o", str(tmp_path / "out")]) == 2
+    assert f"{picture} cannot be read (Permission denied)" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("failing", ["make", "write"])
+def test_an_output_folder_is_tried_before_the_fit(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, failing: str
+) -> None:
+    def late(*_: object) -> None:
+        raise AssertionError("the fit began")
+
+    def full(**_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("calib.fitting.fit.fit", late)
+    folder = write_session(tmp_path / "s", scene(8, views=3))
+    if failing == "make":
+        (tmp_path / "out").write_text("in the way")
+    else:
+        monkeypatch.setattr("calib.io.files.NamedTemporaryFile", full)
+    assert main(["fit", str(folder), "-o", str(tmp_path / "out")]) == 2
+    says = "out cannot be made" if failing == "make" else "out cannot be written (No space left on device): free some space there"
+    assert says in capsys.readouterr().err
+
+
+def test_a_trial_write_leaves_nothing(tmp_path: Path) -> None:
+    check_writable(tmp_path / "a" / "b")
+    assert list((tmp_path / "a" / "b").iterdir()) == []
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has a disk that is always full")
+def test_a_result_that_cannot_be_printed_is_one_sentence(fitted: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "calib", "export", str(fitted[0] / "calibration"), "--format", "npz", "-o", str(tmp_path)]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.endswith("calib: the result cannot be printed (No space left on device): send stdout to another place.\n")
+
+
+def test_interrupted_says_no_more_than_that(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def interrupt(_: Path) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("calib.session.session.read_session", interrupt)
+    assert main(["fit", "x"]) == 130
+    assert capsys.readouterr().err == "calib: interrupted.\n"
+
+
+def test_json_has_null_where_a_number_is_not_finite(capsys: pytest.CaptureFixture[str]) -> None:
+    print_json({"a": math.nan, "b": [{"c": np.float64(np.inf), "d": 1.5}], "e": (1, "NaN", None)})
+    assert capsys.readouterr().out == '{"a": null, "b": [{"c": null, "d": 1.5}], "e": [1, "NaN", null]}\n'
+
+
+def test_results_that_cannot_be_written_are_one_sentence(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    folder = write_session(tmp_path / "s", scene(8, views=3))
+    (tmp_path / "file").write_text("in the way")
+    assert main(["fit", str(folder), "--steps", "1", "-o", str(tmp_path / "file")]) == 2
+    assert "cannot be made" in capsys.readouterr().err
+
+
+def test_a_bug_is_one_sentence_and_exit_code_1(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def broken(_: Path) -> None:
+        raise ZeroDivisionError("by design")
+
+    monkeypatch.setattr("calib.session.session.read_session", broken)
+    assert main(["fit", "x"]) == 1
+    err = capsys.readouterr().err
+    assert "this is a bug in calib (ZeroDivisionError: by design)" in err
+    assert "Traceback" not in err
+
+
+def test_help_is_quick_and_needs_no_torch() -> None:
+    env = {**os.environ, "PYTHONPROFILEIMPORTTIME": "1"}
+    begun = time.monotonic()
+    done = subprocess.run([sys.executable, "-m", "calib", "--help"], capture_output=True, text=True, check=True, env=env)
+    took = time.monotonic() - begun
+    assert all(command in done.stdout for command in ("fit", "evaluate", "undistort", "export"))
+    imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
+    assert not imported & {"torch", "cv2", "numpy", "rich", "scipy", "yaml"}
+    assert took < 5, "imports are what the bar of 0.5 s is about; this only catches a command that hangs"

@@ -1,0 +1,199 @@
+"""A whole session's corners: threads, what is kept, and the advice when the board is another one."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from calib.corners import detect as detector
+from calib.corners.detect_all import KEPT, Detections, detect
+from calib.errors import InputError, NotEnoughDataError
+from calib.session.board import Board
+from tests.corners.test_detect import BOARD, Scene, rms
+
+MEASURED = Path(__file__).parents[3] / "shared" / "data"
+
+
+def write(folder: Path, scenes: list[Scene | None]) -> list[Path]:
+    """Pictures of these scenes; of an empty wall for None."""
+    folder.mkdir(exist_ok=True)
+    paths = []
+    for number, scene in enumerate(scenes):
+        picture = np.full((120, 160), 120, np.uint8) if scene is None else scene.draw()[0]
+        paths.append(folder / f"{number:04}.png")
+        assert cv2.imwrite(str(paths[-1]), picture)
+    return paths
+
+
+def views(count: int, board: Board = BOARD) -> list[Scene | None]:
+    return [Scene(board=board, roll=0.1 * k, tilt=(0.4 - 0.1 * k, 0.3), seed=k) for k in range(count)]
+
+
+@pytest.fixture
+def looks(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Grows by one with every picture in which corners are really looked for."""
+    made: list[int] = []
+    real: Callable = detector.find_corners
+
+    def counted(grey: np.ndarray, board: Board) -> object:
+        made.append(1)
+        return real(grey, board)
+
+    monkeypatch.setattr(detector, "find_corners", counted)
+    return made
+
+
+def same(one: Detections, other: Detections) -> bool:
+    return one.rejected == other.rejected and all(
+        a.name == b.name and np.array_equal(a.corners, b.corners) and np.array_equal(a.weight, b.weight)
+        for a, b in zip(one.views, other.views, strict=True)
+    )
+
+
+def test_every_picture_is_found_or_rejected_in_order(tmp_path: Path) -> None:
+    scenes = views(4)
+    scenes.insert(1, None)
+    told: list[tuple[int, int]] = []
+    result = detect(write(tmp_path, scenes), BOARD, lambda done, hits: told.append((done, hits)))
+    assert [view.name for view in result.views] == ["0000.png", "0002.png", "0003.png", "0004.png"]
+    assert [(r.name, r.reason.split(":")[0]) for r in result.rejected] == [("0001.png", "no 9x6 board found")]
+    assert [done for done, _ in told] == [1, 2, 3, 4, 5]
+    assert told[-1] == (5, 4)
+    for view, scene in zip(result.views, (s for s in scenes if s is not None), strict=True):
+        assert rms(view.corners, scene.draw()[1]) < 0.08
+        assert (view.weight == 1).all()
+
+
+def test_a_second_run_looks_at_nothing_and_says_the_same(tmp_path: Path, looks: list[int]) -> None:
+    paths = write(tmp_path, [*views(3), None])
+    first = detect(paths, BOARD)
+    assert len(looks) == 4
+    assert same(detect(paths, BOARD), first)
+    assert len(looks) == 4
+
+
+def test_the_order_of_the_pictures_and_the_number_of_threads_change_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    paths = write(tmp_path, views(4))
+    first = detect(paths, BOARD)
+    (tmp_path / KEPT).unlink()
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
+    again = detect(paths[::-1], BOARD)
+    assert same(Detections(again.views[::-1], again.rejected), first)
+
+
+def test_only_a_changed_picture_is_looked_at_again(tmp_path: Path, looks: list[int]) -> None:
+    paths = write(tmp_path, views(4))
+    detect(paths, BOARD)
+    shutil.copyfile(paths[0], paths[2])
+    result = detect(paths, BOARD)
+    assert len(looks) == 5
+    assert np.array_equal(result.views[0].corners, result.views[2].corners)
+
+
+@pytest.mark.parametrize("change", ["board", "detector", "opencv"])
+def test_changed_settings_look_again(tmp_path: Path, looks: list[int], monkeypatch: pytest.MonkeyPatch, change: str) -> None:
+    paths = write(tmp_path, views(3))
+    detect(paths, BOARD)
+    board = Board(6, 9, BOARD.square) if change == "board" else BOARD
+    if change == "detector":
+        monkeypatch.setattr(detector, "VERSION", detector.VERSION + 1)
+    if change == "opencv":
+        monkeypatch.setattr(cv2, "__version__", "99.0.0")
+    detect(paths, board)
+    assert len(looks) == 6
+
+
+def test_the_size_of_a_square_does_not_matter_to_what_is_kept(tmp_path: Path, looks: list[int]) -> None:
+    paths = write(tmp_path, views(3))
+    detect(paths, BOARD)
+    detect(paths, Board(BOARD.columns, BOARD.rows, 0.1))
+    assert len(looks) == 3
+
+
+CORRUPTIONS: dict[str, Callable[[bytes], bytes]] = {
+    "empty": lambda _: b"",
+    "half": lambda data: data[: len(data) // 2],
+    "not text": lambda _: b"\xff\xfe\x00\x01",
+    "a list": lambda _: b"[]",
+    "deep": lambda _: b"[" * 100_000,
+    "no files": lambda data: data.replace(b'"files"', b'"flies"'),
+    "entries of another kind": lambda data: json.dumps({**json.loads(data), "files": {f"{k:04}.png": 7 for k in range(3)}}).encode(),
+    "short corners": lambda data: data.replace(b'"corners": [', b'"corners": [[1.0, 2.0]], "rest": ['),
+    "undefined corners": lambda data: data.replace(b'"corners": [[', b'"corners": [[NaN, 1.0], ['),
+    "an endless number": lambda data: data.replace(b'"corners": [[', b'"corners": [[1' + b"0" * 400 + b", 1.0], ["),
+    "no detector": lambda data: data.replace(b'"sb"', b'"guess"'),
+}
+
+
+@pytest.mark.parametrize("corrupt", CORRUPTIONS.values(), ids=CORRUPTIONS.keys())
+def test_a_corrupt_store_is_ignored_and_written_anew(tmp_path: Path, looks: list[int], corrupt: Callable[[bytes], bytes]) -> None:
+    paths = write(tmp_path, views(3))
+    first = detect(paths, BOARD)
+    kept = tmp_path / KEPT
+    whole = kept.read_bytes()
+    kept.write_bytes(corrupt(whole))
+    assert kept.read_bytes() != whole
+    assert same(detect(paths, BOARD), first)
+    assert len(looks) == 6
+    assert kept.read_bytes() == whole
+
+
+def test_a_folder_that_cannot_be_written_does_without(tmp_path: Path, looks: list[int]) -> None:
+    paths = write(tmp_path, views(3))
+    (tmp_path / KEPT).mkdir()  # even root cannot write a file there
+    for _ in range(2):
+        assert len(detect(paths, BOARD).views) == 3
+    assert len(looks) == 6
+    assert sorted(p.name for p in tmp_path.iterdir()) == [KEPT, "0000.png", "0001.png", "0002.png"]
+
+
+def test_a_damaged_picture_is_named_and_the_others_are_kept(tmp_path: Path, looks: list[int]) -> None:
+    paths = write(tmp_path, views(4))
+    paths[3].write_bytes(paths[3].read_bytes()[:2000])
+    with pytest.raises(InputError, match=r"0003\.png is truncated"):
+        detect(paths, BOARD)
+    with pytest.raises(InputError, match=r"gone\.png cannot be read"):
+        detect([*paths[:3], tmp_path / "gone.png"], BOARD)
+    assert len(looks) == 3
+
+
+@pytest.mark.parametrize("declared", [Board(8, 5, 1.0), Board(10, 7, 1.0)], ids=str)
+def test_a_wrongly_declared_board_is_named(tmp_path: Path, declared: Board) -> None:
+    with pytest.raises(
+        NotEnoughDataError, match=r"board of 9x6 .* fits 4 of the 4 .* declared .*columns: 9, board.rows: 6 in session.yaml"
+    ):
+        detect(write(tmp_path, views(4)), declared)
+
+
+def test_pictures_without_a_board_say_what_to_check(tmp_path: Path) -> None:
+    with pytest.raises(NotEnoughDataError, match="9x6 board was found in 0 of 3 pictures: show the whole board with its white margin"):
+        detect(write(tmp_path, [None] * 3), BOARD)
+
+
+def test_a_few_views_of_many_are_not_enough(tmp_path: Path) -> None:
+    with pytest.raises(NotEnoughDataError, match="found in 2 of 4"):
+        detect(write(tmp_path / "two", [*views(2), None, None]), BOARD)
+    with pytest.raises(NotEnoughDataError, match="found in 3 of 16"):
+        detect(write(tmp_path / "fifth", [*views(3), *[None] * 13]), BOARD)
+
+
+def test_one_good_picture_alone_is_enough_where_one_was_asked_for(tmp_path: Path) -> None:
+    assert len(detect(write(tmp_path, views(1)), BOARD).views) == 1
+
+
+def test_no_picture_at_all_is_said() -> None:
+    with pytest.raises(NotEnoughDataError, match="there is no picture"):
+        detect([], BOARD)
+
+
+@pytest.mark.parametrize(("session", "board", "least"), [("pi-wide", BOARD, 47), ("blind-c", Board(9, 9, 0.02), 20)])
+def test_recorded_boards_are_found(tmp_path: Path, session: str, board: Board, least: int) -> None:
+    source = MEASURED / session / "frames"
+    if not source.is_dir():
+        pytest.skip(f"{source} is not here: the recorded pictures are no part of the project.")
+    frames = Path(shutil.copytree(source, tmp_path / "frames", ignore=shutil.ignore_patterns(KEPT)))
+    assert len(detect(sorted(p for p in frames.iterdir() if p.suffix in (".png", ".jpg")), board).views) >= least

@@ -1,0 +1,68 @@
+"""The view that tells effects apart, against what such a view does when it is taken."""
+
+import numpy as np
+import pytest
+import torch
+
+from calib.calibration import Calibration
+from calib.corners.view import View
+from calib.diagnosis.fine_surface_search import surroundings
+from calib.diagnosis.nearest_effects import nearest_named
+from calib.diagnosis.score_test import Optimum
+from calib.diagnosis.separating_view import separating_view
+from calib.diagnosis.starting_model import base_model
+from calib.effects.board_bow import BoardBow
+from calib.effects.board_scale import BoardScale
+from calib.effects.detector_bias import DetectorBias
+from calib.effects.focal import Focal
+from calib.effects.free_field import FreeField
+from calib.estimation.camera_model import Model
+from calib.estimation.observations import Observations
+from calib.optics.projection import project
+from calib.session.camera import Camera
+from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH
+from tests.diagnosis.hide import fitted, hidden
+
+CAMERA = Camera(WIDTH, HEIGHT, intrinsics=INTRINSICS)
+
+
+@pytest.fixture(scope="module")
+def calibration() -> Calibration:
+    return fitted(hidden(None, {}, views=10))
+
+
+def optimum(model: Model, seen: Observations, poses: np.ndarray) -> Optimum:
+    return Optimum(model, seen, model.fitted(seen, torch.from_numpy(poses)))
+
+
+def test_the_view_that_is_asked_for_shrinks_the_sigma_as_it_says(calibration: Calibration) -> None:
+    """It is taken, and the whole is fitted again, with the other effect free beside the first."""
+    stretch, focal = BoardScale(), Focal()
+    model = base_model(calibration).with_effect(stretch)
+    at = optimum(model, calibration.observations, calibration.poses)
+    view = separating_view(at, calibration.board, CAMERA, stretch, (focal,))
+    assert view
+    points = at.model.path.place(torch.from_numpy(calibration.board.points()), at.joint.values, torch.from_numpy(view.pose))
+    seen = project(at.model.path, at.joint.values, points)
+    assert np.allclose(seen.numpy(), view.corners)
+    both = model.with_effect(focal)
+    more = View("more", view.corners, np.ones(calibration.board.count))
+    taken = (calibration.views, calibration.poses), ((*calibration.views, more), np.vstack([calibration.poses, view.pose]))
+    sigmas = []
+    for views, poses in taken:
+        found = optimum(both, Observations.of(views, calibration.board), poses).joint
+        sigmas.append(float(found.sigma_of("board_scale.x_over_y") / found.sigma))
+    assert view.shrinks > 1.05
+    assert sigmas[0] / sigmas[1] == pytest.approx(view.shrinks, rel=0.1)  # noise, prior and weights are estimated anew
+
+
+def test_the_name_that_a_field_should_have_had_is_near_it() -> None:
+    """What is hidden is a stretched print, which a field over the board can do; a bow it cannot."""
+    made = fitted(hidden(BoardScale(), {"board_scale.x_over_y": 2e-2}))
+    at = optimum(base_model(made), made.observations, made.poses)
+    (field, _) = FreeField.propose(surroundings(at, made.board, CAMERA, place=False))
+    values = at.model.with_effect(field).fitted(made.observations, at.joint.poses).values
+    near = nearest_named(at, field, values, (BoardBow(0.08, 0.08), DetectorBias(), BoardScale()))
+    assert near[0][0] == "board_scale"
+    assert 0.5 < near[0][1] <= 1.0
+    assert "detector_bias" not in dict(near)

@@ -1,0 +1,216 @@
+"""The joint fit on scenes of known truth, and its prior against a brute-force oracle."""
+
+import numpy as np
+import pytest
+import torch
+from scipy.linalg import block_diag
+from scipy.special import eval_legendre
+from scipy.stats import multivariate_normal
+
+from calib.corners.view import View
+from calib.estimation.gradient_fit import descend
+from calib.estimation.levenberg_marquardt import Outcome
+from calib.estimation.map_fit import JointFit, fit_joint
+from calib.estimation.objective import LandingProblem, Shared, view_precision
+from calib.estimation.observations import Observations
+from calib.estimation.poses import pinhole_poses, refine_poses, refit_poses
+from calib.estimation.residual_blocks import landings, pixel_weights
+from calib.estimation.residuals import residuals
+from calib.estimation.surface_prior import Evidence, Quadratic, Smoothness
+from calib.optics.build import covered_path, footprint, with_relief
+from calib.optics.path import Path
+from calib.optics.relief import Relief
+from fixtures.synthetic import HEIGHT, INTRINSICS, PATCH, WIDTH, Scene, paper_cone, scene
+
+NOISE = 0.1
+FLOOR = NOISE * 2**0.5
+"""px: the two-dimensional error that noise alone leaves on held-out views, but for six numbers a view."""
+
+
+THIN = paper_cone(thickness=0.00115)
+"""The glass that reproduces the paper's Fig. 8."""
+
+
+def start(made: Scene, grid: tuple[int, int] = (8, 8)) -> tuple[Path, dict[str, torch.Tensor], torch.Tensor]:
+    """A smooth cover's poses, and a flat relief."""
+    smooth, values = covered_path(INTRINSICS, THIN)
+    poses = refine_poses(smooth, values, made.observations, pinhole_poses(made.observations, values)).blocks
+    path = with_relief(smooth, Relief(*footprint(smooth, values, WIDTH, HEIGHT), grid))
+    return path, {**values, "relief.amplitudes": torch.zeros(grid, dtype=torch.float64)}, poses
+
+
+@pytest.fixture(scope="module")
+def made() -> Scene:
+    return scene(1, views=45, noise=NOISE, cover=THIN)
+
+
+def others(depths: tuple[float, float]) -> Scene:
+    """Ten more views through the same glass."""
+    return scene(1, views=10, noise=NOISE, cover=THIN, depths=depths)
+
+
+@pytest.fixture(scope="module")
+def fitted(made: Scene) -> tuple[Path, JointFit]:
+    path, values, poses = start(made)
+    return path, fit_joint(path, values, made.observations, poses)
+
+
+def held_out(path: Path, values: dict[str, torch.Tensor], other: Scene) -> float:
+    return refit_poses(path, values, other.observations, other.poses)[1].rms_px
+
+
+def test_derivatives_agree_with_central_differences() -> None:
+    made = scene(1, views=3, grid=(4, 5), amplitude=2e-5, noise=0.1)
+    scales = {"cover.thickness": 1e-3, "cover.refractive_index": 1e-2, "cover.axis_offset.z": 1e-3, "camera.fx": 1.0, "camera.cy": 1.0}
+    outer = made.path.cover[-1]
+    weights = pixel_weights(made.path, made.values, made.observations, made.poses, 1.0)
+    views = tuple(landings(made.path, made.values, made.observations, weights, tuple(scales), relief_moves=True))
+    shared = Shared(made.values, outer.relief, scales)
+    nothing = torch.zeros(shared.count, shared.count, dtype=torch.float64)
+    problem = LandingProblem(shared, views, nothing, view_precision(made.poses), huber=torch.inf)
+    here = torch.zeros(shared.count, dtype=torch.float64)
+
+    def rows(amount: torch.Tensor, poses: torch.Tensor) -> torch.Tensor:
+        return torch.cat([at.residual for at in problem.linearise(amount, poses)])
+
+    (at,) = problem.linearise(here, made.poses)
+    assert problem.cost(here, made.poses) == pytest.approx(float((at.residual**2).sum()), rel=1e-12)
+    for column in range(shared.count):
+        step = torch.zeros(shared.count, dtype=torch.float64)
+        step[column] = 1e-8 if column < shared.amplitudes else 1e-4
+        numeric = (rows(here + step, made.poses) - rows(here - step, made.poses)) / (2 * step[column])
+        assert (at.by_shared[..., column] - numeric).abs().max() < 1e-6 * numeric.abs().max(), column
+    for column in range(6):
+        step = torch.zeros_like(made.poses)
+        step[:, column] = 1e-7
+        numeric = (rows(here, made.poses + step) - rows(here, made.poses - step)) / 2e-7
+        assert (at.by_block[..., column] - numeric).abs().max() < 1e-6 * numeric.abs().max(), column
+
+
+def test_a_run_of_views_at_a_time_gives_the_same_fit(made: Scene, fitted: tuple[Path, JointFit], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("calib.estimation.residual_blocks.ROWS", 700)
+    path, values, poses = start(made)
+    joint = fit_joint(path, values, made.observations, poses)
+    assert (joint.poses - fitted[1].poses).abs().max() < 1e-9
+
+
+def test_pixel_weights_make_the_reprojection_error_to_first_order() -> None:
+    """Against the forward projection: of errors of 0.1 px the second order leaves about a thousandth."""
+    made = scene(2, views=3, noise=0.1)
+    weights = pixel_weights(made.path, made.values, made.observations, made.poses, 0.5)
+    landed, _ = made.path.land(made.observations.pixels, made.values, made.poses[made.observations.view])
+    whitened = (weights @ (landed - made.observations.corners).unsqueeze(-1)).squeeze(-1)
+    exact = residuals(made.path, made.values, made.observations, made.poses).image / 0.5
+    assert (whitened - exact).abs().max() < 2e-3 * exact.abs().max()
+
+
+def test_converges_in_few_steps_to_the_noise_floor(made: Scene, fitted: tuple[Path, JointFit]) -> None:
+    path, joint = fitted
+    assert joint.outcome is Outcome.CONVERGED
+    assert joint.iterations < 40
+    assert joint.sigma == pytest.approx(NOISE, rel=0.05)  # 3,645 corners: 0.8 % standard error
+    assert residuals(path, joint.values, made.observations, joint.poses).rms_px < 1.02 * FLOOR
+
+
+def test_held_out_views_are_at_the_floor(fitted: tuple[Path, JointFit]) -> None:
+    path, joint = fitted
+    other = others((0.7, 1.1))
+    truth = held_out(other.path, other.values, other)
+    assert held_out(path, joint.values, other) < 1.05 * truth
+
+
+def test_nearer_than_any_training_view_it_stays_within_30_percent_of_the_floor(fitted: tuple[Path, JointFit]) -> None:
+    path, joint = fitted
+    near = others((0.17, 0.3))
+    assert held_out(path, joint.values, near) < 1.3 * held_out(near.path, near.values, near)
+
+
+def test_beats_the_paper_s_procedure_on_the_same_corners(made: Scene, fitted: tuple[Path, JointFit]) -> None:
+    path, values, poses = start(made)
+    values["relief.amplitudes"] = descend(path, values, made.observations, poses, steps=200)
+    near = others((0.17, 0.3))
+    assert held_out(path, values, near) > 1.5 * held_out(path, fitted[1].values, near)
+
+
+def test_is_deterministic(made: Scene, fitted: tuple[Path, JointFit]) -> None:
+    path, values, poses = start(made)
+    again = fit_joint(path, values, made.observations, poses)
+    assert torch.equal(again.values["relief.amplitudes"], fitted[1].values["relief.amplitudes"])
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device here")
+def test_a_gpu_gives_the_same(made: Scene, fitted: tuple[Path, JointFit]) -> None:
+    path, values, poses = start(made)
+    there = {name: value.cuda() for name, value in values.items()}
+    joint = fit_joint(path, there, made.observations.to("cuda"), poses.cuda())
+    here = fitted[1].values["relief.amplitudes"]
+    assert (joint.values["relief.amplitudes"].cpu() - here).abs().max() < 1e-6 * here.abs().max()
+    assert (joint.poses.cpu() - fitted[1].poses).abs().max() < 1e-6
+
+
+def test_single_bad_corners_do_not_pull(made: Scene) -> None:
+    """Three corners in a hundred are 3 px off: held-out error grows by a tenth at most."""
+    rng = np.random.default_rng(0)
+    spoiled = []
+    for view in made.views:
+        corners = view.corners.copy()
+        bad = rng.random(81) < 0.03
+        corners[bad] += rng.normal(0, 3, (int(bad.sum()), 2))
+        spoiled.append(View(view.name, corners, view.weight))
+    path, values, poses = start(made)
+    joint = fit_joint(path, values, Observations.of(spoiled, made.board), poses)
+    other = others((0.7, 1.1))
+    assert held_out(path, joint.values, other) < 1.1 * held_out(other.path, other.values, other)
+
+
+def test_a_freed_focal_length_mends_what_a_wrong_one_spoils(made: Scene) -> None:
+    """The number itself is hardly told apart from a lens-shaped relief, so it is the held-out error that counts."""
+    path, values, poses = start(made)
+    wrong = {**values, "camera.fx": values["camera.fx"] * 1.01, "camera.fy": values["camera.fy"] * 0.99}
+    held = fit_joint(path, wrong, made.observations, poses)
+    freed = fit_joint(path, wrong, made.observations, poses, free={"camera.fx": 30.0, "camera.fy": 30.0})
+    near = others((0.17, 0.3))
+    assert set(freed.estimates()) == {"camera.fx", "camera.fy"}
+    assert all(0 < number.sigma < 30 for number in freed.estimates().values()), "the corners say more than the prior"
+    assert held_out(path, freed.values, near) < 0.8 * held_out(path, held.values, near)
+
+
+def test_evidence_is_the_marginal_likelihood() -> None:
+    """Brute force: with amplitudes and a free number integrated out, the residuals are normal with covariance
+    sigma^2 I + J P^-1 J^T."""
+    relief = Relief(*PATCH, (3, 4))
+    rng = np.random.default_rng(0)
+    jacobian = rng.normal(size=(40, 13)) * np.array([1e5] * 12 + [0.7])
+    residual = rng.normal(size=40)
+    here = rng.normal(size=13) * np.array([1e-6] * 12 + [0.5])
+    quadratic = Quadratic.around(jacobian.T @ jacobian, jacobian.T @ residual, float(residual @ residual), 40, here)
+    at_zero = residual - jacobian @ here  # linear: the residuals of the flat relief
+    assert quadratic.cost == pytest.approx(at_zero @ at_zero)
+    evidence = Evidence(quadratic, relief, np.array([4.0]))
+    ours, theirs = [], []
+    for sigma, smoothness in ((0.5, Smoothness(1e-5, 0.4)), (1.3, Smoothness(3e-6, 0.2)), (1.0, Smoothness(4e-5, 1.0))):
+        ours.append(evidence.log(sigma, smoothness))
+        spread = block_diag(np.linalg.inv(smoothness.precision(relief)), np.array([[0.25]]))
+        covariance = sigma**2 * np.eye(40) + jacobian @ spread @ jacobian.T
+        theirs.append(multivariate_normal(np.zeros(40), covariance).logpdf(at_zero))
+    assert np.diff(ours) == pytest.approx(np.diff(theirs), rel=1e-5)
+
+
+def test_the_prior_s_heights_have_the_stated_spread() -> None:
+    relief = Relief(*PATCH, (6, 5))
+    smoothness = Smoothness(2e-5, 0.5)
+    rows, columns = (torch.linspace(low, high, n, dtype=torch.float64) for low, high, n in zip(*PATCH, (6, 5), strict=True))
+    at = torch.cartesian_prod(rows, columns)
+    level = torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64).expand(30, 1, 3)
+    heights = relief.spread(level, (at[:, 0], at[:, 1]))[:, 0].numpy()
+    spread = heights @ np.linalg.inv(smoothness.precision(relief)) @ heights.T
+
+    def figure(one: tuple[float, float], two: tuple[float, float]) -> float:
+        def term(i: int, k: int) -> float:
+            return float(np.prod([eval_legendre(i, p[0]) * eval_legendre(k, p[1]) for p in (one, two)]))
+
+        return sum((3e-4 * 0.2 ** max(0, i + k - 4)) ** 2 * term(i, k) for i in range(11) for k in range(11 - i))
+
+    corner, neighbour = (-1.0, -1.0), (-1.0, -0.5)
+    assert spread[0, 0] == pytest.approx(4e-10 + figure(corner, corner), rel=1e-4)
+    assert spread[0, 1] == pytest.approx(4e-10 * np.exp(-((1 / 4) ** 2) / (2 * 0.25)) + figure(corner, neighbour), rel=1e-4)

@@ -1,0 +1,45 @@
+"""The noise floor, against noise that was put in."""
+
+import numpy as np
+import pytest
+
+from calib.estimation.noise import burst_noise, short_scale_noise
+from calib.session.board import Board
+
+BOARD = Board(9, 7, 0.02)
+SIGMA = 0.1
+"""px per axis"""
+
+
+def smooth(views: int) -> np.ndarray:
+    """(V, N, 2) px: an error over the board, other in every view: far above the noise, but it bends by less from corner to corner."""
+    at = BOARD.points()[:, :2] / 0.08
+    rng = np.random.default_rng(2)
+    terms = np.stack([np.ones(len(at)), at[:, 0], at[:, 1], at[:, 0] ** 2, at[:, 0] * at[:, 1]], -1)
+    return np.asarray(np.einsum("nk,vkc->vnc", terms * [1, 1, 1, 0.1, 0.1], rng.normal(0, 1.0, (views, 5, 2))))
+
+
+def noise(views: int) -> np.ndarray:
+    return np.random.default_rng(3).normal(0, SIGMA, (views, BOARD.count, 2))
+
+
+def test_the_short_scale_part_is_the_noise_whatever_is_smooth() -> None:
+    found = short_scale_noise(smooth(20) + noise(20), BOARD)
+    assert found == pytest.approx(2**0.5 * SIGMA, rel=0.06)  # three sigma of what 2000 differences tell
+
+
+def test_what_differs_within_a_burst_is_the_noise_whatever_the_model_leaves() -> None:
+    """Half of the corners are off by 1 px, as of a bad print, alike in all pictures of a burst; some were not seen in one of them."""
+    pattern = np.where(np.arange(BOARD.count) % 2, 1.0, -1.0)[None, :, None] + smooth(5)
+    residuals = np.repeat(pattern, 4, axis=0) + noise(20)
+    residuals[3, :5] = np.nan
+    poses = np.repeat(np.arange(5), 4).tolist()
+    found = burst_noise(residuals, poses)
+    assert found == pytest.approx(
+        2**0.5 * SIGMA, rel=0.07
+    )  # six degrees of freedom of each pose are allowed for, but not in the noise here
+    assert short_scale_noise(residuals, BOARD) > 5 * found
+
+
+def test_pictures_of_different_poses_tell_no_noise() -> None:
+    assert np.isnan(burst_noise(noise(20), list(range(20))))

@@ -1,0 +1,93 @@
+"""Sessions that are well formed and still give no calibration, or not all of it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from calib.calibration import Calibration
+from calib.commands.console import remarks
+from calib.corners.view import View
+from calib.errors import InputError, NotEnoughDataError
+from calib.fitting.fit import fit
+from calib.fitting.stages import Settings
+from calib.progress import Silent
+from calib.session.session import read_session
+from fixtures.synthetic import INTRINSICS, Scene, scene
+from tests.test_calibration import write_session
+
+SHORT = Settings(grid=(4, 4))
+
+
+@pytest.fixture(scope="module")
+def made() -> Scene:
+    return scene(21, views=6, noise=0.05)
+
+
+def spoiled(folder: Path, made: Scene, **changes: object) -> Path:
+    """The session with some keys of session.yaml changed, `camera__intrinsics=None` dropping one."""
+    write_session(folder, made)
+    said = yaml.safe_load((folder / "session.yaml").read_text())
+    for name, value in changes.items():
+        top, _, key = name.partition("__")
+        said[top].pop(key, None) if value is None else said[top].update({key: value})
+    (folder / "session.yaml").write_text(yaml.safe_dump(said))
+    return folder
+
+
+def fitted(folder: Path) -> Calibration:
+    return fit(read_session(folder), SHORT, Silent())
+
+
+def test_a_view_whose_corners_lie_on_one_line_is_listed(made: Scene, tmp_path: Path) -> None:
+    line = np.arange(81) < 9
+    view = made.views[2]
+    thin = View(view.name, np.where(line[:, None], view.corners, np.nan), np.where(line, 1.0, 0.0))
+    result = fitted(write_session(tmp_path, made, (*made.views[:2], thin, *made.views[3:])))
+    assert [(r.name, "lie on one line" in r.reason) for r in result.rejected] == [(view.name, True)]
+
+
+def test_corners_outside_the_picture_are_refused(made: Scene, tmp_path: Path) -> None:
+    view = made.views[0]
+    far = View(view.name, view.corners * 3, view.weight)
+    with pytest.raises(InputError, match=r"0000.png has a corner at .* outside the camera's 3280x2464 px"):
+        fitted(write_session(tmp_path, made, (far, *made.views[1:])))
+
+
+def test_a_bare_camera_seen_from_one_angle_is_refused(made: Scene, tmp_path: Path) -> None:
+    folder = spoiled(tmp_path, made, camera__intrinsics=None, camera__lens_coefficients=0)
+    said = yaml.safe_load((folder / "session.yaml").read_text())
+    (folder / "session.yaml").write_text(yaml.safe_dump({**said, "cover": {"shape": "none"}}))
+    rng = np.random.default_rng(0)
+    same = tuple(View(f"{i}.png", made.views[0].corners + rng.normal(0, 0.05, (81, 2)), made.views[0].weight) for i in range(6))
+    from calib.corners.corners_file import write_corners
+
+    write_corners(folder / "corners.vnl", same)
+    with pytest.raises(NotEnoughDataError, match="at the same angle"):
+        fitted(folder)
+
+
+def test_a_cover_through_which_the_board_is_not_seen_is_refused(made: Scene, tmp_path: Path) -> None:
+    """A square that is given in centimetres puts the boards inside the glass."""
+    with pytest.raises(NotEnoughDataError, match=r"check the cover's numbers and board.square_mm"):
+        fitted(spoiled(tmp_path, made, board__square_mm=0.1))
+
+
+def test_a_cover_that_makes_things_worse_is_remarked_on(made: Scene, tmp_path: Path) -> None:
+    good = fitted(write_session(tmp_path / "good", made))
+    assert remarks(good) == []
+    worse = fitted(spoiled(tmp_path / "worse", made, cover__outside_index=1.333))
+    assert any("makes the error larger than no cover" in remark for remark in remarks(worse))
+
+
+def test_a_number_with_a_sigma_is_estimated(made: Scene, tmp_path: Path) -> None:
+    folder = spoiled(
+        tmp_path, made, camera__intrinsics={"fx": {"value": 2570.0, "sigma": 30.0}, "fy": 2558.36, "cx": 1666.03, "cy": 1273.65}
+    )
+    result = fitted(folder)
+    assert result.camera.intrinsics
+    assert result.camera.intrinsics.fx.value != 2570.0
+    assert 0 < result.camera.intrinsics.fx.sigma < 30
+    assert result.camera.intrinsics.fy == INTRINSICS.fy
+    assert result.covariance.shape == (17, 17)

@@ -1,0 +1,79 @@
+"""A write that fails leaves things as they were."""
+
+import errno
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.errors import InputError
+from calib.io.files import save_npz, write_atomically
+
+
+def test_text_and_bytes_are_written(tmp_path: Path) -> None:
+    write_atomically(tmp_path / "a", "grün\n")
+    assert (tmp_path / "a").read_bytes() == "grün\n".encode()
+    write_atomically(tmp_path / "a", b"\r\n\0")
+    assert (tmp_path / "a").read_bytes() == b"\r\n\0"
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+def test_file_has_the_permissions_of_any_new_file(tmp_path: Path) -> None:
+    (tmp_path / "plain").touch()
+    write_atomically(tmp_path / "a", "")
+    assert (tmp_path / "a").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+@pytest.mark.parametrize(
+    ("code", "advice"),
+    [(errno.ENOSPC, "free some space"), (errno.EROFS, "disk that can be written"), (errno.EIO, "choose another place")],
+    ids=errno.errorcode.get,
+)
+def test_failing_disk_leaves_the_old_file(code: int, advice: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: int) -> None:
+        raise OSError(code, os.strerror(code))
+
+    (tmp_path / "a").write_text("old")
+    monkeypatch.setattr("calib.io.files.fsync", fail)
+    with pytest.raises(InputError, match=rf"a cannot be written \({os.strerror(code)}\): .*{advice}"):
+        write_atomically(tmp_path / "a", "new")
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["old"]
+
+
+def test_interrupted_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(_: int) -> None:
+        raise KeyboardInterrupt
+
+    (tmp_path / "a").write_text("old")
+    monkeypatch.setattr("calib.io.files.fsync", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        write_atomically(tmp_path / "a", "new")
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["old"]
+
+
+def test_places_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(InputError, match="make its folder first"):
+        write_atomically(tmp_path / "gone" / "a", "")
+    with pytest.raises(InputError, match="inside a folder"):
+        write_atomically(tmp_path / "file" / "a", "")
+    with pytest.raises(InputError, match="a name that no folder has"):
+        write_atomically(tmp_path / "folder", "")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder"]
+
+
+def test_arrays_come_back(tmp_path: Path) -> None:
+    arrays = {"a.b": np.arange(6.0).reshape(2, 3), "empty": np.zeros((0, 2)), "flag": np.array(True)}
+    save_npz(tmp_path / "a.npz", arrays)
+    with np.load(tmp_path / "a.npz", allow_pickle=False) as loaded:
+        assert set(loaded) == set(arrays)
+        for name, array in arrays.items():
+            np.testing.assert_array_equal(loaded[name], array)
+
+
+def test_objects_are_not_pickled(tmp_path: Path) -> None:
+    with pytest.raises(TypeError, match="cannot be saved: a"):
+        save_npz(tmp_path / "a.npz", {"a": np.array([None])})
+    assert list(tmp_path.iterdir()) == []

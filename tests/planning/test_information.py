@@ -1,0 +1,255 @@
+"""What views tell of the numbers they share, against oracles that are built otherwise; and the process that computes it."""
+
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from benchmarks.uncertainty import CAMERA, GLASS, calibrate
+from calib.apply.map_uncertainty import predicted_sigma
+from calib.corners.view import View
+from calib.estimation.jacobians import undistorted_slopes
+from calib.estimation.levenberg_marquardt import normal_equations
+from calib.estimation.residual_blocks import landings, pixel_weights
+from calib.estimation.stated_priors import freed
+from calib.estimation.surface_prior import Smoothness
+from calib.fitting.stages import Settings, Setup
+from calib.planning.information import Estimate, estimate
+from calib.planning.pose_bank import Reach, bank
+from calib.session.camera import Camera
+from calib.session.cover import Cover
+from calib.session.freeing import with_free
+from capture.coverage import CELLS, InformedGuide, SeenView
+from capture.guidance_process import Guidance, GuidanceError, Request, answers
+from fixtures.synthetic import INTRINSICS, Scene, scene
+
+GRID = (8, 8)
+REACH = Reach(0.6, 1.2)
+DEPTHS = REACH.levels()
+
+
+@pytest.fixture(scope="module")
+def made() -> Scene:
+    return scene(31, 12, noise=0.1, cover=GLASS)
+
+
+@pytest.fixture(scope="module")
+def setup(made: Scene) -> Setup:
+    """Thickness and focal length are estimated too."""
+    return Setup(made.board, CAMERA, *with_free(INTRINSICS, GLASS, ("thickness", "intrinsics")))
+
+
+@pytest.fixture(scope="module")
+def few(made: Scene, setup: Setup) -> Estimate:
+    return estimate(setup, made.views[:2], GRID)
+
+
+def some_poses() -> np.ndarray:
+    return bank(scene(1, 1).board, CAMERA, REACH).poses[::12]
+
+
+def test_the_slopes_are_central_differences_of_rays(few: Estimate) -> None:
+    model = few.model
+    pixels = np.array([[300.0, 200], [1600, 1200], [3000, 2300]])
+    slopes, motions, lost = undistorted_slopes(model.path, model.values, model.scales, pixels)
+    assert not lost.any()
+    names = list(model.scales)
+    assert {"cover.thickness", "camera.fx"} <= set(names)
+
+    def undistorted(values: dict[str, torch.Tensor], turn: np.ndarray, shift: np.ndarray) -> np.ndarray:
+        rays = model.path.trace(torch.from_numpy(pixels), values)
+        origin, direction = rays.origin.stacked().numpy(), rays.direction.stacked().numpy()
+        origin, direction = origin + np.cross(turn, origin) + shift, direction + np.cross(turn, direction)
+        across = direction[:, :2] / direction[:, 2:]
+        parts = across, origin[:, :2] - across * origin[:, 2:]
+        return np.asarray(INTRINSICS.fx.value * np.stack(parts, 1))
+
+    def difference(change: dict[str, torch.Tensor], size: float) -> np.ndarray:
+        ends = [undistorted({**model.values, **{k: model.values[k] + s * v for k, v in change.items()}}, ZERO, ZERO) for s in (1, -1)]
+        return np.asarray((ends[0] - ends[1]) / (2 * size))
+
+    bump = torch.zeros(GRID, dtype=torch.float64)
+    bump[3, 4] = 1e-7
+    by_bump = difference({"relief.amplitudes": bump}, 1e-7)
+    assert slopes[..., 3 * GRID[1] + 4] == pytest.approx(by_bump, rel=1e-5, abs=1e-5 * np.abs(by_bump).max())
+    thick = model.scales["cover.thickness"]
+    by_thickness = difference({"cover.thickness": torch.tensor(1e-4 * thick, dtype=torch.float64)}, 1e-4)
+    column = GRID[0] * GRID[1] + names.index("cover.thickness")
+    assert slopes[..., column] == pytest.approx(by_thickness, rel=1e-4, abs=1e-4 * np.abs(by_thickness).max())
+    for axis in range(6):
+        step = 1e-6 * np.eye(6)[axis]
+        ends = [undistorted(dict(model.values), sign * step[:3], sign * step[3:]) for sign in (1, -1)]
+        assert motions[..., axis] == pytest.approx((ends[0] - ends[1]) / 2e-6, rel=1e-5, abs=1e-3)
+
+
+ZERO = np.zeros(3)
+
+
+def test_a_views_information_is_what_elimination_leaves(few: Estimate) -> None:
+    """Oracle: the solver's own normal equations, each view by itself; and that they add up."""
+    model, seen = few.model, few.observations
+    weights = pixel_weights(model.path, model.values, seen, few.poses, 1.0)
+    ours = model.information(seen, few.poses)
+    scales = few.poses.new_tensor(list(model.scales.values()))
+    pieces = landings(model.path, model.values, seen, weights, tuple(model.scales), relief_moves=True)
+    whole, _ = normal_equations(piece.linearise(model.values, few.poses, scales) for piece in pieces).reduced()
+    assert ours.shape == (2, *whole.shape)
+    assert ours.sum(0) == pytest.approx(whole.numpy(), rel=1e-6, abs=1e-6 * float(whole.abs().max()))
+    for one in ours:
+        assert np.linalg.eigvalsh(one).min() > -1e-9 * np.abs(one).max()
+
+
+def test_the_predicted_sigma_is_the_calibrations_own(made: Scene) -> None:
+    """calib.apply takes out the motion at the training corners, the design over the whole picture, where it hides some more: with
+    twelve views at random, a sixth."""
+    setup = Setup(made.board, CAMERA, INTRINSICS, GLASS)
+    design = estimate(setup, made.views, GRID).design(setup, some_poses(), CELLS, DEPTHS)
+    field = predicted_sigma(calibrate(made, Settings(grid=GRID)))
+    assert field
+    x, y = ((np.arange(n) + 0.5) / n * length - 0.5 for n, length in zip(CELLS[::-1], (CAMERA.width, CAMERA.height), strict=True))
+    theirs = np.stack([field.at(*np.meshgrid(x, y), depth) for depth in DEPTHS], -1)
+    ours = np.sqrt(design.variance(design.known()))
+    assert 0.7 < np.median(ours / theirs) < 1
+
+
+def test_modes_that_are_left_out_change_nothing(few: Estimate, setup: Setup) -> None:
+    """Oracle: the covariance of all shared numbers, without modes."""
+    surveyed_design = few.design(setup, some_poses(), CELLS, DEPTHS)
+    model = few.model
+    information = model.information(few.observations, few.poses).sum(0) / few.sigma**2
+    scales = model.scales
+    fixed = [(scale / model.free[name]) ** 2 for name, scale in scales.items()]
+    precision = np.zeros_like(information)
+    amplitudes = GRID[0] * GRID[1]
+    precision[:amplitudes, :amplitudes] = few.smoothness.precision(model.relief)
+    precision[amplitudes:, amplitudes:] = np.diag(fixed)
+    covariance = np.linalg.inv(information + precision)
+    x, y = ((np.arange(n) + 0.5) / n * length - 0.5 for n, length in zip(CELLS[::-1], (CAMERA.width, CAMERA.height), strict=True))
+    pixels = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
+    slopes, motions, _ = undistorted_slopes(model.path, model.values, model.scales, pixels)
+    at = np.stack([np.ones_like(DEPTHS), 1 / DEPTHS])
+    changed, moved = (np.einsum("nabs,ad->ndbs", part, at).reshape(-1, part.shape[-1]) for part in (slopes, motions))
+    left = changed - moved @ np.linalg.lstsq(moved, changed, rcond=None)[0]
+    variance = np.einsum("ns,st,nt->n", left, covariance, left).mean() * 2
+    assert surveyed_design.sigma(surveyed_design.known()) == pytest.approx(np.sqrt(variance), rel=0.02)
+    assert surveyed_design.information.shape[-1] < len(information)
+
+
+def test_poses_that_the_cover_pushes_out_of_the_picture_are_dropped(few: Estimate, setup: Setup) -> None:
+    poses = np.array([[0, 0, 0, 0, 0, 0.8], [0, 0, 0, 0.6, 0, 0.8]])
+    design = few.design(setup, poses, CELLS, DEPTHS)
+    assert design.poses == pytest.approx(poses[:1])
+
+
+def test_the_bank_knows_what_views_in_its_poses_tell(setup: Setup) -> None:
+    """A view taken exactly where the guide asked lowers sigma as the plan foresaw."""
+    nominal = estimate(setup, (), GRID)
+    design = nominal.design(setup, some_poses(), CELLS, DEPTHS)
+    first = design.plan(design.known(), np.zeros(len(design.poses), bool), 0.0, most=3)
+    assert len(set(first)) == 3
+    foreseen = design.sigma(design.known(design.information[first].sum(0)))
+    views = tuple(View(str(pose), design.corners[pose], np.ones(setup.board.count)) for pose in first)
+    taken = estimate(setup, views, GRID).design(setup, some_poses(), CELLS, DEPTHS)
+    assert taken.sigma(taken.known()) == pytest.approx(foreseen, rel=0.01)
+    assert foreseen < 0.1 * design.sigma(design.known())
+
+
+def test_planned_views_beat_others(setup: Setup) -> None:
+    design = estimate(setup, (), GRID).design(setup, some_poses(), CELLS, DEPTHS)
+    planned = design.plan(design.known(), np.zeros(len(design.poses), bool), 0.0, most=8)
+    best = design.sigma(design.known(design.information[planned].sum(0)))
+    rng = np.random.default_rng(0)
+    others = [design.sigma(design.known(design.information[rng.permutation(len(design.poses))[:8]].sum(0))) for _ in range(20)]
+    assert best < min(others)
+
+
+def test_a_rougher_prior_and_more_noise_make_maps_less_sure(few: Estimate, setup: Setup) -> None:
+    def sigma(height: float, noise: float) -> float:
+        changed = Estimate(few.model, few.poses, few.observations, Smoothness(height, 0.4), noise)
+        design = changed.design(setup, some_poses()[:3], CELLS, DEPTHS)
+        return design.sigma(design.known())
+
+    assert sigma(1e-5, 0.1) < sigma(3e-5, 0.1)
+    assert sigma(1e-5, 0.1) < sigma(1e-5, 0.2)
+
+
+def test_enough_views_are_fitted(made: Scene) -> None:
+    setup = Setup(made.board, CAMERA, INTRINSICS, GLASS)
+    known = estimate(setup, made.views, GRID)
+    assert known.sigma == pytest.approx(0.1, rel=0.1)
+    assert float(known.model.values["relief.amplitudes"].abs().max()) > 1e-7
+
+
+def test_numbers_without_a_sigma_are_not_estimated(made: Scene, setup: Setup) -> None:
+    known = estimate(Setup(made.board, CAMERA, INTRINSICS, GLASS), (), GRID)
+    assert known.model.scales == {}
+    assert set(estimate(setup, (), GRID).model.scales) == set(freed(setup.intrinsics, setup.cover, known.model.path))
+
+
+@pytest.fixture
+def guidance(made: Scene) -> Iterator[Guidance]:
+    asked = Guidance(made.board, CAMERA, GLASS, REACH, target_px=20.0)
+    yield asked
+    asked.close()
+
+
+def test_the_process_starts_again_after_it_was_killed(guidance: Guidance) -> None:
+    (guide,) = guidance.guides([])
+    sigma = guide.progress([]).sigma_px
+    assert sigma
+    assert sigma > 20
+    os.kill(guidance.pid, signal.SIGKILL)
+    with pytest.raises(GuidanceError, match=r"has ended .* the next view starts it again"):
+        list(guidance.guides([]))
+    assert len(list(guidance.guides([]))) == 1
+    guidance.close()
+    assert list(guidance.guides([])) == []
+
+
+@pytest.mark.slow
+def test_a_later_question_ends_an_earlier_one(guidance: Guidance, made: Scene) -> None:
+    views = [SeenView(view.corners) for view in made.views[:6]]
+    earlier = guidance.guides(views)
+    assert "being computed" in next(earlier).progress(views).sentence
+    (later,) = guidance.guides([])  # and not the earlier one's folds
+    assert later.progress([]).sigma_px == pytest.approx(guidance_of(made, 0, 20.0)[0].progress([]).sigma_px)
+    assert list(earlier) == []
+
+
+@pytest.mark.parametrize(("target", "words"), [(20.0, ["being computed", "agree"]), (0.01, ["would not reach"])])
+def test_folds_are_tried_once_the_maps_are_sure_enough(target: float, words: list[str], made: Scene) -> None:
+    views = [SeenView(view.corners) for view in made.views[:6]]
+    guides = guidance_of(made, 6, target)
+    assert [word in guide.progress(views).sentence for guide, word in zip(guides, words, strict=True)] == [True] * len(words)
+
+
+def guidance_of(made: Scene, count: int, target: float) -> list[InformedGuide]:
+    """What the process answers, computed here."""
+    request = Request(made.board, CAMERA, GLASS, REACH, tuple(view.corners for view in made.views[:count]), target)
+    designs = [(answer.design, answer.folds_agree) for answer in answers(request)]
+    return [InformedGuide(made.board, CAMERA, REACH, design, folds_agree=agree, target_px=target) for design, agree in designs if design]
+
+
+def test_without_torch_the_plain_guide_is_named(tmp_path: Path, made: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "torch.py").write_text("raise ImportError('No module named torch')\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    guidance = Guidance(made.board, CAMERA, GLASS, REACH)
+    try:
+        with pytest.raises(GuidanceError, match="no torch, so the plain guide serves"):
+            list(guidance.guides([]))
+    finally:
+        guidance.close()
+
+
+@pytest.mark.parametrize(("camera", "cover"), [(Camera(3280, 2464), GLASS), (CAMERA, Cover("none", {}))], ids=["no intrinsics", "no cover"])
+def test_what_it_cannot_serve_is_said(camera: Camera, cover: Cover, made: Scene) -> None:
+    guidance = Guidance(made.board, camera, cover, REACH)
+    try:
+        with pytest.raises(GuidanceError, match="needs a cover and the camera's intrinsics"):
+            list(guidance.guides([]))
+    finally:
+        guidance.close()

@@ -1,0 +1,164 @@
+"""The session folder: what is read is what is meant, and what is wrong is said in one sentence."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from calib.corners.corners_file import read_corners
+from calib.errors import RefracalError
+from calib.session.cover import SHAPES
+from calib.session.session import Board, Number, Session, check_images, read_session, session_from_mapping, session_to_yaml
+from tests.session.malformed import CONE, INTRINSICS, MALFORMED, SESSION, WITH_CORNERS, Malformed, checkerboard, write_good_session
+
+
+def read_everything(folder: Path) -> Session:
+    session = read_session(folder)
+    check_images(session)
+    if session.corners:
+        read_corners(session.corners, session.board)
+    return session
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return write_good_session(tmp_path / "session")
+
+
+@pytest.mark.parametrize("case", MALFORMED, ids=lambda case: case.name)
+def test_malformed_session_is_refused_in_one_sentence(case: Malformed, folder: Path) -> None:
+    case.spoil(folder)
+    with pytest.raises(RefracalError) as caught:
+        read_everything(folder)
+    sentence = str(caught.value)
+    assert caught.value.exit_code == case.exit_code
+    assert [part for part in case.says if part not in sentence] == [], sentence
+    assert str(folder) in sentence, "names no file"
+    assert "\n" not in sentence
+
+
+@pytest.mark.parametrize("text", [SESSION, WITH_CORNERS], ids=["frames", "corners"])
+def test_good_session_is_accepted(text: str, folder: Path) -> None:
+    """The table's negative control."""
+    (folder / "session.yaml").write_text(text)
+    session = read_everything(folder)
+    assert session.board == Board(6, 5, 0.02)
+    assert [frame.name for frame in session.frames] == ["0000.png", "0001.jpg", "0002.png"]
+    assert session.corners == (folder / "corners.vnl" if text == WITH_CORNERS else None)
+
+
+def test_numbers_are_in_si_units_and_defaults_are_filled_in(folder: Path) -> None:
+    changed = CONE.replace("3.0", "{value: 3.0, sigma: 0.5}") + "  tilt_deg: [-9, {value: 18, sigma: 1.8}]\n"
+    (folder / "session.yaml").write_text(SESSION.replace(CONE, changed))
+    cover = read_session(folder).cover
+    assert cover.shape == "cone"
+    assert cover.numbers["inner_radius"] == Number(0.04195)
+    assert cover.numbers["axis_offset.z"] == Number(-0.03)
+    assert cover.numbers["thickness"] == Number(0.003, sigma=0.0005)
+    assert cover.numbers["outside_index"] == Number(1.0)
+    assert cover.numbers["tilt.x"].value == pytest.approx(-math.pi / 20)
+    assert cover.numbers["tilt.z"].value == pytest.approx(math.pi / 10)
+    assert cover.numbers["tilt.z"].sigma == pytest.approx(math.pi / 100)
+
+
+def test_yaml_numbers_are_read_as_people_write_them(folder: Path) -> None:
+    """YAML 1.1 would read 1e-1 as text, 0600 as octal and 1:30 as 90."""
+    (folder / "session.yaml").write_text(SESSION.replace("-0.105", "-1e-1").replace("drawn", "1:30").replace("20.0", "020"))
+    session = read_session(folder)
+    assert session.cover.numbers["radius_slope"] == Number(-0.1)
+    assert session.camera.model == "1:30"
+    assert session.board.square == 0.02
+
+
+@pytest.mark.parametrize("digits", [15, 17])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_written_setup_reads_as_the_same_numbers(shape: str, digits: int) -> None:
+    """Through a YAML file, with every key of each shape. Numbers that a person could have written come back to the digit."""
+    rng = np.random.default_rng(7)
+    for _ in range(50):
+        mapping = random_setup(shape, rng, digits)
+        setup = session_from_mapping(mapping, "here")
+        again = yaml.safe_load(yaml.safe_dump(session_to_yaml(*setup)))
+        assert session_from_mapping(again, "there") == setup
+        assert again == mapping or digits == 17
+
+
+def random_setup(shape: str, rng: np.random.Generator, digits: int) -> dict[str, object]:
+    def uniform(low: float, high: float) -> float:
+        return float(f"{rng.uniform(low, high):.{digits}g}")
+
+    def number(low: float, high: float) -> object:
+        value = uniform(low, high)
+        return value if rng.random() < 0.5 else {"value": value, "sigma": uniform(1e-3, 1)}
+
+    cover: dict[str, object] = {"shape": shape}
+    for quantity in SHAPES[shape]:
+        large = quantity.key.startswith("inner_radius")  # so that the camera is inside
+        low, high = (100, 200) if large else (max(quantity.low, -20), min(quantity.high, 20))
+        entries = [number(low, high) for _ in quantity.names]
+        cover[quantity.key] = entries if quantity.components else entries[0]
+    intrinsics = {key: number(300, 400) for key in ("fx", "fy", "cx", "cy")} | {"distortion": [number(-1, 1) for _ in range(8)]}
+    camera = {"width": 320, "height": 240, "model": "any", "intrinsics": intrinsics, "lens_coefficients": 8}
+    return {"board": {"columns": 6, "rows": 5, "square_mm": uniform(1, 100)}, "camera": camera, "cover": cover}
+
+
+def test_tilted_axis_is_what_the_camera_must_be_inside_of(folder: Path) -> None:
+    """42 mm before a radius of 41.95 mm; a tilt of 10 degrees about x brings a cylinder's axis to 42 cos(10 deg) = 41.4 mm."""
+    cylinder = CONE.replace("cone", "cylinder").replace("  radius_slope: -0.105\n", "").replace("-30.0", "-42.0")
+    (folder / "session.yaml").write_text(SESSION.replace(CONE, cylinder))
+    with pytest.raises(RefracalError, match="outside the cylinder"):
+        read_session(folder)
+    (folder / "session.yaml").write_text(SESSION.replace(CONE, cylinder + "  tilt_deg: [10, 0]\n"))
+    assert read_session(folder).cover.shape == "cylinder"
+
+
+@pytest.mark.parametrize(("tilt", "inside"), [(20, False), (-20, True)])
+def test_cone_is_measured_beside_the_camera(tilt: int, inside: bool, folder: Path) -> None:
+    """The axis passes behind the camera. Tipped forwards it comes by further down, where this cone is narrower by 10 mm; else wider."""
+    steep = CONE.replace("-0.105", "-1.0").replace("41.95", "36.0") + f"  tilt_deg: [{tilt}, 0]\n"
+    (folder / "session.yaml").write_text(SESSION.replace(CONE, steep))
+    if inside:
+        assert read_session(folder).cover.numbers["inner_radius"] == Number(0.036)
+    else:
+        with pytest.raises(RefracalError, match=r"28\.19.* mm from its axis where the inner radius is 25\.7"):
+            read_session(folder)
+
+
+def test_suggested_minimal_session_is_one(folder: Path) -> None:
+    (folder / "session.yaml").unlink()
+    with pytest.raises(RefracalError) as caught:
+        read_session(folder)
+    suggestion = str(caught.value).partition("at the least ")[2]
+    (folder / "session.yaml").write_text(suggestion)
+    assert read_session(folder).board == Board(9, 6, 0.025)
+
+
+def test_bare_pictures_share_board_and_size(folder: Path) -> None:
+    (folder / "session.yaml").write_text(SESSION.replace(INTRINSICS, ""))
+    (folder / "bare").mkdir()
+    np.save(folder / "bare" / "0.npy", checkerboard(50, 30))
+    session = read_everything(folder)
+    assert session.bare is not None
+    assert (session.bare.board, session.bare.camera, session.bare.cover.shape) == (session.board, session.camera, "none")
+    assert session.bare.frames == (folder / "bare" / "0.npy",)
+
+
+def test_bare_session_has_its_own_board_and_corners(folder: Path) -> None:
+    (folder / "session.yaml").write_text(SESSION.replace(INTRINSICS, ""))
+    own = WITH_CORNERS.replace(CONE, "  shape: none\n").replace("columns: 6", "columns: 7").replace("corners.vnl", "../corners.vnl")
+    (folder / "bare").mkdir()
+    (folder / "bare" / "session.yaml").write_text(own)
+    bare = read_session(folder).bare
+    assert bare is not None
+    assert bare.board.columns == 7
+    assert bare.corners is not None
+    assert bare.corners.samefile(folder / "corners.vnl")
+
+
+def test_damaged_bare_picture_is_found(folder: Path) -> None:
+    (folder / "bare").mkdir()
+    np.save(folder / "bare" / "0.npy", checkerboard(50, 30)[:100])
+    with pytest.raises(RefracalError, match=r"0\.npy is 320x100 px"):
+        check_images(read_session(folder))

@@ -1,0 +1,131 @@
+"""Maps against tracing, pixel by pixel."""
+
+import numpy as np
+import pytest
+import torch
+
+from calib.errors import InputError
+from calib.optics.build import pinhole_path
+from calib.optics.params import Values
+from calib.optics.path import Path
+from calib.optics.projection import project
+from calib.session.camera import Intrinsics
+from calib.session.schema import Number
+from calib.undistortion.ray_field import DepthMap, RayField, ray_field
+from fixtures.synthetic import HEIGHT, WIDTH, Scene, scene
+
+
+@pytest.fixture(scope="module")
+def made() -> Scene:
+    return scene(1, views=1, grid=(8, 8), amplitude=3e-5)
+
+
+@pytest.fixture(scope="module")
+def field(made: Scene) -> RayField:
+    return ray_field(made.path, made.values, WIDTH, HEIGHT)
+
+
+def some_pixels(count: int) -> np.ndarray:
+    border = [[0, 0], [WIDTH - 1, 0], [0, HEIGHT - 1], [WIDTH - 1, HEIGHT - 1], [WIDTH - 1, HEIGHT // 2], [WIDTH // 2, 0]]
+    return np.vstack([np.random.default_rng(0).integers([0, 0], [WIDTH, HEIGHT], (count, 2)), border])
+
+
+@pytest.mark.parametrize("depth", [0.1, 0.5, 5.0])
+def test_map_agrees_with_tracing(made: Scene, field: RayField, depth: float) -> None:
+    made_map = field.map_at(depth)
+    assert made_map.x.shape == made_map.valid.shape == (HEIGHT, WIDTH)
+    assert made_map.x.dtype == np.float32
+    pixels = some_pixels(3000)
+    v = {name: float(made.values[f"camera.{name}"]) for name in ("fx", "fy", "cx", "cy")}
+    tangents = (pixels - [v["cx"], v["cy"]]) / [v["fx"], v["fy"]]
+    points = np.column_stack([tangents * depth, np.full(len(pixels), depth)])
+    traced = project(made.path, made.values, torch.from_numpy(points)).numpy()
+    inside = (np.abs(traced - [(WIDTH - 1) / 2, (HEIGHT - 1) / 2]) <= [WIDTH / 2, HEIGHT / 2]).all(-1)
+    column, row = pixels.T
+    mapped = np.column_stack([made_map.x[row, column], made_map.y[row, column]])
+    clear = (np.abs(np.abs(traced - [(WIDTH - 1) / 2, (HEIGHT - 1) / 2]) - [WIDTH / 2, HEIGHT / 2]) > 0.01).all(-1)
+    assert (made_map.valid[row, column] == inside)[clear].all()
+    assert inside.mean() > 0.9
+    assert np.abs(mapped - traced)[inside & clear].max() < 0.01
+    assert (mapped[~inside & clear] == -1).all()
+
+
+def test_field_is_enough_for_any_depth(made: Scene, field: RayField) -> None:
+    """A and B at the nodes, without the model: where the ray of each node meets depth Z, seen by the bare pinhole."""
+    rays = made.path.trace(torch.from_numpy(np.stack(np.meshgrid(field.nodes_x, field.nodes_y), -1).reshape(-1, 2)), made.values)
+    v = {name: float(made.values[f"camera.{name}"]) for name in ("fx", "fy", "cx", "cy")}
+    for depth in (0.1, 0.37, 20.0):
+        met = rays.at_depth(torch.tensor(depth, dtype=torch.float64)).numpy() / depth
+        expected = met * [v["fx"], v["fy"]] + [v["cx"], v["cy"]]
+        assert np.abs((field.infinite + field.parallax / depth).reshape(-1, 2) - expected).max() < 1e-9
+
+
+def test_where_no_ray_leaves_the_cover_the_map_says_so(made: Scene) -> None:
+    """A bump so steep that light is totally reflected on its flanks, by a small camera: the cost goes with its area."""
+    values = {**made.values, "relief.amplitudes": made.values["relief.amplitudes"].clone()}
+    values["relief.amplitudes"][1, 1] = 3e-3
+    values["cover.refractive_index"] = torch.tensor(2.6, dtype=torch.float64)
+    for name in ("fx", "fy", "cx", "cy"):
+        values[f"camera.{name}"] = made.values[f"camera.{name}"] / 3
+    field = ray_field(made.path, values, WIDTH // 6, HEIGHT // 6)
+    made_map = field.map_at(1.0)
+    assert 0.5 < field.valid.mean() < 1
+    assert np.isfinite(field.infinite).all()
+    assert 0.05 < made_map.valid.mean() < 1
+    off, inside, valid = off_projection(made.path, values, made_map, 2)
+    assert (inside & valid).sum() > 500
+    assert off[inside & valid].max() < 0.01
+
+
+@pytest.mark.parametrize("depth", [0.0, -1.0, float("nan")])
+def test_a_depth_that_is_none_is_refused(field: RayField, depth: float) -> None:
+    with pytest.raises(InputError, match="write metres above 0"):
+        field.map_at(depth)
+
+
+@pytest.mark.parametrize("depth", [9e-4, 1e-300])
+def test_a_depth_inside_the_lens_is_refused(field: RayField, depth: float) -> None:
+    with pytest.raises(InputError, match="too near"):
+        field.map_at(depth)
+
+
+def off_projection(path: Path, values: Values, made: DepthMap, every: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of every so many pixels: how far (px) the map is from projecting, whether projecting lands on the image, whether the map is valid."""
+    height, width = made.valid.shape
+    rows, columns = (grid.ravel() for grid in np.mgrid[0:height:every, 0:width:every])
+    fx, fy, cx, cy = (float(values[f"camera.{name}"]) for name in ("fx", "fy", "cx", "cy"))
+    points = np.column_stack([(columns - cx) / fx, (rows - cy) / fy, np.ones(len(rows))]) * made.depth
+    seen = project(path, values, torch.from_numpy(points)).numpy()
+    inside = (np.abs(seen - [(width - 1) / 2, (height - 1) / 2]) < [width / 2, height / 2]).all(-1)
+    off = np.hypot(made.x[rows, columns] - seen[:, 0], made.y[rows, columns] - seen[:, 1])
+    return off, inside, made.valid[rows, columns]
+
+
+@pytest.mark.parametrize("depth", [0.002, 0.005, 0.01, 0.03])
+def test_nearby_a_map_is_right_or_not_valid(made: Scene, field: RayField, depth: float) -> None:
+    off, inside, valid = off_projection(made.path, made.values, field.map_at(depth), 24)
+    assert off[inside & valid].max(initial=0) < 0.01
+    assert not valid[np.isnan(off)].any(), "no ray reaches that point"
+    assert (depth > 0.012) == bool(valid.any())
+
+
+def lens_path(*coefficients: float) -> tuple[Path, Values]:
+    return pinhole_path(Intrinsics(Number(335.0), Number(335.0), Number(342.0), Number(231.0), tuple(map(Number, coefficients))))
+
+
+def test_a_wide_rational_lens_is_held_to_a_hundredth_of_a_pixel() -> None:
+    path, values = lens_path(0.9, 0.1, 3e-4, 7e-4, 0.002, 1.2, 0.3, 0.015)
+    off, inside, valid = off_projection(path, values, ray_field(path, values, 640, 480).map_at(1.0), 3)
+    assert inside.all()
+    assert valid.all()
+    assert off.max() < 0.01
+
+
+def test_around_a_pole_of_the_lens_the_map_is_right_or_not_valid() -> None:
+    """Zhang's method with eight coefficients may fit a pole and a zero that nearly cancel, here about 300 px from the middle."""
+    path, values = lens_path(-0.074, -0.30661, 3e-4, 7e-4, -0.01694, 0.28435, -0.42004, -0.08308)
+    field = ray_field(path, values, 640, 480)
+    off, inside, valid = off_projection(path, values, field.map_at(1.0), 2)
+    assert not field.valid.all()
+    assert off[inside & valid].max() < 0.01
+    assert valid.mean() > 0.99
