@@ -18,7 +18,7 @@ import yaml
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.corners.view import Rejected, View
+from calib.corners.view import Rejected, View, capture_times
 from calib.effects.effect import Effect
 from calib.effects.rolling_shutter import RollingShutter
 from calib.effects.serialise import effect_from_yaml, effect_to_yaml
@@ -36,7 +36,7 @@ from calib.session.cover import Cover
 from calib.session.session import session_from_mapping, session_to_yaml
 from calib.undistortion.ray_field import RayField, ray_field
 
-FORMAT = 1
+FORMAT = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,15 +89,13 @@ class Calibration:
     """What fixes the rigid motion that board views leave open."""
     effects: tuple[Found, ...] = ()
     """What the diagnosis added to the model."""
-    times: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    """(V,) when each view was taken, in any unit; (0,) where no effect asks."""
     refracal: str = field(default_factory=lambda: version("refracal"))
     """The version that made it."""
 
     @property
     def observations(self) -> Observations:
-        seen = Observations.of(self.views, self.board)
-        return seen.timed(self.times.tolist(), self.camera.height) if self.times.size else seen
+        """The seen corners of its views, with when each was seen."""
+        return Observations.of(self.views, self.board).timed(capture_times(self.views), self.camera.height)
 
     def model(self) -> tuple[Path, dict[str, Tensor]]:
         """The ray path and its numbers, in torch."""
@@ -153,7 +151,8 @@ class Calibration:
                 "amplitudes": self.amplitudes,
                 "poses": self.poses,
                 "covariance": self.covariance,
-                "times": self.times,
+                "times_s": np.array([math.nan if view.time_s is None else view.time_s for view in self.views], dtype=np.float64),
+                "pose_ids": np.array([view.pose_id or "" for view in self.views], dtype=str),
                 "names": np.array([view.name for view in self.views]),
                 "corners": np.array([view.corners for view in self.views]).reshape(-1, self.board.count, 2),
                 "weights": np.array([view.weight for view in self.views]).reshape(-1, self.board.count),
@@ -222,8 +221,10 @@ def _from_mapping(said: dict[str, Any], path: FilePath) -> Calibration:
         amplitudes=arrays["amplitudes"],
         exact_hit=bool(said["relief"]["exact_hit"]) if relief else True,
         views=tuple(
-            View(str(name), corners, weight)
-            for name, corners, weight in zip(arrays["names"], arrays["corners"], arrays["weights"], strict=True)
+            View(str(name), corners, weight, None if math.isnan(time_s) else float(time_s), str(pose_id) or None)
+            for name, corners, weight, time_s, pose_id in zip(
+                *(arrays[key] for key in ("names", "corners", "weights", "times_s", "pose_ids")), strict=True
+            )
         ),
         poses=arrays["poses"],
         covariance=arrays["covariance"],
@@ -233,7 +234,6 @@ def _from_mapping(said: dict[str, Any], path: FilePath) -> Calibration:
         settings=dict(said["settings"]),
         gauge=said["gauge"],
         effects=tuple(Found(*effect_from_yaml(one)) for one in said.get("effects", [])),
-        times=arrays.get("times", np.zeros(0)),
         refracal=said["refracal"],
     )
 
@@ -264,6 +264,7 @@ def _check_arrays(arrays: Mapping[str, NDArray[Any]], relief: Relief | None, boa
         "covariance": (numbers, numbers),
         "corners": (views, board.count, 2),
         "weights": (views, board.count),
+        "times_s": (views,),
     }
     for name, shape in shapes.items():
         array = arrays[name]

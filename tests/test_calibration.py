@@ -141,7 +141,7 @@ def test_too_few_views_say_so(made: Scene, tmp_path: Path) -> None:
         (lambda folder: (folder / "calibration.npz").unlink(), "keep calibration.yaml and calibration.npz in one folder"),
         (lambda folder: (folder / "calibration.npz").write_bytes(b"PK\x03\x04 cut"), "is damaged"),
         (lambda folder: (folder / "calibration.yaml").write_text("format: 7\n"), "format is 7"),
-        (lambda folder: (folder / "calibration.yaml").write_text("format: 1\n"), "is not a whole calibration"),
+        (lambda folder: (folder / "calibration.yaml").write_text("format: 2\n"), "is not a whole calibration"),
         (lambda folder: (folder / "calibration.yaml").unlink(), "does not exist"),
     ],
 )

@@ -56,7 +56,6 @@ def run(args: argparse.Namespace) -> None:
     from calib.diagnosis.named_effects import with_named
     from calib.export.npz import write_npz
     from calib.fitting.fit import fit
-    from calib.fitting.provenance import with_origin
     from calib.fitting.stages import Settings
     from calib.io.files import check_writable
     from calib.report.write import write_report
@@ -68,7 +67,7 @@ def run(args: argparse.Namespace) -> None:
     check_writable(output)
     settings = Settings(args.method, args.grid, args.steps, not args.neglect_shift, args.free, args.folds)
     with Bars() as bars:
-        calibration = with_origin(fit(session, settings, bars), session)
+        calibration = fit(session, settings, bars)
         finding = None
         if args.effects == ("auto",):
             calibration, finding = diagnose(calibration, bars)

@@ -44,27 +44,30 @@ class Detections:
     rejected: tuple[Rejected, ...]
 
 
-def detect(paths: Sequence[Path], board: Board, progress: Callable[[int, int], None] | None = None) -> Detections:
+def detect(
+    paths: Sequence[Path], board: Board, progress: Callable[[int, int], None] | None = None, *, size: tuple[int, int] | None = None
+) -> Detections:
     """Look for the board in every picture.
 
     Args:
         paths: the pictures. Their folders get a `.detections.json`, if they can be written, and it is used again.
         progress: called after each view with how many are done, and in how many of them the board was found.
+        size: width and height that every picture must have, px. None: any.
 
     Raises:
-        InputError: a picture cannot be read.
+        InputError: a picture cannot be read, or has another size.
         NotEnoughDataError: the board is in hardly any picture; the message names the board that is, if there is one.
     """
     if not paths:
         raise NotEnoughDataError(f"there is no picture to find the {board} board in: take some, from different sides and distances.")
     sample = sorted({round(index) for index in np.linspace(0, len(paths) - 1, PROBED)})
     rest = [index for index in range(len(paths)) if index not in sample]
-    stores = {folder: _Store(folder, board) for folder in {path.parent for path in paths}}
+    stores = {folder: _Store(folder, board, size) for folder in {path.parent for path in paths}}
     found: dict[int, Found | None] = {}
     hits = 0
     try:
         for batch in (sample, rest):
-            for index, result in zip(batch, _in_threads([paths[i] for i in batch], stores, board), strict=True):
+            for index, result in zip(batch, _in_threads([paths[i] for i in batch], stores), strict=True):
                 found[index] = result
                 hits += result is not None
                 if progress is not None:
@@ -84,11 +87,11 @@ def detect(paths: Sequence[Path], board: Board, progress: Callable[[int, int], N
     return Detections(views, tuple(Rejected(name, reason) for name, hit in every if hit is None))
 
 
-def _in_threads(paths: Sequence[Path], stores: dict[Path, "_Store"], board: Board) -> Iterator[Found | None]:
+def _in_threads(paths: Sequence[Path], stores: dict[Path, "_Store"]) -> Iterator[Found | None]:
     """In the order of the paths. OpenCV lets other threads run while it works, and processes would each import it anew."""
     pool = ThreadPoolExecutor(os.cpu_count())
     try:
-        yield from pool.map(lambda path: stores[path.parent].look(path, board), paths)
+        yield from pool.map(lambda path: stores[path.parent].look(path), paths)
     finally:
         pool.shutdown(cancel_futures=True)
 
@@ -116,8 +119,8 @@ def _shown(pictures: Sequence[NDArray[np.uint8]], square: float) -> tuple[tuple[
 class _Store:
     """The detections of one folder's pictures, kept from run to run. They hold for the same bytes, board, detector and OpenCV alone."""
 
-    def __init__(self, folder: Path, board: Board) -> None:
-        self._path = folder / KEPT
+    def __init__(self, folder: Path, board: Board, size: tuple[int, int] | None) -> None:
+        self._path, self._board, self._size = folder / KEPT, board, size
         opencv = int(cv2.__version__.split(".")[0])
         self._settings = {"columns": board.columns, "rows": board.rows, "detector": detector.VERSION, "opencv": opencv}
         self._files: dict[str, Any] = {}
@@ -127,19 +130,35 @@ class _Store:
             if kept["settings"] == self._settings and isinstance(kept["files"], dict):
                 self._files = kept["files"]
 
-    def look(self, path: Path, board: Board) -> Found | None:
-        """The kept result, or a new one. Safe in several threads."""
+    def look(self, path: Path) -> Found | None:
+        """The kept result, or a new one, for which the picture is decoded. Safe in several threads.
+
+        Raises:
+            InputError: it cannot be read, or has another size than is asked for.
+        """
         try:
             digest = hashlib.sha256(path.read_bytes()).hexdigest()
         except OSError:
             digest = ""  # reading the picture says what is wrong
         with suppress(ValueError, KeyError, TypeError, OverflowError):
-            return _recalled(self._files[path.name], digest, board)
-        found = detector.find_corners(read_grey(path), board)
+            found, size = _recalled(self._files[path.name], digest, self._board)
+            self._check(path, size)
+            return found
+        grey = read_grey(path)
+        height, width = grey.shape
+        self._check(path, (width, height))
+        found = detector.find_corners(grey, self._board)
         corners = None if found is None else found.corners.tolist()
-        self._files[path.name] = {"sha256": digest, "corners": corners, "detector": found and found.detector}
+        self._files[path.name] = {"sha256": digest, "size": [width, height], "corners": corners, "detector": found and found.detector}
         self._changed = True
         return found
+
+    def _check(self, path: Path, size: tuple[int, int]) -> None:
+        if self._size and size != self._size:
+            raise InputError(
+                f"{path} is {size[0]}x{size[1]} px where camera.width and camera.height in session.yaml say "
+                f"{self._size[0]}x{self._size[1]}: correct them, or remove the picture."
+            )
 
     def save(self) -> None:
         if self._changed:
@@ -147,13 +166,18 @@ class _Store:
                 write_atomically(self._path, json.dumps({"settings": self._settings, "files": dict(sorted(self._files.items()))}))
 
 
-def _recalled(entry: Any, digest: str, board: Board) -> Found | None:
-    """An entry's result; ValueError, KeyError, TypeError or OverflowError where it is another picture's, or damaged."""
+def _recalled(entry: Any, digest: str, board: Board) -> tuple[Found | None, tuple[int, int]]:
+    """An entry's result and the picture's width and height.
+
+    Raises:
+        ValueError, KeyError, TypeError, OverflowError: it is another picture's, or damaged.
+    """
     if entry["sha256"] != digest:
         raise ValueError("another picture")
+    width, height = map(int, entry["size"])
     if entry["corners"] is None:
-        return None
+        return None, (width, height)
     corners = np.array(entry["corners"], np.float64)
     if corners.shape != (board.count, 2) or not np.isfinite(corners).all() or entry["detector"] not in ("sb", "classic"):
         raise ValueError("not a detection")
-    return Found(corners, entry["detector"])
+    return Found(corners, entry["detector"]), (width, height)

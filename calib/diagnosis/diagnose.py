@@ -9,9 +9,9 @@ import torch
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration
+from calib.corners.view import are_timed, board_poses
 from calib.diagnosis.diagnosed import with_fit
 from calib.diagnosis.finding import Candidate, Diagnosis, Estimate, Quality
-from calib.diagnosis.frame_order import frame_order
 from calib.diagnosis.held_out import FOLDS, bands, folds
 from calib.diagnosis.selection import ROUNDS, TRIED, Loop, form
 from calib.diagnosis.sentences import remarks, verdict
@@ -48,12 +48,12 @@ def diagnose(calibration: Calibration, progress: Progress, holdout: Session | No
     Raises:
         NotEnoughDataError: too few views to hold any out.
     """
-    order = frame_order(calibration)
-    if (poses := len(set(order.poses))) < FEWEST_VIEWS:
+    poses = board_poses(calibration.views)
+    if (count := len(set(poses.tolist()))) < FEWEST_VIEWS:
         raise NotEnoughDataError(
-            f"A diagnosis holds views out in turn and needs {FEWEST_VIEWS} or more, but the calibration has {poses}: take more pictures."
+            f"A diagnosis holds views out in turn and needs {FEWEST_VIEWS} or more, but the calibration has {count}: take more pictures."
         )
-    observations = calibration.observations.timed(order.times, calibration.camera.height)
+    observations = calibration.observations
     advance = progress.task("Diagnosis", ROUNDS + 2 * TRIED)
     with single_thread():
         model = model_of(calibration)
@@ -63,8 +63,8 @@ def diagnose(calibration: Calibration, progress: Progress, holdout: Session | No
             calibration.board,
             calibration.camera,
             observations,
-            folds(order.poses),
-            bands(_depths(model, joint, observations), order.poses),
+            folds(poses),
+            bands(_depths(model, joint, observations), poses),
             base_model(calibration),
             model,
             joint,
@@ -76,19 +76,19 @@ def diagnose(calibration: Calibration, progress: Progress, holdout: Session | No
         before, after = _missed(model, joint, observations), _missed(loop.model, loop.joint, observations)
         shares = _split(calibration, model, joint, observations, before)
         organising = _organising(_split(calibration, loop.model, loop.joint, observations, after))
-        said = tuple(remarks(loop, organising, timed=order.from_file))
+        said = tuple(remarks(loop, organising, timed=are_timed(calibration.views)))
     accepted = tuple(effect.name for effect in loop.model.effects)
-    found = with_fit(calibration, loop.model, loop.joint, observations, order)
+    found = with_fit(calibration, loop.model, loop.joint, observations)
     held = first.rms, last.rms
     if holdout:
-        base = with_fit(calibration, model, joint, observations, order)
+        base = with_fit(calibration, model, joint, observations)
         halves = loop.model.path.shutter
         held = (
             evaluate(base, holdout, progress, halves=halves).rms_px,
             evaluate(found, holdout, progress, halves=halves).rms_px,
         )
     grid = on_board(after.image, calibration.views)
-    still = burst_noise(grid, order.poses)
+    still = burst_noise(grid, poses)
     noise = still if np.isfinite(still) else short_scale_noise(grid, calibration.board)
     finding = Diagnosis(
         noise_px=noise,

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from calib.calibration import Calibration, Found, Stage
-from calib.diagnosis.frame_order import Order
 from calib.estimation.camera_model import Model
 from calib.estimation.map_fit import JointFit
 from calib.estimation.observations import Observations
@@ -17,7 +14,7 @@ from calib.estimation.stated_priors import with_estimates
 STAGE = "cover+rbf+effects"
 
 
-def with_fit(calibration: Calibration, model: Model, joint: JointFit, observations: Observations, order: Order) -> Calibration:
+def with_fit(calibration: Calibration, model: Model, joint: JointFit, observations: Observations) -> Calibration:
     """The calibration with another fit's numbers and effects."""
     assert calibration.camera.intrinsics
     intrinsics, cover = with_estimates(calibration.camera.intrinsics, calibration.cover, joint)
@@ -35,7 +32,6 @@ def with_fit(calibration: Calibration, model: Model, joint: JointFit, observatio
         poses=joint.poses.numpy(),
         covariance=joint.covariance.numpy(),
         effects=effects,
-        times=np.array(order.times) if effects else np.zeros(0),
         stages=(*stages, Stage(STAGE, missed.rms_px, missed.rmse_cm)) if effects else stages,
         settings=calibration.settings | joint.said(),
     )

@@ -88,13 +88,13 @@ class Split:
     """(V,) of the board, from 0 on: the pictures of a burst share one. They are always in the same part, and count as one view."""
 
 
-def folds(poses: Sequence[int]) -> Split:
+def folds(poses: Sequence[int] | NDArray[np.int64]) -> Split:
     """Every FOLDS-th pose of the board."""
     pose = _numbered(poses)
     return Split(pose % FOLDS, pose)
 
 
-def bands(depths: Array, poses: Sequence[int]) -> Split | None:
+def bands(depths: Array, poses: Sequence[int] | NDArray[np.int64]) -> Split | None:
     """Near, middle and far poses, equally many each; None where all are at much the same depth.
 
     Args:
@@ -108,7 +108,7 @@ def bands(depths: Array, poses: Sequence[int]) -> Split | None:
     return Split(band[pose], pose) if farthest > BANDED * nearest else None
 
 
-def _numbered(poses: Sequence[int]) -> NDArray[np.int64]:
+def _numbered(poses: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
     return np.unique(poses, return_inverse=True)[1].astype(np.int64)
 
 

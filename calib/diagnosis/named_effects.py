@@ -8,7 +8,6 @@ import torch
 from calib.calibration import Calibration
 from calib.diagnosis.diagnosed import with_fit
 from calib.diagnosis.fine_surface_search import surroundings
-from calib.diagnosis.frame_order import frame_order
 from calib.diagnosis.score_test import Optimum
 from calib.diagnosis.starting_model import model_of
 from calib.effects.effect import Effect
@@ -34,8 +33,7 @@ def with_named(calibration: Calibration, names: Sequence[str], progress: Progres
         InputError: there can be no such effect in this set-up.
     """
     kinds = {kind.name: kind for kind in KINDS}
-    order = frame_order(calibration)
-    observations = calibration.observations.timed(order.times, calibration.camera.height)
+    observations = calibration.observations
     advance = progress.task("Effects", len(names))
     with single_thread():
         model = model_of(calibration)
@@ -55,7 +53,7 @@ def with_named(calibration: Calibration, names: Sequence[str], progress: Progres
             _, model, joint = min(tried, key=lambda one: one[0])
             joint = model.fitted(observations, joint.poses)
             advance(done, name)
-    return with_fit(calibration, model, joint, observations, order)
+    return with_fit(calibration, model, joint, observations)
 
 
 def _left(model: Model, joint: JointFit, observations: Observations) -> float:

@@ -33,7 +33,7 @@ def short_scale_noise(residuals: NDArray[np.float64], board: Board) -> float:
     return float(2**0.5 * SIGMA * np.median(np.abs(bends)) / 6**0.5)
 
 
-def burst_noise(residuals: NDArray[np.float64], poses: Sequence[int]) -> float:
+def burst_noise(residuals: NDArray[np.float64], poses: Sequence[int] | NDArray[np.int64]) -> float:
     """From pictures of one pose of the board: what differs between them.
 
     Each picture's own pose was fitted, so that a board that trembles in the hand adds nothing but its blur.
@@ -46,7 +46,7 @@ def burst_noise(residuals: NDArray[np.float64], poses: Sequence[int]) -> float:
         px, root mean square of the two-dimensional noise; NaN if there are too few such pictures.
     """
     differences = []
-    for pose in set(poses):
+    for pose in dict.fromkeys(np.asarray(poses).tolist()):
         own = residuals[[index for index, other in enumerate(poses) if other == pose]]
         pictures = len(own)
         seen = np.isfinite(own).all((0, 2))

@@ -57,12 +57,13 @@ class Observations:
         moment = None if self.moment is None else self.moment[rows]
         return Observations(names, self.pixels[rows], self.corners[rows], self.weight[rows], starts, moment)
 
-    def timed(self, times: Sequence[float] | None, height: int) -> "Observations":
+    def timed(self, times: Sequence[float] | NDArray[np.float64] | None, height: int) -> "Observations":
         """The same, with each view's time (V,), in any unit, and the lines of a picture of `height` px read from top to bottom.
 
         Without times, all views are from the middle of the session.
         """
-        time = torch.tensor(times or [0.0] * len(self.names), dtype=self.pixels.dtype, device=self.pixels.device)
+        each = np.zeros(len(self.names)) if times is None else np.asarray(times, dtype=np.float64)
+        time = torch.from_numpy(each).to(self.pixels)
         span = float(time.max() - time.min())
         own = ((time - time.min()) / span - 0.5 if span else torch.zeros_like(time))[self.view]
         return replace(self, moment=torch.stack([own, (self.pixels[:, 1] + 0.5) / height - 0.5], -1))

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from calib.corners.view import View
+from calib.corners.view import View, board_poses
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refit_poses
 from calib.fitting.stages import Settings, Setup, fit_stages
@@ -35,16 +35,17 @@ class CrossValidation:
 
 
 def cross_validate(setup: Setup, views: Sequence[View], settings: Settings, folds: int, progress: Progress) -> CrossValidation:
-    """Fit `folds` times, each time without every folds-th view, and measure those.
+    """Fit `folds` times, each time without every folds-th pose of the board, and measure the views of those: a burst stays together.
 
     Raises:
         NotEnoughDataError: too few views are left to fit.
     """
+    fold_of = board_poses(views) % folds
     advance = progress.task(f"{folds} folds" + (f", grid {settings.grid[0]}x{settings.grid[1]}" if settings.grid else ""), folds)
     held_out, fitted, corners = 0.0, 0.0, 0
     with single_thread():
         for fold in range(folds):
-            rest, own = ([view for index, view in enumerate(views) if (index % folds == fold) is held] for held in (False, True))
+            rest, own = ([view for view, out in zip(views, fold_of == fold, strict=True) if out == held] for held in (False, True))
             found = fit_stages(setup, Observations.of(rest, setup.board), settings, Silent())
             test = Observations.of(own, setup.board)
             missed = refit_poses(found.path, found.values, test, pinhole_poses(test, found.values))[1]

@@ -6,7 +6,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from calib.calibration import Calibration
-from calib.corners.view import Rejected, View
+from calib.corners.view import Rejected, View, board_poses
 from calib.errors import NotEnoughDataError
 from calib.estimation.noise import on_board, short_scale_noise
 from calib.estimation.observations import Observations
@@ -15,6 +15,7 @@ from calib.estimation.robust import outlying
 from calib.estimation.stated_priors import with_estimates
 from calib.fitting.cross_validation import GRID_FOLDS, choose_grid, cross_validate
 from calib.fitting.inputs import gather
+from calib.fitting.provenance import KEY, provenance
 from calib.fitting.stages import Settings, Setup, fit_stages
 from calib.progress import Progress
 from calib.session.freeing import with_free
@@ -82,6 +83,7 @@ def fit(session: Session, settings: Settings, progress: Progress) -> Calibration
             "exact_hit": settings.exact_hit,
             "intrinsics_from": start.intrinsics_from,
             "lens_held_out_px": {str(count): error for count, error in start.lens_held_out_px.items()},
+            KEY: provenance(session),
         }
         | ({"cross_validation": asdict(validation)} if validation else {})
         | (joint.said() if joint else {}),
@@ -111,8 +113,12 @@ def _check_enough(views: Sequence[View], rejected: Sequence[Rejected], for_folds
         raise NotEnoughDataError(
             f"A fit needs {FEWEST_VIEWS} usable views and there are {len(views)}: take more pictures of the board{why}."
         )
-    if len(views) - -(-len(views) // max(for_folds, 1)) < FEWEST_VIEWS and for_folds:
+    if not for_folds:
+        return
+    poses = board_poses(views)
+    outside = min(int(np.count_nonzero(poses % for_folds != fold)) for fold in range(for_folds))
+    if outside < FEWEST_VIEWS or poses.max() + 1 < for_folds:
         raise NotEnoughDataError(
-            f"{for_folds} folds need {FEWEST_VIEWS} usable views outside each fold, and there are {len(views)} views in all: "
-            "take more pictures of the board."
+            f"{for_folds} folds need as many poses of the board, and {FEWEST_VIEWS} usable views outside each fold; there are {len(views)} "
+            f"views of {poses.max() + 1} poses in all: take more pictures of the board, or ask for fewer folds."
         )

@@ -1,7 +1,8 @@
 """What a fit starts from: the corners of a session, and the intrinsics of its camera."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -12,9 +13,11 @@ from calib.corners.usable import with_poses
 from calib.corners.view import Rejected, View
 from calib.errors import InputError
 from calib.fitting.intrinsics import calibrate_bare
+from calib.io.frames_table import NAME as FRAMES_TABLE
+from calib.io.frames_table import Exposure, read_exposures
 from calib.progress import Progress
 from calib.session.camera import Intrinsics
-from calib.session.session import Session, check_images
+from calib.session.session import Session
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,15 +34,22 @@ class Gathered:
 
 
 def read_views(session: Session, progress: Progress) -> tuple[tuple[View, ...], tuple[Rejected, ...]]:
-    """The session's corners: from its corners file, or detected in its pictures."""
+    """The session's corners: from its corners file, or detected in its pictures; with what frames.csv says of each picture."""
+    exposures = read_exposures(session.path / FRAMES_TABLE)
+    rejected: tuple[Rejected, ...] = ()
     if session.corners:
         views = read_corners(session.corners, session.board)
         _check_inside(views, session)
-        return views, ()
-    check_images(session)
-    advance = progress.task(f"Corners in {session.path.resolve().name}", len(session.frames))
-    found = detect(session.frames, session.board, lambda done, hits: advance(done, f"{hits} boards found"))
-    return found.views, found.rejected
+    else:
+        advance = progress.task(f"Corners in {session.path.resolve().name}", len(session.frames))
+        size = session.camera.width, session.camera.height
+        found = detect(session.frames, session.board, lambda done, hits: advance(done, f"{hits} boards found"), size=size)
+        views, rejected = found.views, found.rejected
+    return tuple(_exposed(view, exposures.get(Path(view.name).name, Exposure())) for view in views), rejected
+
+
+def _exposed(view: View, exposure: Exposure) -> View:
+    return replace(view, time_s=exposure.time_s, pose_id=exposure.pose_id)
 
 
 def gather(session: Session, progress: Progress) -> Gathered:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.corners.usable import with_poses
-from calib.corners.view import Rejected, View
+from calib.corners.view import Rejected, View, board_poses
 from calib.errors import NotEnoughDataError
 from calib.estimation.robust import outlying
 from calib.progress import Progress
@@ -102,7 +102,8 @@ def _choose_count(views: Sequence[View], board: Board, size: tuple[int, int], pr
 
     The tilted sensor's fourteen take minutes, so they are tried only where the thin prism's twelve were worth having.
     """
-    folds = min(FOLDS, len(views) // 2)
+    poses = board_poses(views)
+    folds = min(FOLDS, int(poses.max() + 1) // 2)
     advance = progress.task("Lens coefficients", folds * len(COEFFICIENTS))
     previous: list[_Solved | None] = [None] * folds
     scores: dict[int, float] = {}
@@ -111,8 +112,10 @@ def _choose_count(views: Sequence[View], board: Board, size: tuple[int, int], pr
             break
         per_view = np.empty(len(views))
         for fold in range(folds):
-            solved = previous[fold] = _step([view for j, view in enumerate(views) if j % folds != fold], board, size, count, previous[fold])
-            for j in range(fold, len(views), folds):
+            out = poses % folds == fold
+            rest = [view for view, held in zip(views, out, strict=True) if not held]
+            solved = previous[fold] = _step(rest, board, size, count, previous[fold])
+            for j in np.flatnonzero(out).tolist():
                 per_view[j] = _held_out_rms(views[j], board, solved)
             advance(i * folds + fold + 1, f"{count} coefficients")
         # A few bad views would drown the rest: none counts for more than four times its model's median.

@@ -2,13 +2,11 @@
 
 import platform
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from datetime import UTC, datetime
 from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from calib.calibration import Calibration
 from calib.io.files import reading
 from calib.session.session import Session
 
@@ -16,9 +14,9 @@ KEY = "made_by"
 PACKAGES = ("numpy", "scipy", "torch", "opencv-python-headless")
 
 
-def with_origin(calibration: Calibration, session: Session) -> Calibration:
-    """The same calibration, saying which session it was fitted to, when, and with which versions."""
-    origin = {
+def provenance(session: Session) -> dict[str, str]:
+    """Which session a fit that ends now was made from, and with which versions."""
+    return {
         "session": str(session.path.resolve()),
         "session_sha256": session_hash(session),
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -26,7 +24,6 @@ def with_origin(calibration: Calibration, session: Session) -> Calibration:
         "machine": f"{platform.system()} {platform.machine()}",
         **{name: _version(name) for name in PACKAGES},
     }
-    return replace(calibration, settings=calibration.settings | {KEY: origin})
 
 
 def session_hash(session: Session) -> str:

@@ -6,7 +6,9 @@ picture without a row. Both are mended when the recording is continued.
 
 import csv
 import io
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from calib.errors import InputError
@@ -18,6 +20,15 @@ FIXED = ("file", "time_s", "sequence", "view")
 which the pictures of a burst share. What the camera said comes after them."""
 
 Row = Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Exposure:
+    """When a picture was taken, and of which pose of the board."""
+
+    time_s: float | None = None
+    pose_id: str | None = None
+    """The label in the column view, which the pictures of a burst share."""
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
@@ -36,6 +47,30 @@ def read_table(path: Path) -> list[dict[str, str]]:
     if any("file" not in row or None in row for row in rows):
         raise InputError(f"{path} has no column file, or rows longer than its first: its first line must be {','.join(FIXED)},...")
     return rows
+
+
+def read_exposures(path: Path) -> dict[str, Exposure]:
+    """By picture, without its folder; pictures without a row are not in it, and an empty cell says nothing.
+
+    Raises:
+        InputError: it is no table, or a time is not one.
+    """
+    exposures = {}
+    for row in read_table(path):
+        time_s = recorded_time(row)
+        if time_s is None and row.get("time_s", "").strip():
+            raise InputError(f"{path}: time_s of {row['file']} is {row['time_s']!r}: write seconds, such as 12.5, or leave it empty.")
+        exposures[Path(row["file"]).name] = Exposure(time_s, row.get("view", "").strip() or None)
+    return exposures
+
+
+def recorded_time(row: Row) -> float | None:
+    """s; None where the row has no finite time."""
+    try:
+        time_s = float(row["time_s"])
+    except (KeyError, ValueError):
+        return None
+    return time_s if math.isfinite(time_s) else None
 
 
 def mended(rows: Sequence[Row], pictures: Sequence[Path]) -> list[Row]:

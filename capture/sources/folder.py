@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from calib.errors import InputError
 from calib.io.files import reading
-from calib.io.frames_table import FIXED, NAME, read_table
+from calib.io.frames_table import FIXED, NAME, read_table, recorded_time
 from calib.io.images import list_images, read_image
 from calib.session.schema import Quantity, Section
 from capture.frames import PAUSE_S, Frame
@@ -55,7 +55,7 @@ class FolderSource:
         table = (self._folder.parent if self._folder.name == "frames" else self._folder) / NAME
         rows = {row["file"]: row for row in read_table(table)}
         self._rows = tuple(rows.get(picture.name, {}) for picture in self._pictures)
-        self._times = tuple(map(_time, self._rows))
+        self._times = tuple(map(recorded_time, self._rows))
         if any(_gap(*pair) is None for pair in pairwise(self._times)) or None in self._times:
             self._speed = None
         return self
@@ -95,15 +95,6 @@ def _pixels(picture: Path) -> NDArray[np.uint8]:
     if pixels.dtype != np.uint8:
         raise InputError(f"{picture} has 16 bits a pixel where cameras give 8: convert it, or calibrate from it by calib fit.")
     return np.asarray(pixels, np.uint8)
-
-
-def _time(row: Mapping[str, str]) -> float | None:
-    """s; None where it was not recorded."""
-    try:
-        time_s = float(row["time_s"])
-    except (KeyError, ValueError):
-        return None
-    return time_s if np.isfinite(time_s) else None
 
 
 def _gap(one: float | None, other: float | None) -> float | None:

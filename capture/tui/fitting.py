@@ -51,14 +51,13 @@ def main(session: Path, out: Path) -> None:
 def _fit(session: Path, out: Path) -> dict[str, object]:
     say(event="task", title="Loading torch", total=1)
     from calib.fitting.fit import fit
-    from calib.fitting.provenance import with_origin
     from calib.fitting.stages import Settings
     from calib.io.files import check_writable
     from calib.session.session import read_session
 
     described = read_session(session)
     check_writable(out)
-    calibration = with_origin(fit(described, Settings(), Lines()), described)
+    calibration = fit(described, Settings(), Lines())
     return summary(calibration, calibration.save(out))
 
 

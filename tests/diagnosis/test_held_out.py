@@ -1,14 +1,12 @@
 """What is held out together, and what frames.csv says of it."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
 from calib.diagnosis.diagnose import diagnose
-from calib.diagnosis.frame_order import frame_order
 from calib.diagnosis.held_out import bands, folds, hold_out
 from calib.diagnosis.starting_model import base_model
 from calib.errors import NotEnoughDataError
@@ -49,20 +47,11 @@ def test_a_part_is_scored_by_a_fit_that_did_not_see_it() -> None:
     assert held.rms > 1.01 * joint.sigma * 2**0.5
 
 
-def test_times_and_bursts_are_read_from_frames_csv(tmp_path: Path) -> None:
+def test_a_burst_counts_as_one_view() -> None:
     made = fitted(hidden(None, {}, views=10))
-    assert frame_order(made).poses == tuple(range(10))
-    made = replace(made, settings={"made_by": {"session": str(tmp_path)}})
-    rows = [f"{view.name},{100 + index / 2},{index // 2}" for index, view in enumerate(made.views)]
-    (tmp_path / "frames.csv").write_text("\n".join(["file,time_s,view", *reversed(rows)]))
-    order = frame_order(made)
-    assert order.from_file
-    assert order.times == tuple(100 + index / 2 for index in range(10))
-    assert order.poses == (0, 0, 1, 1, 2, 2, 3, 3, 4, 4)
+    bursts = tuple(replace(view, pose_id=str(index // 2)) for index, view in enumerate(made.views))
     with pytest.raises(NotEnoughDataError, match=r"needs 10 or more, but the calibration has 5"):
-        diagnose(made, Silent())
-    (tmp_path / "frames.csv").write_text("\n".join(["file,time_s,view", *rows[1:]]))  # a picture without a row
-    assert frame_order(made) == frame_order(replace(made, settings={}))
+        diagnose(replace(made, views=bursts), Silent())
 
 
 def test_what_the_fit_hardly_predicts_counts_as_much_less() -> None:

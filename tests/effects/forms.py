@@ -87,7 +87,6 @@ class Situation:
             settings={},
             gauge="",
             effects=tuple(effects),
-            times=np.array(TIMES),
         )
 
 
@@ -103,7 +102,7 @@ def situation(cover: Cover, intrinsics: Intrinsics, relief: Relief | None) -> Si
         # Beside the corners, where the waves of a free field have no nodes in common.
         points = torch.from_numpy(BOARD.points() + rng.uniform(-0.01, 0.01, (BOARD.count, 2)))
         pixels = path.lens.project(path.place(points, values, pose), values)
-        views.append(View(f"{view:04d}.png", pixels.numpy(), np.ones(BOARD.count)))
+        views.append(View(f"{view:04d}.png", pixels.numpy(), np.ones(BOARD.count), TIMES[view]))
     return Situation(cover, intrinsics, relief, amplitudes, tuple(views), poses)
 
 

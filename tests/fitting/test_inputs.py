@@ -1,20 +1,29 @@
 """Sessions that are well formed and still give no calibration, or not all of it."""
 
+from collections import Counter
+from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import yaml
+from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.commands.console import remarks
 from calib.corners.view import View
 from calib.errors import InputError, NotEnoughDataError
+from calib.estimation.observations import Observations
+from calib.estimation.poses import pinhole_poses, refit_poses
 from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
+from calib.fitting.inputs import read_views
+from calib.fitting.stages import Settings, Setup, fit_stages
 from calib.progress import Silent
 from calib.session.session import read_session
 from fixtures.synthetic import INTRINSICS, Scene, scene
+from tests.session.malformed import write_good_session
 from tests.test_calibration import write_session
 
 SHORT = Settings(grid=(4, 4))
@@ -46,6 +55,62 @@ def test_a_view_whose_corners_lie_on_one_line_is_listed(made: Scene, tmp_path: P
     thin = View(view.name, np.where(line[:, None], view.corners, np.nan), np.where(line, 1.0, 0.0))
     result = fitted(write_session(tmp_path, made, (*made.views[:2], thin, *made.views[3:])))
     assert [(r.name, "lie on one line" in r.reason) for r in result.rejected] == [(view.name, True)]
+
+
+def test_a_fit_knows_when_each_view_was_taken_and_of_which_pose(made: Scene, tmp_path: Path) -> None:
+    """From frames.csv, whose rows come in any order; and it still knows after it was saved and its session is gone."""
+    folder = write_session(tmp_path / "session", made)
+    rows = [f"frames/{view.name},{100 + index / 2},{index // 2}" for index, view in enumerate(made.views[:-1])]
+    (folder / "frames.csv").write_text("\n".join(["file,time_s,view", *reversed(rows)]))
+    result = fitted(folder)
+    path = result.save(tmp_path / "out")
+    folder.rename(tmp_path / "elsewhere")
+    for calibration in (result, Calibration.load(path)):
+        assert [view.time_s for view in calibration.views] == [100.0, 100.5, 101.0, 101.5, 102.0, None]
+        assert [view.pose_id for view in calibration.views] == ["0", "0", "1", "1", "2", None]
+        assert calibration.settings["made_by"]["session"] == str(folder)
+
+
+def test_every_picture_is_decoded_once_and_never_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = write_good_session(tmp_path)
+    decoded = Counter[str]()
+
+    def counting(data: NDArray[np.uint8], flags: int) -> object:
+        decoded[sha256(data.tobytes()).hexdigest()] += 1
+        return decode(data, flags)
+
+    decode = cv2.imdecode
+    monkeypatch.setattr(cv2, "imdecode", counting)
+    assert len(read_views(read_session(folder), Silent())[0]) == 3
+    assert sorted(decoded.values()) == [1, 1, 1]
+    assert len(read_views(read_session(folder), Silent())[0]) == 3
+    assert sorted(decoded.values()) == [1, 1, 1]
+
+
+def test_a_time_that_is_none_is_refused(made: Scene, tmp_path: Path) -> None:
+    folder = write_session(tmp_path, made)
+    (folder / "frames.csv").write_text("file,time_s,view\n0000.png,,\n0001.png,noon,0\n")
+    with pytest.raises(InputError, match=r"frames.csv: time_s of 0001.png is 'noon': write seconds, such as 12.5, or leave it empty."):
+        fitted(folder)
+
+
+def test_folds_keep_a_burst_together(made: Scene, tmp_path: Path) -> None:
+    """Six views of three poses, each pose twice: with three folds every view is held out beside its double, so the error is that of a fit
+    to the other two poses, made here by hand."""
+    folder = write_session(tmp_path, made)
+    rows = [f"{view.name},{index},{index % 3}" for index, view in enumerate(made.views)]
+    (folder / "frames.csv").write_text("\n".join(["file,time_s,view", *rows]))
+    result = fit(read_session(folder), replace(SHORT, folds=3), Silent())
+    setup = Setup(made.board, result.camera, INTRINSICS, made.cover)
+    squares = []
+    for pose in range(3):
+        rest, own = ([view for index, view in enumerate(made.views) if (index % 3 == pose) is out] for out in (False, True))
+        found = fit_stages(setup, Observations.of(rest, made.board), SHORT, Silent())
+        test = Observations.of(own, made.board)
+        squares.append(refit_poses(found.path, found.values, test, pinhole_poses(test, found.values))[1].rms_px ** 2)
+    assert result.settings["cross_validation"]["held_out_px"] == pytest.approx(np.mean(squares) ** 0.5, rel=1e-6)  # 81 corners each
+    with pytest.raises(NotEnoughDataError, match=r"4 folds need as many poses .* 6 views of 3 poses"):
+        fit(read_session(folder), replace(SHORT, folds=4), Silent())
 
 
 def test_corners_outside_the_picture_are_refused(made: Scene, tmp_path: Path) -> None:

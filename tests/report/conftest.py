@@ -1,12 +1,12 @@
 """Calibrations that many tests report on: 45 views with their pictures and their report, and a few views without."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 
 from calib.calibration import Calibration
-from calib.fitting.provenance import with_origin
+from calib.fitting.provenance import KEY, provenance
 from calib.progress import Silent
 from calib.report.write import write_report
 from calib.session.session import read_session
@@ -32,7 +32,7 @@ def reported(tmp_path_factory: pytest.TempPathFactory) -> Reported:
     session = folder / "session"
     calibration = calibrated(made, session)
     add_pictures(session, made)
-    calibration = with_origin(calibration, read_session(session))
+    calibration = replace(calibration, settings=calibration.settings | {KEY: provenance(read_session(session))})
     (session / "calibration").mkdir()
     return Reported(calibration, session, write_report(calibration, session / "calibration", Silent()))
 

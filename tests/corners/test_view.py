@@ -1,0 +1,28 @@
+"""What views say of each other: which show one pose of the board, and in which order they were taken."""
+
+import numpy as np
+
+from calib.corners.view import View, are_timed, board_poses, capture_times
+
+
+def views(*said: tuple[float | None, str | None]) -> list[View]:
+    return [View(f"{index}.png", np.zeros((4, 2)), np.ones(4), time_s, pose) for index, (time_s, pose) in enumerate(said)]
+
+
+def test_views_of_a_burst_share_a_pose_and_others_have_their_own() -> None:
+    assert board_poses(views((None, "7"), (None, None), (None, "7"), (None, "2"), (None, None))).tolist() == [0, 1, 0, 2, 3]
+    assert board_poses([]).tolist() == []
+
+
+def test_a_label_is_no_place_in_the_list() -> None:
+    """A view without a label is not taken for one of the burst that is called after its place."""
+    assert board_poses(views((None, "1"), (None, None), (None, "1"))).tolist() == [0, 1, 0]
+
+
+def test_times_are_used_if_every_view_has_one_and_they_differ() -> None:
+    timed = views((3.0, None), (1.0, None))
+    assert are_timed(timed)
+    assert capture_times(timed).tolist() == [3.0, 1.0]
+    for unknown in (views((3.0, None), (None, None)), views((3.0, None), (3.0, None))):
+        assert not are_timed(unknown)
+        assert capture_times(unknown).tolist() == [0.0, 1.0]
