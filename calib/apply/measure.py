@@ -118,7 +118,7 @@ class Measurer:
             seen = observations.kept(path.land(observations.pixels, values, poses[observations.view])[1] == 0)
             weights = pixel_weights(path, values, seen, poses, self._corner_noise)
             (landing,) = landings(path, values, seen, weights, (), relief_moves=False)
-            by_pose = landing.linearise(values, poses, poses.new_zeros(0)).by_block.flatten(0, 1).numpy()
+            by_pose = landing.linearise(values, poses, poses.new_zeros(0)).jacobian_block.flatten(0, 1).numpy()
         noise = np.linalg.cholesky(np.linalg.inv(by_pose.T @ by_pose))
         pose, pixels = poses[0].numpy(), seen.pixels.numpy()
         each = np.broadcast_to(pose, (len(pixels), 6))

@@ -41,7 +41,7 @@ def suspect(at: Optimum) -> Tensor | None:
     for piece in problem.linearise(zero.new_zeros(shared.count), joint.poses):
         for first, last in zip(piece.starts[:-1].tolist(), piece.starts[1:].tolist(), strict=True):
             block, residual, bells = (
-                p[first:last].flatten(0, 1).numpy() for p in (piece.by_block, piece.residual.unsqueeze(-1), piece.by_shared)
+                p[first:last].flatten(0, 1).numpy() for p in (piece.jacobian_block, piece.residual.unsqueeze(-1), piece.jacobian_shared)
             )
             q = np.linalg.qr(block)[0]
             off, own = residual - q @ (q.T @ residual), bells - q @ (q.T @ bells)

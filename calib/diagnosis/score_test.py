@@ -84,14 +84,14 @@ class Optimum:
         values = {**self.joint.values, **self.model.neutral(effect)}
         own = [u.param.name for u in effect.unknowns]
         at = self._linearised(wider, values, own)
-        blocks = self._pieces(at.by_block)
+        blocks = self._pieces(at.jacobian_block)
         residual = self._pieces(at.residual.unsqueeze(-1))
         old_numbers = self.joint.poses.shape[1]
         rest = [orthogonal(block[:, :old_numbers]) for block in blocks]
         if effect.per_view:
             return self._of_views(effect, blocks, residual, rest)
         count = sum(int(np.prod(u.param.shape)) for u in effect.unknowns)
-        shared = [piece - q @ (q.T @ piece) for piece, q in zip(self._pieces(at.by_shared), rest, strict=True)]
+        shared = [piece - q @ (q.T @ piece) for piece, q in zip(self._pieces(at.jacobian_shared), rest, strict=True)]
         whole, off = np.concatenate(shared), np.concatenate([r - q @ (q.T @ r) for r, q in zip(residual, rest, strict=True)])[:, 0]
         known, new = whole[:, : whole.shape[1] - count], whole[:, whole.shape[1] - count :]
         precision = shared_precision(self.model.path, self.joint.smoothness, self.model.free, self.model.means)
@@ -109,7 +109,7 @@ class Optimum:
     def slopes(self) -> list[tuple[Array, Array]]:
         """(2m, B) and (2m, S) of each view, px over sigma: by its own numbers, and by those that views share."""
         at = self._linearised(self.model, self.joint.values, ())
-        return list(zip(self._pieces(at.by_block), self._pieces(at.by_shared), strict=True))
+        return list(zip(self._pieces(at.jacobian_block), self._pieces(at.jacobian_shared), strict=True))
 
     def information(self, effects: Sequence[Effect]) -> Array:
         """(V, S, S) what each view says of the fitted numbers, and then of the effects' own, at neutral; its own numbers unknown."""
@@ -119,7 +119,7 @@ class Optimum:
             values |= self.model.neutral(effect)
         at = self._linearised(wider, values, [u.param.name for effect in effects for u in effect.unknowns])
         found = []
-        for block, piece in zip(self._pieces(at.by_block), self._pieces(at.by_shared), strict=True):
+        for block, piece in zip(self._pieces(at.jacobian_block), self._pieces(at.jacobian_shared), strict=True):
             q = orthogonal(block)
             left = piece - q @ (q.T @ piece)
             found.append(left.T @ left)
@@ -153,7 +153,7 @@ class Optimum:
         views = tuple(landings(path, values, seen, weights, tuple(scales), relief is not None))
         zero = poses.new_zeros(shared.count)
         pieces = list(LandingProblem(shared, views, zero.diag(), view_precision(poses)).linearise(zero, poses))
-        parts = (torch.cat([getattr(p, name) for p in pieces]) for name in ("residual", "by_block", "by_shared"))
+        parts = (torch.cat([getattr(p, name) for p in pieces]) for name in ("residual", "jacobian_block", "jacobian_shared"))
         return Linearised(seen.starts, *parts)
 
     def _pieces(self, rows: Tensor) -> list[Array]:

@@ -1,10 +1,16 @@
-"""Levenberg-Marquardt on block-structured least squares. It knows vectors only.
+"""Levenberg-Marquardt for nonlinear least squares whose Jacobian is block-sparse. It knows vectors only.
 
-Every row of residuals depends on the shared numbers and on the numbers of its own block (a view's pose, say). Blocks are eliminated
-by the Schur complement, so the time grows linearly with their number.
+Minimises F(x, y_1 ... y_V) = sum_v |r_v(x, y_v)|^2 + x^T P x + sum_v p . y_v^2: every residual depends on the shared parameters x (a
+camera's, say) and on the parameters y_v of its own block (a view's pose). Each step solves the damped Gauss-Newton equations
+(J^T J + mu diag(J^T J)) step = -J^T r. Their Hessian is block-arrow: the blocks are eliminated by the Schur complement, the reduced
+camera system of bundle adjustment is solved for x, and back-substitution gives the blocks, so that the time grows linearly with their
+number. The damping mu follows the gain ratio: how much F fell over what the quadratic model promised.
 
-Sources: K. Madsen, H. B. Nielsen, O. Tingleff, Methods for non-linear least squares problems (2004), section 3.2, for the damping;
-B. Triggs et al., Bundle adjustment: a modern synthesis (2000), section 6.1, for the elimination.
+As in the references, gradient and Hessian are those of F / 2: J^T r and, in the Gauss-Newton approximation, J^T J.
+
+Sources: J. Nocedal, S. J. Wright, Numerical optimization (2006), sections 10.3 and 4.1, for the method and its gain ratio; K. Madsen,
+H. B. Nielsen, O. Tingleff, Methods for non-linear least squares problems (2004), section 3.2, for the update of the damping; B. Triggs
+et al., Bundle adjustment: a modern synthesis (2000), section 6.1, for the Schur complement.
 """
 
 import math
@@ -36,30 +42,30 @@ class Outcome(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Linearised:
-    """The residuals of some consecutive blocks and their derivatives at one point, in units of their standard deviation, robust
+    """The residuals of some consecutive blocks and their Jacobian at one point, in units of their standard deviation, robust
     weights included."""
 
     starts: Tensor
     """(v + 1,) int64: the rows of the v-th of these blocks are starts[v] to starts[v + 1]."""
     residual: Tensor
     """(M, D)"""
-    by_block: Tensor
-    """(M, D, B): by the numbers of the row's own block."""
-    by_shared: Tensor
+    jacobian_block: Tensor
+    """(M, D, B): by the parameters of the row's own block."""
+    jacobian_shared: Tensor
     """(M, D, S)"""
 
 
 class Problem(Protocol):
-    """What is to be minimised: a sum over rows, plus a quadratic prior on the shared numbers."""
+    """What is to be minimised: a sum over rows, plus quadratic priors on the parameters."""
 
     @property
     def precision(self) -> Tensor:
-        """(S, S) P of the prior's cost x^T P x on the shared numbers x."""
+        """(S, S) P of the prior's cost x^T P x on the shared parameters x."""
         ...
 
     @property
     def block_precision(self) -> Tensor:
-        """(B,) p of the prior's cost p . y^2 on each block's numbers y; 0 where nothing is known of one."""
+        """(B,) p of the prior's cost p . y^2 on each block's parameters y; 0 where nothing is known of one."""
         ...
 
     def cost(self, shared: Tensor, blocks: Tensor) -> float:
@@ -67,35 +73,35 @@ class Problem(Protocol):
         ...
 
     def linearise(self, shared: Tensor, blocks: Tensor) -> Iterable[Linearised]:
-        """(S,) and (V, B) to rows whose squares have the cost's gradient, and about its curvature: all blocks, some at a time, so that
-        the memory need not hold every row's derivatives at once."""
+        """(S,) and (V, B) to rows whose squares have the cost's gradient, and about its Hessian: all blocks, some at a time, so that the
+        memory need not hold the whole Jacobian at once."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
-class Normal:
-    """The normal equations of the rows, without the prior, in blocks; B numbers in each of V, and S shared ones."""
+class NormalEquations:
+    """Of the rows, without the prior, in blocks: B parameters in each of V, and S shared ones."""
 
-    block: Tensor
-    """(V, B, B)"""
-    cross: Tensor
+    hessian_block: Tensor
+    """(V, B, B), the diagonal blocks of J^T J."""
+    hessian_cross: Tensor
     """(V, B, S)"""
-    shared: Tensor
+    hessian_shared: Tensor
     """(S, S)"""
-    block_slope: Tensor
-    """(V, B)"""
-    shared_slope: Tensor
+    gradient_block: Tensor
+    """(V, B) of J^T r."""
+    gradient_shared: Tensor
     """(S,)"""
-    square: float
-    """The rows' sum of squares."""
+    sum_of_squares: float
+    """Of the rows' residuals."""
 
-    def reduced(self) -> tuple[Tensor, Tensor]:
-        """What the rows say of the shared numbers once every block has adapted: (S, S) curvature and (S,) slope."""
-        damped = self.block + 1e-12 * torch.diag_embed(_diagonal(self.block))
-        solved = torch.linalg.solve(damped, torch.cat([self.cross, self.block_slope.unsqueeze(-1)], -1))
-        flat = self.cross.flatten(0, 1)
-        curvature = self.shared - flat.mT @ solved[..., :-1].flatten(0, 1)
-        return (curvature + curvature.mT) / 2, self.shared_slope - flat.mT @ solved[..., -1].flatten()
+    def schur_complement(self) -> tuple[Tensor, Tensor]:
+        """The (S, S) Hessian and (S,) gradient of the shared parameters once every block has adapted: the reduced camera system."""
+        damped = self.hessian_block + 1e-12 * torch.diag_embed(_diagonal(self.hessian_block))
+        solved = torch.linalg.solve(damped, torch.cat([self.hessian_cross, self.gradient_block.unsqueeze(-1)], -1))
+        cross = self.hessian_cross.flatten(0, 1)
+        hessian = self.hessian_shared - cross.mT @ solved[..., :-1].flatten(0, 1)
+        return (hessian + hessian.mT) / 2, self.gradient_shared - cross.mT @ solved[..., -1].flatten()
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,8 +116,8 @@ class Solution:
     cost: float
     """The sum over rows and the prior."""
     iterations: int
-    normal: Normal
-    """Of the rows there, with the prior on the blocks' own numbers."""
+    equations: NormalEquations
+    """Of the rows there, with the prior on the blocks' own parameters."""
 
 
 def minimise(
@@ -141,23 +147,23 @@ def minimise(
     def prior(shared: Tensor, blocks: Tensor) -> float:
         return float(shared @ precision @ shared) + float((blocks**2 @ problem.block_precision).sum())
 
-    def normal_at(shared: Tensor, blocks: Tensor) -> Normal:
+    def equations_at(shared: Tensor, blocks: Tensor) -> NormalEquations:
         rows = normal_equations(problem.linearise(shared, blocks))
         own = problem.block_precision
-        return replace(rows, block=rows.block + own.diag(), block_slope=rows.block_slope + own * blocks)
+        return replace(rows, hessian_block=rows.hessian_block + own.diag(), gradient_block=rows.gradient_block + own * blocks)
 
     cost = problem.cost(shared, blocks) + prior(shared, blocks)
     if math.isnan(cost):
         raise ValueError("the cost at the start is not a number")
     damping, growth = FIRST_DAMPING, 2.0
     for step in range(1, steps + 1):
-        rows = normal_at(shared, blocks)
-        normal = replace(rows, shared=rows.shared + precision, shared_slope=rows.shared_slope + precision @ shared)
+        rows = equations_at(shared, blocks)
+        whole = replace(rows, hessian_shared=rows.hessian_shared + precision, gradient_shared=rows.gradient_shared + precision @ shared)
         while True:
-            move_shared, move_blocks = _damped_step(normal, damping)
-            promised = -_model_change(normal, move_shared, move_blocks)
+            move_shared, move_blocks = _damped_step(whole, damping)
+            promised = -_model_change(whole, move_shared, move_blocks)
             if promised <= tolerance * cost or cost < ROUNDING:
-                # A heavily damped step promises little whatever the slope.
+                # A heavily damped step promises little whatever the gradient.
                 outcome = Outcome.CONVERGED if damping <= 1 or cost < ROUNDING else Outcome.STUCK
                 return Solution(outcome, shared, blocks, cost, step, rows)
             moved = shared + move_shared
@@ -172,52 +178,58 @@ def minimise(
         growth = 2.0
         if progress:
             progress(step, cost)
-    rows = normal_at(shared, blocks)
+    rows = equations_at(shared, blocks)
     return Solution(Outcome.STEPS_USED_UP, shared, blocks, cost, steps, rows)
 
 
-def normal_equations(pieces: Iterable[Linearised]) -> Normal:
+def normal_equations(pieces: Iterable[Linearised]) -> NormalEquations:
     """The normal equations of linearised rows, block by block."""
-    block, cross, slope, shared, shared_slope = [], [], [], [], []
-    square = 0.0
+    block, cross, gradient, shared, gradient_shared = [], [], [], [], []
+    sum_of_squares = 0.0
     for at in pieces:
         for first, last in pairwise(at.starts.tolist()):
-            own = at.by_block[first:last].flatten(0, 1)
+            own = at.jacobian_block[first:last].flatten(0, 1)
             block.append(own.mT @ own)
-            cross.append(own.mT @ at.by_shared[first:last].flatten(0, 1))
-            slope.append(own.mT @ at.residual[first:last].flatten())
-        flat, residual = at.by_shared.flatten(0, 1), at.residual.flatten()
-        shared.append(flat.mT @ flat)
-        shared_slope.append(flat.mT @ residual)
-        square += float(residual @ residual)
-    whole, whole_slope = (torch.stack(part).sum(0) for part in (shared, shared_slope))
-    return Normal(torch.stack(block), torch.stack(cross), whole, torch.stack(slope), whole_slope, square)
+            cross.append(own.mT @ at.jacobian_shared[first:last].flatten(0, 1))
+            gradient.append(own.mT @ at.residual[first:last].flatten())
+        jacobian, residual = at.jacobian_shared.flatten(0, 1), at.residual.flatten()
+        shared.append(jacobian.mT @ jacobian)
+        gradient_shared.append(jacobian.mT @ residual)
+        sum_of_squares += float(residual @ residual)
+    return NormalEquations(
+        hessian_block=torch.stack(block),
+        hessian_cross=torch.stack(cross),
+        hessian_shared=torch.stack(shared).sum(0),
+        gradient_block=torch.stack(gradient),
+        gradient_shared=torch.stack(gradient_shared).sum(0),
+        sum_of_squares=sum_of_squares,
+    )
 
 
-def _damped_step(normal: Normal, damping: float) -> tuple[Tensor, Tensor]:
-    """The (S,) and (V, B) step of the equations damped by a fraction of their own diagonal."""
-    block = normal.block + damping * torch.diag_embed(_diagonal(normal.block))
-    shared = normal.shared + damping * torch.diag_embed(_diagonal(normal.shared))
-    solved = torch.linalg.solve(block, torch.cat([normal.cross, normal.block_slope.unsqueeze(-1)], -1))  # (V, B, S + 1)
-    away, pull = solved[..., :-1], solved[..., -1]
-    flat_cross = normal.cross.flatten(0, 1)
-    move_shared = torch.zeros_like(normal.shared_slope)
+def _damped_step(at: NormalEquations, damping: float) -> tuple[Tensor, Tensor]:
+    """The (S,) and (V, B) step: the shared parameters by the Schur complement, then the blocks by back-substitution."""
+    block = at.hessian_block + damping * torch.diag_embed(_diagonal(at.hessian_block))
+    shared = at.hessian_shared + damping * torch.diag_embed(_diagonal(at.hessian_shared))
+    solved = torch.linalg.solve(block, torch.cat([at.hessian_cross, at.gradient_block.unsqueeze(-1)], -1))  # (V, B, S + 1)
+    from_cross, from_gradient = solved[..., :-1], solved[..., -1]
+    cross = at.hessian_cross.flatten(0, 1)
+    move_shared = torch.zeros_like(at.gradient_shared)
     if len(move_shared):
-        reduced = shared - flat_cross.mT @ away.flatten(0, 1)
-        move_shared = -torch.linalg.solve(reduced, normal.shared_slope - flat_cross.mT @ pull.flatten())
-    return move_shared, -(pull + away @ move_shared)
+        schur = shared - cross.mT @ from_cross.flatten(0, 1)
+        move_shared = -torch.linalg.solve(schur, at.gradient_shared - cross.mT @ from_gradient.flatten())
+    return move_shared, -(from_gradient + from_cross @ move_shared)
 
 
 def _diagonal(matrix: Tensor) -> Tensor:
-    """(..., n) the diagonal, kept away from zero for numbers that move nothing."""
+    """(..., n) the diagonal, kept away from zero for parameters that move nothing."""
     diagonal = matrix.diagonal(dim1=-2, dim2=-1)
     floor = 1e-12 * diagonal.amax(-1, keepdim=True) if diagonal.shape[-1] else 0.0
     return diagonal.clamp_min(1e-30) + floor
 
 
-def _model_change(normal: Normal, shared: Tensor, blocks: Tensor) -> float:
+def _model_change(at: NormalEquations, shared: Tensor, blocks: Tensor) -> float:
     """By how much the quadratic model says that the cost changes."""
-    linear = 2 * (normal.shared_slope @ shared + (normal.block_slope * blocks).sum())
-    bent = torch.einsum("vb,vbc,vc->", blocks, normal.block, blocks) + shared @ normal.shared @ shared
-    mixed = 2 * torch.einsum("vb,vbs,s->", blocks, normal.cross, shared)
-    return float(linear + bent + mixed)
+    linear = 2 * (at.gradient_shared @ shared + (at.gradient_block * blocks).sum())
+    quadratic = torch.einsum("vb,vbc,vc->", blocks, at.hessian_block, blocks) + shared @ at.hessian_shared @ shared
+    mixed = 2 * torch.einsum("vb,vbs,s->", blocks, at.hessian_cross, shared)
+    return float(linear + quadratic + mixed)

@@ -113,12 +113,12 @@ def fit_joint(
         solution = minimise(LandingProblem(model, tuple(views), precision, view_precision(poses)), shared, poses, tolerance=tolerance)
         shared, poses, spent = solution.shared, solution.blocks, spent + solution.iterations
         if progress:
-            progress(spent, sigma * (solution.normal.square / len(observations.pixels)) ** 0.5)
+            progress(spent, sigma * (solution.equations.sum_of_squares / len(observations.pixels)) ** 0.5)
         if not start and tolerance != ROUNDS[-1]:
             freedom = 2 * len(observations.pixels) - poses.numel()
             sigma, smoothness = _by_evidence(solution, freedom, sigma, smoothness, relief, fixed)
-    curvature, _ = solution.normal.reduced()
-    covariance = torch.linalg.inv(curvature + precision) if model.count else curvature
+    hessian, _ = solution.equations.schur_complement()
+    covariance = torch.linalg.inv(hessian + precision) if model.count else hessian
     return JointFit(model.at(shared), poses, covariance, sigma, smoothness, scales, solution.outcome, spent)
 
 
@@ -126,9 +126,9 @@ def _by_evidence(
     solution: Solution, freedom: int, sigma: float, smoothness: Smoothness | None, relief: Relief | None, fixed: np.ndarray
 ) -> tuple[float, Smoothness | None]:
     """The noise (px) and the smoothness that are most probable, from where a fit with the noise `sigma` ended."""
-    curvature, slope = (part.cpu().numpy() * sigma**2 for part in solution.normal.reduced())
-    square = solution.normal.square * sigma**2
-    quadratic = Quadratic.around(curvature, slope, square, freedom, solution.shared.cpu().numpy())
+    hessian, gradient = (part.cpu().numpy() * sigma**2 for part in solution.equations.schur_complement())
+    square = solution.equations.sum_of_squares * sigma**2
+    quadratic = Quadratic.around(hessian, gradient, square, freedom, solution.shared.cpu().numpy())
     return most_probable(Evidence(quadratic, relief, fixed), (square / freedom) ** 0.5, smoothness)
 
 

@@ -102,7 +102,7 @@ class LandingProblem:
             size = at.residual.norm(dim=-1)
             if bool((size > self.huber).any()):
                 robust = (self.huber / size.clamp_min(self.huber)).sqrt()[:, None, None]  # the square root of Huber's weight
-                at = Linearised(at.starts, at.residual * robust[..., 0], at.by_block * robust, at.by_shared * robust)
+                at = Linearised(at.starts, at.residual * robust[..., 0], at.jacobian_block * robust, at.jacobian_shared * robust)
             yield at
 
     def _split(self, blocks: Tensor) -> Iterator[tuple[Landing, Tensor]]:

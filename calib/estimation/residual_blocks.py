@@ -77,10 +77,10 @@ class Landing:
         if numbers:
             columns.append(self.weights @ (joined(by_number) * scales))
         shared = torch.cat(columns, -1) if columns else landed.new_zeros(rows, 2, 0)
-        by_block = self._by_block(by_turn, by_shift, placed, poses, values)
-        return Linearised(seen.starts, self._weighted(landed.detach()), self.weights @ by_block, shared)
+        jacobian_block = self._jacobian_block(by_turn, by_shift, placed, poses, values)
+        return Linearised(seen.starts, self._weighted(landed.detach()), self.weights @ jacobian_block, shared)
 
-    def _by_block(self, by_turn: Tensor, by_shift: Tensor, placed: Placement, poses: Tensor, values: Values) -> Tensor:
+    def _jacobian_block(self, by_turn: Tensor, by_shift: Tensor, placed: Placement, poses: Tensor, values: Values) -> Tensor:
         """(M, 2, B) derivatives by the numbers of each row's view, from those by its board's rotation (M, 2, 3, 3) and place (M, 2, 3)."""
         view = self.observations.view
         turns = rotation.slopes(poses[:, :3], placed.turn)[view]  # (M, 3, 3, 3)

@@ -65,7 +65,9 @@ class Model:
             own = poses[begin : begin + len(landing.observations.names)]
             begin += len(own)
             at = landing.linearise(self.values, own, poses.new_tensor(list(self.scales.values())))
-            for rows, by_pose in zip(landing.observations.per_view(at.by_shared), landing.observations.per_view(at.by_block), strict=True):
+            for rows, by_pose in zip(
+                landing.observations.per_view(at.jacobian_shared), landing.observations.per_view(at.jacobian_block), strict=True
+            ):
                 shared, pose = rows.flatten(0, 1), by_pose.flatten(0, 1)
                 q = torch.linalg.qr(pose).Q  # (2 n, 6)
                 rest = shared - q @ (q.mT @ shared)

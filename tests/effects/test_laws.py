@@ -73,19 +73,19 @@ def test_derivatives_agree_with_central_differences(form: Form) -> None:
     scales = [(u.param.name, u.param.scale, entry) for u in form.effect.unknowns for entry in np.ndindex(u.param.shape)]
     at = landing.linearise(values, poses, torch.tensor([scale for _, scale, _ in scales], dtype=torch.float64))
     assert (at.residual - landing.residual(values, poses)[0]).abs().max() < 1e-15  # m; sums in another order
-    moved = at.by_shared.abs().amax((0, 1))
+    moved = at.jacobian_shared.abs().amax((0, 1))
     idle = [f"{name}{list(entry)}" for (name, _, entry), size in zip(scales, moved, strict=True) if size < SMALLEST]
     assert len(idle) <= 0.1 * len(scales), idle  # of a patch of glass, corners may miss the rim
     for column, (name, scale, entry) in [one for one in enumerate(scales) if moved[one[0]] >= SMALLEST][:: len(scales) // MOST + 1]:
         step = torch.zeros_like(values[name])
         step[entry] = 1e-3 * scale
         up, down = (landing.residual({**values, name: values[name] + sign * step}, poses)[0] for sign in (1, -1))
-        _compare(at.by_shared[..., column], (up - down) / 2e-3, f"{name}{list(entry)}")
+        _compare(at.jacobian_shared[..., column], (up - down) / 2e-3, f"{name}{list(entry)}")
     for column in range(poses.shape[1]):
         step = torch.zeros_like(poses)
         step[:, column] = 1e-5
         up, down = (landing.residual(values, poses + sign * step)[0] for sign in (1, -1))
-        _compare(at.by_block[..., column], (up - down) / 2e-5, f"number {column} of a view")
+        _compare(at.jacobian_block[..., column], (up - down) / 2e-5, f"number {column} of a view")
 
 
 @each_form
@@ -102,7 +102,7 @@ def test_the_relief_s_derivatives_hold_beside_it(form: Form) -> None:
         landing.residual({**values, "relief.amplitudes": values["relief.amplitudes"] + sign * 1e-8 * direction}, poses)[0]
         for sign in (1, -1)
     )
-    _compare(at.by_shared[..., : direction.numel()] @ direction.flatten(), (up - down) / 2e-8, "relief")
+    _compare(at.jacobian_shared[..., : direction.numel()] @ direction.flatten(), (up - down) / 2e-8, "relief")
 
 
 @each_form

@@ -37,13 +37,15 @@ class Curves:
 
     def linearise(self, shared: Tensor, blocks: Tensor) -> list[Linearised]:
         bell = torch.exp(-shared * self.x)
-        by_block = torch.stack([bell, torch.ones_like(bell)], -1).unsqueeze(1)
-        by_shared = (-self.x * blocks[self.block][:, 0] * bell).reshape(-1, 1, 1)
+        jacobian_block = torch.stack([bell, torch.ones_like(bell)], -1).unsqueeze(1)
+        jacobian_shared = (-self.x * blocks[self.block][:, 0] * bell).reshape(-1, 1, 1)
         half = len(self.own) // 2
         rows = slice(0, 12 * half), slice(12 * half, None)
         starts = self.starts[: half + 1], self.starts[half:] - 12 * half
         residual = self.residual(shared, blocks)
-        return [Linearised(first, residual[some], by_block[some], by_shared[some]) for first, some in zip(starts, rows, strict=True)]
+        return [
+            Linearised(first, residual[some], jacobian_block[some], jacobian_shared[some]) for first, some in zip(starts, rows, strict=True)
+        ]
 
 
 def start(problem: Curves) -> tuple[Tensor, Tensor]:
@@ -88,7 +90,7 @@ def test_works_without_shared_numbers() -> None:
             return problem.cost(held, blocks)
 
         def linearise(self, shared: Tensor, blocks: Tensor) -> list[Linearised]:
-            return [replace(at, by_shared=at.by_shared[..., : len(shared)]) for at in problem.linearise(held, blocks)]
+            return [replace(at, jacobian_shared=at.jacobian_shared[..., : len(shared)]) for at in problem.linearise(held, blocks)]
 
     solution = minimise(Own(), torch.zeros(0, dtype=torch.float64), torch.ones_like(problem.own))
     assert solution.outcome is Outcome.CONVERGED
@@ -157,16 +159,16 @@ def test_a_prior_on_blocks_pulls_each_of_them() -> None:
     assert solution.blocks.numpy().ravel() == pytest.approx(oracle[1:], abs=1e-6)
 
 
-def test_reduced_equations_are_the_dense_schur_complement() -> None:
+def test_the_schur_complement_is_the_dense_one() -> None:
     problem = Curves(3, blocks=4, noise=0.1)
     pieces = problem.linearise(*start(problem))
-    curvature, slope = normal_equations(pieces).reduced()
-    by_block, residual = (torch.cat([getattr(at, name) for at in pieces]) for name in ("by_block", "residual"))
+    hessian, gradient = normal_equations(pieces).schur_complement()
+    jacobian_block, residual = (torch.cat([getattr(at, name) for at in pieces]) for name in ("jacobian_block", "residual"))
     dense = torch.zeros(48, 9, dtype=torch.float64)
-    dense[:, 0] = torch.cat([at.by_shared for at in pieces])[:, 0, 0]
+    dense[:, 0] = torch.cat([at.jacobian_shared for at in pieces])[:, 0, 0]
     for block in range(4):
-        dense[12 * block : 12 * block + 12, 1 + 2 * block : 3 + 2 * block] = by_block[12 * block : 12 * block + 12, 0]
+        dense[12 * block : 12 * block + 12, 1 + 2 * block : 3 + 2 * block] = jacobian_block[12 * block : 12 * block + 12, 0]
     own = dense[:, 1:]
     keep = torch.eye(48, dtype=torch.float64) - own @ torch.linalg.pinv(own)
-    assert curvature.item() == pytest.approx(float(dense[:, 0] @ keep @ dense[:, 0]), rel=1e-6)
-    assert slope.item() == pytest.approx(float(dense[:, 0] @ keep @ residual[:, 0]), rel=1e-6)
+    assert hessian.item() == pytest.approx(float(dense[:, 0] @ keep @ dense[:, 0]), rel=1e-6)
+    assert gradient.item() == pytest.approx(float(dense[:, 0] @ keep @ residual[:, 0]), rel=1e-6)

@@ -79,12 +79,12 @@ def test_derivatives_agree_with_central_differences() -> None:
         step = torch.zeros(shared.count, dtype=torch.float64)
         step[column] = 1e-8 if column < shared.amplitudes else 1e-4
         numeric = (rows(here + step, made.poses) - rows(here - step, made.poses)) / (2 * step[column])
-        assert (at.by_shared[..., column] - numeric).abs().max() < 1e-6 * numeric.abs().max(), column
+        assert (at.jacobian_shared[..., column] - numeric).abs().max() < 1e-6 * numeric.abs().max(), column
     for column in range(6):
         step = torch.zeros_like(made.poses)
         step[:, column] = 1e-7
         numeric = (rows(here, made.poses + step) - rows(here, made.poses - step)) / 2e-7
-        assert (at.by_block[..., column] - numeric).abs().max() < 1e-6 * numeric.abs().max(), column
+        assert (at.jacobian_block[..., column] - numeric).abs().max() < 1e-6 * numeric.abs().max(), column
 
 
 def test_a_run_of_views_at_a_time_gives_the_same_fit(made: Scene, fitted: tuple[Path, JointFit], monkeypatch: pytest.MonkeyPatch) -> None:

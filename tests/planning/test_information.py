@@ -96,7 +96,7 @@ def test_a_views_information_is_what_elimination_leaves(few: Estimate) -> None:
     ours = model.information(seen, few.poses)
     scales = few.poses.new_tensor(list(model.scales.values()))
     pieces = landings(model.path, model.values, seen, weights, tuple(model.scales), relief_moves=True)
-    whole, _ = normal_equations(piece.linearise(model.values, few.poses, scales) for piece in pieces).reduced()
+    whole, _ = normal_equations(piece.linearise(model.values, few.poses, scales) for piece in pieces).schur_complement()
     assert ours.shape == (2, *whole.shape)
     assert ours.sum(0) == pytest.approx(whole.numpy(), rel=1e-6, abs=1e-6 * float(whole.abs().max()))
     for one in ours:
