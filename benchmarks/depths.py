@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from calib.estimation.gradient_fit import descend
-from calib.estimation.map_fit import fit_joint
+from calib.estimation.joint_fit import fit_joint
 from calib.estimation.poses import pinhole_poses, refine_poses, refit_poses
 from calib.optics.build import covered_path, footprint, with_relief
 from calib.optics.relief import Relief

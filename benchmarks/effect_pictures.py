@@ -22,7 +22,7 @@ from calib.diagnosis.score_test import Optimum
 from calib.effects.effect import Effect, Surroundings
 from calib.effects.free_field import FreeField
 from calib.effects.registry import EFFECTS
-from calib.estimation.camera_model import Model
+from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.poses import refit_poses
 from calib.optics.build import covered_path, footprint, with_relief
@@ -125,16 +125,16 @@ def main() -> None:
             print(f"{example.name:18} leaves {left.rms:7.4f} px RMS  picture {size / 1e3:.0f} kB", flush=True)
 
 
-def base(cover: Cover) -> Model:
+def base(cover: Cover) -> CameraModel:
     """The model without effects; behind a cover with a relief, which is even."""
     path, values = covered_path(CAMERA, cover)
     if cover.shape == "none":
-        return Model(path, values, {})
+        return CameraModel(path, values, {})
     path = with_relief(path, Relief(*footprint(path, values, WIDTH, HEIGHT), GRID))
-    return Model(path, values | {"relief.amplitudes": torch.zeros(GRID, dtype=torch.float64)}, {})
+    return CameraModel(path, values | {"relief.amplitudes": torch.zeros(GRID, dtype=torch.float64)}, {})
 
 
-def proposed(kinds: tuple[type[Effect], ...], model: Model) -> list[Effect]:
+def proposed(kinds: tuple[type[Effect], ...], model: CameraModel) -> list[Effect]:
     """Every form of every effect that is possible; finer glass where the camera looks at left of the middle."""
     place = None
     if model.path.cover:
@@ -145,7 +145,7 @@ def proposed(kinds: tuple[type[Effect], ...], model: Model) -> list[Effect]:
     return [effect for kind in kinds for effect in kind.propose(there)]
 
 
-def poses_of(model: Model) -> Array:
+def poses_of(model: CameraModel) -> Array:
     """(VIEWS, 6) with all corners in the image: six side by side, evenly among the others in the order of time."""
     rng = np.random.default_rng(11)
     points = torch.from_numpy(BOARD.points())
@@ -165,18 +165,18 @@ def poses_of(model: Model) -> Array:
     return np.stack(poses)
 
 
-def seen(model: Model, values: dict[str, Tensor], poses: Array) -> Observations:
+def seen(model: CameraModel, values: dict[str, Tensor], poses: Array) -> Observations:
     """The corners of boards at (VIEWS, 6) poses, which move if the model has a shutter."""
     rng = np.random.default_rng(12)
     points = torch.from_numpy(BOARD.points())
     views = []
     for view, pose in enumerate(poses):
-        numbers = torch.from_numpy(np.concatenate([pose, rng.normal(0, MOTION)])[: model.path.numbers_per_view]).expand(BOARD.count, -1)
+        numbers = torch.from_numpy(np.concatenate([pose, rng.normal(0, MOTION)])[: model.path.parameters_per_view]).expand(BOARD.count, -1)
         time = torch.full((BOARD.count,), view / (VIEWS - 1) - 0.5, dtype=torch.float64)
         pixels = torch.full((BOARD.count, 2), HEIGHT / 2, dtype=torch.float64)
         for _ in range(8 if model.path.shutter else 1):  # a corner's row says when it was read
-            told = {**values, TIME: time, LINE: (pixels[:, 1] + 0.5) / HEIGHT - 0.5}
-            pixels = project(model.path, told, model.path.place(points, told, numbers))
+            timed = {**values, TIME: time, LINE: (pixels[:, 1] + 0.5) / HEIGHT - 0.5}
+            pixels = project(model.path, timed, model.path.place(points, timed, numbers))
         views.append(View(f"{view:04d}.png", pixels.numpy(), np.ones(BOARD.count)))
     return Observations.of(views, BOARD).timed(range(VIEWS), HEIGHT)
 
@@ -341,7 +341,7 @@ def _print_alike() -> None:
         observations = replace(observations, pixels=observations.pixels + noise)
         at = Optimum(model, observations, model.fitted(observations, torch.from_numpy(poses)))
         columns = [at.candidate(effect) for effect in proposed(EFFECTS, model)]
-        spans = {c.effect.name + _choices(c.effect)[1].join("()" * bool(_choices(c.effect)[1])): c for c in columns if c.scaled.size}
+        spans = {c.effect.name + _choices(c.effect)[1].join("()" * bool(_choices(c.effect)[1])): c for c in columns if c.jacobian.size}
         print(f"cover: {cover.shape}")
         for name, one in spans.items():
             alike = []

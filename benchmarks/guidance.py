@@ -24,7 +24,7 @@ from calib.corners.view import View
 from calib.fitting.stages import Setup
 from calib.optics.projection import project
 from calib.planning.design import Design
-from calib.planning.information import Estimate, estimate
+from calib.planning.information import PlanningFit, estimate
 from calib.planning.pose_bank import Reach, bank
 from calib.session.board import Board
 from calib.session.camera import Camera
@@ -116,7 +116,7 @@ def seen(views: Sequence[View]) -> list[SeenView]:
     return [SeenView(view.corners) for view in views]
 
 
-def design_of(known: Estimate) -> Design:
+def design_of(known: PlanningFit) -> Design:
     return known.design(SETUP, bank(BOARD, CAMERA, REACH).poses, CELLS, REACH.levels())
 
 
@@ -126,9 +126,7 @@ def judged(person: Person) -> tuple[float, float]:
     design = design_of(known)
     x, y = ((np.arange(n) + 0.5) / n * length - 0.5 for n, length in zip(CELLS[::-1], (WIDTH, HEIGHT), strict=True))
     pixels = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
-    ours, true = (
-        rays_of(p, dict(v), pixels) for p, v in ((known.model.path, known.model.values), (person.truth.path, person.truth.values))
-    )
+    ours, true = (rays_of(p, dict(v), pixels) for p, v in ((known.model.path, known.model.means), (person.truth.path, person.truth.values)))
     at = [np.full(len(pixels), depth) for depth in REACH.levels()]
     off = np.concatenate([(seen_at(*true, depth) - seen_at(*ours, depth)).ravel() for depth in at])
     moved = np.concatenate([motions(*ours, depth) for depth in at])

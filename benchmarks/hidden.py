@@ -88,8 +88,8 @@ class Hidden:
         values = {**self.made.values, **moved}
         poses = torch.cat([self.made.poses, size * self.motions], 1) if self.effect.per_view else self.made.poses
         seen = self.made.observations.timed([float(i) for i in range(VIEWS)], HEIGHT)
-        told = seen.told(values)
-        pixels = project(path, told, path.place(seen.corners, told, poses[seen.view]), start=seen.pixels).numpy()
+        timed = seen.with_times(values)
+        pixels = project(path, timed, path.place(seen.corners, timed, poses[seen.view]), start=seen.pixels).numpy()
         return with_corners(self.made, noisy(pixels, noise))
 
     def shift(self, size: float) -> Array:

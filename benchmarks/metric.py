@@ -26,7 +26,7 @@ from rich.console import Console
 from rich.table import Table
 
 from calib.apply.measure import Measurer
-from calib.apply.triangulate import meet
+from calib.apply.triangulate import intersect
 from calib.apply.undistorter import Undistorter
 from calib.calibration import Calibration
 from calib.commands.console import Bars
@@ -174,7 +174,7 @@ def peer(rays: Callable[[Array], Array], calibration: Calibration, seen: HeldOut
         turn, shift = cv2.solvePnPRefineLM(board, some, np.eye(3), None, turn, shift)
         pose = np.concatenate([np.ravel(turn), np.ravel(shift)])
         directions = np.column_stack([some, np.ones(len(some))])
-        points.append(meet(np.zeros_like(directions), directions, np.tile(pose, (len(some), 1))))
+        points.append(intersect(np.zeros_like(directions), directions, np.tile(pose, (len(some), 1))))
     return Score(bend(tangents * focal(calibration)) / floor(calibration, seen), *distances(np.stack(points), seen))
 
 

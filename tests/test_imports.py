@@ -21,7 +21,7 @@ FORBIDDEN = {
     "calib.estimation.surface_prior": {"cv2", "calib.estimation.levenberg_marquardt", "calib.session.session", "capture"},
     "calib.estimation.residual_blocks": {"cv2", "rich", "calib.session.session", "calib.calibration", "capture"},
     "calib.estimation.objective": {"cv2", "rich", "calib.session.session", "calib.calibration", "capture"},
-    "calib.estimation.map_fit": {"cv2", "rich", "calib.session.session", "calib.calibration", "capture"},
+    "calib.estimation.joint_fit": {"cv2", "rich", "calib.session.session", "calib.calibration", "capture"},
     "calib.fitting.evaluate": {"rich", "calib.fitting.fit", "calib.estimation.gradient_fit", "capture"},
     "calib.calibration": {"rich", "calib.fitting.fit", "calib.estimation.levenberg_marquardt", "capture"},
     "calib.fitting.fit": {"rich", "textual", "matplotlib", "capture"},

@@ -9,7 +9,7 @@ from benchmarks.peers.case import Case
 from benchmarks.peers.child import Fitted, main
 from benchmarks.peers.scenes import left, observed
 from calib.estimation.gradient_fit import descend
-from calib.estimation.map_fit import fit_joint
+from calib.estimation.joint_fit import fit_joint
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.optics.build import covered_path, footprint, with_relief
 from calib.optics.relief import Relief

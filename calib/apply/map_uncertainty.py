@@ -15,10 +15,9 @@ import torch
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration
-from calib.estimation.jacobians import undistorted_slopes
+from calib.estimation.jacobians import undistorted_jacobian
+from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import ROWS
-from calib.estimation.stated_priors import freed
-from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.undistortion.ray_field import DepthMap
 
@@ -66,8 +65,8 @@ def predicted_sigma(calibration: Calibration) -> SigmaField | None:
     nodes_x, nodes_y = (np.linspace(-0.5, length - 0.5, n) for length, n in zip(size, NODES, strict=True))
     pixels = np.stack(np.meshgrid(nodes_x, nodes_y), -1).reshape(-1, 2)
     spread = ray_errors(calibration)(pixels).reshape(len(pixels), 2, 2, -1)  # (N, A or B, x or y, S)
-    infinite, parallax = spread[:, 0], spread[:, 1]
-    variance = np.stack([(infinite**2).sum((1, 2)), 2 * (infinite * parallax).sum((1, 2)), (parallax**2).sum((1, 2))], -1)
+    at_infinity, parallax = spread[:, 0], spread[:, 1]
+    variance = np.stack([(at_infinity**2).sum((1, 2)), 2 * (at_infinity * parallax).sum((1, 2)), (parallax**2).sum((1, 2))], -1)
     return SigmaField(nodes_x, nodes_y, variance.reshape(len(nodes_y), len(nodes_x), 3))
 
 
@@ -76,12 +75,12 @@ def ray_errors(calibration: Calibration) -> Callable[[Array], Array]:
     pixels share; NaN where no ray leaves the cover. S is 0 where the fit estimated no covariance."""
     if not calibration.covariance.size:
         return lambda pixels: np.zeros((len(pixels), 4, 0))
-    model = _Model.of(calibration)
+    change = _UndistortedChange.of(calibration)
     root = root_of(calibration.covariance)
 
     def errors(pixels: Array) -> Array:
-        changes, lost = model.changes(pixels)
-        return np.where(lost[:, None, None], np.nan, changes @ root)
+        jacobian, lost = change.jacobian(pixels)
+        return np.where(lost[:, None, None], np.nan, jacobian @ root)
 
     return errors
 
@@ -93,40 +92,34 @@ def root_of(covariance: Array) -> Array:
 
 
 @dataclass(frozen=True, slots=True)
-class _Model:
-    """A calibration's rays and how they change."""
+class _UndistortedChange:
+    """How the undistorted pixels of a calibration change with what its fit estimated, the gauge's motion projected out."""
 
     path: Path
-    values: Values
-    scales: dict[str, float]
-    """Of the free numbers."""
+    parameters: Parameters
     motion: Array
-    """(6, S): the rigid motion of all rays that hides most of a change of each shared number at the training corners."""
+    """(6, S): the rigid motion of all rays that hides most of a change of each parameter at the training corners."""
 
     @staticmethod
-    def of(calibration: Calibration) -> _Model:
-        path, values = calibration.model()
-        assert calibration.camera.intrinsics
-        added = {name for found in calibration.effects for name in found.numbers}
-        free = added | set(freed(calibration.camera.intrinsics, calibration.cover, path))
-        scales = {param.name: param.scale for param in path.params if param.name in free}
-        observations = calibration.observations
+    def of(calibration: Calibration) -> _UndistortedChange:
+        model = calibration.camera_model()
+        path, parameters, observations = model.path, model.parameters, calibration.observations
         poses = torch.from_numpy(calibration.poses)[observations.view]
-        depth = path.place(observations.corners, observations.told(values), poses)[:, 2].numpy()
-        normal, pull = np.zeros((6, 6)), np.zeros((6, len(calibration.covariance)))
+        depth = path.place(observations.corners, observations.with_times(model.means), poses)[:, 2].numpy()
+        normal, right_side = np.zeros((6, 6)), np.zeros((6, parameters.count))
         for first in range(0, len(depth), ROWS):
             some = slice(first, first + ROWS)
-            changes, motions, lost = undistorted_slopes(path, values, scales, observations.pixels[some].numpy())
+            jacobian, motions, lost = undistorted_jacobian(path, parameters, observations.pixels[some].numpy())
             at = np.stack([np.ones_like(depth[some]), 1 / depth[some]], -1)[:, :, None, None] * ~lost[:, None, None, None]
-            seen, moved = ((at * part).sum(1).reshape(2 * len(at), -1) for part in (changes, motions))
+            seen, moved = ((at * part).sum(1).reshape(2 * len(at), -1) for part in (jacobian, motions))
             normal += moved.T @ moved
-            pull += moved.T @ seen
-        return _Model(path, values, scales, np.asarray(np.linalg.solve(normal, pull), dtype=np.float64))
+            right_side += moved.T @ seen
+        return _UndistortedChange(path, parameters, np.asarray(np.linalg.solve(normal, right_side), dtype=np.float64))
 
-    def changes(self, pixels: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """(N, 4, S) derivatives of A and B by the shared numbers, the hidden motion taken out, and (N,) where there is no ray."""
-        changes, motions, lost = undistorted_slopes(self.path, self.values, self.scales, pixels)
-        return (changes - motions @ self.motion).reshape(len(pixels), 4, changes.shape[-1]), lost
+    def jacobian(self, pixels: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """(N, 4, S) of A and B by the parameters, and (N,) where there is no ray."""
+        jacobian, motions, lost = undistorted_jacobian(self.path, self.parameters, pixels)
+        return (jacobian - motions @ self.motion).reshape(len(pixels), 4, jacobian.shape[-1]), lost
 
 
 def _among(at: NDArray[np.floating], nodes: Array) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:

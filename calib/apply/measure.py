@@ -14,12 +14,13 @@ import torch
 from numpy.typing import NDArray
 
 from calib.apply.map_uncertainty import ray_errors
-from calib.apply.triangulate import meet, nearest, slopes, turns
+from calib.apply.triangulate import central_differences, intersect, triangulate, turns
 from calib.calibration import Calibration
 from calib.corners.usable import with_poses
 from calib.corners.view import View
 from calib.errors import NotEnoughDataError
 from calib.estimation.observations import Observations
+from calib.estimation.parameters import Parameters
 from calib.estimation.poses import pinhole_poses, refit_poses
 from calib.estimation.residual_blocks import landings, pixel_weights
 from calib.threads import single_thread
@@ -117,15 +118,15 @@ class Measurer:
             poses, _ = refit_poses(path, values, observations, start)
             seen = observations.kept(path.land(observations.pixels, values, poses[observations.view])[1] == 0)
             weights = pixel_weights(path, values, seen, poses, self._corner_noise)
-            (landing,) = landings(path, values, seen, weights, (), relief_moves=False)
-            by_pose = landing.linearise(values, poses, poses.new_zeros(0)).jacobian_block.flatten(0, 1).numpy()
+            (landing,) = landings(path, Parameters.none(values), seen, weights)
+            by_pose = landing.linearise(values, poses).jacobian_block.flatten(0, 1).numpy()
         noise = np.linalg.cholesky(np.linalg.inv(by_pose.T @ by_pose))
         pose, pixels = poses[0].numpy(), seen.pixels.numpy()
         each = np.broadcast_to(pose, (len(pixels), 6))
-        by_line = slopes(lambda lines: meet(*self._rays(lines), each), self._lines(pixels), LINE_STEPS)  # (M, 3, 4)
+        by_line = central_differences(lambda lines: intersect(*self._rays(lines), each), self._lines(pixels), LINE_STEPS)  # (M, 3, 4)
         on_board = turns(pose[None])[0].T[:2] @ by_line @ self._errors(pixels)  # (M, 2, S)
-        pull = (weights.numpy() @ on_board).reshape(len(by_pose), -1)
-        return BoardPose(pose, noise, -noise @ noise.T @ by_pose.T @ pull)
+        by_map = (weights.numpy() @ on_board).reshape(len(by_pose), -1)  # (2M, S)
+        return BoardPose(pose, noise, -noise @ noise.T @ by_pose.T @ by_map)
 
     def on_planes(self, pixels: Array, planes: Sequence[BoardPose], plane: Sequence[int]) -> Measured:
         """Where pixels look on planes, in the camera frame.
@@ -137,9 +138,9 @@ class Measurer:
         """
         of = np.asarray(plane, dtype=np.intp)
         poses, lines = np.stack([one.pose for one in planes])[of], self._lines(pixels)
-        points = meet(*self._rays(lines), poses)
-        by_line = slopes(lambda moved: meet(*self._rays(moved), poses), lines, LINE_STEPS)
-        by_pose = slopes(lambda moved: meet(*self._rays(lines), moved), poses, POSE_STEPS)
+        points = intersect(*self._rays(lines), poses)
+        by_line = central_differences(lambda moved: intersect(*self._rays(moved), poses), lines, LINE_STEPS)
+        by_pose = central_differences(lambda moved: intersect(*self._rays(lines), moved), poses, POSE_STEPS)
         shared = self._shared(planes, of, by_pose, by_line @ self._errors(pixels))
         return Measured(points, self._own(by_line, pixels), shared, np.where(np.isnan(points[:, 0]), np.nan, 0.0))
 
@@ -170,19 +171,19 @@ class Measurer:
         """One point's (1, ...) parts of Measured, from the rows of its pixels."""
 
         here, there = lines[rows], poses[rows]
-        at, missed = nearest(*self._rays(here), there)
+        at, missed = triangulate(*self._rays(here), there)
 
         def by_one(which: int) -> tuple[Array, Array]:
             """(1, 3, 4) and (1, 3, 6) derivatives by one of the lines and one of the poses."""
 
             def by_its_line(moved: Array) -> Array:
-                return nearest(*self._rays(np.vstack([here[:which], moved, here[which + 1 :]])), there)[0][None]
+                return triangulate(*self._rays(np.vstack([here[:which], moved, here[which + 1 :]])), there)[0][None]
 
             def by_its_pose(moved: Array) -> Array:
-                return nearest(*self._rays(here), np.vstack([there[:which], moved, there[which + 1 :]]))[0][None]
+                return triangulate(*self._rays(here), np.vstack([there[:which], moved, there[which + 1 :]]))[0][None]
 
             one = slice(which, which + 1)
-            return slopes(by_its_line, here[one], LINE_STEPS), slopes(by_its_pose, there[one], POSE_STEPS)
+            return central_differences(by_its_line, here[one], LINE_STEPS), central_differences(by_its_pose, there[one], POSE_STEPS)
 
         by_line, by_pose = (np.concatenate(parts) for parts in zip(*map(by_one, range(len(rows))), strict=True))
         own = self._own(by_line, pixels[rows]).sum(0, keepdims=True)
@@ -202,7 +203,7 @@ class Measurer:
 
     def _own(self, by_line: Array, pixels: Array) -> Array:
         """(N, 3, 3) m^2 from the pixels' noise."""
-        by_pixel = self.noise_px * by_line @ slopes(self._lines, pixels, (PIXEL_STEP, PIXEL_STEP))
+        by_pixel = self.noise_px * by_line @ central_differences(self._lines, pixels, (PIXEL_STEP, PIXEL_STEP))
         return np.asarray(by_pixel @ by_pixel.swapaxes(1, 2))
 
     def _shared(self, planes: Sequence[BoardPose], of: Indices, by_pose: Array, by_rays: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Where rays meet a plane or each other, and how that changes with numbers."""
+"""Where rays intersect a plane, the point that several rays come nearest to, and derivatives by central differences."""
 
 from collections.abc import Callable, Sequence
 
@@ -19,15 +19,15 @@ def turns(poses: Array) -> Array:
     return rotation.matrix(torch.from_numpy(np.ascontiguousarray(poses[:, :3]))).numpy()
 
 
-def meet(origins: Array, directions: Array, poses: Array) -> Array:
-    """(N, 3) m where rays meet the x-y planes of (N, 6) poses; NaN where they do not."""
+def intersect(origins: Array, directions: Array, poses: Array) -> Array:
+    """(N, 3) m where rays intersect the x-y planes of (N, 6) poses; NaN where they do not."""
     normals = turns(poses)[:, :, 2]
     towards = (directions * normals).sum(-1)
     along = ((poses[:, 3:] - origins) * normals).sum(-1) / np.where(np.abs(towards) < 1e-9, np.nan, towards)
     return np.asarray(origins + np.where(along > 0, along, np.nan)[:, None] * directions)
 
 
-def nearest(origins: Array, directions: Array, poses: Array) -> tuple[Array, Array]:
+def triangulate(origins: Array, directions: Array, poses: Array) -> tuple[Array, Array]:
     """The point that K rays, each in the camera frame of its own (K, 6) T_camera_board, miss least in angle.
 
     Returns:
@@ -51,7 +51,7 @@ def nearest(origins: Array, directions: Array, poses: Array) -> tuple[Array, Arr
     return point, np.linalg.norm((across @ (point - start)[..., None])[..., 0], axis=-1) / lengths
 
 
-def slopes(function: Callable[[Array], Array], at: Array, steps: Sequence[float]) -> Array:
+def central_differences(function: Callable[[Array], Array], at: Array, steps: Sequence[float]) -> Array:
     """(N, m, k) central differences of a function from (N, k) to (N, m) that treats every row by itself."""
     columns = [(function(at + step) - function(at - step)) / (2 * size) for step, size in zip(np.diag(steps), steps, strict=True)]
     return np.stack(columns, -1)

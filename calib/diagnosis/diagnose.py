@@ -19,8 +19,8 @@ from calib.diagnosis.starting_model import base_model, model_of
 from calib.diagnosis.variance_split import Scene, Share
 from calib.effects.effect import Effect
 from calib.errors import NotEnoughDataError
-from calib.estimation.camera_model import Model
-from calib.estimation.map_fit import JointFit
+from calib.estimation.camera_model import CameraModel
+from calib.estimation.joint_fit import JointFit
 from calib.estimation.noise import burst_noise, on_board, short_scale_noise
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
@@ -105,25 +105,25 @@ def diagnose(calibration: Calibration, progress: Progress, holdout: Session | No
     return replace(found, noise_px=noise, settings=found.settings | {"diagnosis": finding.as_json()}), finding
 
 
-def _depths(model: Model, joint: JointFit, observations: Observations) -> NDArray[np.float64]:
+def _depths(model: CameraModel, joint: JointFit, observations: Observations) -> NDArray[np.float64]:
     """(V,) m, of each view's corners on average."""
-    told = observations.told(joint.values)
-    depth = model.path.place(observations.corners, told, joint.poses[observations.view])[:, 2].numpy()
+    timed = observations.with_times(joint.values)
+    depth = model.path.place(observations.corners, timed, joint.poses[observations.view])[:, 2].numpy()
     return np.asarray(np.bincount(observations.view.numpy(), depth) / np.bincount(observations.view.numpy()))
 
 
-def _missed(model: Model, joint: JointFit, observations: Observations) -> Residuals:
+def _missed(model: CameraModel, joint: JointFit, observations: Observations) -> Residuals:
     return residuals(model.path, joint.values, observations, joint.poses)
 
 
-def _split(calibration: Calibration, model: Model, joint: JointFit, observations: Observations, left: Residuals) -> list[Share]:
+def _split(calibration: Calibration, model: CameraModel, joint: JointFit, observations: Observations, left: Residuals) -> list[Share]:
     missed = left.image
     seen = torch.isfinite(missed).all(-1)
     kept = observations.kept(seen)
-    told = kept.told(joint.values)
-    depth = model.path.place(kept.corners, told, joint.poses[kept.view])[:, 2]
-    rays = model.path.trace(kept.pixels, told)
-    start = model.path.lens(*model.path.adjusted(kept.pixels, told)).direction
+    timed = kept.with_times(joint.values)
+    depth = model.path.place(kept.corners, timed, joint.poses[kept.view])[:, 2]
+    rays = model.path.trace(kept.pixels, timed)
+    start = model.path.lens(*model.path.adjusted(kept.pixels, timed)).direction
     incidence = start.z if not model.path.cover else start.dot(rays.direction)
     scene = Scene(kept, missed[seen].numpy(), depth.numpy(), incidence.numpy(), calibration.camera.width, calibration.camera.height)
     return scene.split()
@@ -148,14 +148,14 @@ def _candidates(loop: Loop, accepted: tuple[str, ...]) -> list[Candidate]:
             Candidate(
                 effect=name,
                 form=shape,
-                chi2=trial.columns.chi2,
-                dof=trial.columns.dof,
-                p_value=trial.columns.p_value,
-                absorbed=trial.columns.absorbed,
+                chi2=trial.test.chi2,
+                dof=trial.test.dof,
+                p_value=trial.test.p_value,
+                absorbed=trial.test.absorbed,
                 held_out_px_before=trial.gain.before if trial.gain else None,
                 held_out_px_after=trial.gain.after if trial.gain else None,
                 gain_ci95=trial.gain.ci95 if trial.gain else None,
-                parameters=_parameters(trial.columns.effect, joint) if joint else {},
+                parameters=_parameters(trial.test.effect, joint) if joint else {},
                 confounded_with=tuple(sorted(loop.confounded.get(name, ()))),
                 accepted=taken,
                 verdict=verdict(trial, taken=taken),

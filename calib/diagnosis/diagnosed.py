@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from calib.calibration import Calibration, Found, Stage
-from calib.estimation.camera_model import Model
-from calib.estimation.map_fit import JointFit
+from calib.estimation.camera_model import CameraModel
+from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import residuals
 from calib.estimation.stated_priors import with_estimates
@@ -14,7 +14,7 @@ from calib.estimation.stated_priors import with_estimates
 STAGE = "cover+rbf+effects"
 
 
-def with_fit(calibration: Calibration, model: Model, joint: JointFit, observations: Observations) -> Calibration:
+def with_fit(calibration: Calibration, model: CameraModel, joint: JointFit, observations: Observations) -> Calibration:
     """The calibration with another fit's numbers and effects."""
     assert calibration.camera.intrinsics
     intrinsics, cover = with_estimates(calibration.camera.intrinsics, calibration.cover, joint)

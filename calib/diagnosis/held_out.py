@@ -11,9 +11,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from calib.diagnosis.score_test import Optimum, orthogonal
-from calib.estimation.camera_model import Model
-from calib.estimation.map_fit import JointFit, Start
+from calib.diagnosis.score_test import Optimum
+from calib.estimation.camera_model import CameraModel
+from calib.estimation.elimination import eliminated
+from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import residuals
 
@@ -112,14 +113,14 @@ def _numbered(poses: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
     return np.unique(poses, return_inverse=True)[1].astype(np.int64)
 
 
-def hold_out(model: Model, observations: Observations, fitted: JointFit, split: Split, *, half: bool = False) -> HeldOut:
+def hold_out(model: CameraModel, observations: Observations, fitted: JointFit, split: Split, *, half: bool = False) -> HeldOut:
     """Fit without each part of the views, and score it.
 
     Args:
         fitted: to all views; the other fits start there, with its noise and prior.
         half: fit the numbers of a held-out view to every other corner and score the rest, as numbers of single views ask for.
     """
-    start = Start(fitted.values, fitted.sigma, fitted.smoothness)
+    start = fitted.start
     squares, weight = np.full((2, len(observations.pixels)), np.nan)
 
     def score(part: int) -> None:
@@ -142,9 +143,8 @@ def predicted_variance(at: Optimum) -> Array:
     """(M,) of what the fitted numbers' covariance makes of corners, over the noise's; the views' own numbers are fitted to them."""
     covariance = at.joint.covariance.numpy()
     found = []
-    for own, shared in at.slopes():
-        q = orthogonal(own)
-        left = shared - q @ (q.T @ shared)
+    for view in at.equations():
+        left = eliminated(view.own, view.shared)
         found.append(((left @ covariance) * left).sum(1).reshape(-1, 2).mean(1))
     return np.asarray(np.nan_to_num(np.concatenate(found), nan=np.inf))
 

@@ -15,8 +15,8 @@ from calib.effects.fine_surface import FineSurface
 from calib.effects.free_field import FreeField
 from calib.effects.registry import EFFECTS
 from calib.errors import InputError
-from calib.estimation.camera_model import Model
-from calib.estimation.map_fit import JointFit, Start
+from calib.estimation.camera_model import CameraModel
+from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import residuals
 from calib.progress import Progress
@@ -44,8 +44,8 @@ def with_named(calibration: Calibration, names: Sequence[str], progress: Progres
             forms = kinds[name].propose(there)
             if not forms:
                 raise InputError(f"--effects {name}: this set-up can have no {name}, or the fit estimates it already: leave it out.")
-            start = Start(joint.values, joint.sigma, joint.smoothness)
-            tried: list[tuple[float, Model, JointFit]] = []
+            start = joint.start
+            tried: list[tuple[float, CameraModel, JointFit]] = []
             for form in forms:
                 wider = model.with_effect(at.candidate(form).effect)
                 fitted = wider.fitted(observations, joint.poses, start)
@@ -56,7 +56,7 @@ def with_named(calibration: Calibration, names: Sequence[str], progress: Progres
     return with_fit(calibration, model, joint, observations)
 
 
-def _left(model: Model, joint: JointFit, observations: Observations) -> float:
+def _left(model: CameraModel, joint: JointFit, observations: Observations) -> float:
     """px^2: the median, which single bad corners do not move."""
     missed = residuals(model.path, joint.values, observations, joint.poses).image
     return float(np.nanmedian((missed**2).sum(-1).numpy()))

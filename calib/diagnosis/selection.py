@@ -10,13 +10,13 @@ import numpy as np
 
 from calib.diagnosis.fine_surface_search import surroundings
 from calib.diagnosis.held_out import Gain, HeldOut, Split, gain, hold_out
-from calib.diagnosis.score_test import Columns, Optimum
+from calib.diagnosis.score_test import Optimum, ScoreTest
 from calib.effects.effect import Effect, Surroundings
 from calib.effects.fine_surface import FineSurface
 from calib.effects.free_field import FreeField
 from calib.effects.registry import EFFECTS
-from calib.estimation.camera_model import Model
-from calib.estimation.map_fit import JointFit, Start
+from calib.estimation.camera_model import CameraModel
+from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.progress import Advance
 from calib.session.board import Board
@@ -41,7 +41,7 @@ CONFOUNDED = 0.9
 class Trial:
     """One candidate in one round."""
 
-    columns: Columns
+    test: ScoreTest
     gain: Gain | None = None
     held: HeldOut | None = None
     joint: JointFit | None = None
@@ -75,12 +75,12 @@ class Loop:
     observations: Observations
     folds: Split
     bands: Split | None
-    base: Model
+    base: CameraModel
     """Without any effect."""
-    model: Model
+    model: CameraModel
     joint: JointFit
     advance: Advance
-    organised: Callable[[Model, JointFit], bool]
+    organised: Callable[[CameraModel, JointFit], bool]
     """Whether what a fit leaves is more than noise."""
     trials: dict[tuple[str, str], Trial] = field(default_factory=dict)
     """By effect and form: where each came closest."""
@@ -97,7 +97,7 @@ class Loop:
             best = self._best()
             if not best:
                 break
-            newest = best.columns.effect
+            newest = best.test.effect
             self._accept(best)
         self._backward(newest)
         return first, self._left()
@@ -120,29 +120,29 @@ class Loop:
         at = Optimum(self.model, self.observations, self.joint)
         there = surroundings(at, self.board, self.camera, place=FineSurface in effects)
         scores = [at.candidate(effect) for effect in _proposed(effects, there, self.model.effects)]
-        for columns in scores:
-            key = columns.effect.name, form(columns.effect)
-            if key not in self.trials or (not self.trials[key].gain and columns.p_value < self.trials[key].columns.p_value):
-                self.trials[key] = Trial(columns)
+        for test in scores:
+            key = test.effect.name, form(test.effect)
+            if key not in self.trials or (not self.trials[key].gain and test.p_value < self.trials[key].test.p_value):
+                self.trials[key] = Trial(test)
         self._note_confounded(scores)
         worth = (c for c in scores if c.effect.judged_by_score and c.p_value < WORTH_TRYING and c.promises > LEAST_GAIN)
         always = [c for c in scores if not c.effect.judged_by_score]
         chosen = always + sorted(worth, key=lambda c: 2 * c.dof - c.chi2)[:TRIED]
-        tried = [self._try(columns, among + len(scores)) for columns in chosen]
+        tried = [self._try(test, among + len(scores)) for test in chosen]
         passing = [trial for trial in tried if trial.passes]
         return max(passing, key=lambda trial: trial.gain.relative if trial.gain else 0.0, default=None)
 
-    def _try(self, columns: Columns, among: int) -> Trial:
-        self._say(f"trying {columns.effect.name}")
-        wider = self.model.with_effect(columns.effect)
-        joint = wider.fitted(self.observations, self.joint.poses, self._start)
-        half = columns.effect.per_view or self.model.path.shutter
+    def _try(self, test: ScoreTest, among: int) -> Trial:
+        self._say(f"trying {test.effect.name}")
+        wider = self.model.with_effect(test.effect)
+        joint = wider.fitted(self.observations, self.joint.poses, self.joint.start)
+        half = test.effect.per_view or self.model.path.shutter
         held = hold_out(wider, self.observations, joint, self.folds, half=half)
-        trial = Trial(columns, gain(self._left(half=half), held), held, joint, among)
+        trial = Trial(test, gain(self._left(half=half), held), held, joint, among)
         if trial.large and self.bands:
             there = hold_out(wider, self.observations, joint, self.bands, half=half)
             trial = replace(trial, bands=gain(self._left(half=half, banded=True), there))
-        key = columns.effect.name, form(columns.effect)
+        key = test.effect.name, form(test.effect)
         known = self.trials.get(key)
         if not (known and known.gain and trial.gain and known.gain.relative > trial.gain.relative):
             self.trials[key] = trial
@@ -150,10 +150,10 @@ class Loop:
 
     def _accept(self, trial: Trial) -> None:
         """Take an effect in, with the noise and the prior estimated anew."""
-        self.model = self.model.with_effect(trial.columns.effect)
+        self.model = self.model.with_effect(trial.test.effect)
         self.joint = self.model.fitted(self.observations, trial.joint.poses if trial.joint else self.joint.poses)
         self.known.clear()
-        self._say(f"found {trial.columns.effect.name}")
+        self._say(f"found {trial.test.effect.name}")
 
     def _backward(self, newest: Effect | None) -> None:
         """Drop what is no longer needed, the oldest first; the newest has just been asked for. What numbers of every view do as well is
@@ -171,15 +171,11 @@ class Loop:
                 self.joint = self.model.fitted(self.observations, self.joint.poses)
                 self.known.clear()
 
-    def _fresh(self, model: Model, *, half: bool) -> HeldOut:
+    def _fresh(self, model: CameraModel, *, half: bool) -> HeldOut:
         """What another model leaves on held-out views."""
         self._say("what is needed")
-        joint = model.fitted(self.observations, self.joint.poses, self._start)
+        joint = model.fitted(self.observations, self.joint.poses, self.joint.start)
         return hold_out(model, self.observations, joint, self.folds, half=half)
-
-    @property
-    def _start(self) -> Start:
-        return Start(self.joint.values, self.joint.sigma, self.joint.smoothness)
 
     def _left(self, *, half: bool | None = None, banded: bool = False) -> HeldOut:
         """What the model leaves on held-out views; whether its views' own numbers ask for half of the corners, it knows itself."""
@@ -189,9 +185,9 @@ class Loop:
             self.known[key] = hold_out(self.model, self.observations, self.joint, split, half=key[0])
         return self.known[key]
 
-    def _note_confounded(self, scores: Sequence[Columns]) -> None:
+    def _note_confounded(self, scores: Sequence[ScoreTest]) -> None:
         """Pairs of which the whole of the one that has fewer directions can be done by the other."""
-        spans = [(columns.effect.name, columns.span()) for columns in scores if columns.scaled.size]
+        spans = [(test.effect.name, test.span()) for test in scores if test.jacobian.size]
         for (one, ours), (other, theirs) in combinations(spans, 2):
             if one == other or not (ours.size and theirs.size):
                 continue

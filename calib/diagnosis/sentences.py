@@ -44,7 +44,7 @@ def verdict(trial: Trial, *, taken: bool) -> str:
     """What became of a candidate."""
     if taken:
         return "found"
-    if trial.columns.absorbed > ABSORBED:
+    if trial.test.absorbed > ABSORBED:
         return "absorbed"
     if not trial.gain:
         return "not asked for"
@@ -75,7 +75,7 @@ def remarks(loop: Loop, left: Sequence[Share], *, timed: bool) -> Iterator[str]:
 def _separation(loop: Loop, effect: Effect, like: Sequence[str]) -> str:
     """What would tell an effect from its like."""
     present = {e.name for e in loop.model.effects}
-    others = {name: trial.columns.effect for (name, _), trial in loop.trials.items() if name in like and name not in present}
+    others = {name: trial.test.effect for (name, _), trial in loop.trials.items() if name in like and name not in present}
     at = Optimum(loop.model, loop.observations, loop.joint)
     view = separating_view(at, loop.board, loop.camera, effect, tuple(others.values())) if others else None
     if view is None or view.shrinks < TELLS:
@@ -90,7 +90,7 @@ def _nearest(loop: Loop, effect: FreeField) -> str:
     """The named effects that can do part of what a field does."""
     without = loop.base.with_effects(e for e in loop.model.effects if e is not effect)
     joint = without.fitted(loop.observations, loop.joint.poses)
-    named = [trial.columns.effect for trial in loop.trials.values() if not isinstance(trial.columns.effect, FreeField)]
+    named = [trial.test.effect for trial in loop.trials.values() if not isinstance(trial.test.effect, FreeField)]
     present = {e.name for e in loop.model.effects}
     near = nearest_named(Optimum(without, loop.observations, joint), effect, loop.joint.values, [e for e in named if e.name not in present])
     if not near:

@@ -16,7 +16,6 @@ from scipy.spatial.transform import Rotation
 from calib.corners.view import View
 from calib.diagnosis.score_test import Optimum
 from calib.effects.effect import Effect
-from calib.estimation.map_fit import shared_precision
 from calib.estimation.observations import Observations
 from calib.optics.projection import project
 from calib.session.board import Board
@@ -36,7 +35,7 @@ TURNS = (0.0, np.pi / 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Wanted:
+class SeparatingView:
     """A view that tells more than others."""
 
     pose: Array
@@ -51,7 +50,7 @@ class Wanted:
     """By which factor it alone makes the effect's sigma smaller."""
 
 
-def separating_view(at: Optimum, board: Board, camera: Camera, effect: Effect, others: Sequence[Effect]) -> Wanted | None:
+def separating_view(at: Optimum, board: Board, camera: Camera, effect: Effect, others: Sequence[Effect]) -> SeparatingView | None:
     """The best view of the bank.
 
     Args:
@@ -72,20 +71,20 @@ def separating_view(at: Optimum, board: Board, camera: Camera, effect: Effect, o
     views = [View(str(number), own, np.ones(count)) for number, own in enumerate(shown)]
     observations = Observations.of(views, board).timed(None, camera.height)
     bank = replace(at, observations=observations, joint=replace(at.joint, poses=motionless[seen]))
-    known = at.information(others).sum(0) + _prior(at, others)
+    known = at.information(others).sum(0) + at.prior_precision(others)
     sigma, after = (_sigma(known + more, at, effect) for more in (0.0, bank.information(others)))
     best = int(after.argmin())
     pose = poses[seen][best].numpy()
     turned = bool(np.flatnonzero(seen.numpy())[best] % len(TURNS))
     reach = float(poses[:, 5].min()), float(poses[:, 5].max())
-    return Wanted(pose, shown[best], turned, reach, float(sigma / after[best]))
+    return SeparatingView(pose, shown[best], turned, reach, float(sigma / after[best]))
 
 
 def _bank(at: Optimum, camera: Camera) -> Iterator[Array]:
     """(6,) poses, wherever the middle of the board lies in the picture of a pinhole."""
     seen = at.observations
-    told = seen.told(at.joint.values)
-    depth = float(at.model.path.place(seen.corners, told, at.joint.poses[seen.view])[:, 2].median())
+    timed = seen.with_times(at.joint.values)
+    depth = float(at.model.path.place(seen.corners, timed, at.joint.poses[seen.view])[:, 2].median())
     focal, cx, cy = (float(at.joint.values[f"camera.{name}"]) for name in ("fx", "cx", "cy"))
     for part, right, down, tilt, turn in product(DEPTHS, PLACES, PLACES, TILTS, TURNS):
         z = part * depth
@@ -94,23 +93,8 @@ def _bank(at: Optimum, camera: Camera) -> Iterator[Array]:
         yield np.concatenate([rotation.as_rotvec(), middle])
 
 
-def _prior(at: Optimum, others: Sequence[Effect]) -> Array:
-    """(S, S) precision of the fitted numbers, and of the others' own."""
-    known = shared_precision(at.model.path, at.joint.smoothness, at.model.free, at.model.means)
-    own = [(u.param.scale / u.sigma) ** 2 for effect in others for u in effect.unknowns for _ in range(int(np.prod(u.param.shape)))]
-    return np.block([[known, np.zeros((len(known), len(own)))], [np.zeros((len(own), len(known))), np.diag(own)]])
-
-
 def _sigma(information: Array, at: Optimum, effect: Effect) -> Array:
-    """(...) root of the mean variance of the effect's numbers over their scales."""
-    names = {unknown.param.name for unknown in effect.unknowns}
-    relief = at.model.path.cover[-1].relief if at.model.path.cover else None
-    first = int(np.prod(relief.grid)) if relief else 0
-    own = []
-    for param in at.model.path.params:
-        if param.name in at.joint.scales:
-            size = int(np.prod(param.shape))
-            own += list(range(first, first + size)) if param.name in names else []
-            first += size
+    """(...) root of the mean variance of the effect's parameters over their scales."""
+    own = at.parameters().entries(unknown.param.name for unknown in effect.unknowns)
     variance = np.linalg.inv(information)[..., own, own]
     return np.asarray(np.sqrt(variance.mean(-1)))

@@ -5,14 +5,14 @@ from dataclasses import replace
 import torch
 
 from calib.calibration import Calibration
-from calib.estimation.camera_model import Model
+from calib.estimation.camera_model import CameraModel
 from calib.estimation.stated_priors import freed
 
 FOCAL, CENTRE, COEFFICIENT = 0.05, 100.0, 3.0
 """Priors of intrinsics that come from these same views: of the focal length, in px, and of a coefficient. They hardly hold anything."""
 
 
-def base_model(calibration: Calibration) -> Model:
+def base_model(calibration: Calibration) -> CameraModel:
     """What the calibration's fit started from, as far as it says, without any effect."""
     path, values = replace(calibration, effects=()).model()
     assert calibration.camera.intrinsics
@@ -23,9 +23,9 @@ def base_model(calibration: Calibration) -> Model:
         free |= {param.name: own.get(param.name, COEFFICIENT) for param in path.lens.params}
     if calibration.relief:
         values["relief.amplitudes"] = torch.zeros_like(values["relief.amplitudes"])
-    return Model(path, values, free)
+    return CameraModel(path, values, free)
 
 
-def model_of(calibration: Calibration) -> Model:
+def model_of(calibration: Calibration) -> CameraModel:
     """The same, with the calibration's effects."""
     return base_model(calibration).with_effects(found.effect for found in calibration.effects)

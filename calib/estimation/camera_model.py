@@ -1,4 +1,4 @@
-"""A model of the camera as a fit sees it: the ray path, what is known beforehand of its numbers, and the effects that were added."""
+"""A model of the camera as a fit sees it: the ray path, the priors of its parameters, and the effects that were added."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import torch
 from torch import Tensor
 
 from calib.effects.effect import Effect
-from calib.estimation.map_fit import JointFit, Start, fit_joint
+from calib.estimation.joint_fit import JointFit, Start, fit_joint
 from calib.estimation.observations import Observations
+from calib.estimation.parameters import Parameters
 from calib.estimation.poses import refine_poses_in_image
 from calib.optics.params import Values
 from calib.optics.path import Path
@@ -21,42 +22,47 @@ CLOSE = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Model:
+class CameraModel:
     """A ray path with priors."""
 
     path: Path
     means: Values
-    """Every number of the path: where it is held, or the middle of its prior."""
+    """Every value of the path: where it is held, or its prior's mean."""
     free: Mapping[str, float | Tensor]
     """The priors' standard deviations of what is estimated beside the relief."""
     effects: tuple[Effect, ...] = ()
 
-    def with_effect(self, effect: Effect) -> Model:
-        """The model with one effect more, at the start of its numbers."""
+    @property
+    def parameters(self) -> Parameters:
+        """What a fit of it estimates, beside the views' own parameters."""
+        return Parameters.of(self.path, self.means, self.free)
+
+    def with_effect(self, effect: Effect) -> CameraModel:
+        """The model with one effect more, at the start of its parameters."""
         values = {u.param.name: torch.full(u.param.shape, u.begin, dtype=torch.float64) for u in effect.unknowns}
         sigmas = {u.param.name: u.sigma for u in effect.unknowns}
-        return Model(effect.apply(self.path), {**self.means, **values}, {**self.free, **sigmas}, (*self.effects, effect))
+        return CameraModel(effect.apply(self.path), {**self.means, **values}, {**self.free, **sigmas}, (*self.effects, effect))
 
-    def with_effects(self, effects: Iterable[Effect]) -> Model:
+    def with_effects(self, effects: Iterable[Effect]) -> CameraModel:
         """The model with some effects more."""
-        return reduce(Model.with_effect, effects, self)
+        return reduce(CameraModel.with_effect, effects, self)
 
     def neutral(self, effect: Effect) -> Values:
-        """The numbers of an effect where it is not there."""
+        """The parameters of an effect where it is not there."""
         return {u.param.name: torch.full(u.param.shape, u.neutral, dtype=torch.float64) for u in effect.unknowns}
 
     def fitted(self, observations: Observations, poses: Tensor, start: Start | None = None) -> JointFit:
-        """The most probable numbers, from a start like `fit_joint`'s; numbers that the start lacks begin at their means."""
+        """The most probable parameters, from a start like `fit_joint`'s; those that the start lacks begin at their means."""
         if start:
             start = replace(start, values={name: start.values.get(name, mean) for name, mean in self.means.items()})
         return fit_joint(self.path, self.means, observations, self.padded(poses), free=self.free, start=start)
 
     def padded(self, poses: Tensor) -> Tensor:
-        """(V, 6 or 12) numbers of views as this model has them: motions begin at rest, or are dropped."""
-        count = self.path.numbers_per_view
+        """(V, 6 or 12) parameters of views as this model has them: motions begin at rest, or are dropped."""
+        count = self.path.parameters_per_view
         return torch.cat([poses, poses.new_zeros(len(poses), max(0, count - poses.shape[1]))], 1)[:, :count]
 
     def seen(self, joint: JointFit, observations: Observations, poses: Tensor) -> Tensor:
-        """The (V, B) numbers of views that were not fitted, from a start."""
+        """The (V, B) own parameters of views that were not fitted, from a start."""
         padded = self.padded(poses)
         return refine_poses_in_image(self.path, joint.values, observations, padded, sigma=joint.sigma, tolerance=CLOSE).blocks

@@ -1,12 +1,11 @@
-"""How the undistorted position A + B / Z of a pixel changes with what a fit estimates, and with a rigid motion of all rays."""
-
-from collections.abc import Mapping
+"""The Jacobian of a pixel's undistorted position A + B / Z by what a fit estimates, and by a rigid motion of all rays."""
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import joined
 from calib.optics.params import Values
 from calib.optics.path import Path, by_row
@@ -17,29 +16,32 @@ from calib.optics.vector import Vector
 Array = NDArray[np.float64]
 
 
-def undistorted_slopes(path: Path, values: Values, scales: Mapping[str, float], pixels: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Derivatives at (N, 2) px, A in px and B in px m, by the path's relief, if it has one, and by the numbers that `scales` names.
+def undistorted_jacobian(path: Path, parameters: Parameters, pixels: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """The Jacobian of A, in px, and of B, in px m, at (N, 2) px and at the parameters' origin.
 
     Returns:
-        (N, 2, 2, S) of A and B, x and y each, by the amplitudes (m) and the numbers over their scales; (N, 2, 2, 6) by a small rotation
-        (rad) and translation (m) of all rays; (N,) where there is no ray.
+        (N, 2, 2, S) of A and B, x and y each, by the shared parameters' vector; (N, 2, 2, 6) by a small rotation (rad) and translation (m)
+        of all rays; (N,) where there is no ray.
     """
-    rows, at = len(pixels), torch.from_numpy(pixels)
-    outer = path.cover[-1] if path.cover and path.cover[-1].relief else None
-    numbers = [values[name].expand(rows, *values[name].shape).clone().requires_grad_() for name in scales]
-    probes = [torch.zeros(rows, dtype=torch.float64, requires_grad=True) for _ in PROBES] if outer else []
+    rows, at, values = len(pixels), torch.from_numpy(pixels), parameters.origin
+    names = [param.name for param in parameters.free]
+    free = [values[name].expand(rows, *values[name].shape).clone().requires_grad_() for name in names]
+    probes = [torch.zeros(rows, dtype=torch.float64, requires_grad=True) for _ in PROBES] if parameters.relief else []
     motion = torch.zeros(rows, 6, dtype=torch.float64, requires_grad=True)
-    probed = {**values, **dict(zip(scales, numbers, strict=True)), **dict(zip(PROBES, probes, strict=False))}
+    probed = {**values, **dict(zip(names, free, strict=True)), **dict(zip(PROBES, probes, strict=False))}
     with torch.enable_grad():
         rays = path.trace(at, probed)
-        by_motion, *rest = by_row(_undistorted(rays, motion, values), [motion, *probes, *numbers])
-    columns = [joined([slope]) * scale for slope, scale in zip(rest[len(probes) :], scales.values(), strict=True)]
-    if outer and outer.relief:
+        by_motion, *rest = by_row(_undistorted(rays, motion, values), [motion, *probes, *free])
+    by_probe, by_free = rest[: len(probes)], rest[len(probes) :]
+    columns = [joined(by_free) * parameters.scales] if free else []
+    if parameters.relief:
+        outer = path.cover[-1]
         _, adjusted = path.adjusted(at, values)
         where = outer.surface.chart(outer.frame.enter(rays.origin.detach(), adjusted))
-        columns.insert(0, outer.relief.spread(torch.stack(rest[: len(probes)], -1), where))
-    by_shared, by_rigid = (slopes.reshape(rows, 2, 2, slopes.shape[-1]).numpy() for slopes in (torch.cat(columns, -1), by_motion))
-    return by_shared, by_rigid, (rays.failure != 0).numpy()
+        columns.insert(0, parameters.relief.spread(torch.stack(by_probe, -1), where))
+    by_shared = torch.cat(columns, -1) if columns else by_motion[..., :0]
+    jacobian, by_rigid = (part.reshape(rows, 2, 2, part.shape[-1]).numpy() for part in (by_shared, by_motion))
+    return jacobian, by_rigid, (rays.failure != 0).numpy()
 
 
 def _undistorted(rays: Rays, motion: Tensor, values: Values) -> Tensor:

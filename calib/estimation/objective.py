@@ -1,15 +1,17 @@
-"""What the solver minimises: how far the corners of all views land from where they are, by the numbers of a ray path and by the poses."""
+"""What the solver minimises: the residuals of all views' corners, by the shared parameters of a ray path and by each view's own.
 
-from collections.abc import Iterator, Mapping
+Huber's loss is minimised by iteratively reweighted least squares. Source: P. J. Huber, Robust estimation of a location parameter (1964).
+"""
+
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from calib.estimation.levenberg_marquardt import Linearised
+from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import Landing
-from calib.optics.params import Values
-from calib.optics.relief import Relief
 
 HUBER = 3.0
 
@@ -18,75 +20,26 @@ SPIN, MOVE = 0.05, 0.01
 
 
 def view_precision(blocks: Tensor) -> Tensor:
-    """(B,) of what is known of each view's own numbers (V, B) beforehand: nothing of its pose."""
+    """(B,) inverse variances of each view's own parameters (V, B) beforehand: nothing is known of its pose."""
     motion = [SPIN**-2] * 3 + [MOVE**-2] * 3
     return blocks.new_tensor(([0.0] * 6 + motion)[: blocks.shape[1]])
 
 
 @dataclass(frozen=True, slots=True)
-class Shared:
-    """The numbers that all views share, and where they stand in the solver's vector: the relief's amplitudes, row by row, then the free
-    numbers over their scales, as deviations from where the fit starts."""
-
-    start: Values
-    relief: Relief | None
-    """Whose amplitudes are estimated."""
-    free: Mapping[str, float]
-    """The scale of each free number; one that has several entries takes as many places."""
-
-    @property
-    def amplitudes(self) -> int:
-        return self.relief.grid[0] * self.relief.grid[1] if self.relief else 0
-
-    @property
-    def count(self) -> int:
-        return self.amplitudes + sum(self.start[name].numel() for name in self.free)
-
-    @property
-    def scales(self) -> Tensor:
-        """One for each entry of the free numbers."""
-        some = next(iter(self.start.values()))
-        return some.new_tensor([scale for name, scale in self.free.items() for _ in range(self.start[name].numel())])
-
-    def places(self) -> dict[str, slice]:
-        """Where each free number stands."""
-        begin, found = self.amplitudes, {}
-        for name in self.free:
-            found[name] = slice(begin, begin + self.start[name].numel())
-            begin = found[name].stop
-        return found
-
-    def at(self, shared: Tensor) -> dict[str, Tensor]:
-        """The path's numbers for (S,) shared ones."""
-        moved = dict(self.start)
-        if self.relief:
-            moved["relief.amplitudes"] = moved["relief.amplitudes"] + shared[: self.amplitudes].reshape(self.relief.grid)
-        for name, place in self.places().items():
-            moved[name] = moved[name] + self.free[name] * shared[place].reshape(moved[name].shape)
-        return moved
-
-    def of(self, values: Values) -> Tensor:
-        """The (S,) shared numbers at which the path's numbers are these."""
-        changed = ["relief.amplitudes"] * bool(self.relief) + list(self.free)
-        parts = [(values[name] - self.start[name]).flatten() / self.free.get(name, 1.0) for name in changed]
-        return torch.cat(parts) if parts else next(iter(self.start.values())).new_zeros(0)
-
-
-@dataclass(frozen=True, slots=True)
 class LandingProblem:
-    """The solver's view of boards seen through a ray path; its blocks are their poses."""
+    """The solver's view of boards seen through a ray path; its blocks are the views' own parameters."""
 
-    shared: Shared
+    parameters: Parameters
     views: tuple[Landing, ...]
     precision: Tensor
-    """(S, S) of the prior on the shared numbers."""
+    """(S, S) of the prior on the shared parameters."""
     block_precision: Tensor
-    """(B,) of the prior on each view's own numbers."""
+    """(B,) of the prior on each view's own parameters."""
     huber: float = HUBER
     """Standard deviations beyond which a corner counts by its distance, not by its square."""
 
     def cost(self, shared: Tensor, blocks: Tensor) -> float:
-        values = self.shared.at(shared)
+        values = self.parameters.values(shared)
         total = 0.0
         for landing, poses in self._split(blocks):
             residual, lands = landing.residual(values, poses)
@@ -96,9 +49,9 @@ class LandingProblem:
         return total
 
     def linearise(self, shared: Tensor, blocks: Tensor) -> Iterator[Linearised]:
-        values = self.shared.at(shared)
+        values = self.parameters.values(shared)
         for landing, poses in self._split(blocks):
-            at = landing.linearise(values, poses, self.shared.scales)
+            at = landing.linearise(values, poses)
             size = at.residual.norm(dim=-1)
             if bool((size > self.huber).any()):
                 robust = (self.huber / size.clamp_min(self.huber)).sqrt()[:, None, None]  # the square root of Huber's weight

@@ -68,7 +68,7 @@ class Observations:
         own = ((time - time.min()) / span - 0.5 if span else torch.zeros_like(time))[self.view]
         return replace(self, moment=torch.stack([own, (self.pixels[:, 1] + 0.5) / height - 0.5], -1))
 
-    def told(self, values: Values) -> Values:
+    def with_times(self, values: Values) -> Values:
         """The numbers of a path, and when each corner was seen."""
         return values if self.moment is None else {**values, TIME: self.moment[:, 0], LINE: self.moment[:, 1]}
 

@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.estimation.levenberg_marquardt import Solution, minimise
-from calib.estimation.objective import HUBER, LandingProblem, Shared, view_precision
+from calib.estimation.objective import HUBER, LandingProblem, view_precision
 from calib.estimation.observations import Observations
+from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import landings, pixel_weights
 from calib.estimation.residuals import Residuals, residuals
 from calib.optics.lens_model import COEFFICIENTS
@@ -71,10 +72,10 @@ def refit_poses(path: Path, values: Values, observations: Observations, start: T
 def _refined(
     path: Path, values: Values, observations: Observations, poses: Tensor, weights: Tensor, huber: float, tolerance: float = 1e-10
 ) -> Solution:
-    views = tuple(landings(path, values, observations, weights, (), relief_moves=False))
-    nothing = poses.new_zeros(0)
-    problem = LandingProblem(Shared(values, None, {}), views, poses.new_zeros(0, 0), view_precision(poses), huber)
-    return minimise(problem, nothing, poses, tolerance=tolerance)
+    none = Parameters.none(values)
+    views = tuple(landings(path, none, observations, weights))
+    problem = LandingProblem(none, views, poses.new_zeros(0, 0), view_precision(poses), huber)
+    return minimise(problem, poses.new_zeros(0), poses, tolerance=tolerance)
 
 
 def _pnp(

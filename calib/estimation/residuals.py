@@ -33,7 +33,7 @@ class Residuals:
 
 def residuals(path: Path, values: Values, observations: Observations, poses: Tensor) -> Residuals:
     """The residuals of all corners, with the boards at (V, 6) poses."""
-    own, values = poses[observations.view], observations.told(values)
+    own, values = poses[observations.view], observations.with_times(values)
     landed, failure = path.land(observations.pixels, values, own)
     off = torch.where((failure != 0).unsqueeze(-1), torch.full_like(landed, torch.nan), landed - observations.corners)
     seen = project(path, values, path.place(observations.corners, values, own), start=observations.pixels)

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from calib.estimation.map_fit import JointFit
+from calib.estimation.joint_fit import JointFit
 from calib.optics.lens_model import COEFFICIENTS
 from calib.optics.path import Path
 from calib.session.camera import Intrinsics

@@ -89,61 +89,61 @@ def basis(relief: Relief) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Quadratic:
-    """What the corners say of the shared numbers x, poses adapted: cost(x) = cost - 2 pull^T x + x^T curvature x, in px^2."""
+    """The sum of squares by the shared parameters x, poses adapted: cost(x) = cost - 2 score^T x + x^T hessian x, in px^2."""
 
-    curvature: Array
+    hessian: Array
     """(S, S)"""
-    pull: Array
-    """(S,)"""
+    score: Array
+    """(S,) minus half the gradient at x = 0: the residual's component along each parameter."""
     cost: float
     """px^2, at x = 0."""
     freedom: int
-    """Residuals less the numbers of the poses."""
+    """Residuals less the parameters of the poses."""
 
     @staticmethod
-    def around(curvature: Array, slope: Array, square: float, freedom: int, shared: Array) -> "Quadratic":
-        """From the (S, S) curvature, the (S,) slope and the sum of squares at (S,) numbers."""
-        bent = curvature @ shared
-        return Quadratic(curvature, bent - slope, square - 2 * float(slope @ shared) + float(shared @ bent), freedom)
+    def around(hessian: Array, gradient: Array, square: float, freedom: int, shared: Array) -> "Quadratic":
+        """From the (S, S) Hessian, the (S,) gradient and the sum of squares at (S,) parameters."""
+        turned = hessian @ shared
+        return Quadratic(hessian, turned - gradient, square - 2 * float(gradient @ shared) + float(shared @ turned), freedom)
 
 
-class Evidence:
-    """The probability of the corners, amplitudes and free numbers integrated out, for any noise and smoothness."""
+class MarginalLikelihood:
+    """The probability of the corners, the shared parameters integrated out, for any noise and smoothness: the evidence."""
 
-    def __init__(self, quadratic: Quadratic, relief: Relief | None, fixed: Array) -> None:
+    def __init__(self, quadratic: Quadratic, relief: Relief | None, sigmas: Array) -> None:
         """
         Args:
-            quadratic: of the amplitudes, then the free numbers.
+            quadratic: of the amplitudes, then the free parameters over their scales.
             relief: whose amplitudes are estimated; None without one.
-            fixed: (F,) precision of the free numbers' priors.
+            sigmas: (F,) of the free parameters' priors, over their scales.
         """
         self._relief, self._freedom, self._cost = relief, quadratic.freedom, quadratic.cost
-        amplitudes = len(quadratic.pull) - len(fixed)
-        to_x = np.diag(np.concatenate([np.ones(amplitudes), fixed**-0.5]))  # free numbers over their priors' sigmas
+        amplitudes = len(quadratic.score) - len(sigmas)
+        to_x = np.diag(np.concatenate([np.ones(amplitudes), sigmas]))  # free parameters over their priors' sigmas
         if relief:
             to_x[:amplitudes, :amplitudes] = np.linalg.inv(basis(relief))  # heights at the centres
-        self._curvature, self._pull = to_x.T @ quadratic.curvature @ to_x, to_x.T @ quadratic.pull
+        self._hessian, self._score = to_x.T @ quadratic.hessian @ to_x, to_x.T @ quadratic.score
 
     def log(self, sigma: float, smoothness: Smoothness | None) -> float:
         """The logarithm, up to a constant; -infinity where it cannot be computed.
 
         With heights = root z, z standard normal, everything is a correction to the identity: no prior is ever inverted.
         """
-        root = np.eye(len(self._pull))
+        root = np.eye(len(self._score))
         try:
             if self._relief and smoothness:
                 heights = self._relief.grid[0] * self._relief.grid[1]
                 root[:heights, :heights] = smoothness.root(self._relief)
-            posterior = np.eye(len(root)) + root.T @ self._curvature @ root / sigma**2
+            posterior = np.eye(len(root)) + root.T @ self._hessian @ root / sigma**2
             factor = cholesky(posterior, lower=True)
         except LinAlgError:
             return -np.inf
-        explained = solve_triangular(factor, root.T @ self._pull / sigma**2, lower=True)
+        explained = solve_triangular(factor, root.T @ self._score / sigma**2, lower=True)
         least = self._cost / sigma**2 - float(explained @ explained)
         return float(-np.log(factor.diagonal()).sum() - 0.5 * least - self._freedom * np.log(sigma))
 
 
-def most_probable(evidence: Evidence, sigma: float, start: Smoothness | None) -> tuple[float, Smoothness | None]:
+def most_probable(evidence: MarginalLikelihood, sigma: float, start: Smoothness | None) -> tuple[float, Smoothness | None]:
     """The noise (px, per axis) and the smoothness with the largest evidence; no smoothness without a relief.
 
     The search begins at the best of a start and a few others.

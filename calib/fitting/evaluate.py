@@ -82,14 +82,14 @@ def evaluate(calibration: Calibration, session: Session, progress: Progress, *, 
             poses, missed = _by_halves(path, values, observations, poses)
         else:
             poses, missed = refit_poses(path, values, observations, poses)
-    depth = path.place(observations.corners, observations.told(values), poses[observations.view])[:, 2]
+    depth = path.place(observations.corners, observations.with_times(values), poses[observations.view])[:, 2]
     return Evaluation(missed.rms_px, missed.rmse_cm, len(views), _bands(missed, depth), (*rejected, *few, *lost))
 
 
 def _by_halves(path: Path, values: Values, observations: Observations, poses: Tensor) -> tuple[Tensor, Residuals]:
     """Each half of a view's corners measured with the numbers that the other half gives: where a view has so many numbers of its own
     that they would hide its error."""
-    poses = torch.cat([poses, poses.new_zeros(len(poses), path.numbers_per_view - poses.shape[1])], 1)
+    poses = torch.cat([poses, poses.new_zeros(len(poses), path.parameters_per_view - poses.shape[1])], 1)
     odd = (torch.arange(len(observations.pixels)) - observations.starts[observations.view]) % 2 == 1
     image, board = torch.empty_like(observations.pixels), torch.empty_like(observations.pixels)
     for scored in (odd, ~odd):

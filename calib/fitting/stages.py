@@ -9,7 +9,7 @@ from torch import Tensor
 from calib.calibration import Stage
 from calib.errors import NotEnoughDataError
 from calib.estimation.gradient_fit import descend
-from calib.estimation.map_fit import JointFit, fit_joint
+from calib.estimation.joint_fit import JointFit, fit_joint
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import Residuals, residuals

@@ -12,6 +12,7 @@ from calib.optics.interface import Interface
 from calib.optics.lens_model import Lens
 from calib.optics.params import LINE, Param, Values
 from calib.optics.rays import Rays
+from calib.optics.relief import Relief
 
 
 class Adjustment(Protocol):
@@ -43,8 +44,13 @@ class Path:
         return tuple({param.name: param for param in read}.values())
 
     @property
-    def numbers_per_view(self) -> int:
+    def parameters_per_view(self) -> int:
         return 12 if self.shutter else 6
+
+    @property
+    def relief(self) -> Relief | None:
+        """Of the cover's outer surface."""
+        return self.cover[-1].relief if self.cover else None
 
     @property
     def stages(self) -> tuple[Lens | Interface, ...]:

@@ -7,6 +7,9 @@ from torch import Tensor
 
 from calib.optics.params import Param, Values
 
+AMPLITUDES = "relief.amplitudes"
+"""Of the outer surface's relief, which a fit estimates."""
+
 PROBES = ("probe.height", "probe.first", "probe.second")
 """Optional values, (...) each: what is added to the height and to the two slopes at each ray's own hit. Derivatives by these three
 give those by every amplitude, through `spread`."""

@@ -28,7 +28,7 @@ def matrix(rotvec: Tensor) -> Tensor:
     return turned
 
 
-def slopes(rotvec: Tensor, turn: Tensor) -> Tensor:
+def derivatives(rotvec: Tensor, turn: Tensor) -> Tensor:
     """How rotation matrices change with their rotation vectors.
 
     With J = I + a [w] + b [w]^2 (the left Jacobian of SO(3)), dR / dw_i = [J e_i] R. Source: T. D. Barfoot, State estimation for

@@ -11,7 +11,7 @@ from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.finding import Diagnosis
 from calib.diagnosis.held_out import Gain, HeldOut, gain
 from calib.diagnosis.named_effects import with_named
-from calib.diagnosis.score_test import Columns
+from calib.diagnosis.score_test import ScoreTest
 from calib.diagnosis.selection import Trial
 from calib.diagnosis.sentences import verdict
 from calib.effects.board_bow import BoardBow
@@ -119,11 +119,11 @@ def test_a_gain_is_tested_over_views() -> None:
 
 
 def test_what_helps_at_the_fitted_depths_only_is_not_taken() -> None:
-    columns = Columns(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
+    test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
     folds, worse, better = Gain(0.2, 0.1, (0.08, 0.12), 1e-4), Gain(0.2, 0.21, (-0.02, 0.0), 1.0), Gain(0.2, 0.15, (-0.01, 0.1), 0.2)
-    assert Trial(columns, folds).passes
-    assert Trial(columns, folds, bands=better).passes
-    failed = Trial(columns, folds, bands=worse)
+    assert Trial(test, folds).passes
+    assert Trial(test, folds, bands=better).passes
+    failed = Trial(test, folds, bands=worse)
     assert not failed.passes
     assert verdict(failed, taken=False) == "fails at other depths"
 

@@ -10,7 +10,6 @@ from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.held_out import bands, folds, hold_out
 from calib.diagnosis.starting_model import base_model
 from calib.errors import NotEnoughDataError
-from calib.estimation.map_fit import Start
 from calib.estimation.poses import refit_poses
 from calib.progress import Silent
 from tests.diagnosis.hide import fitted, hidden
@@ -40,7 +39,7 @@ def test_a_part_is_scored_by_a_fit_that_did_not_see_it() -> None:
     joint = model.fitted(seen, torch.from_numpy(made.poses))
     held = hold_out(model, seen, joint, folds(range(10)))
     out = torch.arange(10) % 5 == 3
-    rest = model.fitted(seen.without(out), joint.poses[~out], Start(joint.values, joint.sigma, joint.smoothness))
+    rest = model.fitted(seen.without(out), joint.poses[~out], joint.start)
     missed = refit_poses(model.path, rest.values, seen.without(~out), joint.poses[out])[1]
     scored = held.squares[out[seen.view].numpy()]
     assert np.sqrt(scored.mean()) == pytest.approx(missed.rms_px, rel=0.01)  # the two ways to fit a pose weigh corners differently

@@ -16,7 +16,7 @@ from calib.effects.board_scale import BoardScale
 from calib.effects.detector_bias import DetectorBias
 from calib.effects.focal import Focal
 from calib.effects.free_field import FreeField
-from calib.estimation.camera_model import Model
+from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.optics.projection import project
 from calib.session.camera import Camera
@@ -31,7 +31,7 @@ def calibration() -> Calibration:
     return fitted(hidden(None, {}, views=10))
 
 
-def optimum(model: Model, seen: Observations, poses: np.ndarray) -> Optimum:
+def optimum(model: CameraModel, seen: Observations, poses: np.ndarray) -> Optimum:
     return Optimum(model, seen, model.fitted(seen, torch.from_numpy(poses)))
 
 

@@ -15,7 +15,7 @@ from calib.corners.view import View
 from calib.effects.effect import Effect, Surroundings
 from calib.effects.free_field import FreeField
 from calib.effects.registry import EFFECTS
-from calib.estimation.camera_model import Model
+from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.optics.build import covered_path, with_relief
 from calib.optics.path import Path
@@ -63,8 +63,8 @@ class Situation:
         return Observations.of(self.views, BOARD).timed(TIMES, HEIGHT)
 
     @property
-    def model(self) -> Model:
-        return Model(self.path, self.values, {})
+    def model(self) -> CameraModel:
+        return CameraModel(self.path, self.values, {})
 
     def surroundings(self, estimated: Sequence[str] = (), suspect: bool = True) -> Surroundings:
         place = torch.tensor([sum(ends) / 2 for ends in zip(self.relief.low, self.relief.high, strict=True)]) if self.relief else None
@@ -120,7 +120,7 @@ class Form:
     there: Situation
 
     @property
-    def model(self) -> Model:
+    def model(self) -> CameraModel:
         return self.there.model.with_effect(self.effect)
 
     def present(self) -> tuple[dict[str, Tensor], Tensor]:

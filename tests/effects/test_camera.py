@@ -14,7 +14,7 @@ from calib.effects.free_field import FreeField
 from calib.effects.lens import Lens
 from calib.effects.principal_point import PrincipalPoint
 from calib.effects.rolling_shutter import RollingShutter
-from calib.estimation.camera_model import Model
+from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.optics.build import pinhole_path
 from calib.session.board import Board
@@ -33,7 +33,7 @@ PIXELS = np.random.default_rng(0).uniform([0, 0], [WIDTH - 1, HEIGHT - 1], (200,
 def directions(effect: Effect | None, intrinsics: Intrinsics, pixels: Array, **numbers: float) -> Array:
     """(N, 2) x / z and y / z of the rays."""
     path, values = pinhole_path(intrinsics)
-    base = Model(path, values, {})
+    base = CameraModel(path, values, {})
     model = base.with_effect(effect) if effect else base
     given = {name.replace("__", "."): torch.tensor(value, dtype=torch.float64) for name, value in numbers.items()}
     assert given.keys() <= model.means.keys()
@@ -45,12 +45,12 @@ def directions(effect: Effect | None, intrinsics: Intrinsics, pixels: Array, **n
 def landed(effect: Effect, seen: list[Array], poses: Array, times: list[float], **numbers: float) -> Array:
     """(V, N, 2) m: where the pixels of each view land, less where its corners are."""
     path, values = pinhole_path(INTRINSICS)
-    model = Model(path, values, {}).with_effect(effect)
+    model = CameraModel(path, values, {}).with_effect(effect)
     views = [View(f"{view}.png", pixels, np.ones(BOARD.count)) for view, pixels in enumerate(seen)]
     observations = Observations.of(views, BOARD).timed(times, HEIGHT)
     given = {name.replace("__", "."): torch.tensor(value, dtype=torch.float64) for name, value in numbers.items()}
-    told = observations.told({**model.means, **given})
-    found, failure = model.path.land(observations.pixels, told, torch.from_numpy(poses)[observations.view])
+    timed = observations.with_times({**model.means, **given})
+    found, failure = model.path.land(observations.pixels, timed, torch.from_numpy(poses)[observations.view])
     assert not failure.any()
     return (found - observations.corners).reshape(len(seen), BOARD.count, 2).numpy()
 
@@ -142,7 +142,7 @@ def test_free_field_over_the_image_is_a_cosine_transform_of_shifts() -> None:
     path, values = pinhole_path(INTRINSICS)
     rng = np.random.default_rng(1)
     numbers = {f"free_field.image.{axis}": rng.normal(0, 0.3, 81) for axis in "xy"}
-    model = Model(path, values, {}).with_effect(FreeField("image", (-0.5, -0.5), (WIDTH - 0.5, HEIGHT - 0.5), 0.5, 2.0))
+    model = CameraModel(path, values, {}).with_effect(FreeField("image", (-0.5, -0.5), (WIDTH - 0.5, HEIGHT - 0.5), 0.5, 2.0))
     columns, rows = ((np.arange(9) + 0.5) / 9 * size - 0.5 for size in (WIDTH, HEIGHT))
     pixels = np.stack(np.meshgrid(columns, rows, indexing="ij"), -1).reshape(-1, 2)
     shifts = np.column_stack([waves(numbers[f"free_field.image.{axis}"]).ravel() for axis in "xy"])

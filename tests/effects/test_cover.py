@@ -17,7 +17,7 @@ from calib.effects.inner_surface import InnerSurface
 from calib.effects.refractive_index import RefractiveIndex
 from calib.effects.thickness import Thickness
 from calib.effects.wedge import Wedge
-from calib.estimation.camera_model import Model
+from calib.estimation.camera_model import CameraModel
 from calib.optics.build import covered_path, pinhole_path, with_relief
 from calib.optics.relief import Relief
 from calib.session.board import Board
@@ -32,14 +32,14 @@ AMPLITUDES = np.random.default_rng(3).normal(0, 2e-5, GRID)
 RISES = {"axis_offset.x": 1e-3, "axis_offset.z": -7e-4, "centre.x": 1e-3, "centre.y": -5e-4, "centre.z": 8e-4, "distance": -1e-3}
 
 
-def model(example: Example) -> Model:
+def model(example: Example) -> CameraModel:
     """Off-centre, tilted, under water and uneven outside."""
     path, values = covered_path(INTRINSICS, example.changed(example.moved))
     relief = Relief(*example.patch, GRID)
-    return Model(with_relief(path, relief), values | {"relief.amplitudes": torch.from_numpy(AMPLITUDES)}, {})
+    return CameraModel(with_relief(path, relief), values | {"relief.amplitudes": torch.from_numpy(AMPLITUDES)}, {})
 
 
-def proposed(kind: type[Effect], model: Model, suspect: Tensor | None = None) -> Effect:
+def proposed(kind: type[Effect], model: CameraModel, suspect: Tensor | None = None) -> Effect:
     (effect,) = kind.propose(Surroundings(Board(9, 9, 0.02), WIDTH, HEIGHT, model.path, model.means, suspect=suspect))
     return effect
 
@@ -54,7 +54,7 @@ def outer(example: Example) -> Height:
     return oracle.bumps(at, AMPLITUDES.ravel(), widths)
 
 
-def agrees(effect: Effect, base: Model, numbers: Mapping[str, float | Array], expected: tuple[Array, Array], *, moves: float) -> None:
+def agrees(effect: Effect, base: CameraModel, numbers: Mapping[str, float | Array], expected: tuple[Array, Array], *, moves: float) -> None:
     """The effect with its numbers gives the expected rays, and without it they are others."""
     wider = base.with_effect(effect)
     given = {name: torch.as_tensor(value, dtype=torch.float64) for name, value in numbers.items()}
@@ -112,7 +112,7 @@ def test_wedge_is_two_surfaces_each_turned_by_itself(example: Example) -> None:
 def test_a_wedge_in_a_window_turns_light_towards_its_thick_side() -> None:
     """A thin prism of index n and angle a in air: (n - 1) a."""
     path, values = covered_path(INTRINSICS, FLAT.cover)
-    base = Model(path, values, {})
+    base = CameraModel(path, values, {})
     wider = base.with_effect(proposed(Wedge, base))
     axis = torch.tensor([[INTRINSICS.cx.value, INTRINSICS.cy.value]], dtype=torch.float64)
     angle = 1e-3
@@ -136,7 +136,7 @@ def test_cover_radius_is_another_cover(example: Example) -> None:
 
 def test_a_cylinder_that_tapers_is_a_cone() -> None:
     path, values = covered_path(INTRINSICS, CYLINDER.cover)
-    base = Model(path, values, {})
+    base = CameraModel(path, values, {})
     numbers = {name: number.value for name, number in CYLINDER.cover.numbers.items()} | {"radius_slope": -0.03}
     given = {"cover_radius.radius_slope": -0.03}
     agrees(proposed(CoverRadius, base), base, given, Glass(CONE, numbers).rays(PIXELS), moves=1e-5)
@@ -179,7 +179,7 @@ def test_fine_surface_adds_narrower_gaussians_outside(example: Example) -> None:
 def test_flat_port_is_snell_through_parallel_plates(behind: str, outside: float) -> None:
     """In closed form: along the normal by distance over cosine in air, then in the wall; tangential sines keep their product."""
     path, values = pinhole_path(INTRINSICS)
-    base = Model(path, values, {})
+    base = CameraModel(path, values, {})
     there = Surroundings(Board(9, 9, 0.02), WIDTH, HEIGHT, path, values)
     (effect,) = (e for e in FlatPort.propose(there) if e.behind == behind)
     distance, wall, tilt = 0.03 if behind == "water" else 0.0, 0.008, {"x": 0.05, "y": -0.08}

@@ -17,6 +17,7 @@ from calib.effects.focal import Focal
 from calib.effects.free_field import FreeField
 from calib.effects.principal_point import PrincipalPoint
 from calib.effects.serialise import Numbers, effect_from_yaml, effect_to_yaml
+from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import Landing, landings
 from tests.effects.forms import FORMS, KINDS, SITUATIONS, Form, Situation, each_form
 
@@ -31,14 +32,14 @@ each_situation = pytest.mark.parametrize("there", SITUATIONS, ids=lambda there: 
 
 def land(form: Form, values: dict[str, Tensor], poses: Tensor) -> Tensor:
     seen = form.there.observations
-    landed, failure = form.model.path.land(seen.pixels, seen.told(values), poses[seen.view])
+    landed, failure = form.model.path.land(seen.pixels, seen.with_times(values), poses[seen.view])
     assert not failure.any()
     return landed
 
 
 def land_without(there: Situation) -> Tensor:
     seen = there.observations
-    landed, failure = there.path.land(seen.pixels, seen.told(there.values), there.poses[seen.view])
+    landed, failure = there.path.land(seen.pixels, seen.with_times(there.values), there.poses[seen.view])
     assert not failure.any()
     return landed
 
@@ -71,7 +72,7 @@ def test_derivatives_agree_with_central_differences(form: Form) -> None:
     values, poses = form.present()
     landing = _landing(form, values, poses)
     scales = [(u.param.name, u.param.scale, entry) for u in form.effect.unknowns for entry in np.ndindex(u.param.shape)]
-    at = landing.linearise(values, poses, torch.tensor([scale for _, scale, _ in scales], dtype=torch.float64))
+    at = landing.linearise(values, poses)
     assert (at.residual - landing.residual(values, poses)[0]).abs().max() < 1e-15  # m; sums in another order
     moved = at.jacobian_shared.abs().amax((0, 1))
     idle = [f"{name}{list(entry)}" for (name, _, entry), size in zip(scales, moved, strict=True) if size < SMALLEST]
@@ -95,8 +96,7 @@ def test_the_relief_s_derivatives_hold_beside_it(form: Form) -> None:
         return
     values, poses = form.present()
     landing = _landing(form, values, poses, relief_moves=True)
-    count = sum(int(np.prod(u.param.shape)) for u in form.effect.unknowns)
-    at = landing.linearise(values, poses, torch.ones(count, dtype=torch.float64))
+    at = landing.linearise(values, poses)
     direction = torch.from_numpy(np.random.default_rng(6).normal(0, 1, values["relief.amplitudes"].shape))
     up, down = (
         landing.residual({**values, "relief.amplitudes": values["relief.amplitudes"] + sign * 1e-8 * direction}, poses)[0]
@@ -126,7 +126,7 @@ def test_a_calibration_keeps_it(form: Form, tmp_path: Path) -> None:
     for one, other in zip(made.rays(seen.pixels.numpy()), again.rays(seen.pixels.numpy()), strict=True):
         assert np.array_equal(one, other)
     path, read = again.model()
-    landed, _ = path.land(seen.pixels, seen.told(read), torch.from_numpy(again.poses)[seen.view])
+    landed, _ = path.land(seen.pixels, seen.with_times(read), torch.from_numpy(again.poses)[seen.view])
     assert torch.equal(landed, land(form, values, poses))
     assert (landed - land_without(form.there)).abs().max() > 1e-7, "it is there"
 
@@ -168,8 +168,9 @@ def test_a_file_that_tells_of_no_effect_is_refused(change: dict[str, object], re
 def _landing(form: Form, values: dict[str, Tensor], poses: Tensor, *, relief_moves: bool = False) -> Landing:
     seen = form.there.observations
     weights = torch.eye(2, dtype=torch.float64).expand(len(seen.pixels), 2, 2)
-    own = [u.param.name for u in form.effect.unknowns]
-    (landing,) = landings(form.model.path, values, seen, weights, own, relief_moves)
+    relief = form.model.path.relief if relief_moves else None
+    parameters = Parameters(values, relief, tuple(u.param for u in form.effect.unknowns), {})
+    (landing,) = landings(form.model.path, parameters, seen, weights)
     assert landing.residual(values, poses)[1].all()
     return landing
 

@@ -12,13 +12,13 @@ import torch
 from benchmarks.uncertainty import CAMERA, GLASS, calibrate
 from calib.apply.map_uncertainty import predicted_sigma
 from calib.corners.view import View
-from calib.estimation.jacobians import undistorted_slopes
+from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.levenberg_marquardt import normal_equations
 from calib.estimation.residual_blocks import landings, pixel_weights
 from calib.estimation.stated_priors import freed
 from calib.estimation.surface_prior import Smoothness
 from calib.fitting.stages import Settings, Setup
-from calib.planning.information import Estimate, estimate
+from calib.planning.information import PlanningFit, estimate, view_information
 from calib.planning.pose_bank import Reach, bank
 from calib.session.camera import Camera
 from calib.session.cover import Cover
@@ -44,7 +44,7 @@ def setup(made: Scene) -> Setup:
 
 
 @pytest.fixture(scope="module")
-def few(made: Scene, setup: Setup) -> Estimate:
+def few(made: Scene, setup: Setup) -> PlanningFit:
     return estimate(setup, made.views[:2], GRID)
 
 
@@ -52,13 +52,13 @@ def some_poses() -> np.ndarray:
     return bank(scene(1, 1).board, CAMERA, REACH).poses[::12]
 
 
-def test_the_slopes_are_central_differences_of_rays(few: Estimate) -> None:
+def test_the_jacobian_is_central_differences_of_rays(few: PlanningFit) -> None:
     model = few.model
     pixels = np.array([[300.0, 200], [1600, 1200], [3000, 2300]])
-    slopes, motions, lost = undistorted_slopes(model.path, model.values, model.scales, pixels)
+    jacobian, motions, lost = undistorted_jacobian(model.path, model.parameters, pixels)
     assert not lost.any()
-    names = list(model.scales)
-    assert {"cover.thickness", "camera.fx"} <= set(names)
+    places = model.parameters.slices()
+    assert {"cover.thickness", "camera.fx"} <= set(places)
 
     def undistorted(values: dict[str, torch.Tensor], turn: np.ndarray, shift: np.ndarray) -> np.ndarray:
         rays = model.path.trace(torch.from_numpy(pixels), values)
@@ -69,34 +69,33 @@ def test_the_slopes_are_central_differences_of_rays(few: Estimate) -> None:
         return np.asarray(INTRINSICS.fx.value * np.stack(parts, 1))
 
     def difference(change: dict[str, torch.Tensor], size: float) -> np.ndarray:
-        ends = [undistorted({**model.values, **{k: model.values[k] + s * v for k, v in change.items()}}, ZERO, ZERO) for s in (1, -1)]
+        ends = [undistorted({**model.means, **{k: model.means[k] + s * v for k, v in change.items()}}, ZERO, ZERO) for s in (1, -1)]
         return np.asarray((ends[0] - ends[1]) / (2 * size))
 
     bump = torch.zeros(GRID, dtype=torch.float64)
     bump[3, 4] = 1e-7
     by_bump = difference({"relief.amplitudes": bump}, 1e-7)
-    assert slopes[..., 3 * GRID[1] + 4] == pytest.approx(by_bump, rel=1e-5, abs=1e-5 * np.abs(by_bump).max())
-    thick = model.scales["cover.thickness"]
+    assert jacobian[..., 3 * GRID[1] + 4] == pytest.approx(by_bump, rel=1e-5, abs=1e-5 * np.abs(by_bump).max())
+    thick = next(param.scale for param in model.parameters.free if param.name == "cover.thickness")
     by_thickness = difference({"cover.thickness": torch.tensor(1e-4 * thick, dtype=torch.float64)}, 1e-4)
-    column = GRID[0] * GRID[1] + names.index("cover.thickness")
-    assert slopes[..., column] == pytest.approx(by_thickness, rel=1e-4, abs=1e-4 * np.abs(by_thickness).max())
+    column = places["cover.thickness"].start
+    assert jacobian[..., column] == pytest.approx(by_thickness, rel=1e-4, abs=1e-4 * np.abs(by_thickness).max())
     for axis in range(6):
         step = 1e-6 * np.eye(6)[axis]
-        ends = [undistorted(dict(model.values), sign * step[:3], sign * step[3:]) for sign in (1, -1)]
+        ends = [undistorted(dict(model.means), sign * step[:3], sign * step[3:]) for sign in (1, -1)]
         assert motions[..., axis] == pytest.approx((ends[0] - ends[1]) / 2e-6, rel=1e-5, abs=1e-3)
 
 
 ZERO = np.zeros(3)
 
 
-def test_a_views_information_is_what_elimination_leaves(few: Estimate) -> None:
+def test_a_views_information_is_what_elimination_leaves(few: PlanningFit) -> None:
     """Oracle: the solver's own normal equations, each view by itself; and that they add up."""
     model, seen = few.model, few.observations
-    weights = pixel_weights(model.path, model.values, seen, few.poses, 1.0)
-    ours = model.information(seen, few.poses)
-    scales = few.poses.new_tensor(list(model.scales.values()))
-    pieces = landings(model.path, model.values, seen, weights, tuple(model.scales), relief_moves=True)
-    whole, _ = normal_equations(piece.linearise(model.values, few.poses, scales) for piece in pieces).schur_complement()
+    weights = pixel_weights(model.path, model.means, seen, few.poses, 1.0)
+    ours = view_information(model, seen, few.poses)
+    pieces = landings(model.path, model.parameters, seen, weights)
+    whole, _ = normal_equations(piece.linearise(model.means, few.poses) for piece in pieces).schur_complement()
     assert ours.shape == (2, *whole.shape)
     assert ours.sum(0) == pytest.approx(whole.numpy(), rel=1e-6, abs=1e-6 * float(whole.abs().max()))
     for one in ours:
@@ -116,30 +115,30 @@ def test_the_predicted_sigma_is_the_calibrations_own(made: Scene) -> None:
     assert 0.7 < np.median(ours / theirs) < 1
 
 
-def test_modes_that_are_left_out_change_nothing(few: Estimate, setup: Setup) -> None:
-    """Oracle: the covariance of all shared numbers, without modes."""
+def test_modes_that_are_left_out_change_nothing(few: PlanningFit, setup: Setup) -> None:
+    """Oracle: the covariance of all shared parameters, without modes."""
     surveyed_design = few.design(setup, some_poses(), CELLS, DEPTHS)
     model = few.model
-    information = model.information(few.observations, few.poses).sum(0) / few.sigma**2
-    scales = model.scales
-    fixed = [(scale / model.free[name]) ** 2 for name, scale in scales.items()]
+    information = view_information(model, few.observations, few.poses).sum(0) / few.sigma**2
+    fixed = [(param.scale / float(model.free[param.name])) ** 2 for param in model.parameters.free]
     precision = np.zeros_like(information)
+    assert model.path.relief
     amplitudes = GRID[0] * GRID[1]
-    precision[:amplitudes, :amplitudes] = few.smoothness.precision(model.relief)
+    precision[:amplitudes, :amplitudes] = few.smoothness.precision(model.path.relief)
     precision[amplitudes:, amplitudes:] = np.diag(fixed)
     covariance = np.linalg.inv(information + precision)
     x, y = ((np.arange(n) + 0.5) / n * length - 0.5 for n, length in zip(CELLS[::-1], (CAMERA.width, CAMERA.height), strict=True))
     pixels = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
-    slopes, motions, _ = undistorted_slopes(model.path, model.values, model.scales, pixels)
+    jacobian, motions, _ = undistorted_jacobian(model.path, model.parameters, pixels)
     at = np.stack([np.ones_like(DEPTHS), 1 / DEPTHS])
-    changed, moved = (np.einsum("nabs,ad->ndbs", part, at).reshape(-1, part.shape[-1]) for part in (slopes, motions))
+    changed, moved = (np.einsum("nabs,ad->ndbs", part, at).reshape(-1, part.shape[-1]) for part in (jacobian, motions))
     left = changed - moved @ np.linalg.lstsq(moved, changed, rcond=None)[0]
     variance = np.einsum("ns,st,nt->n", left, covariance, left).mean() * 2
     assert surveyed_design.sigma(surveyed_design.known()) == pytest.approx(np.sqrt(variance), rel=0.02)
     assert surveyed_design.information.shape[-1] < len(information)
 
 
-def test_poses_that_the_cover_pushes_out_of_the_picture_are_dropped(few: Estimate, setup: Setup) -> None:
+def test_poses_that_the_cover_pushes_out_of_the_picture_are_dropped(few: PlanningFit, setup: Setup) -> None:
     poses = np.array([[0, 0, 0, 0, 0, 0.8], [0, 0, 0, 0.6, 0, 0.8]])
     design = few.design(setup, poses, CELLS, DEPTHS)
     assert design.poses == pytest.approx(poses[:1])
@@ -167,9 +166,9 @@ def test_planned_views_beat_others(setup: Setup) -> None:
     assert best < min(others)
 
 
-def test_a_rougher_prior_and_more_noise_make_maps_less_sure(few: Estimate, setup: Setup) -> None:
+def test_a_rougher_prior_and_more_noise_make_maps_less_sure(few: PlanningFit, setup: Setup) -> None:
     def sigma(height: float, noise: float) -> float:
-        changed = Estimate(few.model, few.poses, few.observations, Smoothness(height, 0.4), noise)
+        changed = PlanningFit(few.model, few.poses, few.observations, Smoothness(height, 0.4), noise)
         design = changed.design(setup, some_poses()[:3], CELLS, DEPTHS)
         return design.sigma(design.known())
 
@@ -181,13 +180,15 @@ def test_enough_views_are_fitted(made: Scene) -> None:
     setup = Setup(made.board, CAMERA, INTRINSICS, GLASS)
     known = estimate(setup, made.views, GRID)
     assert known.sigma == pytest.approx(0.1, rel=0.1)
-    assert float(known.model.values["relief.amplitudes"].abs().max()) > 1e-7
+    assert float(known.model.means["relief.amplitudes"].abs().max()) > 1e-7
 
 
 def test_numbers_without_a_sigma_are_not_estimated(made: Scene, setup: Setup) -> None:
     known = estimate(Setup(made.board, CAMERA, INTRINSICS, GLASS), (), GRID)
-    assert known.model.scales == {}
-    assert set(estimate(setup, (), GRID).model.scales) == set(freed(setup.intrinsics, setup.cover, known.model.path))
+    assert known.model.parameters.free == ()
+    assert {param.name for param in estimate(setup, (), GRID).model.parameters.free} == set(
+        freed(setup.intrinsics, setup.cover, known.model.path)
+    )
 
 
 @pytest.fixture

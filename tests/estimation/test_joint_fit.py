@@ -9,14 +9,15 @@ from scipy.stats import multivariate_normal
 
 from calib.corners.view import View
 from calib.estimation.gradient_fit import descend
+from calib.estimation.joint_fit import JointFit, fit_joint
 from calib.estimation.levenberg_marquardt import Outcome
-from calib.estimation.map_fit import JointFit, fit_joint
-from calib.estimation.objective import LandingProblem, Shared, view_precision
+from calib.estimation.objective import LandingProblem, view_precision
 from calib.estimation.observations import Observations
+from calib.estimation.parameters import Parameters
 from calib.estimation.poses import pinhole_poses, refine_poses, refit_poses
 from calib.estimation.residual_blocks import landings, pixel_weights
 from calib.estimation.residuals import residuals
-from calib.estimation.surface_prior import Evidence, Quadratic, Smoothness
+from calib.estimation.surface_prior import MarginalLikelihood, Quadratic, Smoothness
 from calib.optics.build import covered_path, footprint, with_relief
 from calib.optics.path import Path
 from calib.optics.relief import Relief
@@ -61,23 +62,22 @@ def held_out(path: Path, values: dict[str, torch.Tensor], other: Scene) -> float
 
 def test_derivatives_agree_with_central_differences() -> None:
     made = scene(1, views=3, grid=(4, 5), amplitude=2e-5, noise=0.1)
-    scales = {"cover.thickness": 1e-3, "cover.refractive_index": 1e-2, "cover.axis_offset.z": 1e-3, "camera.fx": 1.0, "camera.cy": 1.0}
-    outer = made.path.cover[-1]
+    names = ("cover.thickness", "cover.refractive_index", "cover.axis_offset.z", "camera.fx", "camera.cy")
+    parameters = Parameters.of(made.path, made.values, dict.fromkeys(names, 1.0))
     weights = pixel_weights(made.path, made.values, made.observations, made.poses, 1.0)
-    views = tuple(landings(made.path, made.values, made.observations, weights, tuple(scales), relief_moves=True))
-    shared = Shared(made.values, outer.relief, scales)
-    nothing = torch.zeros(shared.count, shared.count, dtype=torch.float64)
-    problem = LandingProblem(shared, views, nothing, view_precision(made.poses), huber=torch.inf)
-    here = torch.zeros(shared.count, dtype=torch.float64)
+    views = tuple(landings(made.path, parameters, made.observations, weights))
+    nothing = torch.zeros(parameters.count, parameters.count, dtype=torch.float64)
+    problem = LandingProblem(parameters, views, nothing, view_precision(made.poses), huber=torch.inf)
+    here = torch.zeros(parameters.count, dtype=torch.float64)
 
     def rows(amount: torch.Tensor, poses: torch.Tensor) -> torch.Tensor:
         return torch.cat([at.residual for at in problem.linearise(amount, poses)])
 
     (at,) = problem.linearise(here, made.poses)
     assert problem.cost(here, made.poses) == pytest.approx(float((at.residual**2).sum()), rel=1e-12)
-    for column in range(shared.count):
-        step = torch.zeros(shared.count, dtype=torch.float64)
-        step[column] = 1e-8 if column < shared.amplitudes else 1e-4
+    for column in range(parameters.count):
+        step = torch.zeros(parameters.count, dtype=torch.float64)
+        step[column] = 1e-8 if column < parameters.amplitudes else 1e-4
         numeric = (rows(here + step, made.poses) - rows(here - step, made.poses)) / (2 * step[column])
         assert (at.jacobian_shared[..., column] - numeric).abs().max() < 1e-6 * numeric.abs().max(), column
     for column in range(6):
@@ -186,7 +186,7 @@ def test_evidence_is_the_marginal_likelihood() -> None:
     quadratic = Quadratic.around(jacobian.T @ jacobian, jacobian.T @ residual, float(residual @ residual), 40, here)
     at_zero = residual - jacobian @ here  # linear: the residuals of the flat relief
     assert quadratic.cost == pytest.approx(at_zero @ at_zero)
-    evidence = Evidence(quadratic, relief, np.array([4.0]))
+    evidence = MarginalLikelihood(quadratic, relief, np.array([0.5]))
     ours, theirs = [], []
     for sigma, smoothness in ((0.5, Smoothness(1e-5, 0.4)), (1.3, Smoothness(3e-6, 0.2)), (1.0, Smoothness(4e-5, 1.0))):
         ours.append(evidence.log(sigma, smoothness))

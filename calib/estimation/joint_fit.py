@@ -1,0 +1,131 @@
+"""The joint fit: maximum a posteriori amplitudes, free parameters and poses, with the noise and the prior's scale by evidence.
+
+Source: D. J. C. MacKay, Bayesian interpolation (1992), for the evidence (the marginal likelihood of the residuals).
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from calib.estimation.levenberg_marquardt import Outcome, Solution, minimise
+from calib.estimation.objective import LandingProblem, view_precision
+from calib.estimation.observations import Observations
+from calib.estimation.parameters import Parameters
+from calib.estimation.residual_blocks import landings, pixel_weights
+from calib.estimation.surface_prior import MarginalLikelihood, Quadratic, Smoothness, most_probable
+from calib.optics.params import Values
+from calib.optics.path import Path
+from calib.session.schema import Number
+
+FIRST_SIGMA = 0.1
+"""px"""
+FIRST_PRIOR = Smoothness(height=1e-5, length=0.4)
+ROUNDS = (1e-2, 1e-4, 1e-9)
+"""Tolerances of one fit after another; between them the prior, the noise and the pixel weighting are estimated anew."""
+
+
+AGAIN = (1e-4,)
+"""The same of a fit that starts where one like it ended."""
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Where an earlier fit ended."""
+
+    values: Values
+    sigma: float
+    """px"""
+    smoothness: Smoothness | None
+
+
+@dataclass(frozen=True, slots=True)
+class JointFit:
+    """Where the joint fit ended."""
+
+    values: dict[str, Tensor]
+    poses: Tensor
+    """(V, 6)"""
+    covariance: Tensor
+    """(S, S) of the shared parameters' vector; poses are marginalised."""
+    sigma: float
+    """px: standard deviation of a corner in x and in y, estimated."""
+    smoothness: Smoothness | None
+    parameters: Parameters
+    """What was estimated beside the poses, and where each stands in the covariance."""
+    outcome: Outcome
+    iterations: int
+    """Linearisations, of all rounds together."""
+
+    @property
+    def start(self) -> Start:
+        """For a fit like this one."""
+        return Start(self.values, self.sigma, self.smoothness)
+
+    def estimates(self) -> dict[str, Number]:
+        """The free scalars with their standard deviations, in SI units."""
+        scalars = (param.name for param in self.parameters.free if not self.values[param.name].ndim)
+        return {name: Number(float(self.values[name]), float(self.sigma_of(name))) for name in scalars}
+
+    def sigma_of(self, name: str) -> Tensor:
+        """The standard deviation of a free parameter, shaped as it is."""
+        return self.parameters.sigma(name, self.covariance)
+
+    def said(self) -> dict[str, object]:
+        """What a calibration file keeps of the fit."""
+        prior = self.smoothness and {"height_m": self.smoothness.height, "length_of_patch": self.smoothness.length}
+        return {"outcome": self.outcome.value, "iterations": self.iterations, "sigma_px": self.sigma, "relief_prior": prior}
+
+
+def fit_joint(
+    path: Path,
+    values: Values,
+    observations: Observations,
+    poses: Tensor,
+    *,
+    free: Mapping[str, float | Tensor] | None = None,
+    start: Start | None = None,
+    progress: Callable[[int, float], None] | None = None,
+) -> JointFit:
+    """Maximum a posteriori amplitudes, free parameters and poses; the prior's scale and the noise by evidence.
+
+    Args:
+        path: with or without a relief.
+        values: the start; free parameters have their prior's mean here.
+        poses: (V, 6) to start from, or (V, 12) where boards move during the readout.
+        free: standard deviation of each free parameter's prior, by name; `values` hold its mean.
+        start: where to start instead, with the noise and the prior that are kept.
+        progress: called with the number of linearisations so far and the RMS px.
+    """
+    # A corner whose ray does not get through the cover at the start says nothing, and must not forbid every step.
+    begin = start.values if start else values
+    observations = observations.kept(path.land(observations.pixels, observations.with_times(begin), poses[observations.view])[1] == 0)
+    parameters = Parameters.of(path, values, free or {})
+    sigma, smoothness = (start.sigma, start.smoothness) if start else (FIRST_SIGMA, FIRST_PRIOR if path.relief else None)
+    shared = parameters.vector(begin)
+    spent = 0
+    for tolerance in AGAIN if start else ROUNDS:
+        precision = torch.from_numpy(parameters.prior_precision(smoothness)).to(shared)
+        weights = pixel_weights(path, parameters.values(shared), observations, poses, sigma)
+        views = tuple(landings(path, parameters, observations, weights))
+        solution = minimise(LandingProblem(parameters, views, precision, view_precision(poses)), shared, poses, tolerance=tolerance)
+        shared, poses, spent = solution.shared, solution.blocks, spent + solution.iterations
+        if progress:
+            progress(spent, sigma * (solution.equations.sum_of_squares / len(observations.pixels)) ** 0.5)
+        if not start and tolerance != ROUNDS[-1]:
+            freedom = 2 * len(observations.pixels) - poses.numel()
+            sigma, smoothness = _by_evidence(solution, freedom, sigma, smoothness, parameters)
+    hessian, _ = solution.equations.schur_complement()
+    covariance = torch.linalg.inv(hessian + precision) if parameters.count else hessian
+    return JointFit(parameters.values(shared), poses, covariance, sigma, smoothness, parameters, solution.outcome, spent)
+
+
+def _by_evidence(
+    solution: Solution, freedom: int, sigma: float, smoothness: Smoothness | None, parameters: Parameters
+) -> tuple[float, Smoothness | None]:
+    """The noise (px) and the smoothness that are most probable, from where a fit with the noise `sigma` ended."""
+    hessian, gradient = (part.cpu().numpy() * sigma**2 for part in solution.equations.schur_complement())
+    square = solution.equations.sum_of_squares * sigma**2
+    quadratic = Quadratic.around(hessian, gradient, square, freedom, solution.shared.cpu().numpy())
+    return most_probable(MarginalLikelihood(quadratic, parameters.relief, parameters.prior_sigmas()), (square / freedom) ** 0.5, smoothness)
