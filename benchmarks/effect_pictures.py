@@ -77,7 +77,7 @@ class Example:
 
     name: str
     cover: Cover
-    numbers: dict[str, float]
+    parameters: dict[str, float]
     """By name; of reliefs and fields, the standard deviation of random ones."""
     panels: tuple[str, str]
     """Of PANELS."""
@@ -141,7 +141,7 @@ def proposed(kinds: tuple[type[Effect], ...], model: CameraModel) -> list[Effect
         outer = model.path.cover[-1]
         rays = model.path.trace(torch.tensor([[0.35 * WIDTH, 0.5 * HEIGHT]], dtype=torch.float64), model.means)
         place = torch.cat(outer.surface.chart(outer.frame.enter(rays.origin, model.means)))
-    there = Surroundings(BOARD, WIDTH, HEIGHT, model.path, model.means, suspect=place)
+    there = Surroundings(BOARD, WIDTH, HEIGHT, model.path, model.means, place=place)
     return [effect for kind in kinds for effect in kind.propose(there)]
 
 
@@ -171,12 +171,14 @@ def seen(model: CameraModel, values: dict[str, Tensor], poses: Array) -> Observa
     points = torch.from_numpy(BOARD.points())
     views = []
     for view, pose in enumerate(poses):
-        numbers = torch.from_numpy(np.concatenate([pose, rng.normal(0, MOTION)])[: model.path.parameters_per_view]).expand(BOARD.count, -1)
+        parameters = torch.from_numpy(np.concatenate([pose, rng.normal(0, MOTION)])[: model.path.parameters_per_view]).expand(
+            BOARD.count, -1
+        )
         time = torch.full((BOARD.count,), view / (VIEWS - 1) - 0.5, dtype=torch.float64)
         pixels = torch.full((BOARD.count, 2), HEIGHT / 2, dtype=torch.float64)
         for _ in range(8 if model.path.shutter else 1):  # a corner's row says when it was read
             timed = {**values, TIME: time, LINE: (pixels[:, 1] + 0.5) / HEIGHT - 0.5}
-            pixels = project(model.path, timed, model.path.place(points, timed, numbers))
+            pixels = project(model.path, timed, model.path.place(points, timed, parameters))
         views.append(View(f"{view:04d}.png", pixels.numpy(), np.ones(BOARD.count)))
     return Observations.of(views, BOARD).timed(range(VIEWS), HEIGHT)
 
@@ -201,7 +203,7 @@ class Left:
         rng = np.random.default_rng(3)
         values = dict(true.means)
         for unknown in effect.unknowns:
-            size = example.numbers.get(unknown.param.name.removeprefix(f"{effect.name}."))
+            size = example.parameters.get(unknown.param.name.removeprefix(f"{effect.name}."))
             if size is not None:
                 drawn = rng.normal(0, size, unknown.param.shape) if unknown.param.shape else size
                 values[unknown.param.name] = torch.as_tensor(drawn, dtype=torch.float64)
@@ -213,7 +215,7 @@ class Left:
 
 
 def _choices(effect: Effect) -> tuple[str, ...]:
-    return "", str(getattr(effect, "behind", getattr(effect, "over", "")))
+    return "", effect.form
 
 
 def _draw(example: Example, left: Left) -> None:
@@ -259,8 +261,8 @@ def _board(panel: Axes, left: Left) -> None:
     for part in left.observations.per_view(torch.arange(len(errors))):
         rows = part.numpy()
         affine = np.column_stack([corners[rows], np.ones(len(rows))])
-        slopes, *_ = np.linalg.lstsq(affine, left.observations.pixels.numpy()[rows], rcond=None)
-        errors[rows] = np.linalg.solve(slopes[:2].T, errors[rows].T).T
+        jacobian, *_ = np.linalg.lstsq(affine, left.observations.pixels.numpy()[rows], rcond=None)
+        errors[rows] = np.linalg.solve(jacobian[:2].T, errors[rows].T).T
     _, place = np.unique(corners.round(9), axis=0, return_inverse=True)
     at, mean = _means(place.ravel(), corners, errors, least=1)
     scale = _magnified(mean, 0.012)
@@ -284,7 +286,7 @@ def _time(panel: Axes, left: Left) -> None:
     constant = next(example for example in EXAMPLES if example.name == "focal")
     pattern = Left.of(constant).errors
     shown = [
-        (left.errors[rows] * pattern[rows]).sum() / (pattern[rows] ** 2).sum() * constant.numbers["change"]
+        (left.errors[rows] * pattern[rows]).sum() / (pattern[rows] ** 2).sum() * constant.parameters["change"]
         for rows in (part.numpy() for part in left.observations.per_view(torch.arange(len(pattern))))
     ]
     panel.plot(np.arange(VIEWS), 100 * np.array(shown), "o", color="#222222", markersize=3)

@@ -48,7 +48,7 @@ class Hidden:
 
     @classmethod
     def drawn(cls, kind: type[Effect], seed: int) -> Self | None:
-        """An effect in a random direction of its numbers, at a random place. None: it cannot be seen here."""
+        """An effect in a random direction of its parameters, at a random place. None: it cannot be seen here."""
         rng = np.random.default_rng(seed)
         made = bare(seed) if kind is FlatPort else scene(1000 + seed, VIEWS, (4, 4), 1e-5, 0.0, cover=GLASS)
         outer = made.path.cover[-1] if made.path.cover else None
@@ -56,7 +56,7 @@ class Hidden:
         if outer and outer.relief:
             low, high = (np.array(end) for end in (outer.relief.low, outer.relief.high))
             place = torch.from_numpy(rng.uniform(low + 0.35 * (high - low), high - 0.35 * (high - low)))
-        forms = kind.propose(Surroundings(made.board, WIDTH, HEIGHT, made.path, made.values, suspect=place))
+        forms = kind.propose(Surroundings(made.board, WIDTH, HEIGHT, made.path, made.values, place=place))
         if not forms:
             return None
         motions = torch.from_numpy(rng.normal(0, MOTION, (VIEWS, 6)))
@@ -105,7 +105,7 @@ class Hidden:
 
 
 def direction(effect: Effect, rng: np.random.Generator) -> dict[str, Tensor]:
-    """By how much each of its numbers differs from neutral."""
+    """By how much each of its parameters differs from neutral."""
     match effect:
         case FlatPort():
             return {"flat_port.thickness": torch.tensor(WALL / 100, dtype=torch.float64)}

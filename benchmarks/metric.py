@@ -255,8 +255,8 @@ def table(name: str, rows: dict[str, Score]) -> Table:
     heads = ("lines, over noise", "distances 0.25-1.6 m, mm RMS", f"{BAND[0]:g}-{BAND[1]:g} m", "median", "error over sigma, RMS")
     made = Table(name, *heads)
     for row, score in rows.items():
-        numbers = (score.all_mm, score.band_mm, score.median_mm, score.sigma_ratio)
-        made.add_row(row, f"{score.lines:.2f}", *("" if n is None or np.isnan(n) else f"{n:.3f}" for n in numbers))
+        figures = (score.all_mm, score.band_mm, score.median_mm, score.sigma_ratio)
+        made.add_row(row, f"{score.lines:.2f}", *("" if n is None or np.isnan(n) else f"{n:.3f}" for n in figures))
     return made
 
 

@@ -20,7 +20,6 @@ from torch import Tensor
 
 from calib.corners.view import Rejected, View, capture_times
 from calib.effects.effect import Effect
-from calib.effects.rolling_shutter import RollingShutter
 from calib.effects.serialise import effect_from_yaml, effect_to_yaml
 from calib.errors import InputError
 from calib.estimation.camera_model import CameraModel
@@ -54,11 +53,11 @@ class Stage:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Found:
-    """An effect that was added, with its numbers."""
+class AddedEffect:
+    """An effect that was added, with its parameters."""
 
     effect: Effect
-    numbers: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
+    parameters: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
     """By name: the value and its standard deviation, shaped alike, in the number's own unit."""
 
 
@@ -78,9 +77,9 @@ class Calibration:
     views: tuple[View, ...]
     """The views that it was fitted to."""
     poses: NDArray[np.float64]
-    """(V, 6) T_camera_board of each view: rotation vector (rad) and translation (m)."""
+    """(V, 6) T_camera_board of each view: rotation vector (rad) and translation (m); (V, 12) where boards move during the readout."""
     covariance: NDArray[np.float64]
-    """(S, S) of the amplitudes (m), then of the estimated numbers over their scales; poses integrated out. (0, 0): not estimated."""
+    """(S, S) of `camera_model().parameters`, poses marginalised. (0, 0): not estimated."""
     rejected: tuple[Rejected, ...]
     stages: tuple[Stage, ...]
     noise_px: float
@@ -89,7 +88,7 @@ class Calibration:
     """What the fit was asked to do."""
     gauge: str
     """What fixes the rigid motion that board views leave open."""
-    effects: tuple[Found, ...] = ()
+    effects: tuple[AddedEffect, ...] = ()
     """What the diagnosis added to the model."""
     refracal: str = field(default_factory=lambda: version("refracal"))
     """The version that made it."""
@@ -100,7 +99,7 @@ class Calibration:
         return Observations.of(self.views, self.board).timed(capture_times(self.views), self.camera.height)
 
     def model(self) -> tuple[Path, dict[str, Tensor]]:
-        """The ray path and its numbers, in torch."""
+        """The ray path and its parameters, in torch."""
         assert self.camera.intrinsics
         path, values = covered_path(self.camera.intrinsics, self.cover)
         if self.relief:
@@ -108,7 +107,7 @@ class Calibration:
             values["relief.amplitudes"] = torch.from_numpy(self.amplitudes)
         for found in self.effects:
             path = found.effect.apply(path)
-            values |= {name: torch.from_numpy(value) for name, (value, _) in found.numbers.items()}
+            values |= {name: torch.from_numpy(value) for name, (value, _) in found.parameters.items()}
         return path, values
 
     def camera_model(self) -> CameraModel:
@@ -186,7 +185,7 @@ class Calibration:
             "arrays_sha256": digest,
             **session_to_yaml(self.board, self.camera, self.cover),
             "relief": relief,
-            "effects": [effect_to_yaml(found.effect, found.numbers) for found in self.effects],
+            "effects": [effect_to_yaml(found.effect, found.parameters) for found in self.effects],
             "gauge": self.gauge,
             "settings": self.settings,
             "noise_px": self.noise_px,
@@ -222,7 +221,8 @@ def _from_mapping(said: dict[str, Any], path: FilePath) -> Calibration:
     relief = None if said["relief"] is None else _relief(said["relief"])
     if relief and cover.shape == "none":
         raise ValueError("there is a relief and no cover")
-    _check_arrays(arrays, relief, board, shutter=any(one["name"] == RollingShutter.name for one in said.get("effects", [])))
+    effects = tuple(AddedEffect(*effect_from_yaml(one)) for one in said["effects"])
+    _check_arrays(arrays, relief, board, 12 if any(added.effect.per_view for added in effects) else 6)
     return Calibration(
         board=board,
         camera=camera,
@@ -243,7 +243,7 @@ def _from_mapping(said: dict[str, Any], path: FilePath) -> Calibration:
         noise_px=float(said["noise_px"]),
         settings=dict(said["settings"]),
         gauge=said["gauge"],
-        effects=tuple(Found(*effect_from_yaml(one)) for one in said.get("effects", [])),
+        effects=effects,
         refracal=said["refracal"],
     )
 
@@ -266,12 +266,12 @@ def _pair(written: object, key: str) -> tuple[float, float]:
     raise ValueError(f"relief.{key} is not two numbers")
 
 
-def _check_arrays(arrays: Mapping[str, NDArray[Any]], relief: Relief | None, board: Board, *, shutter: bool) -> None:
-    views, numbers = len(arrays["names"]), len(arrays["covariance"])
+def _check_arrays(arrays: Mapping[str, NDArray[Any]], relief: Relief | None, board: Board, per_view: int) -> None:
+    views, parameters = len(arrays["names"]), len(arrays["covariance"])
     shapes = {
         "amplitudes": relief.grid if relief else (0, 0),
-        "poses": (views, 12 if shutter else 6),
-        "covariance": (numbers, numbers),
+        "poses": (views, per_view),
+        "covariance": (parameters, parameters),
         "corners": (views, board.count, 2),
         "weights": (views, board.count),
         "times_s": (views,),

@@ -189,4 +189,4 @@ def test_pi_underwater_through_its_port(tmp_path: Path) -> None:
     result = fit(read_session(folder), Settings(), Silent())
     assert len(result.views) == 49
     assert result.stages[-1].rms_px < 0.19
-    assert result.cover.numbers["distance"].sigma < 0.015, "the corners say more than the prior"
+    assert result.cover.parameters["distance"].sigma < 0.015, "the corners say more than the prior"

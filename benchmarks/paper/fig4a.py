@@ -35,7 +35,7 @@ def _errors(amplitude: float, seed: int) -> list[float]:
     smooth, values = covered_path(INTRINSICS, paper_cone(THICKNESS))
     uneven, fitted = relief_fit(smooth, values, Relief(*PATCH, (4, 4)), seen, true, steps=500)
     cases = ((bare, camera, true), (bare, camera, pinhole_poses(seen, camera)), (smooth, values, true), (uneven, fitted, true))
-    return [residuals(path, numbers, seen, poses).rmse_cm for path, numbers, poses in cases]
+    return [residuals(path, values, seen, poses).rmse_cm for path, values, poses in cases]
 
 
 def _text(rmse: np.ndarray) -> str:

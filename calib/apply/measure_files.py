@@ -37,12 +37,12 @@ class Point:
 
 def read_points(path: Path) -> list[Point]:
     rows = _read(path, ("x", "y"), ("name", "image"))
-    return [Point(said.get("name") or str(n), said.get("image", ""), *numbers) for n, (said, numbers) in enumerate(rows, start=1)]
+    return [Point(said.get("name") or str(n), said.get("image", ""), *numeric) for n, (said, numeric) in enumerate(rows, start=1)]
 
 
 def read_poses(path: Path) -> dict[str, BoardPose]:
     """By picture."""
-    return {said["image"]: BoardPose.exactly(np.array(numbers)) for said, numbers in _read(path, POSE, ("image",))}
+    return {said["image"]: BoardPose.exactly(np.array(numeric)) for said, numeric in _read(path, POSE, ("image",))}
 
 
 def measure_at_depth(measurer: Measurer, points: Sequence[Point], depth: float) -> Measured:
@@ -129,8 +129,8 @@ def _pixels(points: Sequence[Point]) -> Array:
     return np.array([(point.x, point.y) for point in points])
 
 
-def _read(path: Path, numbers: tuple[str, ...], words: tuple[str, ...]) -> list[tuple[dict[str, str], list[float]]]:
-    """Each line's words, and its numbers in order."""
+def _read(path: Path, numeric: tuple[str, ...], words: tuple[str, ...]) -> list[tuple[dict[str, str], list[float]]]:
+    """Each line's words, and its parameters in order."""
     try:
         lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip() and not line.startswith("#")]
     except OSError as error:
@@ -140,16 +140,16 @@ def _read(path: Path, numbers: tuple[str, ...], words: tuple[str, ...]) -> list[
     reader = csv.DictReader(lines, skipinitialspace=True)
     header = [name.strip() for name in reader.fieldnames or ()]
     reader.fieldnames = header
-    if missing := [name for name in numbers if name not in header]:
-        raise InputError(f"{path} has no column {missing[0]}: begin it with a line such as {','.join((*words, *numbers))}.")
+    if missing := [name for name in numeric if name not in header]:
+        raise InputError(f"{path} has no column {missing[0]}: begin it with a line such as {','.join((*words, *numeric))}.")
     rows: list[tuple[dict[str, str], list[float]]] = []
     for row in reader:
         try:
-            found = [float(row[name]) for name in numbers]
+            found = [float(row[name]) for name in numeric]
         except (TypeError, ValueError):
             found = [math.nan]
         if not all(map(math.isfinite, found)):
-            raise InputError(f"{path}, entry {len(rows) + 1}: {', '.join(numbers)} are not all numbers: correct that line.")
+            raise InputError(f"{path}, entry {len(rows) + 1}: {', '.join(numeric)} are not all numbers: correct that line.")
         rows.append(({name: (row.get(name) or "").strip() for name in words}, found))
     if not rows:
         raise InputError(f"{path} holds no entry: write a line for each below the header.")

@@ -4,16 +4,14 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 
-import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from calib.calibration import Calibration
 from calib.corners.view import Rejected
-from calib.estimation.levenberg_marquardt import Outcome
-from calib.fitting.cross_validation import CrossValidation
 from calib.fitting.evaluate import Evaluation
+from calib.fitting.remarks import remarks
 from calib.optics.lens_model import COEFFICIENTS
 from calib.progress import Advance
 from calib.session.camera import COEFFICIENT, PINHOLE
@@ -80,33 +78,13 @@ def _estimates(calibration: Calibration) -> Iterator[str]:
         return
     cover, camera = calibration.cover, calibration.camera.intrinsics
     assert camera
-    numbers = [(q, f"cover.{name}", cover.numbers[name]) for q in SHAPES[cover.shape] for name in q.names]
-    numbers += [(q, f"camera.{q.key}", n) for q, n in zip(PINHOLE, (camera.fx, camera.fy, camera.cx, camera.cy), strict=True)]
-    numbers += [(COEFFICIENT, f"camera.{name}", n) for name, n in zip(COEFFICIENTS, camera.distortion, strict=False)]
-    for quantity, name, number in numbers:
+    parameters = [(q, f"cover.{name}", cover.parameters[name]) for q in SHAPES[cover.shape] for name in q.names]
+    parameters += [(q, f"camera.{q.key}", n) for q, n in zip(PINHOLE, (camera.fx, camera.fy, camera.cx, camera.cy), strict=True)]
+    parameters += [(COEFFICIENT, f"camera.{name}", n) for name, n in zip(COEFFICIENTS, camera.distortion, strict=False)]
+    for quantity, name, number in parameters:
         if number.sigma:
             unit, per_si = quantity.unit
             yield f"{name} {number.value * per_si:.6g} ± {number.sigma * per_si:.2g} {unit}".rstrip()
-
-
-def remarks(calibration: Calibration) -> list[str]:
-    """What a person should know before trusting a fit, a sentence each."""
-    said = []
-    errors = {stage.name: stage.rms_px for stage in calibration.stages}
-    if errors.get("cover", 0.0) > 1.5 * errors["pinhole"]:
-        said.append("the cover as it is described makes the error larger than no cover at all: check its numbers in session.yaml.")
-    if calibration.settings.get("outcome", Outcome.CONVERGED.value) != Outcome.CONVERGED.value:
-        said.append(str(calibration.settings["outcome"]))
-    validation = calibration.settings.get("cross_validation")
-    if validation and CrossValidation(**validation).overfits:
-        said.append("the fit overfits, views that it has not seen are much further off: take more views, or choose a coarser --grid.")
-    last = calibration.stages[-1].rms_px
-    if np.isfinite(calibration.noise_px) and last > 2 * calibration.noise_px:
-        said.append(
-            f"{last:.3f} px are left where the corners' noise is about {calibration.noise_px:.3f} px: the model lacks something, or the "
-            "board, cover or intrinsics are not as described."
-        )
-    return said
 
 
 def print_evaluation(evaluation: Evaluation) -> None:

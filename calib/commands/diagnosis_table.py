@@ -20,8 +20,8 @@ def print_diagnosis(finding: Diagnosis, written: Sequence[Path]) -> None:
     console.print(_errors(finding))
     for candidate in finding.candidates:
         if candidate.accepted:
-            numbers = "; ".join(f"{name} {one}" for name, one in candidate.parameters.items())
-            console.print(f"{candidate.title}: {numbers or 'numbers of every view'}", highlight=False, soft_wrap=True)
+            parameters = "; ".join(f"{name} {one}" for name, one in candidate.parameters.items())
+            console.print(f"{candidate.title}: {parameters or 'parameters of every view'}", highlight=False, soft_wrap=True)
     console.print(_considered(finding))
     for remark in finding.remarks:
         console.print(f"Take care: {remark}", markup=False, highlight=False, soft_wrap=True)

@@ -35,7 +35,7 @@ splines it does not."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Found:
+class Detection:
     """A board in a picture."""
 
     corners: NDArray[np.float64]
@@ -53,7 +53,7 @@ class Grid:
     """(columns * rows, 2) px, roughly; row by row, columns fastest."""
 
 
-def find_corners(grey: NDArray, board: Board) -> Found | None:
+def find_corners(grey: NDArray, board: Board) -> Detection | None:
     """The board's corners in a (H, W) uint8 or uint16 picture; None where it is not wholly and clearly there."""
     grey = eight_bits(grey)
     searches: tuple[tuple[Literal["sb", "classic"], _Search], ...] = (("sb", _sighted), ("sb", _by_sectors), ("classic", _by_quads))
@@ -62,7 +62,7 @@ def find_corners(grey: NDArray, board: Board) -> Found | None:
         if rough is not None and _is_inside(rough, grey.shape):  # SB's corners may be pixels off: only refined ones are judged
             corners = refine(grey, rough, board)
             if is_regular(corners, board, grey.shape):
-                return Found(canonical_order(grey, corners, board), detector)
+                return Detection(canonical_order(grey, corners, board), detector)
     return None
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.corners import detect as detector
-from calib.corners.detect import Found, eight_bits, has_grid, largest_grid
+from calib.corners.detect import Detection, eight_bits, has_grid, largest_grid
 from calib.corners.view import Rejected, View
 from calib.errors import InputError, NotEnoughDataError
 from calib.io.files import write_atomically
@@ -63,7 +63,7 @@ def detect(
     sample = sorted({round(index) for index in np.linspace(0, len(paths) - 1, PROBED)})
     rest = [index for index in range(len(paths)) if index not in sample]
     stores = {folder: _Store(folder, board, size) for folder in {path.parent for path in paths}}
-    found: dict[int, Found | None] = {}
+    found: dict[int, Detection | None] = {}
     hits = 0
     try:
         for batch in (sample, rest):
@@ -87,7 +87,7 @@ def detect(
     return Detections(views, tuple(Rejected(name, reason) for name, hit in every if hit is None))
 
 
-def _in_threads(paths: Sequence[Path], stores: dict[Path, "_Store"]) -> Iterator[Found | None]:
+def _in_threads(paths: Sequence[Path], stores: dict[Path, "_Store"]) -> Iterator[Detection | None]:
     """In the order of the paths. OpenCV lets other threads run while it works, and processes would each import it anew."""
     pool = ThreadPoolExecutor(os.cpu_count())
     try:
@@ -130,7 +130,7 @@ class _Store:
             if kept["settings"] == self._settings and isinstance(kept["files"], dict):
                 self._files = kept["files"]
 
-    def look(self, path: Path) -> Found | None:
+    def look(self, path: Path) -> Detection | None:
         """The kept result, or a new one, for which the picture is decoded. Safe in several threads.
 
         Raises:
@@ -166,7 +166,7 @@ class _Store:
                 write_atomically(self._path, json.dumps({"settings": self._settings, "files": dict(sorted(self._files.items()))}))
 
 
-def _recalled(entry: Any, digest: str, board: Board) -> tuple[Found | None, tuple[int, int]]:
+def _recalled(entry: Any, digest: str, board: Board) -> tuple[Detection | None, tuple[int, int]]:
     """An entry's result and the picture's width and height.
 
     Raises:
@@ -180,4 +180,4 @@ def _recalled(entry: Any, digest: str, board: Board) -> tuple[Found | None, tupl
     corners = np.array(entry["corners"], np.float64)
     if corners.shape != (board.count, 2) or not np.isfinite(corners).all() or entry["detector"] not in ("sb", "classic"):
         raise ValueError("not a detection")
-    return Found(corners, entry["detector"]), (width, height)
+    return Detection(corners, entry["detector"]), (width, height)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from calib.calibration import Calibration
 from calib.corners.view import are_timed, board_poses
 from calib.diagnosis.diagnosed import with_fit
-from calib.diagnosis.finding import Candidate, Diagnosis, Estimate, Quality
+from calib.diagnosis.finding import Candidate, Diagnosis, ParameterEstimate, Quality
 from calib.diagnosis.held_out import FOLDS, bands, folds
-from calib.diagnosis.selection import ROUNDS, TRIED, Loop, form
+from calib.diagnosis.selection import ROUNDS, TRIED, Loop
 from calib.diagnosis.sentences import remarks, verdict
 from calib.diagnosis.starting_model import base_model, model_of
 from calib.diagnosis.variance_split import Scene, Share
@@ -134,7 +134,7 @@ def _organising(shares: list[Share]) -> list[Share]:
 
 
 def _unexplained(missed: Residuals, noise: float, observations: Observations, joint: JointFit) -> float:
-    """The fraction of the residual's variance above the noise floor, fitted numbers allowed for."""
+    """The fraction of the residual's variance above the noise floor, fitted parameters allowed for."""
     freedom = max(1, 2 * len(observations.pixels) - joint.poses.numel()) / (2 * len(observations.pixels))
     return max(0.0, 1.0 - noise**2 * freedom / missed.rms_px**2) if np.isfinite(noise) else float("nan")
 
@@ -142,7 +142,7 @@ def _unexplained(missed: Residuals, noise: float, observations: Observations, jo
 def _candidates(loop: Loop, accepted: tuple[str, ...]) -> list[Candidate]:
     listed = []
     for (name, shape), trial in loop.trials.items():
-        taken = name in accepted and any(e.name == name and form(e) == shape for e in loop.model.effects)
+        taken = name in accepted and any(e.name == name and e.form == shape for e in loop.model.effects)
         joint = loop.joint if taken else trial.joint
         listed.append(
             Candidate(
@@ -165,7 +165,7 @@ def _candidates(loop: Loop, accepted: tuple[str, ...]) -> list[Candidate]:
     return listed
 
 
-def _parameters(effect: Effect, joint: JointFit) -> dict[str, Estimate]:
+def _parameters(effect: Effect, joint: JointFit) -> dict[str, ParameterEstimate]:
     """Numbers by themselves; of a field, its root mean square."""
     found = {}
     for unknown in effect.unknowns:
@@ -173,5 +173,5 @@ def _parameters(effect: Effect, joint: JointFit) -> dict[str, Estimate]:
         value, sigma = joint.values[name], joint.sigma_of(name)
         if unknown.param.shape:
             name, value, sigma = f"{name}.rms", (value**2).mean().sqrt(), (sigma**2).mean().sqrt()
-        found[name] = Estimate(float(value), float(sigma), unit)
+        found[name] = ParameterEstimate(float(value), float(sigma), unit)
     return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from calib.calibration import Calibration, Found, Stage
+from calib.calibration import AddedEffect, Calibration, Stage
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
@@ -15,11 +15,11 @@ STAGE = "cover+rbf+effects"
 
 
 def with_fit(calibration: Calibration, model: CameraModel, joint: JointFit, observations: Observations) -> Calibration:
-    """The calibration with another fit's numbers and effects."""
+    """The calibration with another fit's parameters and effects."""
     assert calibration.camera.intrinsics
     intrinsics, cover = with_estimates(calibration.camera.intrinsics, calibration.cover, joint)
     effects = tuple(
-        Found(e, {u.param.name: (joint.values[u.param.name].numpy(), joint.sigma_of(u.param.name).numpy()) for u in e.unknowns})
+        AddedEffect(e, {u.param.name: (joint.values[u.param.name].numpy(), joint.sigma_of(u.param.name).numpy()) for u in e.unknowns})
         for e in model.effects
     )
     missed = residuals(model.path, joint.values, observations, joint.poses)

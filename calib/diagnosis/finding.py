@@ -13,7 +13,7 @@ PREFIXES = {"m": (1e3, "mm"), "rad": (1e3, "mrad")}
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class ParameterEstimate:
     """A number of an effect."""
 
     value: float
@@ -36,14 +36,14 @@ class Candidate:
     dof: int
     p_value: float
     absorbed: float
-    """The fraction of it that the numbers fitted before can imitate."""
+    """The fraction of it that the parameters fitted before can imitate."""
     held_out_px_before: float | None
     """Corners weighted by how surely they are predicted, and clipped where bad, so not quite the whole model's. None: the score was too
     low to fit it."""
     held_out_px_after: float | None
     gain_ci95: tuple[float, float] | None
     """px"""
-    parameters: Mapping[str, Estimate]
+    parameters: Mapping[str, ParameterEstimate]
     confounded_with: tuple[str, ...]
     accepted: bool
     verdict: str

@@ -118,7 +118,7 @@ def hold_out(model: CameraModel, observations: Observations, fitted: JointFit, s
 
     Args:
         fitted: to all views; the other fits start there, with its noise and prior.
-        half: fit the numbers of a held-out view to every other corner and score the rest, as numbers of single views ask for.
+        half: fit the parameters of a held-out view to every other corner and score the rest, as parameters of single views ask for.
     """
     start = fitted.start
     squares, weight = np.full((2, len(observations.pixels)), np.nan)
@@ -140,7 +140,7 @@ def hold_out(model: CameraModel, observations: Observations, fitted: JointFit, s
 
 
 def predicted_variance(at: Optimum) -> Array:
-    """(M,) of what the fitted numbers' covariance makes of corners, over the noise's; the views' own numbers are fitted to them."""
+    """(M,) of what the fitted parameters' covariance makes of corners, over the noise's; the views' own parameters are fitted to them."""
     covariance = at.joint.covariance.numpy()
     found = []
     for view in at.equations():

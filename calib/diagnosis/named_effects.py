@@ -10,10 +10,7 @@ from calib.diagnosis.diagnosed import with_fit
 from calib.diagnosis.fine_surface_search import surroundings
 from calib.diagnosis.score_test import Optimum
 from calib.diagnosis.starting_model import model_of
-from calib.effects.effect import Effect
-from calib.effects.fine_surface import FineSurface
-from calib.effects.free_field import FreeField
-from calib.effects.registry import EFFECTS
+from calib.effects.registry import KINDS
 from calib.errors import InputError
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
@@ -22,7 +19,6 @@ from calib.estimation.residuals import residuals
 from calib.progress import Progress
 from calib.threads import single_thread
 
-KINDS: tuple[type[Effect], ...] = (*EFFECTS, FreeField)
 NAMES = tuple(kind.name for kind in KINDS)
 
 
@@ -40,7 +36,7 @@ def with_named(calibration: Calibration, names: Sequence[str], progress: Progres
         joint = model.fitted(observations, torch.from_numpy(calibration.poses))
         for done, name in enumerate(names, start=1):
             at = Optimum(model, observations, joint)
-            there = surroundings(at, calibration.board, calibration.camera, place=name == FineSurface.name)
+            there = surroundings(at, calibration.board, calibration.camera, place=kinds[name].needs_place)
             forms = kinds[name].propose(there)
             if not forms:
                 raise InputError(f"--effects {name}: this set-up can have no {name}, or the fit estimates it already: leave it out.")

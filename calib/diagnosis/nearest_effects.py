@@ -30,7 +30,7 @@ def nearest_named(at: Optimum, field: Effect, values: dict[str, torch.Tensor], n
     moved = columns @ np.concatenate([(values[u.param.name] / u.param.scale).numpy().ravel() for u in field.unknowns])
     shares = dict[str, float]()
     for effect in named:
-        if (scored := at.candidate(effect)).jacobian.size:  # numbers of every view could do anything
+        if (scored := at.candidate(effect)).jacobian.size:  # parameters of every view could do anything
             share = float(((scored.span().T @ moved) ** 2).sum() / (moved @ moved))
             shares[effect.name] = max(share, shares.get(effect.name, 0.0))
     near = sorted(((share, name) for name, share in shares.items() if share >= NEAR), reverse=True)

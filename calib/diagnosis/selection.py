@@ -12,9 +12,7 @@ from calib.diagnosis.fine_surface_search import surroundings
 from calib.diagnosis.held_out import Gain, HeldOut, Split, gain, hold_out
 from calib.diagnosis.score_test import Optimum, ScoreTest
 from calib.effects.effect import Effect, Surroundings
-from calib.effects.fine_surface import FineSurface
-from calib.effects.free_field import FreeField
-from calib.effects.registry import EFFECTS
+from calib.effects.registry import EFFECTS, LAST_RESORT
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
@@ -103,13 +101,13 @@ class Loop:
         return first, self._left()
 
     def _best(self) -> Trial | None:
-        """The next effect. Numbers of every view can imitate much, so they wait until no effect with a few numbers for all views helps;
+        """The next effect. Numbers of every view can imitate much, so they wait until no effect with a few parameters for all views helps;
         a field without a name comes last."""
         shared, single = ([e for e in EFFECTS if e.per_view is alone] for alone in (False, True))
         found = self._round(shared) or self._round(single, among=len(shared))
         if found or not self.organised(self.model, self.joint):
             return found
-        return self._round((FreeField,), among=len(EFFECTS))
+        return self._round(LAST_RESORT, among=len(EFFECTS))
 
     def _round(self, effects: Sequence[type[Effect]], among: int = 0) -> Trial | None:
         """Score all effects, fit the best few, and return the one that helps most, if one surely does.
@@ -118,10 +116,10 @@ class Loop:
             among: candidates of which none passed before.
         """
         at = Optimum(self.model, self.observations, self.joint)
-        there = surroundings(at, self.board, self.camera, place=FineSurface in effects)
+        there = surroundings(at, self.board, self.camera, place=any(kind.needs_place for kind in effects))
         scores = [at.candidate(effect) for effect in _proposed(effects, there, self.model.effects)]
         for test in scores:
-            key = test.effect.name, form(test.effect)
+            key = test.effect.name, test.effect.form
             if key not in self.trials or (not self.trials[key].gain and test.p_value < self.trials[key].test.p_value):
                 self.trials[key] = Trial(test)
         self._note_confounded(scores)
@@ -142,7 +140,7 @@ class Loop:
         if trial.large and self.bands:
             there = hold_out(wider, self.observations, joint, self.bands, half=half)
             trial = replace(trial, bands=gain(self._left(half=half, banded=True), there))
-        key = test.effect.name, form(test.effect)
+        key = test.effect.name, test.effect.form
         known = self.trials.get(key)
         if not (known and known.gain and trial.gain and known.gain.relative > trial.gain.relative):
             self.trials[key] = trial
@@ -156,7 +154,7 @@ class Loop:
         self._say(f"found {trial.test.effect.name}")
 
     def _backward(self, newest: Effect | None) -> None:
-        """Drop what is no longer needed, the oldest first; the newest has just been asked for. What numbers of every view do as well is
+        """Drop what is no longer needed, the oldest first; the newest has just been asked for. What parameters of every view do as well is
         not dropped for it: an effect for all views is judged beside its like only."""
         for effect in self.model.effects:
             if effect is newest:
@@ -178,7 +176,7 @@ class Loop:
         return hold_out(model, self.observations, joint, self.folds, half=half)
 
     def _left(self, *, half: bool | None = None, banded: bool = False) -> HeldOut:
-        """What the model leaves on held-out views; whether its views' own numbers ask for half of the corners, it knows itself."""
+        """What the model leaves on held-out views; whether its views' own parameters ask for half of the corners, it knows itself."""
         key = self.model.path.shutter if half is None else half, banded
         if key not in self.known:
             split = self.bands if banded and self.bands else self.folds
@@ -198,11 +196,6 @@ class Loop:
     def _say(self, words: str) -> None:
         self.done += 1
         self.advance(self.done, words)
-
-
-def form(effect: Effect) -> str:
-    """Which of an effect's forms: what its proposal chose by itself, in a word."""
-    return str(getattr(effect, "behind", getattr(effect, "over", "")))
 
 
 def _proposed(effects: Sequence[type[Effect]], there: Surroundings, present: Sequence[Effect]) -> Iterator[Effect]:

@@ -8,34 +8,11 @@ from calib.diagnosis.selection import Loop, Trial
 from calib.diagnosis.separating_view import separating_view
 from calib.diagnosis.variance_split import Share
 from calib.effects.effect import Effect
-from calib.effects.free_field import FreeField
 from calib.planning.hints import words
 
 ABSORBED = 0.95
-"""The part of an effect that the fitted numbers can imitate, from which it is said to be absorbed."""
+"""The part of an effect that the fitted parameters can imitate, from which it is said to be absorbed."""
 
-SEPARATES = {
-    "board_bow": "tilt the board by 40 degrees and more, in both directions, so that its middle and its edges lie at different depths",
-    "board_scale": "turn the board by 90 degrees in half of the views",
-    "free_field": "turn the board by 90 degrees in some views, and move it over the whole picture",
-    "lens": "take pictures without the cover (bare/), and boards at very different depths",
-    "focal": "tilt the board, and hold it near and far",
-    "principal_point": "turn the camera, or the board, by 90 degrees in some views",
-    "focal_drift": "take the same board pose at the beginning and at the end",
-    "rolling_shutter": "hold the board still, or on a tripod, for some views",
-    "flat_port": "hold the board near and far: what a window does depends on depth, what a lens does not",
-    "cover_tilt": "hold the board as near as it fits into the picture",
-    "cover_offset": "hold the board as near as it fits into the picture",
-    "cover_radius": "hold the board as near as it fits into the picture",
-    "thickness": "hold the board as near as it fits into the picture",
-    "refractive_index": "measure the glass: views tell its index hardly from its thickness",
-    "wedge": "hold the board as near as it fits into the picture, at its left and its right side",
-    "inner_surface": "hold the board as near as it fits into the picture, where parallax tells the two surfaces apart",
-    "fine_surface": "fill the place in question with corners: a board with smaller squares, or more views there",
-    "detector_bias": "take sharper pictures, at a higher resolution",
-}
-"""What else tells an effect from its like, where no one pose of the board does."""
-ELSE = "take views at other depths, tilts and turns of the board"
 TELLS = 1.2
 """The factor on an effect's sigma from which a pose of the board is said to tell it from its like."""
 
@@ -61,7 +38,7 @@ def remarks(loop: Loop, left: Sequence[Share], *, timed: bool) -> Iterator[str]:
         like = sorted(loop.confounded.get(effect.name, ()))
         if like:
             yield f"These views cannot tell {effect.name} from {' or '.join(like)}. {_separation(loop, effect, like)}"
-        if isinstance(effect, FreeField):
+        if not effect.has_cause:
             yield f"free_field has no name: it describes the error and mends it, but what causes it is not known. {_nearest(loop, effect)}"
     if not timed and any(effect.name == "focal_drift" for effect in loop.model.effects):
         yield "There are no times in frames.csv, so the order of the files stood for them."
@@ -79,18 +56,18 @@ def _separation(loop: Loop, effect: Effect, like: Sequence[str]) -> str:
     at = Optimum(loop.model, loop.observations, loop.joint)
     view = separating_view(at, loop.board, loop.camera, effect, tuple(others.values())) if others else None
     if view is None or view.shrinks < TELLS:
-        return f"To separate them, {SEPARATES.get(effect.name, ELSE)}."
+        return f"To separate them, {effect.advice}."
     where = words(view.pose, view.corners, (loop.camera.width, loop.camera.height), None, view.reach)
     turned = ", turned by 90 degrees" if view.turned else ""
     smaller = f"one such view makes the sigma of {effect.name} {view.shrinks:.1f} times smaller"
     return f"To separate them, hold the board {where}{turned}: {smaller}."
 
 
-def _nearest(loop: Loop, effect: FreeField) -> str:
+def _nearest(loop: Loop, effect: Effect) -> str:
     """The named effects that can do part of what a field does."""
     without = loop.base.with_effects(e for e in loop.model.effects if e is not effect)
     joint = without.fitted(loop.observations, loop.joint.poses)
-    named = [trial.test.effect for trial in loop.trials.values() if not isinstance(trial.test.effect, FreeField)]
+    named = [trial.test.effect for trial in loop.trials.values() if trial.test.effect.has_cause]
     present = {e.name for e in loop.model.effects}
     near = nearest_named(Optimum(without, loop.observations, joint), effect, loop.joint.values, [e for e in named if e.name not in present])
     if not near:

@@ -7,9 +7,7 @@ import torch
 from calib.calibration import Calibration
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.stated_priors import freed
-
-FOCAL, CENTRE, COEFFICIENT = 0.05, 100.0, 3.0
-"""Priors of intrinsics that come from these same views: of the focal length, in px, and of a coefficient. They hardly hold anything."""
+from calib.session.tolerances import OWN_CENTRE, OWN_COEFFICIENT, OWN_FOCAL
 
 
 def base_model(calibration: Calibration) -> CameraModel:
@@ -18,9 +16,9 @@ def base_model(calibration: Calibration) -> CameraModel:
     assert calibration.camera.intrinsics
     free = dict(freed(calibration.camera.intrinsics, calibration.cover, path))
     if calibration.settings.get("intrinsics_from") == "views":
-        focal = FOCAL * float(values["camera.fx"])
-        own = {"camera.fx": focal, "camera.fy": focal, "camera.cx": CENTRE, "camera.cy": CENTRE}
-        free |= {param.name: own.get(param.name, COEFFICIENT) for param in path.lens.params}
+        focal = OWN_FOCAL.sigma * float(values["camera.fx"])
+        own = {"camera.fx": focal, "camera.fy": focal, "camera.cx": OWN_CENTRE.sigma, "camera.cy": OWN_CENTRE.sigma}
+        free |= {param.name: own.get(param.name, OWN_COEFFICIENT.sigma) for param in path.lens.params}
     if calibration.relief:
         values["relief.amplitudes"] = torch.zeros_like(values["relief.amplitudes"])
     return CameraModel(path, values, free)

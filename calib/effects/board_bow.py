@@ -10,10 +10,10 @@ from torch import Tensor
 from calib.effects.effect import Effect, Surroundings, Unknown
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
+from calib.session.tolerances import BOARD_BOW
 
-X, Y = (Param(f"board_bow.{axis}", "m", 1e-3) for axis in "xy")
-SIGMA = 3e-3
-"""m"""
+UNKNOWNS = tuple(Unknown.of(f"board_bow.{axis}", BOARD_BOW) for axis in "xy")
+X, Y = (unknown.param for unknown in UNKNOWNS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +24,9 @@ class BoardBow(Effect):
     """m, half the distance between the outermost corners along x."""
     half_y: float
     name: ClassVar[str] = "board_bow"
+    advice: ClassVar[str] = (
+        "tilt the board by 40 degrees and more, in both directions, so that its middle and its edges lie at different depths"
+    )
 
     @classmethod
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:
@@ -32,7 +35,7 @@ class BoardBow(Effect):
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        return tuple(Unknown(param, SIGMA) for param in self.params)
+        return UNKNOWNS
 
     @property
     def params(self) -> tuple[Param, ...]:

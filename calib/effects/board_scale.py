@@ -10,9 +10,9 @@ from torch import Tensor
 from calib.effects.effect import Effect, Surroundings, Unknown
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
+from calib.session.tolerances import PRINT_STRETCH
 
-STRETCH = Param("board_scale.x_over_y", "", 1e-3)
-SIGMA = 0.01
+STRETCH = Unknown.of("board_scale.x_over_y", PRINT_STRETCH)
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +20,7 @@ class BoardScale(Effect):
     """x is longer by half of the stretch, and y shorter by half of it."""
 
     name: ClassVar[str] = "board_scale"
+    advice: ClassVar[str] = "turn the board by 90 degrees in half of the views"
 
     @classmethod
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:
@@ -28,16 +29,16 @@ class BoardScale(Effect):
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        return (Unknown(STRETCH, SIGMA),)
+        return (STRETCH,)
 
     @property
     def params(self) -> tuple[Param, ...]:
-        return (STRETCH,)
+        return (STRETCH.param,)
 
     def apply(self, path: Path) -> Path:
         return replace(path, target=replace(path.target, prints=(*path.target.prints, self)))
 
     def shift(self, x: Tensor, y: Tensor, values: Values) -> tuple[Tensor, Tensor]:
         """(...) m by which a corner is moved."""
-        half = values[STRETCH.name] / 2
+        half = values[STRETCH.param.name] / 2
         return half * x, -half * y

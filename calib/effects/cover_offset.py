@@ -2,16 +2,18 @@
 
 from typing import ClassVar
 
-from calib.effects.cover_numbers import METRE, CoverNumber
+from calib.effects.cover_effect import CoverEffect
+from calib.session.tolerances import DISTANCE, OFFSET, Tolerance
 
 
-class CoverOffset(CoverNumber):
+class CoverOffset(CoverEffect):
     name: ClassVar[str] = "cover_offset"
-    candidates: ClassVar[dict[str, tuple[str, float, float]]] = {
-        "cover.axis_offset.x": METRE,
-        "cover.axis_offset.z": METRE,
-        "cover.centre.x": METRE,
-        "cover.centre.y": METRE,
-        "cover.centre.z": METRE,
-        "cover.distance": METRE,
+    advice: ClassVar[str] = "hold the board as near as it fits into the picture"
+    candidates: ClassVar[dict[str, Tolerance]] = {
+        "cover.axis_offset.x": OFFSET,
+        "cover.axis_offset.z": OFFSET,
+        "cover.centre.x": OFFSET,
+        "cover.centre.y": OFFSET,
+        "cover.centre.z": OFFSET,
+        "cover.distance": DISTANCE,
     }

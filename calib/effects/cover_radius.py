@@ -2,9 +2,11 @@
 
 from typing import ClassVar
 
-from calib.effects.cover_numbers import METRE, SLOPE, CoverNumber
+from calib.effects.cover_effect import CoverEffect
+from calib.session.tolerances import RADIUS, RADIUS_SLOPE, Tolerance
 
 
-class CoverRadius(CoverNumber):
+class CoverRadius(CoverEffect):
     name: ClassVar[str] = "cover_radius"
-    candidates: ClassVar[dict[str, tuple[str, float, float]]] = {"cover.inner_radius": METRE, "cover.radius_slope": SLOPE}
+    advice: ClassVar[str] = "hold the board as near as it fits into the picture"
+    candidates: ClassVar[dict[str, Tolerance]] = {"cover.inner_radius": RADIUS, "cover.radius_slope": RADIUS_SLOPE}

@@ -9,11 +9,8 @@ from calib.effects.effect import Effect, Surroundings, Unknown
 from calib.optics.cone import Cone
 from calib.optics.cover_frame import Names
 from calib.optics.flat import Flat
-from calib.optics.params import Param
 from calib.optics.path import Path
-
-SIGMA = 0.02
-"""rad"""
+from calib.session.tolerances import COVER_TILT
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +20,7 @@ class CoverTilt(Effect):
     axes: str
     """Those about which a turn changes this shape: xz of a cone or cylinder, xy of a window. A turned dome is the same dome."""
     name: ClassVar[str] = "cover_tilt"
+    advice: ClassVar[str] = "hold the board as near as it fits into the picture"
 
     @classmethod
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:
@@ -32,7 +30,7 @@ class CoverTilt(Effect):
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        return tuple(Unknown(Param(f"cover_tilt.{axis}", "rad", 1e-2), SIGMA) for axis in self.axes)
+        return tuple(Unknown.of(f"cover_tilt.{axis}", COVER_TILT) for axis in self.axes)
 
     def apply(self, path: Path) -> Path:
         names = axis_names("cover_tilt", self.axes)

@@ -7,11 +7,13 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from calib.effects.camera_numbers import CameraEffect
+from calib.effects.camera_effect import CameraEffect
 from calib.effects.effect import Unknown
-from calib.optics.params import Param, Values
+from calib.optics.params import Values
+from calib.session.tolerances import DETECTOR
 
-X, Y = (Param(f"detector_bias.{axis}", "px", 0.01) for axis in "xy")
+UNKNOWNS = tuple(Unknown.of(f"detector_bias.{axis}", DETECTOR) for axis in "xy")
+X, Y = (unknown.param for unknown in UNKNOWNS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,8 +21,9 @@ class DetectorBias(CameraEffect):
     """A corner was seen too far right by -bias sin(2 pi x), x its place in px: with a positive bias, pulled to the middle of a pixel."""
 
     name: ClassVar[str] = "detector_bias"
-    unknowns_: ClassVar[tuple[Unknown, ...]] = (Unknown(X, 0.1), Unknown(Y, 0.1))
+    advice: ClassVar[str] = "take sharper pictures, at a higher resolution"
+    unknowns_: ClassVar[tuple[Unknown, ...]] = UNKNOWNS
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
-        pulled = torch.sin(tau * pixels)
-        return pixels + torch.stack([values[X.name] * pulled[..., 0], values[Y.name] * pulled[..., 1]], -1), values
+        wave = torch.sin(tau * pixels)
+        return pixels + torch.stack([values[X.name] * wave[..., 0], values[Y.name] * wave[..., 1]], -1), values

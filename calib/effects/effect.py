@@ -1,4 +1,4 @@
-"""What an effect is: a change of the ray path with numbers of its own that do nothing at their neutral values."""
+"""What an effect is: a change of the ray path with parameters of its own that do nothing at their neutral values."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from torch import Tensor
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
 from calib.session.board import Board
+from calib.session.tolerances import Tolerance
 
 
 @dataclass(frozen=True, slots=True)
 class Unknown:
-    """A number of an effect."""
+    """A parameter of an effect."""
 
     param: Param
     sigma: float
@@ -25,6 +26,11 @@ class Unknown:
     """Where the effect is not there."""
     start: float | None = None
     """Where a fit with it begins, and the middle of the prior; None: at the neutral value."""
+
+    @staticmethod
+    def of(name: str, tolerance: Tolerance) -> Unknown:
+        """A scalar whose neutral value is zero, with the prior of a physical quantity."""
+        return Unknown(Param(name, tolerance.unit, tolerance.scale), tolerance.sigma)
 
     @property
     def begin(self) -> float:
@@ -44,19 +50,25 @@ class Surroundings:
     values: Values
     """Of the path as it is fitted."""
     estimated: frozenset[str] = frozenset()
-    """Numbers that the fit estimates already."""
-    suspect: Tensor | None = None
-    """(2,) chart coordinates of the glass where the residual asks for a finer relief."""
+    """Parameters that the fit estimates already."""
+    place: Tensor | None = None
+    """(2,) chart coordinates of the glass where the residual asks for a finer relief; None where it was not asked for."""
 
 
 class Effect(Protocol):
     """One physical cause of error, as a change of the ray path."""
 
     name: ClassVar[str]
+    advice: ClassVar[str]
+    """What to do to tell it from its like, where no one pose of the board does: the end of "To separate them, ..."."""
     per_view: ClassVar[bool] = False
-    """Whether it has numbers of every single view."""
+    """Whether it has parameters of every single view."""
     judged_by_score: ClassVar[bool] = True
     """False where its neutral point says little of what it does: then it is always fitted."""
+    needs_place: ClassVar[bool] = False
+    """Whether it asks where on the glass the residual wants a finer relief, which takes a while to find."""
+    has_cause: ClassVar[bool] = True
+    """False where it mends an error whose cause it does not name."""
 
     @classmethod
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:
@@ -65,17 +77,22 @@ class Effect(Protocol):
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        """Its numbers, those of single views aside."""
+        """Its parameters, those of single views aside."""
         ...
 
-    def tuned(self, information: NDArray[np.float64], pull: NDArray[np.float64]) -> Self:
+    @property
+    def form(self) -> str:
+        """Which of its forms this is, in a word; empty where it has but one."""
+        return ""
+
+    def tuned(self, information: NDArray[np.float64], score: NDArray[np.float64]) -> Self:
         """The same with a prior that suits a residual, where an effect leaves its prior to the data.
 
         Args:
-            information: (k, k) on the effect's numbers over their scales, what the fit estimates already being unknown.
-            pull: (k,) of the residual on them.
+            information: (k, k) on the effect's parameters over their scales, what the fit estimates already being unknown.
+            score: (k,) of them: minus half the gradient of the sum of squares.
         """
-        del information, pull
+        del information, score
         return self
 
     def apply(self, path: Path) -> Path:

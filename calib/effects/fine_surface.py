@@ -8,12 +8,11 @@ from typing import ClassVar, Self
 from calib.effects.effect import Effect, Surroundings, Unknown
 from calib.optics.path import Path
 from calib.optics.relief import Relief
+from calib.session.tolerances import GLASS_FIGURE
 
 CENTRES = (11, 11)
 FINER = 4
 """Times denser than the relief's own centres."""
-SIGMA = 1e-5
-"""m"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,14 +22,16 @@ class FineSurface(Effect):
     low: tuple[float, float]
     high: tuple[float, float]
     name: ClassVar[str] = "fine_surface"
+    needs_place: ClassVar[bool] = True
+    advice: ClassVar[str] = "fill the place in question with corners: a board with smaller squares, or more views there"
 
     @classmethod
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:
         outer = there.path.cover[-1] if there.path.cover else None
-        if outer is None or outer.relief is None or outer.more or there.suspect is None:
+        if outer is None or outer.relief is None or outer.more or there.place is None:
             return ()
         half = [(n - 1) / 2 * step / FINER for n, step in zip(CENTRES, outer.relief.spacing, strict=True)]
-        (first, second), (a, b) = there.suspect.tolist(), half
+        (first, second), (a, b) = there.place.tolist(), half
         return (cls((first - a, second - b), (first + a, second + b)),)
 
     @property
@@ -39,7 +40,7 @@ class FineSurface(Effect):
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        return tuple(Unknown(param, SIGMA) for param in self.relief.params)
+        return tuple(Unknown(param, GLASS_FIGURE.sigma) for param in self.relief.params)
 
     def apply(self, path: Path) -> Path:
         *before, outer = path.cover

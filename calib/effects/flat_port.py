@@ -9,11 +9,12 @@ import torch
 from torch import Tensor
 
 from calib.effects.effect import Effect, Surroundings, Unknown
-from calib.optics.cover_frame import Frame
+from calib.optics.cover_frame import CoverFrame
 from calib.optics.flat import Flat
 from calib.optics.interface import Interface
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
+from calib.session.tolerances import PORT_DISTANCE, PORT_THICKNESS, PORT_TILT, WATER_INDEX
 
 WALL_INDEX = 1.49
 """Acrylic; a window's own index hardly matters beside what is behind it."""
@@ -21,10 +22,7 @@ WALL = 6e-3
 """m"""
 DISTANCE = 0.025
 """m"""
-WALL_SIGMA = 5e-3
-"""m: from a filter's glass to an aquarium's."""
-AIR, WATER = 1.0, (1.333, 1e-3)
-"""Index; of water with its sigma: fresh water from cold to warm, over the spectrum of a camera."""
+AIR, WATER = 1.0, 1.333
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +32,7 @@ class FlatPort(Effect):
     behind: str
     """air or water"""
     name: ClassVar[str] = "flat_port"
+    advice: ClassVar[str] = "hold the board near and far: what a window does depends on depth, what a lens does not"
     judged_by_score: ClassVar[bool] = False
 
     @classmethod
@@ -42,16 +41,19 @@ class FlatPort(Effect):
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        tilt = (Unknown(Param(f"flat_port.tilt.{axis}", "rad", 1e-2), 0.1) for axis in "xy")
-        slab = (*tilt, Unknown(Param("flat_port.thickness", "m", 1e-3), WALL_SIGMA, 0.0, WALL))
+        tilt = (Unknown.of(f"flat_port.tilt.{axis}", PORT_TILT) for axis in "xy")
+        slab = (*tilt, Unknown(Param("flat_port.thickness", "m", 1e-3), PORT_THICKNESS.sigma, 0.0, WALL))
         if self.behind == "air":  # where it stands moves no ray
             return slab
-        index, sigma = WATER
         return (
-            Unknown(Param("flat_port.distance", "m", 1e-3), 0.02, DISTANCE, DISTANCE),
+            Unknown(Param("flat_port.distance", "m", 1e-3), PORT_DISTANCE.sigma, DISTANCE, DISTANCE),
             *slab,
-            Unknown(Param("flat_port.outside_index", "", 1e-2), sigma, AIR, index),
+            Unknown(Param("flat_port.outside_index", "", 1e-2), WATER_INDEX.sigma, AIR, WATER),
         )
+
+    @property
+    def form(self) -> str:
+        return self.behind
 
     @property
     def params(self) -> tuple[Param, ...]:
@@ -59,12 +61,12 @@ class FlatPort(Effect):
 
     def apply(self, path: Path) -> Path:
         distance = None if self.behind == "air" else "flat_port.distance"
-        frame = Frame(origin=(None, None, distance), tilt=("flat_port.tilt.x", "flat_port.tilt.y", None))
+        frame = CoverFrame(origin=(None, None, distance), tilt=("flat_port.tilt.x", "flat_port.tilt.y", None))
         window = (Interface("inner", Flat(), frame), Interface("outer", Flat(), frame))
         return replace(path, cover=window, adjustments=(*path.adjustments, self))
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
-        """The window's numbers as the cover's."""
+        """The window's parameters as the cover's."""
         thickness = values["flat_port.thickness"]
         wall, air = (torch.full_like(thickness, index) for index in (WALL_INDEX, AIR))
         outside = values.get("flat_port.outside_index", air)

@@ -6,11 +6,12 @@ from typing import ClassVar, Self
 
 from torch import Tensor
 
-from calib.effects.camera_numbers import CameraEffect
+from calib.effects.camera_effect import CameraEffect
 from calib.effects.effect import Surroundings, Unknown
-from calib.optics.params import Param, Values
+from calib.optics.params import Values
+from calib.session.tolerances import FOCAL
 
-CHANGE = Param("focal.change", "", 1e-3)
+CHANGE = Unknown.of("focal.change", FOCAL)
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,16 +19,17 @@ class Focal(CameraEffect):
     """fx and fy are larger by the same fraction."""
 
     name: ClassVar[str] = "focal"
-    unknowns_: ClassVar[tuple[Unknown, ...]] = (Unknown(CHANGE, 0.02),)
+    advice: ClassVar[str] = "tilt the board, and hold it near and far"
+    unknowns_: ClassVar[tuple[Unknown, ...]] = (CHANGE,)
 
     @classmethod
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:
         return () if {"camera.fx", "camera.fy"} & there.estimated else (cls(),)
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
-        return pixels, scaled(values, 1 + values[CHANGE.name])
+        return pixels, scaled(values, 1 + values[CHANGE.param.name])
 
 
 def scaled(values: Values, factor: Tensor) -> Mapping[str, Tensor]:
-    """The numbers of a camera whose focal lengths are longer by a factor."""
+    """The parameters of a camera whose focal lengths are longer by a factor."""
     return {**values, **{name: values[name] * factor for name in ("camera.fx", "camera.fy")}}

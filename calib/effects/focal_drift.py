@@ -5,12 +5,13 @@ from typing import ClassVar
 
 from torch import Tensor
 
-from calib.effects.camera_numbers import CameraEffect
+from calib.effects.camera_effect import CameraEffect
 from calib.effects.effect import Unknown
 from calib.effects.focal import scaled
-from calib.optics.params import TIME, Param, Values
+from calib.optics.params import TIME, Values
+from calib.session.tolerances import FOCAL
 
-DRIFT = Param("focal_drift.over_session", "", 1e-3)
+DRIFT = Unknown.of("focal_drift.over_session", FOCAL)
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +19,8 @@ class FocalDrift(CameraEffect):
     """By this fraction from the first picture to the last, evenly in time; in the middle it is as stated."""
 
     name: ClassVar[str] = "focal_drift"
-    unknowns_: ClassVar[tuple[Unknown, ...]] = (Unknown(DRIFT, 0.02),)
+    advice: ClassVar[str] = "take the same board pose at the beginning and at the end"
+    unknowns_: ClassVar[tuple[Unknown, ...]] = (DRIFT,)
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
-        return pixels, scaled(values, 1 + values[DRIFT.name] * values[TIME]) if TIME in values else values
+        return pixels, scaled(values, 1 + values[DRIFT.param.name] * values[TIME]) if TIME in values else values

@@ -37,6 +37,8 @@ class FreeField(Effect):
     knee: float
     """The wave from which on they are the smaller the finer they are."""
     name: ClassVar[str] = "free_field"
+    has_cause: ClassVar[bool] = False
+    advice: ClassVar[str] = "turn the board by 90 degrees in some views, and move it over the whole picture"
 
     @classmethod
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:
@@ -53,6 +55,10 @@ class FreeField(Effect):
         return tuple(Unknown(Param(f"free_field.{self.over}.{axis}", unit, scale, (WAVES**2,)), self.size) for axis in "xy")
 
     @property
+    def form(self) -> str:
+        return self.over
+
+    @property
     def params(self) -> tuple[Param, ...]:
         return tuple(unknown.param for unknown in self.unknowns)
 
@@ -61,16 +67,16 @@ class FreeField(Effect):
             return replace(path, target=replace(path.target, prints=(*path.target.prints, self)))
         return replace(path, adjustments=(*path.adjustments, self))
 
-    def tuned(self, information: NDArray[np.float64], pull: NDArray[np.float64]) -> Self:
+    def tuned(self, information: NDArray[np.float64], score: NDArray[np.float64]) -> Self:
         """With the size and the knee of the largest evidence: of the residual's probability, the field itself integrated out."""
         forms = [replace(self, size=FIRST_SIZES[self.over] * factor, knee=knee) for factor in SIZES for knee in KNEES]
         mine = self._falls(torch.float64).numpy().ravel() * self.unknowns[0].param.scale
 
         def evidence(form: Self) -> float:
-            spread = np.tile(form.size * form._falls(torch.float64).numpy().ravel() / mine, 2)  # of my numbers over their scales
-            weighed = np.eye(len(pull)) + spread[:, None] * information * spread
-            pulled = spread * pull
-            return float(pulled @ np.linalg.solve(weighed, pulled) - np.linalg.slogdet(weighed)[1]) / 2
+            spread = np.tile(form.size * form._falls(torch.float64).numpy().ravel() / mine, 2)  # of my parameters over their scales
+            weighed = np.eye(len(score)) + spread[:, None] * information * spread
+            scaled = spread * score
+            return float(scaled @ np.linalg.solve(weighed, scaled) - np.linalg.slogdet(weighed)[1]) / 2
 
         return max(forms, key=evidence)
 

@@ -8,10 +8,9 @@ from typing import ClassVar, Self
 from calib.effects.effect import Effect, Surroundings, Unknown
 from calib.optics.path import Path
 from calib.optics.relief import Relief
+from calib.session.tolerances import GLASS_FIGURE
 
 CENTRES = (6, 6)
-SIGMA = 1e-5
-"""m"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +20,7 @@ class InnerSurface(Effect):
     low: tuple[float, float]
     high: tuple[float, float]
     name: ClassVar[str] = "inner_surface"
+    advice: ClassVar[str] = "hold the board as near as it fits into the picture, where parallax tells the two surfaces apart"
 
     @classmethod
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:
@@ -33,7 +33,7 @@ class InnerSurface(Effect):
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        return tuple(Unknown(param, SIGMA) for param in self.relief.params)
+        return tuple(Unknown(param, GLASS_FIGURE.sigma) for param in self.relief.params)
 
     def apply(self, path: Path) -> Path:
         inner, *rest = path.cover

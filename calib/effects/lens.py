@@ -9,11 +9,15 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from calib.effects.camera_numbers import CameraEffect
+from calib.effects.camera_effect import CameraEffect
 from calib.effects.effect import Unknown
-from calib.optics.params import Param, Values
+from calib.optics.params import Values
+from calib.session.tolerances import RADIAL, TANGENTIAL
 
-K1, K2, K3, P1, P2 = PARAMS = tuple(Param(f"lens.{name}", "", 1e-3) for name in ("k1", "k2", "k3", "p1", "p2"))
+UNKNOWNS = (
+    *(Unknown.of(f"lens.{name}", RADIAL) for name in ("k1", "k2", "k3")),
+    *(Unknown.of(f"lens.{name}", TANGENTIAL) for name in ("p1", "p2")),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,17 +25,12 @@ class Lens(CameraEffect):
     """Pixels are moved before the lens that the session states."""
 
     name: ClassVar[str] = "lens"
-    unknowns_: ClassVar[tuple[Unknown, ...]] = (
-        Unknown(K1, 0.1),
-        Unknown(K2, 0.1),
-        Unknown(K3, 0.1),
-        Unknown(P1, 0.01),
-        Unknown(P2, 0.01),
-    )
+    advice: ClassVar[str] = "take pictures without the cover (bare/), and boards at very different depths"
+    unknowns_: ClassVar[tuple[Unknown, ...]] = UNKNOWNS
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
         fx, fy, cx, cy = (values[f"camera.{name}"] for name in ("fx", "fy", "cx", "cy"))
-        k1, k2, k3, p1, p2 = (values[param.name] for param in PARAMS)
+        k1, k2, k3, p1, p2 = (values[unknown.param.name] for unknown in UNKNOWNS)
         x, y = (pixels[..., 0] - cx) / fx, (pixels[..., 1] - cy) / fy
         r2 = x * x + y * y
         gain = r2 * (k1 + r2 * (k2 + r2 * k3))

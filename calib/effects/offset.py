@@ -1,4 +1,4 @@
-"""Numbers of the model that differ from what the fit holds: each is moved by one of the effect's own."""
+"""Parameters of the stages that differ from what the fit holds: to each, one of the effect's own is added."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,14 +7,15 @@ from torch import Tensor
 
 from calib.effects.effect import Unknown
 from calib.optics.params import Param, Values
+from calib.session.tolerances import Tolerance
 
 
 @dataclass(frozen=True, slots=True)
 class Offsets:
-    """Adds the effect's numbers to the stages' own."""
+    """Adds the effect's parameters to the stages' own."""
 
     moved: tuple[tuple[str, Param], ...]
-    """The stage's number, and what is added to it."""
+    """The stage's parameter, and what is added to it."""
 
     @property
     def params(self) -> tuple[Param, ...]:
@@ -24,7 +25,7 @@ class Offsets:
         return pixels, {**values, **{name: values[name] + values[param.name] for name, param in self.moved}}
 
 
-def offsets(effect: str, numbers: Mapping[str, tuple[str, float, float]]) -> tuple[Offsets, tuple[Unknown, ...]]:
-    """The adjustment and its unknowns; numbers are those of stages, each with its unit, scale and prior sigma."""
-    moved = tuple((name, Param(f"{effect}.{name.split('.', 1)[1]}", unit, scale)) for name, (unit, scale, _) in numbers.items())
-    return Offsets(moved), tuple(Unknown(param, numbers[name][2]) for name, param in moved)
+def offsets(effect: str, parameters: Mapping[str, Tolerance]) -> tuple[Offsets, tuple[Unknown, ...]]:
+    """The adjustment of some of the stages' parameters, and its unknowns."""
+    unknowns = {name: Unknown.of(f"{effect}.{name.split('.', 1)[1]}", tolerance) for name, tolerance in parameters.items()}
+    return Offsets(tuple((name, unknown.param) for name, unknown in unknowns.items())), tuple(unknowns.values())

@@ -5,11 +5,13 @@ from typing import ClassVar, Self
 
 from torch import Tensor
 
-from calib.effects.camera_numbers import CameraEffect
+from calib.effects.camera_effect import CameraEffect
 from calib.effects.effect import Surroundings, Unknown
-from calib.optics.params import Param, Values
+from calib.optics.params import Values
+from calib.session.tolerances import PRINCIPAL_POINT
 
-X, Y = (Param(f"principal_point.{axis}", "px", 1.0) for axis in "xy")
+UNKNOWNS = tuple(Unknown.of(f"principal_point.{axis}", PRINCIPAL_POINT) for axis in "xy")
+X, Y = (unknown.param for unknown in UNKNOWNS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,7 +19,8 @@ class PrincipalPoint(CameraEffect):
     """It lies this much farther right and farther down."""
 
     name: ClassVar[str] = "principal_point"
-    unknowns_: ClassVar[tuple[Unknown, ...]] = (Unknown(X, 20.0), Unknown(Y, 20.0))
+    advice: ClassVar[str] = "turn the camera, or the board, by 90 degrees in some views"
+    unknowns_: ClassVar[tuple[Unknown, ...]] = UNKNOWNS
 
     @classmethod
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:

@@ -2,9 +2,11 @@
 
 from typing import ClassVar
 
-from calib.effects.cover_numbers import CoverNumber
+from calib.effects.cover_effect import CoverEffect
+from calib.session.tolerances import INDEX, Tolerance
 
 
-class RefractiveIndex(CoverNumber):
+class RefractiveIndex(CoverEffect):
     name: ClassVar[str] = "refractive_index"
-    candidates: ClassVar[dict[str, tuple[str, float, float]]] = {"cover.refractive_index": ("", 1e-2, 0.03)}
+    advice: ClassVar[str] = "measure the glass: views tell its index hardly from its thickness"
+    candidates: ClassVar[dict[str, Tolerance]] = {"cover.refractive_index": INDEX}

@@ -1,4 +1,4 @@
-"""The effects that the diagnosis knows by name."""
+"""The effects that there are: a new one is a file of its own, and a line here."""
 
 from calib.effects.board_bow import BoardBow
 from calib.effects.board_scale import BoardScale
@@ -11,6 +11,7 @@ from calib.effects.fine_surface import FineSurface
 from calib.effects.flat_port import FlatPort
 from calib.effects.focal import Focal
 from calib.effects.focal_drift import FocalDrift
+from calib.effects.free_field import FreeField
 from calib.effects.inner_surface import InnerSurface
 from calib.effects.lens import Lens
 from calib.effects.principal_point import PrincipalPoint
@@ -39,3 +40,9 @@ EFFECTS: tuple[type[Effect], ...] = (
     DetectorBias,
 )
 """In the order of a ray's way, as reports list them."""
+
+LAST_RESORT: tuple[type[Effect], ...] = (FreeField,)
+"""Tried where none of these helps and the residual is still organised."""
+
+KINDS: tuple[type[Effect], ...] = (*EFFECTS, *LAST_RESORT)
+"""Every effect, by whose names calibrations and commands call them."""

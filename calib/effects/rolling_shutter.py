@@ -11,9 +11,10 @@ from calib.optics.path import Path
 
 @dataclass(frozen=True, slots=True)
 class RollingShutter(Effect):
-    """Six more numbers in every view: how far its board turns and moves during one readout. The readout's time is not needed."""
+    """Six more parameters in every view: how far its board turns and moves during one readout. The readout's time is not needed."""
 
     name: ClassVar[str] = "rolling_shutter"
+    advice: ClassVar[str] = "hold the board still, or on a tripod, for some views"
     per_view: ClassVar[bool] = True
 
     @classmethod

@@ -8,35 +8,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.effects.effect import Effect
-from calib.effects.free_field import FreeField
-from calib.effects.registry import EFFECTS
+from calib.effects.registry import KINDS
 
-Numbers = Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
+Estimated = Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
 """By name: a value and its standard deviation."""
 
 
-def effect_to_yaml(effect: Effect, numbers: Numbers) -> dict[str, object]:
+def effect_to_yaml(effect: Effect, parameters: Estimated) -> dict[str, object]:
     """The mapping that `effect_from_yaml` reads."""
     units = {unknown.param.name: unknown.param.unit for unknown in effect.unknowns}
     return {
         "name": effect.name,
         "form": {key: list(part) if isinstance(part, tuple) else part for key, part in asdict(effect).items()},  # type: ignore[call-overload]
         "numbers": {
-            name: {"value": value.tolist(), "sigma": sigma.tolist(), "unit": units[name]} for name, (value, sigma) in numbers.items()
+            name: {"value": value.tolist(), "sigma": sigma.tolist(), "unit": units[name]} for name, (value, sigma) in parameters.items()
         },
     }
 
 
-def effect_from_yaml(said: Mapping[str, Any]) -> tuple[Effect, Numbers]:
-    """An effect and its numbers; LookupError, TypeError or ValueError where the mapping is not of one."""
-    known: tuple[type[Effect], ...] = (*EFFECTS, FreeField)
-    kinds = {kind.name: kind for kind in known}
+def effect_from_yaml(said: Mapping[str, Any]) -> tuple[Effect, Estimated]:
+    """An effect and its parameters; LookupError, TypeError or ValueError where the mapping is not of one."""
+    kinds = {kind.name: kind for kind in KINDS}
     effect = kinds[said["name"]](**{key: tuple(part) if isinstance(part, list) else part for key, part in said["form"].items()})
-    numbers = {}
+    parameters = {}
     for unknown in effect.unknowns:
         one = said["numbers"][unknown.param.name]
         value, sigma = (np.asarray(one[key], dtype=np.float64) for key in ("value", "sigma"))
         if value.shape != unknown.param.shape or sigma.shape != value.shape or not np.isfinite(value).all():
             raise ValueError(f"{unknown.param.name} is not a number of its shape")
-        numbers[unknown.param.name] = value, sigma
-    return effect, numbers
+        parameters[unknown.param.name] = value, sigma
+    return effect, parameters

@@ -2,9 +2,11 @@
 
 from typing import ClassVar
 
-from calib.effects.cover_numbers import CoverNumber
+from calib.effects.cover_effect import CoverEffect
+from calib.session.tolerances import THICKNESS, Tolerance
 
 
-class Thickness(CoverNumber):
+class Thickness(CoverEffect):
     name: ClassVar[str] = "thickness"
-    candidates: ClassVar[dict[str, tuple[str, float, float]]] = {"cover.thickness": ("m", 1e-3, 5e-4)}
+    advice: ClassVar[str] = "hold the board as near as it fits into the picture"
+    candidates: ClassVar[dict[str, Tolerance]] = {"cover.thickness": THICKNESS}

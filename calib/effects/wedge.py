@@ -7,11 +7,8 @@ from typing import ClassVar, Self
 
 from calib.effects.cover_tilt import axis_names, turning_axes
 from calib.effects.effect import Effect, Surroundings, Unknown
-from calib.optics.params import Param
 from calib.optics.path import Path
-
-SIGMA = 0.01
-"""rad"""
+from calib.session.tolerances import WEDGE
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +17,7 @@ class Wedge(Effect):
 
     axes: str
     name: ClassVar[str] = "wedge"
+    advice: ClassVar[str] = "hold the board as near as it fits into the picture, at its left and its right side"
 
     @classmethod
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:
@@ -28,7 +26,7 @@ class Wedge(Effect):
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        return tuple(Unknown(Param(f"wedge.{axis}", "rad", 1e-2), SIGMA) for axis in self.axes)
+        return tuple(Unknown.of(f"wedge.{axis}", WEDGE) for axis in self.axes)
 
     def apply(self, path: Path) -> Path:
         *before, outer = path.cover

@@ -36,7 +36,7 @@ def descend(
 
     Args:
         path: with a relief on its outer surface.
-        values: all numbers of the path; relief.amplitudes is the start.
+        values: all parameters of the path; relief.amplitudes is the start.
         poses: (V, 6) T_camera_board, held.
         steps: gradient steps.
         progress: called after each step with its number and the loss, m^2 summed over corners.

@@ -12,16 +12,14 @@ from torch import Tensor
 from calib.estimation.levenberg_marquardt import Linearised
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import Landing
+from calib.session.tolerances import BOARD_MOVE, BOARD_SPIN
 
 HUBER = 3.0
-
-SPIN, MOVE = 0.05, 0.01
-"""rad and m: how far a board may well turn and move during one readout."""
 
 
 def view_precision(blocks: Tensor) -> Tensor:
     """(B,) inverse variances of each view's own parameters (V, B) beforehand: nothing is known of its pose."""
-    motion = [SPIN**-2] * 3 + [MOVE**-2] * 3
+    motion = [BOARD_SPIN.sigma**-2] * 3 + [BOARD_MOVE.sigma**-2] * 3
     return blocks.new_tensor(([0.0] * 6 + motion)[: blocks.shape[1]])
 
 

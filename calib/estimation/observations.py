@@ -69,7 +69,7 @@ class Observations:
         return replace(self, moment=torch.stack([own, (self.pixels[:, 1] + 0.5) / height - 0.5], -1))
 
     def with_times(self, values: Values) -> Values:
-        """The numbers of a path, and when each corner was seen."""
+        """The parameters of a path, and when each corner was seen."""
         return values if self.moment is None else {**values, TIME: self.moment[:, 0], LINE: self.moment[:, 1]}
 
     def to(self, device: str) -> "Observations":

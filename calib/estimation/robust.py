@@ -1,4 +1,4 @@
-"""What the bulk of the numbers says, whatever a few of them say."""
+"""Robust statistics: what the bulk of some errors says, whatever a few of them say."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.errors import InputError
+from calib.estimation.model_choice import simplest
 from calib.export.formats import SPLINED, Lens
 from calib.export.lens_fit import fit_lens, project
 from calib.export.sight import CHECKED, FITTED, Sight
@@ -24,8 +25,8 @@ Array = NDArray[np.float64]
 
 LIMIT = 0.5
 """px: a misfit larger than this is worth a sentence."""
-WORTH = 0.98
-"""A lens with more coefficients must leave at most this fraction of the misfit."""
+WORTH = 0.02
+"""Of the misfit: a lens with more coefficients must leave less by more than this."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,8 +108,7 @@ def best_central(calibration: Calibration, depth: float, lenses: Sequence[Lens])
     """Of the models with these lenses, the simplest (first) whose misfit at `depth` m is within 2 % of the smallest."""
     sight, check = (Sight.of(calibration, grid) for grid in (FITTED, CHECKED))
     models = [_fit(calibration, sight, check, depth, lens) for lens in lenses]
-    least = min(model.at.rms_px for model in models)
-    return next(model for model in models if WORTH * model.at.rms_px <= least)
+    return models[simplest({place: model.at.rms_px for place, model in enumerate(models)}, WORTH)]
 
 
 def _fit(calibration: Calibration, sight: Sight, check: Sight, depth: float, lens: Lens) -> CentralModel:
@@ -121,24 +121,24 @@ def _fit(calibration: Calibration, sight: Sight, check: Sight, depth: float, len
     central = calibration.cover.shape == "none"
     centre = np.zeros(3) if central else sight.nearly_meet()
     if central and not lens.fisheye and lens != SPLINED and lens.coefficients >= len(k.distortion):
-        numbers = np.pad(bare, (0, 4 + lens.coefficients - len(bare)))  # it is one already
+        parameters = np.pad(bare, (0, 4 + lens.coefficients - len(bare)))  # it is one already
     elif lens == SPLINED:
-        lens, numbers = fit_spline(sight.slopes(depth, centre), sight.pixels, bare)
+        lens, parameters = fit_spline(sight.tangents(depth, centre), sight.pixels, bare)
     else:
-        numbers = fit_lens(sight.slopes(depth, centre), sight.pixels, bare, lens)
-    fitted = _off(lens, numbers, check, depth, centre)
+        parameters = fit_lens(sight.tangents(depth, centre), sight.pixels, bare, lens)
+    fitted = _off(lens, parameters, check, depth, centre)
     half, at, double = (
-        _misfit(distance, _off(lens, numbers, check, distance, centre), fitted) for distance in (depth / 2, depth, 2 * depth)
+        _misfit(distance, _off(lens, parameters, check, distance, centre), fitted) for distance in (depth / 2, depth, 2 * depth)
     )
-    fx, fy, cx, cy, *distortion = numbers.tolist()
+    fx, fy, cx, cy, *distortion = parameters.tolist()
     x, y, z = centre.tolist()
     return CentralModel(camera.width, camera.height, camera.model, lens, (fx, fy), (cx, cy), tuple(distortion), (x, y, z), half, at, double)
 
 
-def _off(lens: Lens, numbers: Array, sight: Sight, depth: float, centre: Array) -> Array:
+def _off(lens: Lens, parameters: Array, sight: Sight, depth: float, centre: Array) -> Array:
     """(N, 2) px: the model's pixels minus the camera's."""
-    slopes = sight.slopes(depth, centre)
-    seen = project_spline(lens, numbers, slopes) if lens.knots else project(numbers, slopes, lens.fisheye)[0]
+    tangents = sight.tangents(depth, centre)
+    seen = project_spline(lens, parameters, tangents) if lens.knots else project(parameters, tangents, lens.fisheye)[0]
     return np.asarray(seen - sight.pixels)
 
 

@@ -6,6 +6,6 @@ from calib.export.central import CentralModel
 def cameras_txt(model: CentralModel) -> str:
     """The file's text."""
     cx, cy = model.principal
-    numbers = (*model.focal, cx + 0.5, cy + 0.5, *model.distortion)
-    line = " ".join(["1", model.lens.name, str(model.width), str(model.height), *map(repr, numbers)])
+    parameters = (*model.focal, cx + 0.5, cy + 0.5, *model.distortion)
+    line = " ".join(["1", model.lens.name, str(model.width), str(model.height), *map(repr, parameters)])
     return f"{model.commented()}# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n# Number of cameras: 1\n{line}\n"

@@ -56,9 +56,9 @@ def _write_field(field: RayField, sigma: SigmaField | None, calibration: Calibra
     intrinsics = calibration.camera.intrinsics
     assert intrinsics
     pinhole = {name: getattr(intrinsics, name).value for name in ("fx", "fy", "cx", "cy")}
-    numbers = {"width": field.width, "height": field.height, **pinhole}
+    scalars = {"width": field.width, "height": field.height, **pinhole}
     path = folder / "rays.npz"
-    arrays = {name: np.asarray(number) for name, number in numbers.items()} | {name: getattr(field, name) for name in ARRAYS}
+    arrays = {name: np.asarray(number) for name, number in scalars.items()} | {name: getattr(field, name) for name in ARRAYS}
     if sigma:
         arrays |= {"sigma_x": sigma.nodes_x, "sigma_y": sigma.nodes_y, "variance": sigma.variance}
     save_npz(path, arrays)

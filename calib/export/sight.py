@@ -56,7 +56,7 @@ class Sight:
         rows_y = np.column_stack([zeros, ones, -self.tangent[:, 1]])
         return np.asarray(np.linalg.lstsq(np.vstack([rows_x, rows_y]), self.foot.T.ravel(), rcond=None)[0])
 
-    def slopes(self, depth: float, centre: Array) -> Array:
+    def tangents(self, depth: float, centre: Array) -> Array:
         """(N, 2) x / z and y / z, seen from the centre (3,) m, of what each pixel sees at depth m; infinity is a depth."""
         if math.isinf(depth):
             return self.tangent

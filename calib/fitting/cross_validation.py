@@ -1,9 +1,11 @@
 """Cross-validation over views: what a fit leaves on views that it has not seen."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from calib.corners.view import View, board_poses
+from calib.estimation.model_choice import simplest
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refit_poses
 from calib.fitting.stages import Settings, Setup, fit_stages
@@ -61,12 +63,11 @@ def choose_grid(setup: Setup, views: Sequence[View], settings: Settings, progres
 
     Finer grids are tried as long as they help.
     """
-    best, errors = GRIDS[0], dict[str, float]()
-    lowest = float("inf")
+    errors: dict[tuple[int, int], float] = {}
     for grid in GRIDS:
         error = cross_validate(setup, views, replace(settings, grid=grid), GRID_FOLDS, progress).held_out_px
-        errors[f"{grid[0]}x{grid[1]}"] = error
+        lowest = min(errors.values(), default=math.inf)
+        errors[grid] = error
         if error >= (1 - WORTH) * lowest:
             break
-        best, lowest = grid, error
-    return best, errors
+    return simplest(errors, WORTH), {f"{around}x{along}": error for (around, along), error in errors.items()}

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from calib.corners.usable import with_poses
 from calib.corners.view import Rejected, View, board_poses
 from calib.errors import NotEnoughDataError
+from calib.estimation.model_choice import simplest
 from calib.estimation.robust import outlying
 from calib.progress import Progress
 from calib.session.board import Board
@@ -23,8 +24,8 @@ FEWEST_VIEWS = 4
 LEAST_SPREAD_DEG = 5.0
 """Between the most different normals of the board."""
 FOLDS = 4
-WORTH = 0.98
-"""More coefficients must leave at most this fraction of the held-out error."""
+WORTH = 0.02
+"""Of the held-out error: more coefficients must leave less by more than this."""
 CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-9)
 
 FLAGS = {
@@ -108,7 +109,7 @@ def _choose_count(views: Sequence[View], board: Board, size: tuple[int, int], pr
     previous: list[_Solved | None] = [None] * folds
     scores: dict[int, float] = {}
     for i, count in enumerate(COEFFICIENTS):
-        if count == 14 and scores[12] > WORTH * scores[8]:
+        if count == 14 and scores[12] > (1 - WORTH) * scores[8]:
             break
         per_view = np.empty(len(views))
         for fold in range(folds):
@@ -122,7 +123,7 @@ def _choose_count(views: Sequence[View], board: Board, size: tuple[int, int], pr
         per_view = np.nan_to_num(per_view, nan=np.inf)
         scores[count] = float(np.minimum(per_view, 4 * np.median(per_view)).mean())
     advance(folds * len(COEFFICIENTS), "")
-    return next(count for count, score in scores.items() if WORTH * score <= min(scores.values())), scores
+    return simplest(scores, WORTH), scores
 
 
 def _solve(views: Sequence[View], board: Board, size: tuple[int, int], count: int) -> _Solved:
@@ -175,8 +176,8 @@ def _held_out_rms(view: View, board: Board, solved: _Solved) -> float:
 
 
 def _intrinsics(solved: _Solved) -> Intrinsics:
-    numbers = (solved.camera[0, 0], solved.camera[1, 1], solved.camera[0, 2], solved.camera[1, 2], *solved.coefficients)
-    fx, fy, cx, cy, *lens = (Number(float(v), float(s)) for v, s in zip(numbers, solved.sigmas, strict=True))
+    parameters = (solved.camera[0, 0], solved.camera[1, 1], solved.camera[0, 2], solved.camera[1, 2], *solved.coefficients)
+    fx, fy, cx, cy, *lens = (Number(float(v), float(s)) for v, s in zip(parameters, solved.sigmas, strict=True))
     return Intrinsics(fx, fy, cx, cy, tuple(lens))
 
 

@@ -66,7 +66,7 @@ def _board(folder: Path, files: Iterable[Section]) -> Board:
             "with another program and use calib import mrcal-corners."
         )
     columns, rows = (section.whole(key, 3, 1000) for key in ("targetCols", "targetRows"))
-    across, down = (section.numbers(quantity)[quantity.key].value for quantity in SPACING)
+    across, down = (section.read(quantity)[quantity.key].value for quantity in SPACING)
     if across != down:
         raise InputError(f"{section.file}: colSpacingMeters is {across:g} and rowSpacingMeters {down:g}: only square fields can be used.")
     return Board(columns, rows, across)

@@ -104,8 +104,8 @@ def _remarks(model: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> tuple[st
     said = []
     if model["lensmodel"].startswith(("LENSMODEL_OPENCV", "LENSMODEL_PINHOLE")):
         fx, fy, cx, cy, *lens = map(float, model["intrinsics"])
-        numbers = f"{{fx: {fx!r}, fy: {fy!r}, cx: {cx!r}, cy: {cy!r}, distortion: {lens}}}"
-        said.append(f"mrcal's own {model['lensmodel']}, for camera.intrinsics: {numbers}")
+        intrinsics = f"{{fx: {fx!r}, fy: {fy!r}, cx: {cx!r}, cy: {cy!r}, distortion: {lens}}}"
+        said.append(f"mrcal's own {model['lensmodel']}, for camera.intrinsics: {intrinsics}")
     warp = arrays.get("calobject_warp")
     if warp is not None and warp.shape == (2,):
         said.append(f"mrcal found the board warped by {1000 * warp[0]:.2f} mm along x and {1000 * warp[1]:.2f} mm along y.")

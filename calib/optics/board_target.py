@@ -29,9 +29,11 @@ class Placement:
     """(..., 6): by how much a board turns (rotation vector in the camera frame, rad) and moves (m) during a picture's readout."""
 
     @staticmethod
-    def of(numbers: Tensor) -> Placement:
+    def of(parameters: Tensor) -> Placement:
         """From (..., 6), rotation vector (rad) and translation (m), or (..., 12), the motion behind them."""
-        return Placement(rotation.matrix(numbers[..., :3]), numbers[..., 3:6], numbers[..., 6:] if numbers.shape[-1] > 6 else None)
+        return Placement(
+            rotation.matrix(parameters[..., :3]), parameters[..., 3:6], parameters[..., 6:] if parameters.shape[-1] > 6 else None
+        )
 
     def __getitem__(self, rows: Tensor) -> Placement:
         return Placement(self.turn[rows], self.shift[rows], None if self.motion is None else self.motion[rows])
@@ -83,7 +85,7 @@ class Target:
         Args:
             rays: (...) bundle in the camera frame.
             placement: (...) of each ray's board.
-            values: the numbers of bends and prints.
+            values: the parameters of bends and prints.
 
         Returns:
             (..., 2) m nominal board coordinates, and (...) uint8 failures.

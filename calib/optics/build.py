@@ -1,15 +1,15 @@
-"""From the description in a session to a ray path and its numbers."""
+"""From the description in a session to a ray path and its parameters."""
 
 import torch
 from torch import Tensor
 
 from calib.errors import InputError
 from calib.optics.cone import Cone
-from calib.optics.cover_frame import Frame, Names
+from calib.optics.cover_frame import CoverFrame, Names
 from calib.optics.dome import Dome
 from calib.optics.flat import Flat
 from calib.optics.interface import Interface
-from calib.optics.lens_model import COEFFICIENTS, Lens
+from calib.optics.lens_model import COEFFICIENTS, LensModel
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.relief import Relief
@@ -31,9 +31,9 @@ def pinhole_path(intrinsics: Intrinsics) -> tuple[Path, dict[str, Tensor]]:
     if all(number.value == 0 and number.sigma == 0 for number in lens):
         lens = ()
     names = ("fx", "fy", "cx", "cy", *COEFFICIENTS[: len(lens)])
-    numbers = (intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, *lens)
-    values = {f"camera.{name}": torch.tensor(number.value, dtype=torch.float64) for name, number in zip(names, numbers, strict=True)}
-    return Path(Lens(len(lens))), values
+    parameters = (intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, *lens)
+    values = {f"camera.{name}": torch.tensor(number.value, dtype=torch.float64) for name, number in zip(names, parameters, strict=True)}
+    return Path(LensModel(len(lens))), values
 
 
 def covered_path(intrinsics: Intrinsics, cover: Cover) -> tuple[Path, dict[str, Tensor]]:
@@ -41,11 +41,11 @@ def covered_path(intrinsics: Intrinsics, cover: Cover) -> tuple[Path, dict[str, 
     path, values = pinhole_path(intrinsics)
     if cover.shape == "none":
         return path, values
-    numbers = {f"cover.{name}": torch.tensor(number.value, dtype=torch.float64) for name, number in cover.numbers.items()}
+    parameters = {f"cover.{name}": torch.tensor(number.value, dtype=torch.float64) for name, number in cover.parameters.items()}
     if cover.shape == "cylinder":
-        numbers["cover.radius_slope"] = torch.zeros((), dtype=torch.float64)
+        parameters["cover.radius_slope"] = torch.zeros((), dtype=torch.float64)
     surface, frame = _placed(cover)
-    return Path(path.lens, (Interface("inner", surface, frame), Interface("outer", surface, frame))), values | numbers
+    return Path(path.lens, (Interface("inner", surface, frame), Interface("outer", surface, frame))), values | parameters
 
 
 def with_relief(path: Path, relief: Relief, *, exact_hit: bool = True) -> Path:
@@ -74,26 +74,26 @@ def footprint(path: Path, values: Values, width: int, height: int) -> tuple[tupl
     return (a, b), (c, d)
 
 
-def _placed(cover: Cover) -> tuple[Surface, Frame]:
+def _placed(cover: Cover) -> tuple[Surface, CoverFrame]:
     """The cover's surface, and where it stands. Every shape of calib.session.cover.SHAPES that has glass is here."""
     match cover.shape:
         case "cone" | "cylinder":
-            return Cone(), Frame(origin=_names(cover, "axis_offset"), tilt=_turned(cover))
+            return Cone(), CoverFrame(origin=_names(cover, "axis_offset"), tilt=_turned(cover))
         case "flat":  # turned about the point of its inner face on the optical axis, so the distance along that axis stays
-            return Flat(), Frame(origin=(None, None, "cover.distance"), tilt=_turned(cover))
+            return Flat(), CoverFrame(origin=(None, None, "cover.distance"), tilt=_turned(cover))
         case "dome":
-            return Dome(), Frame(origin=_names(cover, "centre"))
+            return Dome(), CoverFrame(origin=_names(cover, "centre"))
         case other:
             raise ValueError(f"{other!r} is not a shape of calib.session.cover.SHAPES")
 
 
 def _names(cover: Cover, key: str) -> Names:
     """What the values call a number's x, y and z; None for those that the shape does not have."""
-    x, y, z = (f"cover.{key}.{axis}" if f"{key}.{axis}" in cover.numbers else None for axis in "xyz")
+    x, y, z = (f"cover.{key}.{axis}" if f"{key}.{axis}" in cover.parameters else None for axis in "xyz")
     return x, y, z
 
 
 def _turned(cover: Cover) -> Names:
     """The tilt's names; none for a tilt that is zero and stays zero, which saves the rotations."""
-    tilt = [number for name, number in cover.numbers.items() if name.startswith("tilt.")]
+    tilt = [number for name, number in cover.parameters.items() if name.startswith("tilt.")]
     return (None, None, None) if all(number.value == 0 and number.sigma == 0 for number in tilt) else _names(cover, "tilt")

@@ -12,7 +12,7 @@ Names = tuple[str | None, str | None, str | None]
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class CoverFrame:
     """T_camera_cover from named values: x_camera = R x_cover + t. A name that is None stands for zero."""
 
     origin: Names = (None, None, None)

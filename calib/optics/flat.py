@@ -12,7 +12,7 @@ from calib.optics.vector import Vector
 
 @dataclass(frozen=True, slots=True)
 class Flat:
-    """Surfaces z = height: the thickness is constant along the normal. It has no numbers of its own, only its frame's.
+    """Surfaces z = height: the thickness is constant along the normal. It has no parameters of its own, only its frame's.
 
     Its chart is (y, x) in m, so that the first coordinate runs down and the second to the right, as on an upright cone.
     """

@@ -6,7 +6,7 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from calib.optics.cover_frame import Frame
+from calib.optics.cover_frame import CoverFrame
 from calib.optics.params import Param, Values
 from calib.optics.rays import MISSED_INNER, MISSED_OUTER, REFLECTED_INNER, REFLECTED_OUTER, Rays
 from calib.optics.relief import Relief
@@ -25,7 +25,7 @@ class Interface:
 
     name: Literal["inner", "outer"]
     surface: Surface
-    frame: Frame
+    frame: CoverFrame
     relief: Relief | None = None
     exact_hit: bool = True
     """Whether the relief moves the hit point, or only bends the normal as in the paper."""

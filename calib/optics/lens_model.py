@@ -22,7 +22,7 @@ CONVERGED = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
-class Lens:
+class LensModel:
     """Launches a ray through the pinhole for each pixel. Reads camera.fx, .fy, .cx, .cy and the first `count` coefficients."""
 
     count: int
@@ -110,7 +110,7 @@ def undistort(x: Tensor, y: Tensor, coefficients: Sequence[Tensor]) -> tuple[Ten
 def _newton_step(u: Tensor, v: Tensor, goal_x: Tensor, goal_y: Tensor, coefficients: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor]:
     """The (...) step in u and v, and (...) bool, true where the lens folds the image over."""
     x, y = distort(u, v, coefficients)
-    a, b, c, d = (entry.detach() for entry in _slopes(u, v, coefficients))
+    a, b, c, d = (entry.detach() for entry in _jacobian(u, v, coefficients))
     det = a * d - b * c
     folded = det <= 0
     safe = torch.where(det.abs() < 1e-9, torch.full_like(det, 1e-9), det)
@@ -118,7 +118,7 @@ def _newton_step(u: Tensor, v: Tensor, goal_x: Tensor, goal_y: Tensor, coefficie
     return (d * error_x - b * error_y) / safe, (a * error_y - c * error_x) / safe, folded
 
 
-def _slopes(x: Tensor, y: Tensor, coefficients: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def _jacobian(x: Tensor, y: Tensor, coefficients: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """dx'/dx, dx'/dy, dy'/dx, dy'/dy of `distort`, (...) each."""
     k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = _padded(x, coefficients)
     r2 = x * x + y * y

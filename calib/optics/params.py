@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from torch import Tensor
 
 Values = Mapping[str, Tensor]
-"""Every number of a ray path by name, in SI units and pixels: () for a scalar, (rows, columns) for a relief's amplitudes. Of a scalar there
+"""Every value of a ray path by name, in SI units and pixels: () for a scalar, (rows, columns) for a relief's amplitudes. Of a scalar there
 may also be one for each ray, (...)."""
 
 TIME = "seen.time"

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from calib.optics.board_target import Placement, Target
 from calib.optics.interface import Interface
-from calib.optics.lens_model import Lens
+from calib.optics.lens_model import LensModel
 from calib.optics.params import LINE, Param, Values
 from calib.optics.rays import Rays
 from calib.optics.relief import Relief
@@ -22,20 +22,20 @@ class Adjustment(Protocol):
     def params(self) -> tuple[Param, ...]: ...
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
-        """(..., 2) px and the numbers, as the stages are to have them."""
+        """(..., 2) px and the parameters, as the stages are to have them."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """An ordered tuple of named, frozen, pure stages (the paper's Fig. 3). Its numbers are passed to each call."""
+    """An ordered tuple of named, frozen, pure stages (the paper's Fig. 3). Its parameters are passed to each call."""
 
-    lens: Lens
+    lens: LensModel
     cover: tuple[Interface, ...] = ()
     target: Target = field(default_factory=Target)
     adjustments: tuple[Adjustment, ...] = ()
     shutter: bool = False
-    """Whether boards move while a picture is read out: then a view has the 6 numbers of its pose and 6 of its motion."""
+    """Whether boards move while a picture is read out: then a view has the 6 parameters of its pose and 6 of its motion."""
 
     @property
     def params(self) -> tuple[Param, ...]:
@@ -53,7 +53,7 @@ class Path:
         return self.cover[-1].relief if self.cover else None
 
     @property
-    def stages(self) -> tuple[Lens | Interface, ...]:
+    def stages(self) -> tuple[LensModel | Interface, ...]:
         """What a ray passes before the board."""
         return (self.lens, *self.cover)
 
@@ -63,7 +63,7 @@ class Path:
         return self.onward(self.lens(pixels, values), values, 1)
 
     def adjusted(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
-        """(..., 2) px and the numbers as the stages read them."""
+        """(..., 2) px and the parameters as the stages read them."""
         for adjust in self.adjustments:
             pixels, values = adjust(pixels, values)
         return pixels, values
@@ -75,11 +75,11 @@ class Path:
         return rays
 
     def land(self, pixels: Tensor, values: Values, poses: Tensor) -> tuple[Tensor, Tensor]:
-        """(..., 2) px and (..., 6) board poses, or 12 numbers, to (..., 2) m on the board and (...) uint8 failures."""
+        """(..., 2) px and (..., 6) board poses, or 12 parameters, to (..., 2) m on the board and (...) uint8 failures."""
         return self.target(self.trace(pixels, values), Placement.of(poses).during(values.get(LINE)), values)
 
     def place(self, corners: Tensor, values: Values, poses: Tensor) -> Tensor:
-        """(..., 2) m board coordinates on boards at (..., 6) poses, or 12 numbers, to (..., 3) m in the camera frame."""
+        """(..., 2) m board coordinates on boards at (..., 6) poses, or 12 parameters, to (..., 3) m in the camera frame."""
         return self.target.place(corners, Placement.of(poses).during(values.get(LINE)), values)
 
 

@@ -31,8 +31,8 @@ def project(path: Path, values: Values, points: Tensor, start: Tensor | None = N
     depth = goal[..., 2]
     last = torch.full_like(depth, torch.inf)
     for _ in range(STEPS):
-        error, slopes, ahead, failure = _miss(path, values, pixels, goal[..., :2], depth)
-        step = torch.linalg.solve_ex(slopes, error.unsqueeze(-1)).result.squeeze(-1)
+        error, jacobian, ahead, failure = _miss(path, values, pixels, goal[..., :2], depth)
+        step = torch.linalg.solve_ex(jacobian, error.unsqueeze(-1)).result.squeeze(-1)
         length = step.norm(dim=-1)
         usable = torch.isfinite(length) & (failure == 0)
         last = torch.where(usable, length, torch.full_like(length, torch.inf))
@@ -50,5 +50,5 @@ def _miss(path: Path, values: Values, pixels: Tensor, goal: Tensor, depth: Tenso
         at = pixels.detach().requires_grad_()
         rays = path.trace(at, values)
         error = rays.at_depth(depth) - goal
-        (slopes,) = by_row(error, [at])
-    return error.detach(), slopes, (depth > rays.origin.z).detach(), rays.failure
+        (jacobian,) = by_row(error, [at])
+    return error.detach(), jacobian, (depth > rays.origin.z).detach(), rays.failure

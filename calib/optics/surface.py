@@ -17,7 +17,7 @@ class Surface(Protocol):
 
     @property
     def params(self) -> tuple[Param, ...]:
-        """The numbers that it reads from the values."""
+        """The parameters that it reads from the values."""
         ...
 
     def reach(self, origin: Vector, direction: Vector, height: Tensor, values: Values) -> tuple[Tensor, Tensor]:

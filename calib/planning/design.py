@@ -1,7 +1,7 @@
 """Which views to take: what each pose of a bank would add to what is known, and how sure the maps would be. No torch.
 
-The shared numbers of the fit (relief, freed numbers) stand here as modes: independent standard normal numbers before the first view, of
-which only those are kept that move the maps. In them, a view's information is a matrix that adds up over views, and the predicted
+The shared parameters of the fit (relief, freed parameters) stand here as modes: independent and standard normal before the first view,
+and only those are kept that move the maps. In them, a view's information is a matrix that adds up over views, and the predicted
 variance of an undistorted position is a row of `spread` through the inverse of that sum.
 
 Source: A. C. Atkinson, A. N. Donev, R. D. Tobias, Optimum experimental designs, with SAS (2007), chapter 10, for the mean predicted

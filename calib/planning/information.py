@@ -110,8 +110,8 @@ def survey(model: CameraModel, board: Board, camera: Camera, poses: Array, cells
     changed, moved = (np.einsum("nabs,ad->ndbs", part[~lost], at).reshape(-1, part.shape[-1]) for part in (jacobian, motions))
     jacobian = jacobian - motions @ np.linalg.lstsq(moved, changed, rcond=None)[0]
     jacobian[lost] = np.nan
-    told = view_information(model, Observations.of(views, board), placed[torch.from_numpy(inside)])
-    return Survey(model, poses, corners, told, jacobian.reshape(*cells, 2, 2, -1), depths, on_patch(model, pixels).reshape(*cells, 2))
+    informed = view_information(model, Observations.of(views, board), placed[torch.from_numpy(inside)])
+    return Survey(model, poses, corners, informed, jacobian.reshape(*cells, 2, 2, -1), depths, on_patch(model, pixels).reshape(*cells, 2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from html import escape
 
 from calib.calibration import Calibration
-from calib.diagnosis.finding import Estimate
+from calib.diagnosis.finding import ParameterEstimate
 from calib.report.tables import bar, table
 
 
@@ -27,7 +27,7 @@ def effect_rows(calibration: Calibration) -> list[EffectRow]:
             one["effect"],
             one["held_out_px_before"],
             one["held_out_px_after"],
-            "; ".join(f"{name} {Estimate(**number)}" for name, number in one["parameters"].items()),
+            "; ".join(f"{name} {ParameterEstimate(**number)}" for name, number in one["parameters"].items()),
         )
         for one in said
         if one["accepted"]

@@ -12,14 +12,14 @@ NOTHING_FROM_OUTSIDE = "default-src 'none'; img-src data:; style-src 'unsafe-inl
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class PageSection:
     name: str
     """Unique in the page."""
     title: str
     html: str
 
 
-def page(subject: str, summary: Summary, sections: Sequence[Section]) -> str:
+def page(subject: str, summary: Summary, sections: Sequence[PageSection]) -> str:
     """The whole file."""
     style = files("calib.report").joinpath("style.css").read_text(encoding="utf-8")
     contents = "".join(f'<a href="#{section.name}">{escape(section.title)}</a>' for section in sections)

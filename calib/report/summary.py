@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.commands.console import remarks
 from calib.fitting.cross_validation import CrossValidation
+from calib.fitting.remarks import remarks
 from calib.report.evidence import Evidence
 from calib.report.patterns import over_board, over_image
 
@@ -40,7 +40,7 @@ def _subject(evidence: Evidence) -> str:
     c = evidence.calibration
     behind = ""
     if c.cover.shape != "none":
-        thickness, index = (c.cover.numbers[name].value for name in ("thickness", "refractive_index"))
+        thickness, index = (c.cover.parameters[name].value for name in ("thickness", "refractive_index"))
         behind = f" behind {SHAPES[c.cover.shape]}, {1e3 * thickness:.3g} mm thick with index {index:.4g},"
     near, far = evidence.depth.min(), evidence.depth.max()
     size = f"{c.camera.width}x{c.camera.height}"

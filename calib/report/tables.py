@@ -45,13 +45,15 @@ def stages_html(evidence: Evidence) -> str:
     return table(("stage", "", "reprojection error (RMS)", "on the board", "against the pinhole"), rows)
 
 
-def numbers_html(evidence: Evidence) -> str:
+def parameters_html(evidence: Evidence) -> str:
     camera, cover = evidence.calibration.camera.intrinsics, evidence.calibration.cover
     assert camera
-    numbers = [(q, f"cover.{name}", cover.numbers[name]) for q in SHAPES[cover.shape] for name in q.names]
-    numbers += [(q, f"camera.{q.key}", n) for q, n in zip(PINHOLE, (camera.fx, camera.fy, camera.cx, camera.cy), strict=True)]
-    numbers += [(COEFFICIENT, f"camera.{name}", n) for name, n in zip(COEFFICIENTS, camera.distortion, strict=False) if n.value or n.sigma]
-    return table(("number", "value", ""), [_row(*entry) for entry in numbers])
+    parameters = [(q, f"cover.{name}", cover.parameters[name]) for q in SHAPES[cover.shape] for name in q.names]
+    parameters += [(q, f"camera.{q.key}", n) for q, n in zip(PINHOLE, (camera.fx, camera.fy, camera.cx, camera.cy), strict=True)]
+    parameters += [
+        (COEFFICIENT, f"camera.{name}", n) for name, n in zip(COEFFICIENTS, camera.distortion, strict=False) if n.value or n.sigma
+    ]
+    return table(("number", "value", ""), [_row(*entry) for entry in parameters])
 
 
 def _row(quantity: Quantity, name: str, number: Number) -> tuple[str, str, str]:

@@ -17,11 +17,11 @@ from calib.report.effects import EffectRow, effect_rows, effects_html
 from calib.report.evidence import Evidence, gather_evidence
 from calib.report.figure import Drawing
 from calib.report.glass import glass_surface
-from calib.report.page import Section, page
+from calib.report.page import PageSection, page
 from calib.report.residual_maps import residual_maps
 from calib.report.sigma import predicted_errors
 from calib.report.summary import summarise
-from calib.report.tables import numbers_html, stages_html
+from calib.report.tables import parameters_html, stages_html
 from calib.report.views import begin_thumbnails, views_html
 from calib.threads import single_thread
 
@@ -56,16 +56,16 @@ def write_report(
     return path
 
 
-def _sections(evidence: Evidence, drawings: Sequence[Drawing | None], effects: Sequence[EffectRow], views: str) -> list[Section]:
-    figures = [Section(drawing.name, drawing.title, drawing.html()) for drawing in drawings if drawing]
-    before_after = [Section("effects", "Effects, before and after", effects_html(effects))] if effects else []
+def _sections(evidence: Evidence, drawings: Sequence[Drawing | None], effects: Sequence[EffectRow], views: str) -> list[PageSection]:
+    figures = [PageSection(drawing.name, drawing.title, drawing.html()) for drawing in drawings if drawing]
+    before_after = [PageSection("effects", "Effects, before and after", effects_html(effects))] if effects else []
     return [
-        Section("stages", "How the error fell", stages_html(evidence)),
+        PageSection("stages", "How the error fell", stages_html(evidence)),
         *before_after,
         *figures,
-        Section("views", "The views", views),
-        Section("numbers", "Camera and cover", numbers_html(evidence)),
-        Section("again", "To do it again", again_html(evidence)),
+        PageSection("views", "The views", views),
+        PageSection("numbers", "Camera and cover", parameters_html(evidence)),
+        PageSection("again", "To do it again", again_html(evidence)),
     ]
 
 

@@ -66,7 +66,7 @@ def camera_to_yaml(camera: Camera) -> dict[str, object]:
 def _read_intrinsics(camera: Section) -> Intrinsics:
     section = camera.section("intrinsics", "{fx: 1279.2, fy: 1279.2, cx: 832.8, cy: 636.6, distortion: [0, 0, 0, 0, 0]}")
     section.only((*(quantity.key for quantity in PINHOLE), "distortion"))
-    fx, fy, cx, cy = (section.numbers(quantity)[quantity.key] for quantity in PINHOLE)
+    fx, fy, cx, cy = (section.read(quantity)[quantity.key] for quantity in PINHOLE)
     expected = f"a list of {', '.join(map(str, COEFFICIENTS))} numbers in OpenCV's order"
     written = section.values.get("distortion", [])
     if not isinstance(written, list) or len(written) not in COEFFICIENTS:

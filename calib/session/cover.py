@@ -36,14 +36,14 @@ class Cover:
     """A shape and its numbers: {"inner_radius": ..., "tilt.x": ...}, in SI units, by the names of `SHAPES`."""
 
     shape: str
-    numbers: Mapping[str, Number]
+    parameters: Mapping[str, Number]
 
 
 def read_cover(section: Section) -> Cover:
     shapes = tuple(SHAPES)
     shape = section.choice("shape", shapes, f"one of {', '.join(shapes)}")
     section.only(("shape", *(quantity.key for quantity in SHAPES[shape])), f"key of the shape {shape}")
-    cover = Cover(shape, {name: number for quantity in SHAPES[shape] for name, number in section.numbers(quantity).items()})
+    cover = Cover(shape, {name: number for quantity in SHAPES[shape] for name, number in section.read(quantity).items()})
     _refuse_camera_outside(section, cover)
     return cover
 
@@ -52,13 +52,13 @@ def cover_to_yaml(cover: Cover) -> dict[str, object]:
     """The mapping that `read_cover` reads as this cover."""
     written: dict[str, object] = {"shape": cover.shape}
     for quantity in SHAPES[cover.shape]:
-        entries = [quantity.to_yaml(cover.numbers[name]) for name in quantity.names]
+        entries = [quantity.to_yaml(cover.parameters[name]) for name in quantity.names]
         written[quantity.key] = entries if quantity.components else entries[0]
     return written
 
 
 def _refuse_camera_outside(section: Section, cover: Cover) -> None:
-    n = {name: number.value for name, number in cover.numbers.items()}
+    n = {name: number.value for name, number in cover.parameters.items()}
     if cover.shape == "dome":
         away, radius, key, centre = math.hypot(n["centre.x"], n["centre.y"], n["centre.z"]), n["inner_radius"], "centre_mm", "centre"
     elif cover.shape in ("cone", "cylinder"):

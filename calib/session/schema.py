@@ -125,7 +125,7 @@ class Section:
         close = get_close_matches(value, [str(option) for option in options], n=1) if isinstance(value, str) else []
         raise self.wrong(key, value, f"{close[0]}, or {expected}" if close else expected)
 
-    def numbers(self, quantity: Quantity) -> dict[str, Number]:
+    def read(self, quantity: Quantity) -> dict[str, Number]:
         """The quantity's numbers in SI units, by the names they have inside."""
         key, names = quantity.key, quantity.names
         if key not in self.values and quantity.default is not None:

@@ -123,7 +123,7 @@ def _read_setup(section: Section) -> tuple[Board, Camera, Cover]:
 def _read_board(section: Section) -> Board:
     section.only(("columns", "rows", "square_mm"))
     columns, rows = (section.whole(key, 3, 1000) for key in ("columns", "rows"))
-    square = section.numbers(SQUARE)["square"]
+    square = section.read(SQUARE)["square"]
     if square.sigma:
         raise section.wrong(SQUARE.key, section.values[SQUARE.key], SQUARE.expected)
     return Board(columns, rows, square.value)

@@ -82,7 +82,7 @@ def _asked_board(args: argparse.Namespace) -> "Board | None":
     if args.board is None:
         return None
     columns, rows = args.board
-    square = Section({SQUARE.key: args.square_mm}, "The command line").numbers(SQUARE)["square"]
+    square = Section({SQUARE.key: args.square_mm}, "The command line").read(SQUARE)["square"]
     return Board(columns, rows, square.value)
 
 

@@ -12,7 +12,7 @@ def read_number(options: Section, quantity: Quantity) -> float | None:
     """The option's value; None where it is not given and has no default."""
     if quantity.key not in options.values and quantity.default is None:
         return None
-    return options.numbers(quantity)[quantity.names[0]].value
+    return options.read(quantity)[quantity.names[0]].value
 
 
 def read_size(options: Section) -> tuple[int, int] | None:

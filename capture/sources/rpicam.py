@@ -45,16 +45,16 @@ class RpicamSource:
     live = True
     remarks: Sequence[str] = ()
 
-    def __init__(self, camera: int, size: tuple[int, int], numbers: Mapping[str, float], mode: str, awbgains: str) -> None:
+    def __init__(self, camera: int, size: tuple[int, int], settings: Mapping[str, float], mode: str, awbgains: str) -> None:
         self._size = size
-        self._fps = numbers["fps"]
-        self._state: dict[str, float | str] = {key: value for key, value in numbers.items() if key != "fps"}
+        self._fps = settings["fps"]
+        self._state: dict[str, float | str] = {key: value for key, value in settings.items() if key != "fps"}
         self._state |= {"awbgains": awbgains.replace(",", " ")} | ({"mode": mode} if mode else {})
         self._command = [
             *("rpicam-vid", "--nopreview", "--timeout", "0", "--camera", str(camera), "--codec", "yuv420", "--flush"),
             *("--width", str(size[0]), "--height", str(size[1]), "--framerate", f"{self._fps:g}"),
-            *("--autofocus-mode", "manual", "--lens-position", f"{numbers['lens_position']:g}"),
-            *("--shutter", f"{numbers['exposure_us']:.0f}", "--gain", f"{numbers['gain']:g}", "--awbgains", awbgains),
+            *("--autofocus-mode", "manual", "--lens-position", f"{settings['lens_position']:g}"),
+            *("--shutter", f"{settings['exposure_us']:.0f}", "--gain", f"{settings['gain']:g}", "--awbgains", awbgains),
             *("--denoise", "off", *(("--mode", mode) if mode else ()), "--output", "-"),
         ]
         self._lines: deque[str] = deque(maxlen=50)
@@ -165,7 +165,7 @@ def open_source(place: str, options: Section) -> RpicamSource:
     options.only(("size", "mode", "awbgains", *(quantity.key for quantity in QUANTITIES)), "known option")
     if not place.isdecimal():
         raise InputError(f"{options.file} names no camera: write its number, such as rpicam:0.")
-    numbers = {quantity.key: read_number(options, quantity) or 0.0 for quantity in QUANTITIES}
+    settings = {quantity.key: read_number(options, quantity) or 0.0 for quantity in QUANTITIES}
     texts = []
     for key, default, pattern, example in (
         ("mode", "", r"\d+:\d+(:\d+(:[UP])?)?", "3280:2464:10:P"),
@@ -175,7 +175,7 @@ def open_source(place: str, options: Section) -> RpicamSource:
         if text and not re.fullmatch(pattern, text):
             raise options.wrong(key, text, f"it like {example}")
         texts.append(text)
-    return RpicamSource(int(place), read_size(options) or (1640, 1232), numbers, texts[0], texts[1])
+    return RpicamSource(int(place), read_size(options) or (1640, 1232), settings, texts[0], texts[1])
 
 
 def inventory() -> Inventory:

@@ -198,13 +198,13 @@ def _sizes(handle: int, pixels: bytes) -> Iterator[tuple[int, int, bool]]:
     """Width, height, and whether those are the largest of a range."""
     for index in range(256):
         try:
-            kind, *numbers = struct.unpack_from("=7I", ioctl(handle, ENUM_FRAMESIZES, struct.pack("=I4s36x", index, pixels)), 8)
+            kind, *fields = struct.unpack_from("=7I", ioctl(handle, ENUM_FRAMESIZES, struct.pack("=I4s36x", index, pixels)), 8)
         except OSError:
             return
         if kind != 1:  # a range: the smallest width, the largest, the step, and the same of the height
-            yield numbers[1], numbers[4], True
+            yield fields[1], fields[4], True
             return
-        yield numbers[0], numbers[1], False
+        yield fields[0], fields[1], False
 
 
 def _fastest(handle: int, pixels: bytes, width: int, height: int) -> float:

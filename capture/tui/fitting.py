@@ -65,8 +65,8 @@ def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
     """What the results screen shows."""
     from torch import from_numpy
 
-    from calib.commands.console import remarks
     from calib.estimation.residuals import residuals
+    from calib.fitting.remarks import remarks
 
     seen = calibration.observations
     path, values = calibration.model()

@@ -50,7 +50,7 @@ def problem(key: str, text: str, shape: str) -> str | None:
             session_from_mapping(_mapping({"columns": 3, "rows": 3, "square_mm": 1, **section.values}, {"shape": "none"}), WHERE)
         else:
             quantity = _quantity(key, shape)
-            Section(_written(quantity, text), WHERE, "cover").numbers(quantity)
+            Section(_written(quantity, text), WHERE, "cover").read(quantity)
     except InputError as error:
         return str(error)
     return None

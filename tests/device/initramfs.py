@@ -55,6 +55,6 @@ def _name(file: Path) -> str:
 def _member(name: str, mode: int, content: bytes) -> bytes:
     """One file in the format that the kernel unpacks: newc."""
     path = name.encode() + b"\0"
-    numbers = (0, mode, 0, 0, 1, 0, len(content), 0, 0, 0, 0, len(path), 0)
-    head = b"070701" + b"".join(b"%08x" % number for number in numbers) + path
+    parameters = (0, mode, 0, 0, 1, 0, len(content), 0, 0, 0, 0, len(path), 0)
+    head = b"070701" + b"".join(b"%08x" % number for number in parameters) + path
     return head + bytes(-len(head) % 4) + content + bytes(-len(content) % 4)

@@ -15,11 +15,11 @@ from calib.optics.projection import project
 from fixtures.synthetic import Scene, scene
 
 
-def hidden(effect: Effect | None, numbers: Mapping[str, float], seed: int = 1, views: int = 15, spoiled: int = 0) -> Scene:
+def hidden(effect: Effect | None, parameters: Mapping[str, float], seed: int = 1, views: int = 15, spoiled: int = 0) -> Scene:
     """Views with 0.1 px noise through uneven glass, and one effect; some views have corners that are off by 0.4 px."""
     made = scene(seed, views, (4, 4), 1e-5, 0.0, cover=GLASS)
     path = effect.apply(made.path) if effect else made.path
-    values = {**made.values, **{name: torch.tensor(value, dtype=torch.float64) for name, value in numbers.items()}}
+    values = {**made.values, **{name: torch.tensor(value, dtype=torch.float64) for name, value in parameters.items()}}
     rng = np.random.default_rng(seed)
     seen = []
     for index, (view, pose) in enumerate(zip(made.views, made.poses, strict=True)):

@@ -81,7 +81,7 @@ def test_nothing_is_found_where_nothing_is(spoiled: int) -> None:
 def test_an_effect_can_be_asked_for_by_name(bowed: Calibration) -> None:
     better = with_named(bowed, ("board_bow",), Silent())
     (added,) = better.effects
-    value, sigma = added.numbers["board_bow.x"]
+    value, sigma = added.parameters["board_bow.x"]
     assert abs(float(value) - TRUTH["board_bow.x"]) < 3 * float(sigma)
     assert better.stages[-1].name == "cover+rbf+effects"
     assert better.stages[-1].rms_px < 0.5 * better.stages[-2].rms_px

@@ -44,13 +44,13 @@ def test_what_is_hidden_is_found(finding: tuple[str, Calibration, Diagnosis]) ->
     assert said.accepted == HIDDEN[name]
     with np.load(FIXTURES / name / "truth.npz") as truth:
         told = dict(truth)
-    numbers = {key: pair for found in better.effects for key, pair in found.numbers.items()}
+    parameters = {key: pair for found in better.effects for key, pair in found.parameters.items()}
     if "board_bow" in HIDDEN[name]:
         for axis, true in zip("xy", told["board_bow"], strict=True):
-            value, sigma = numbers[f"board_bow.{axis}"]
+            value, sigma = parameters[f"board_bow.{axis}"]
             assert abs(float(value) - true) < 3 * float(sigma)
     if "board_scale" in HIDDEN[name]:
-        value, sigma = numbers["board_scale.x_over_y"]
+        value, sigma = parameters["board_scale.x_over_y"]
         assert abs(float(value) - told["print_stretch"]) < 3 * float(sigma) + 2e-5  # its square: that is a ratio, ours a difference
     floor = 0.045 if name != "clean" else 0.036
     assert said.after.held_out_px < floor

@@ -10,7 +10,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from calib.calibration import Calibration, Found
+from calib.calibration import AddedEffect, Calibration
 from calib.corners.view import View
 from calib.effects.effect import Effect, Surroundings
 from calib.effects.free_field import FreeField
@@ -66,11 +66,11 @@ class Situation:
     def model(self) -> CameraModel:
         return CameraModel(self.path, self.values, {})
 
-    def surroundings(self, estimated: Sequence[str] = (), suspect: bool = True) -> Surroundings:
+    def surroundings(self, estimated: Sequence[str] = (), placed: bool = True) -> Surroundings:
         place = torch.tensor([sum(ends) / 2 for ends in zip(self.relief.low, self.relief.high, strict=True)]) if self.relief else None
-        return Surroundings(BOARD, WIDTH, HEIGHT, self.path, self.values, frozenset(estimated), place if suspect else None)
+        return Surroundings(BOARD, WIDTH, HEIGHT, self.path, self.values, frozenset(estimated), place if placed else None)
 
-    def calibration(self, effects: Sequence[Found] = (), poses: Tensor | None = None) -> Calibration:
+    def calibration(self, effects: Sequence[AddedEffect] = (), poses: Tensor | None = None) -> Calibration:
         return Calibration(
             board=BOARD,
             camera=Camera(WIDTH, HEIGHT, intrinsics=self.intrinsics),

@@ -27,7 +27,7 @@ class Glass:
     """A cover."""
 
     example: Example
-    numbers: Mapping[str, float]
+    parameters: Mapping[str, float]
     inner: Height = nothing
     """Chart coordinates to m: what the inner surface is uneven by."""
     outer: Height = nothing
@@ -37,23 +37,23 @@ class Glass:
     def rays(self, pixels: Array, origin: Array | None = None, turn: Array | None = None) -> tuple[Array, Array]:
         """(N, 2) px to (N, 3) origins and directions behind it, of a camera at an origin, turned."""
         origin = np.zeros(3) if origin is None else origin
-        glass, outside = self.numbers["refractive_index"], self.numbers["outside_index"]
+        glass, outside = self.parameters["refractive_index"], self.parameters["outside_index"]
         surfaces = [(self._inner, 1.0, glass), (self._outer, glass, outside)]
         launched = pinhole(pixels) if turn is None else pinhole(pixels) @ turn.T
         found = [oracle.through(surfaces, origin, direction, 0.08) for direction in launched]
         return np.array([o for o, _ in found]), np.array([d for _, d in found])
 
     def _own(self, point: Array) -> Array:
-        tilt = Rotation.from_rotvec([self.numbers.get(f"tilt.{axis}", 0.0) for axis in "xyz"]).as_matrix()
-        return np.asarray((point - self.example.origin(self.numbers)) @ tilt)
+        tilt = Rotation.from_rotvec([self.parameters.get(f"tilt.{axis}", 0.0) for axis in "xyz"]).as_matrix()
+        return np.asarray((point - self.example.origin(self.parameters)) @ tilt)
 
     def _inner(self, point: Array) -> float:
         own = self._own(point)
-        return self.example.height(own, self.numbers) - self.inner(*self.example.chart(own))
+        return self.example.height(own, self.parameters) - self.inner(*self.example.chart(own))
 
     def _outer(self, point: Array) -> float:
         own = self._own(point) @ Rotation.from_rotvec(self.wedge).as_matrix()
-        return self.example.height(own, self.numbers) - self.numbers["thickness"] - self.outer(*self.example.chart(own))
+        return self.example.height(own, self.parameters) - self.parameters["thickness"] - self.outer(*self.example.chart(own))
 
 
 def pinhole(pixels: Array) -> Array:
@@ -85,9 +85,9 @@ def centres(low: tuple[float, float], high: tuple[float, float], grid: tuple[int
     return np.array([(first, second) for first in rows for second in columns]), (rows[1] - rows[0], columns[1] - columns[0])
 
 
-def waves(numbers: Array) -> Array:
+def waves(parameters: Array) -> Array:
     """(9, 9): a free field's displacement in the middles of 9 x 9 parts, from its (81,) numbers: scipy's DCT of type 3, which counts each
     wave but the constant one twice. Wave (m, n) counts 1 / (1 + (m^2 + n^2) / 4)."""
     order = np.arange(9)
     once = np.where(order > 0, 0.5, 1.0)
-    return np.asarray(dctn(numbers.reshape(9, 9) / (1 + (order[:, None] ** 2 + order**2) / 4) * np.outer(once, once), type=3))
+    return np.asarray(dctn(parameters.reshape(9, 9) / (1 + (order[:, None] ** 2 + order**2) / 4) * np.outer(once, once), type=3))

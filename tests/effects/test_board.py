@@ -24,11 +24,11 @@ def proposed(kind: type[Effect]) -> Effect:
     return kind.propose(Surroundings(BOARD, WIDTH, HEIGHT, path, values))[0]
 
 
-def land(effect: Effect, pixels: Array, numbers: dict[str, float | Array]) -> Array:
+def land(effect: Effect, pixels: Array, parameters: dict[str, float | Array]) -> Array:
     """(N, 2) m where pixels land on the board at POSE."""
     path, values = pinhole_path(INTRINSICS)
     model = CameraModel(path, values, {}).with_effect(effect)
-    given = {name: torch.as_tensor(value, dtype=torch.float64) for name, value in numbers.items()}
+    given = {name: torch.as_tensor(value, dtype=torch.float64) for name, value in parameters.items()}
     assert given.keys() <= model.means.keys()
     landed, failure = model.path.land(torch.from_numpy(pixels), {**model.means, **given}, torch.from_numpy(POSE).expand(len(pixels), 6))
     assert not failure.any()
@@ -79,11 +79,11 @@ def test_free_field_over_the_board_is_a_cosine_transform_of_shifts() -> None:
     assert isinstance(effect, FreeField)
     assert effect.over == "board"
     rng = np.random.default_rng(2)
-    numbers: dict[str, float | Array] = {f"free_field.board.{axis}": rng.normal(0, 1e-5, 81) for axis in "xy"}
+    parameters: dict[str, float | Array] = {f"free_field.board.{axis}": rng.normal(0, 1e-5, 81) for axis in "xy"}
     x, y = ((np.arange(9) + 0.5) / 9 * count * BOARD.square - count / 2 * BOARD.square for count in (BOARD.columns, BOARD.rows))
     points = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
-    shifts = np.column_stack([waves(np.asarray(n)).ravel() for n in numbers.values()])
+    shifts = np.column_stack([waves(np.asarray(n)).ravel() for n in parameters.values()])
     pixels = projected(np.column_stack([points + shifts, np.zeros(81)]), POSE)
-    found = land(effect, pixels, numbers)
+    found = land(effect, pixels, parameters)
     assert np.abs(shifts).max() > 3e-5
     assert np.abs(found - points).max() < 1e-7  # two rounds of putting back shifts that change by a hundredth

@@ -30,25 +30,25 @@ POSES = np.array([[0.3, -0.4, 0.2, -0.05, 0.04, 0.5], [-0.5, 0.1, 0.0, 0.08, -0.
 PIXELS = np.random.default_rng(0).uniform([0, 0], [WIDTH - 1, HEIGHT - 1], (200, 2))
 
 
-def directions(effect: Effect | None, intrinsics: Intrinsics, pixels: Array, **numbers: float) -> Array:
+def directions(effect: Effect | None, intrinsics: Intrinsics, pixels: Array, **parameters: float) -> Array:
     """(N, 2) x / z and y / z of the rays."""
     path, values = pinhole_path(intrinsics)
     base = CameraModel(path, values, {})
     model = base.with_effect(effect) if effect else base
-    given = {name.replace("__", "."): torch.tensor(value, dtype=torch.float64) for name, value in numbers.items()}
+    given = {name.replace("__", "."): torch.tensor(value, dtype=torch.float64) for name, value in parameters.items()}
     assert given.keys() <= model.means.keys()
     rays = model.path.trace(torch.from_numpy(pixels), {**model.means, **given})
     assert not rays.failure.any()
     return torch.stack([rays.direction.x / rays.direction.z, rays.direction.y / rays.direction.z], -1).numpy()
 
 
-def landed(effect: Effect, seen: list[Array], poses: Array, times: list[float], **numbers: float) -> Array:
+def landed(effect: Effect, seen: list[Array], poses: Array, times: list[float], **parameters: float) -> Array:
     """(V, N, 2) m: where the pixels of each view land, less where its corners are."""
     path, values = pinhole_path(INTRINSICS)
     model = CameraModel(path, values, {}).with_effect(effect)
     views = [View(f"{view}.png", pixels, np.ones(BOARD.count)) for view, pixels in enumerate(seen)]
     observations = Observations.of(views, BOARD).timed(times, HEIGHT)
-    given = {name.replace("__", "."): torch.tensor(value, dtype=torch.float64) for name, value in numbers.items()}
+    given = {name.replace("__", "."): torch.tensor(value, dtype=torch.float64) for name, value in parameters.items()}
     timed = observations.with_times({**model.means, **given})
     found, failure = model.path.land(observations.pixels, timed, torch.from_numpy(poses)[observations.view])
     assert not failure.any()
@@ -56,8 +56,8 @@ def landed(effect: Effect, seen: list[Array], poses: Array, times: list[float], 
 
 
 def test_lens_is_opencv_s_distortion_from_the_distorted_to_the_undistorted_pixel() -> None:
-    k1, k2, k3, p1, p2 = numbers = (-0.02, 0.013, -0.004, 1.5e-3, -8e-4)
-    given = dict(zip(("lens__k1", "lens__k2", "lens__k3", "lens__p1", "lens__p2"), numbers, strict=True))
+    k1, k2, k3, p1, p2 = parameters = (-0.02, 0.013, -0.004, 1.5e-3, -8e-4)
+    given = dict(zip(("lens__k1", "lens__k2", "lens__k3", "lens__p1", "lens__p2"), parameters, strict=True))
     solid = np.column_stack([(PIXELS - camera_matrix()[:2, 2]) / camera_matrix()[0, 0], np.ones(len(PIXELS))])
     expected = cv2.projectPoints(solid, np.zeros(3), np.zeros(3), np.eye(3), np.array([k1, k2, p1, p2, k3]))[0].reshape(-1, 2)
     assert np.abs(directions(Lens(), INTRINSICS, PIXELS, **given) - expected).max() < 1e-14
@@ -141,12 +141,12 @@ def test_free_field_over_the_image_is_a_cosine_transform_of_shifts() -> None:
     """Oracle: scipy's DCT at the middles of 9 x 9 fields of the picture."""
     path, values = pinhole_path(INTRINSICS)
     rng = np.random.default_rng(1)
-    numbers = {f"free_field.image.{axis}": rng.normal(0, 0.3, 81) for axis in "xy"}
+    parameters = {f"free_field.image.{axis}": rng.normal(0, 0.3, 81) for axis in "xy"}
     model = CameraModel(path, values, {}).with_effect(FreeField("image", (-0.5, -0.5), (WIDTH - 0.5, HEIGHT - 0.5), 0.5, 2.0))
     columns, rows = ((np.arange(9) + 0.5) / 9 * size - 0.5 for size in (WIDTH, HEIGHT))
     pixels = np.stack(np.meshgrid(columns, rows, indexing="ij"), -1).reshape(-1, 2)
-    shifts = np.column_stack([waves(numbers[f"free_field.image.{axis}"]).ravel() for axis in "xy"])
-    rays = model.path.trace(torch.from_numpy(pixels), {**model.means, **{name: torch.from_numpy(n) for name, n in numbers.items()}})
+    shifts = np.column_stack([waves(parameters[f"free_field.image.{axis}"]).ravel() for axis in "xy"])
+    rays = model.path.trace(torch.from_numpy(pixels), {**model.means, **{name: torch.from_numpy(n) for name, n in parameters.items()}})
     found = torch.stack([rays.direction.x / rays.direction.z, rays.direction.y / rays.direction.z], -1).numpy()
     assert np.abs(found - directions(None, INTRINSICS, pixels + shifts)).max() < 1e-14
     assert np.abs(shifts).max() > 0.3

@@ -39,13 +39,13 @@ def model(example: Example) -> CameraModel:
     return CameraModel(with_relief(path, relief), values | {"relief.amplitudes": torch.from_numpy(AMPLITUDES)}, {})
 
 
-def proposed(kind: type[Effect], model: CameraModel, suspect: Tensor | None = None) -> Effect:
-    (effect,) = kind.propose(Surroundings(Board(9, 9, 0.02), WIDTH, HEIGHT, model.path, model.means, suspect=suspect))
+def proposed(kind: type[Effect], model: CameraModel, place: Tensor | None = None) -> Effect:
+    (effect,) = kind.propose(Surroundings(Board(9, 9, 0.02), WIDTH, HEIGHT, model.path, model.means, place=place))
     return effect
 
 
 def numbers_of(example: Example, **changed: float) -> dict[str, float]:
-    stated = {name: number.value for name, number in example.changed(example.moved).numbers.items()}
+    stated = {name: number.value for name, number in example.changed(example.moved).parameters.items()}
     return stated | {name: stated[name] + change for name, change in changed.items()}
 
 
@@ -54,10 +54,12 @@ def outer(example: Example) -> Height:
     return oracle.bumps(at, AMPLITUDES.ravel(), widths)
 
 
-def agrees(effect: Effect, base: CameraModel, numbers: Mapping[str, float | Array], expected: tuple[Array, Array], *, moves: float) -> None:
+def agrees(
+    effect: Effect, base: CameraModel, parameters: Mapping[str, float | Array], expected: tuple[Array, Array], *, moves: float
+) -> None:
     """The effect with its numbers gives the expected rays, and without it they are others."""
     wider = base.with_effect(effect)
-    given = {name: torch.as_tensor(value, dtype=torch.float64) for name, value in numbers.items()}
+    given = {name: torch.as_tensor(value, dtype=torch.float64) for name, value in parameters.items()}
     assert given.keys() <= wider.means.keys()
     pixels = torch.from_numpy(PIXELS)
     rays, before = wider.path.trace(pixels, {**wider.means, **given}), base.path.trace(pixels, base.means)
@@ -73,7 +75,7 @@ def agrees(effect: Effect, base: CameraModel, numbers: Mapping[str, float | Arra
 def test_cover_offset_is_a_camera_moved_the_other_way(example: Example) -> None:
     base = model(example)
     effect = proposed(CoverOffset, base)
-    moved = {name: rise for name, rise in RISES.items() if name in example.cover.numbers}
+    moved = {name: rise for name, rise in RISES.items() if name in example.cover.parameters}
     shift = np.zeros(3)
     for name, rise in moved.items():
         shift["xyz".index("z" if name == "distance" else name[-1])] = rise
@@ -90,11 +92,11 @@ def test_cover_tilt_is_a_camera_turned_the_other_way(example: Example) -> None:
     effect = proposed(CoverTilt, base)
     axes = "xy" if example is FLAT else "xz"
     angles = dict(zip(axes, (0.02, -0.015), strict=True))
-    numbers = numbers_of(example)
-    stated = turned(**{axis: numbers.get(f"tilt.{axis}", 0.0) for axis in "xyz"})
+    parameters = numbers_of(example)
+    stated = turned(**{axis: parameters.get(f"tilt.{axis}", 0.0) for axis in "xyz"})
     turn = stated @ turned(**angles) @ stated.T  # in the camera's axes
-    middle = example.origin(numbers)
-    origins, directions = Glass(example, numbers, outer=outer(example)).rays(PIXELS, origin=middle - turn.T @ middle, turn=turn.T)
+    middle = example.origin(parameters)
+    origins, directions = Glass(example, parameters, outer=outer(example)).rays(PIXELS, origin=middle - turn.T @ middle, turn=turn.T)
     back = (origins - middle) @ turn.T + middle, directions @ turn.T
     agrees(effect, base, {f"cover_tilt.{axis}": angle for axis, angle in angles.items()}, back, moves=1e-5)
 
@@ -137,9 +139,9 @@ def test_cover_radius_is_another_cover(example: Example) -> None:
 def test_a_cylinder_that_tapers_is_a_cone() -> None:
     path, values = covered_path(INTRINSICS, CYLINDER.cover)
     base = CameraModel(path, values, {})
-    numbers = {name: number.value for name, number in CYLINDER.cover.numbers.items()} | {"radius_slope": -0.03}
+    parameters = {name: number.value for name, number in CYLINDER.cover.parameters.items()} | {"radius_slope": -0.03}
     given = {"cover_radius.radius_slope": -0.03}
-    agrees(proposed(CoverRadius, base), base, given, Glass(CONE, numbers).rays(PIXELS), moves=1e-5)
+    agrees(proposed(CoverRadius, base), base, given, Glass(CONE, parameters).rays(PIXELS), moves=1e-5)
 
 
 @each_shape
@@ -199,11 +201,11 @@ def test_flat_port_is_snell_through_parallel_plates(behind: str, outside: float)
 def test_what_cannot_be_is_not_proposed() -> None:
     covers: tuple[type[Effect], ...] = (CoverTilt, CoverOffset, CoverRadius, Thickness, RefractiveIndex, Wedge, InnerSurface, FineSurface)
     path, values = pinhole_path(INTRINSICS)
-    bare = Surroundings(Board(9, 9, 0.02), WIDTH, HEIGHT, path, values, suspect=torch.zeros(2))
+    bare = Surroundings(Board(9, 9, 0.02), WIDTH, HEIGHT, path, values, place=torch.zeros(2))
     assert not [effect for kind in covers for effect in kind.propose(bare)]
     for example in EXAMPLES:
         path, values = covered_path(INTRINSICS, example.cover)
-        smooth = Surroundings(Board(9, 9, 0.02), WIDTH, HEIGHT, path, values, suspect=torch.zeros(2))
+        smooth = Surroundings(Board(9, 9, 0.02), WIDTH, HEIGHT, path, values, place=torch.zeros(2))
         assert not [effect for kind in (FlatPort, InnerSurface, FineSurface) for effect in kind.propose(smooth)]
         if example is DOME:  # turned, it is the same dome
             assert not [effect for kind in (CoverTilt, Wedge) for effect in kind.propose(smooth)]

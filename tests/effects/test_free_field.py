@@ -21,8 +21,8 @@ def observed(size: float, knee: float, seed: int) -> tuple[np.ndarray, np.ndarra
     """(ROWS, 162) what FIELD's numbers over their scales do, and (ROWS,) what a field of another scale left, with noise of 1."""
     rng = np.random.default_rng(seed)
     columns = rng.normal(0, 0.05, (ROWS, 2 * WAVES**2))
-    numbers = rng.normal(0, size / SCALE, 2 * WAVES**2) * falls(knee) / falls(FIELD.knee)
-    return columns, columns @ numbers + rng.normal(0, 1, ROWS)
+    parameters = rng.normal(0, size / SCALE, 2 * WAVES**2) * falls(knee) / falls(FIELD.knee)
+    return columns, columns @ parameters + rng.normal(0, 1, ROWS)
 
 
 def test_the_evidence_is_the_residual_s_probability() -> None:

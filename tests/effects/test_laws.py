@@ -8,7 +8,7 @@ import torch
 import yaml
 from torch import Tensor
 
-from calib.calibration import Calibration, Found
+from calib.calibration import AddedEffect, Calibration
 from calib.effects.cover_offset import CoverOffset
 from calib.effects.cover_tilt import CoverTilt
 from calib.effects.effect import Effect
@@ -16,7 +16,7 @@ from calib.effects.fine_surface import FineSurface
 from calib.effects.focal import Focal
 from calib.effects.free_field import FreeField
 from calib.effects.principal_point import PrincipalPoint
-from calib.effects.serialise import Numbers, effect_from_yaml, effect_to_yaml
+from calib.effects.serialise import Estimated, effect_from_yaml, effect_to_yaml
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import Landing, landings
 from tests.effects.forms import FORMS, KINDS, SITUATIONS, Form, Situation, each_form
@@ -108,19 +108,19 @@ def test_the_relief_s_derivatives_hold_beside_it(form: Form) -> None:
 @each_form
 def test_written_and_read_again(form: Form) -> None:
     values, _ = form.present()
-    numbers = _numbers(form, values)
-    text = yaml.safe_dump(effect_to_yaml(form.effect, numbers))
+    parameters = _numbers(form, values)
+    text = yaml.safe_dump(effect_to_yaml(form.effect, parameters))
     effect, again = effect_from_yaml(yaml.safe_load(text))
     assert effect == form.effect
-    assert again.keys() == numbers.keys()
-    for name, parts in numbers.items():
+    assert again.keys() == parameters.keys()
+    for name, parts in parameters.items():
         assert all(np.array_equal(one, other) for one, other in zip(parts, again[name], strict=True))
 
 
 @each_form
 def test_a_calibration_keeps_it(form: Form, tmp_path: Path) -> None:
     values, poses = form.present()
-    made = form.there.calibration([Found(form.effect, _numbers(form, values))], poses)
+    made = form.there.calibration([AddedEffect(form.effect, _numbers(form, values))], poses)
     again = Calibration.load(made.save(tmp_path))
     seen = again.observations
     for one, other in zip(made.rays(seen.pixels.numpy()), again.rays(seen.pixels.numpy()), strict=True):
@@ -140,7 +140,7 @@ def test_what_is_estimated_already_is_not_proposed(there: Situation) -> None:
 
 @each_situation
 def test_finer_glass_needs_a_place_that_asks_for_it(there: Situation) -> None:
-    assert not FineSurface.propose(there.surroundings(suspect=False))
+    assert not FineSurface.propose(there.surroundings(placed=False))
     proposed = FineSurface.propose(there.surroundings())
     assert len(proposed) == bool(there.relief)
     for effect in proposed:
@@ -182,5 +182,5 @@ def _compare(analytic: Tensor, numeric: Tensor, name: str) -> None:
     assert worst < (1e-5 if name.startswith("fine_surface") else 1e-6), f"{name}: off by {worst:.1e} of its own size"
 
 
-def _numbers(form: Form, values: dict[str, Tensor]) -> Numbers:
+def _numbers(form: Form, values: dict[str, Tensor]) -> Estimated:
     return {u.param.name: (values[u.param.name].numpy(), np.full(u.param.shape, u.sigma)) for u in form.effect.unknowns}

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from calib.diagnosis.sentences import SEPARATES
 from calib.effects.effect import Effect
 from tests.effects.forms import KINDS
 
@@ -52,7 +51,7 @@ def test_every_effect_has_its_page_and_its_advice(kind: type[Effect]) -> None:
     assert page.startswith(f"# `{kind.name}`\n")
     assert f"]({kind.name}.png)" in page
     assert (PAGES / f"{kind.name}.png").stat().st_size <= LARGEST
-    assert SEPARATES[kind.name][1:] in page.replace("\n", " ")
+    assert kind.advice[1:] in page.replace("\n", " ")
     assert f"({kind.name}.md)" in (PAGES / "README.md").read_text(encoding="utf-8")
 
 

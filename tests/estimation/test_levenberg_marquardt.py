@@ -68,8 +68,8 @@ def test_agrees_with_a_dense_solver_that_knows_no_blocks() -> None:
     solution = minimise(problem, *start(problem))
 
     def flat(z: np.ndarray) -> np.ndarray:
-        numbers = torch.from_numpy(z)
-        return problem.residual(numbers[:1], numbers[1:].reshape(-1, 2)).ravel().numpy()
+        parameters = torch.from_numpy(z)
+        return problem.residual(parameters[:1], parameters[1:].reshape(-1, 2)).ravel().numpy()
 
     dense = least_squares(flat, np.concatenate([[0.3], np.ones(10)]), xtol=1e-14, ftol=1e-14, gtol=1e-14)
     ours = np.concatenate([solution.shared.numpy(), solution.blocks.numpy().ravel()])

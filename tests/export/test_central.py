@@ -15,7 +15,7 @@ from calib.export.spline_fit import project_spline
 from tests.export.truth import LENS, distorted, fisheye, seen
 
 FOUR, FIVE, EIGHT, TWELVE, FISHEYE = OPENCV
-SLOPES = np.stack(np.meshgrid(np.linspace(-0.6, 0.6, 30), np.linspace(-0.45, 0.45, 22)), -1).reshape(-1, 2)
+TANGENTS = np.stack(np.meshgrid(np.linspace(-0.6, 0.6, 30), np.linspace(-0.45, 0.45, 22)), -1).reshape(-1, 2)
 
 
 @pytest.mark.parametrize(("lens", "written_out"), [(FIVE, distorted), (EIGHT, distorted), (FISHEYE, fisheye)])
@@ -23,19 +23,19 @@ def test_a_lens_comes_back_from_its_own_picture(lens: Lens, written_out: object)
     """Made by formulas of the test's own; found in pixels, as a rational lens's coefficients are not unique."""
     assert callable(written_out)
     coefficients = [-0.21, 0.11, 0.003, -0.002, 0.01, 0.05, 0.02, -0.01][: lens.coefficients]
-    pixels = written_out(SLOPES, coefficients) * [900, 910] + [640, 480]
-    found = fit_lens(SLOPES, pixels, [800.0, 800.0, 600.0, 500.0], lens)
-    assert np.abs(project(found, SLOPES, lens.fisheye)[0] - pixels).max() < 0.01
+    pixels = written_out(TANGENTS, coefficients) * [900, 910] + [640, 480]
+    found = fit_lens(TANGENTS, pixels, [800.0, 800.0, 600.0, 500.0], lens)
+    assert np.abs(project(found, TANGENTS, lens.fisheye)[0] - pixels).max() < 0.01
 
 
 @pytest.mark.parametrize("lens", [FOUR, TWELVE, FISHEYE])
 def test_derivatives_are_central_differences(lens: Lens) -> None:
-    numbers = np.append([900.0, 910.0, 640.0, 480.0], np.linspace(-0.05, 0.05, lens.coefficients))
-    exact = project(numbers, SLOPES, lens.fisheye)[1]
+    parameters = np.append([900.0, 910.0, 640.0, 480.0], np.linspace(-0.05, 0.05, lens.coefficients))
+    exact = project(parameters, TANGENTS, lens.fisheye)[1]
     for i, size in enumerate([1.0] * 4 + [1e-4] * lens.coefficients):
-        step = np.zeros(len(numbers))
+        step = np.zeros(len(parameters))
         step[i] = size
-        beyond, before = (project(numbers + sign * step, SLOPES, lens.fisheye)[0] for sign in (1, -1))
+        beyond, before = (project(parameters + sign * step, TANGENTS, lens.fisheye)[0] for sign in (1, -1))
         assert np.abs((beyond - before).ravel() / (2 * size) - exact[:, i]).max() < 1e-5 * np.abs(exact[:, i]).max()
 
 
@@ -91,14 +91,14 @@ def test_a_spline_follows_uneven_glass_at_its_depth_where_no_polynomial_does(cov
 def test_a_spline_is_the_formula_of_its_knots() -> None:
     """One control point moved: a cubic B-spline's weights, (1/6, 4/6, 1/6), at its knot and the two beside it."""
     lens = Lens("", 0, knots=(9, 7, 0.1))
-    numbers = np.zeros(4 + 9 * 7 * 2)
-    numbers[:4] = 1000, 1000, 0, 0
-    still = numbers.copy()
-    numbers[4 + 2 * (3 * 9 + 4)] = 0.06  # x of the middle one
+    parameters = np.zeros(4 + 9 * 7 * 2)
+    parameters[:4] = 1000, 1000, 0, 0
+    still = parameters.copy()
+    parameters[4 + 2 * (3 * 9 + 4)] = 0.06  # x of the middle one
     u = np.column_stack([[-0.2, -0.1, 0, 0.1, 0.2], np.zeros(5)])
-    slopes = u / (1 - (u**2).sum(-1, keepdims=True) / 4)  # of u = 2 tan(angle / 2)
-    moved = project_spline(lens, numbers, slopes) - project_spline(lens, still, slopes)
-    assert np.abs(project_spline(lens, still, slopes) - 1000 * u).max() < 1e-9
+    tangents = u / (1 - (u**2).sum(-1, keepdims=True) / 4)  # of u = 2 tan(angle / 2)
+    moved = project_spline(lens, parameters, tangents) - project_spline(lens, still, tangents)
+    assert np.abs(project_spline(lens, still, tangents) - 1000 * u).max() < 1e-9
     assert np.abs(moved[:, 0] - 60 * np.array([0, 1, 4, 1, 0]) / 6 * 4 / 6).max() < 1e-9
     assert not moved[:, 1].any()
 
@@ -108,9 +108,9 @@ def test_remarks_name_the_depth_where_the_model_goes_wrong(covered: Calibration)
     model = best_central(covered, 0.2, [SPLINED])
     assert model.at.worst_px < 0.1
     pixels, points = seen(covered, 0.1)
-    slopes = (points - model.centre)[:, :2] / (points - model.centre)[:, 2:]
-    numbers = np.array([*model.focal, *model.principal, *model.distortion])
-    worst = np.linalg.norm(project_spline(model.lens, numbers, slopes) - pixels, axis=-1).max()
+    tangents = (points - model.centre)[:, :2] / (points - model.centre)[:, 2:]
+    parameters = np.array([*model.focal, *model.principal, *model.distortion])
+    worst = np.linalg.norm(project_spline(model.lens, parameters, tangents) - pixels, axis=-1).max()
     assert worst == pytest.approx(model.half.drift_px, rel=0.1)
     assert worst > 0.5
     (remark,) = model.remarks()

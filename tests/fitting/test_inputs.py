@@ -12,13 +12,13 @@ import yaml
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration
-from calib.commands.console import remarks
 from calib.corners.view import View
 from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refit_poses
 from calib.fitting.fit import fit
 from calib.fitting.inputs import read_views
+from calib.fitting.remarks import remarks
 from calib.fitting.stages import Settings, Setup, fit_stages
 from calib.progress import Silent
 from calib.session.session import read_session

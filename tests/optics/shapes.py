@@ -30,9 +30,9 @@ class Example:
     """Of a point of its own frame above the inner surface."""
     chart: Callable[[Vec], tuple[float, float]]
 
-    def changed(self, numbers: Mapping[str, float]) -> Cover:
-        assert set(numbers) <= set(self.cover.numbers)
-        return Cover(self.cover.shape, {**self.cover.numbers, **{name: Number(value) for name, value in numbers.items()}})
+    def changed(self, parameters: Mapping[str, float]) -> Cover:
+        assert set(parameters) <= set(self.cover.parameters)
+        return Cover(self.cover.shape, {**self.cover.parameters, **{name: Number(value) for name, value in parameters.items()}})
 
 
 def _axis(n: Numbers) -> Vec:
@@ -43,8 +43,8 @@ def _cylinder_chart(p: Vec) -> tuple[float, float]:
     return float(p[1]), float(np.arctan2(p[0], p[2]))
 
 
-def _numbers(**numbers: float) -> dict[str, Number]:
-    return {name.replace("__", "."): Number(value) for name, value in (numbers | GLASS).items()}
+def _numbers(**parameters: float) -> dict[str, Number]:
+    return {name.replace("__", "."): Number(value) for name, value in (parameters | GLASS).items()}
 
 
 TURNED = {"tilt.x": 0.03, "tilt.z": -0.02, "axis_offset.x": 0.002, "outside_index": WATER}

@@ -114,9 +114,9 @@ def test_missing_is_data_with_finite_gradients(example: Example, changed: dict[s
 
 @pytest.mark.parametrize("example", [CONE, CYLINDER, FLAT], ids=lambda example: example.cover.shape)
 def test_a_tilt_is_left_out_only_where_it_is_zero_for_certain(example: Example) -> None:
-    tilts = [f"tilt.{axis}" for axis in "xyz" if f"tilt.{axis}" in example.cover.numbers]
+    tilts = [f"tilt.{axis}" for axis in "xyz" if f"tilt.{axis}" in example.cover.parameters]
     known, _ = covered_path(INTRINSICS, example.cover)
-    uncertain = Cover(example.cover.shape, {**example.cover.numbers, tilts[0]: Number(0.0, sigma=0.01)})
+    uncertain = Cover(example.cover.shape, {**example.cover.parameters, tilts[0]: Number(0.0, sigma=0.01)})
     open_, _ = covered_path(INTRINSICS, uncertain)
     assert not {param.name for param in known.params} & {f"cover.{name}" for name in tilts}
     assert {f"cover.{name}" for name in tilts} <= {param.name for param in open_.params}

@@ -32,10 +32,10 @@ def some_pixels(count: int, seed: int = 0) -> torch.Tensor:
 
 
 def oracle_rays(
-    example: Example, numbers: Mapping[str, float], amplitudes: np.ndarray, pixels: np.ndarray
+    example: Example, parameters: Mapping[str, float], amplitudes: np.ndarray, pixels: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    turn = Rotation.from_rotvec([numbers.get(f"tilt.{axis}", 0.0) for axis in "xyz"]).as_matrix()
-    shift = example.origin(numbers)
+    turn = Rotation.from_rotvec([parameters.get(f"tilt.{axis}", 0.0) for axis in "xyz"]).as_matrix()
+    shift = example.origin(parameters)
     low, high = example.patch
     rows, columns = np.linspace(low[0], high[0], 5), np.linspace(low[1], high[1], 6)
     centres = np.array([(first, second) for first in rows for second in columns])
@@ -45,13 +45,13 @@ def oracle_rays(
         return np.asarray((point - shift) @ turn)
 
     def inner(point: oracle.Vec) -> float:
-        return example.height(own(point), numbers)
+        return example.height(own(point), parameters)
 
     def outer(point: oracle.Vec) -> float:
-        return inner(point) - numbers["thickness"] - bump(*example.chart(own(point)))
+        return inner(point) - parameters["thickness"] - bump(*example.chart(own(point)))
 
-    glass = numbers["refractive_index"]
-    surfaces = [(inner, 1.0, glass), (outer, glass, numbers["outside_index"])]
+    glass = parameters["refractive_index"]
+    surfaces = [(inner, 1.0, glass), (outer, glass, parameters["outside_index"])]
     focal, middle = INTRINSICS.fx.value, [INTRINSICS.cx.value, INTRINSICS.cy.value]
     directions = np.column_stack([(pixels - middle) / focal, np.ones(len(pixels))])
     rays = [oracle.through(surfaces, np.zeros(3), direction / np.linalg.norm(direction), 0.08) for direction in directions]
@@ -69,8 +69,8 @@ def test_agrees_with_bisection_in_numpy(example: Example, moved: bool) -> None:
     path, values = nominal(example, changed=changed)
     pixels = some_pixels(60)
     rays = path.trace(pixels, values)
-    numbers = {name: number.value for name, number in example.changed(changed).numbers.items()}
-    origins, directions = oracle_rays(example, numbers, values["relief.amplitudes"].numpy(), pixels.numpy())
+    parameters = {name: number.value for name, number in example.changed(changed).parameters.items()}
+    origins, directions = oracle_rays(example, parameters, values["relief.amplitudes"].numpy(), pixels.numpy())
     assert not rays.failure.any()
     # The oracle's normals come from differences of step 1e-5 m: 1e-11 or so of rounding; the bisection stops at 1e-17 m.
     assert np.abs(rays.origin.stacked().numpy() - origins).max() < 1e-13

@@ -1,4 +1,4 @@
-"""Lens, Snell's law, rotations, relief and board, each against an oracle built another way."""
+"""LensModel, Snell's law, rotations, relief and board, each against an oracle built another way."""
 
 import cv2
 import numpy as np
@@ -7,7 +7,7 @@ import torch
 
 from calib.optics import rotation
 from calib.optics.board_target import Placement, Target
-from calib.optics.lens_model import COEFFICIENTS, Lens
+from calib.optics.lens_model import COEFFICIENTS, LensModel
 from calib.optics.rays import LENS, Rays
 from calib.optics.relief import Relief
 from calib.optics.snell import refract
@@ -19,8 +19,8 @@ LENS_NUMBERS = (-0.28, 0.11, 8e-4, -5e-4, -0.02, 0.05, -0.03, 0.01, 1e-3, -2e-4,
 PINHOLE = {"fx": 1279.18, "fy": 1270.0, "cx": 832.765, "cy": 636.575}
 
 
-def lens_values(count: int, numbers: tuple[float, ...] = LENS_NUMBERS) -> dict[str, torch.Tensor]:
-    named = {**PINHOLE, **dict(zip(COEFFICIENTS[:count], numbers, strict=False))}
+def lens_values(count: int, parameters: tuple[float, ...] = LENS_NUMBERS) -> dict[str, torch.Tensor]:
+    named = {**PINHOLE, **dict(zip(COEFFICIENTS[:count], parameters, strict=False))}
     return {f"camera.{name}": torch.tensor(value, dtype=torch.float64) for name, value in named.items()}
 
 
@@ -30,7 +30,7 @@ def test_lens_undoes_what_opencv_projects(count: int) -> None:
     points = np.column_stack([rng.uniform(-0.65, 0.65, 400), rng.uniform(-0.5, 0.5, 400), np.ones(400)])
     camera = np.array([[PINHOLE["fx"], 0, PINHOLE["cx"]], [0, PINHOLE["fy"], PINHOLE["cy"]], [0, 0, 1]])
     pixels = cv2.projectPoints(points, np.zeros(3), np.zeros(3), camera, np.array(LENS_NUMBERS[:count]))[0].reshape(-1, 2)
-    lens, values = Lens(count), lens_values(count)
+    lens, values = LensModel(count), lens_values(count)
     rays = lens(torch.from_numpy(pixels), values)
     back = (rays.direction.stacked() / rays.direction.z.unsqueeze(-1)).numpy()
     assert not rays.failure.any()
@@ -41,7 +41,7 @@ def test_lens_undoes_what_opencv_projects(count: int) -> None:
 def test_lens_fails_beyond_the_fold_and_stays_finite() -> None:
     values = lens_values(4, (-0.5, 0.0, 0.0, 0.0))  # r (1 - r^2 / 2) never exceeds 0.544
     values["camera.k1"].requires_grad_()
-    rays = Lens(4)(torch.tensor([[PINHOLE["cx"] + 900.0, PINHOLE["cy"]], [PINHOLE["cx"], PINHOLE["cy"]]], dtype=torch.float64), values)
+    rays = LensModel(4)(torch.tensor([[PINHOLE["cx"] + 900.0, PINHOLE["cy"]], [PINHOLE["cx"], PINHOLE["cy"]]], dtype=torch.float64), values)
     rays.direction.stacked().sum().backward()  # type: ignore[no-untyped-call]
     assert rays.failure.tolist() == [LENS, 0]
     assert torch.isfinite(rays.direction.stacked()).all()
@@ -53,12 +53,14 @@ def test_lens_fails_beyond_the_fold_and_stays_finite() -> None:
 def test_lens_derivatives_agree_with_central_differences() -> None:
     values = lens_values(14)
     pixels = torch.tensor([[300.0, 900.0], [1500.0, 100.0]], dtype=torch.float64)
-    for param in Lens(14).params:
+    for param in LensModel(14).params:
         here = values[param.name].clone().requires_grad_()
-        rows = Lens(14)(pixels, {**values, param.name: here}).direction.stacked().reshape(-1)
+        rows = LensModel(14)(pixels, {**values, param.name: here}).direction.stacked().reshape(-1)
         analytic = torch.stack([torch.autograd.grad(row, here, retain_graph=True)[0] for row in rows])
         size = 1e-3 * param.scale
-        up, down = (Lens(14)(pixels, {**values, param.name: here.detach() + s * size}).direction.stacked().reshape(-1) for s in (1, -1))
+        up, down = (
+            LensModel(14)(pixels, {**values, param.name: here.detach() + s * size}).direction.stacked().reshape(-1) for s in (1, -1)
+        )
         numeric = (up - down) / (2 * size)
         assert (analytic - numeric).abs().max() < 1e-6 * numeric.abs().max(), param.name
 
@@ -69,8 +71,8 @@ def test_each_pixel_can_have_a_lens_of_its_own() -> None:
     values = lens_values(14)
     other = {name: 1.1 * value for name, value in values.items()}
     mixed = {name: torch.stack([value, other[name], value]) for name, value in values.items()}
-    together = Lens(14)(pixels, mixed).direction.stacked()
-    alone = torch.cat([Lens(14)(pixels[i : i + 1], own).direction.stacked() for i, own in enumerate((values, other, values))])
+    together = LensModel(14)(pixels, mixed).direction.stacked()
+    alone = torch.cat([LensModel(14)(pixels[i : i + 1], own).direction.stacked() for i, own in enumerate((values, other, values))])
     assert torch.allclose(together, alone, rtol=0, atol=1e-12)
 
 

@@ -54,20 +54,20 @@ def test_numbers_are_in_si_units_and_defaults_are_filled_in(folder: Path) -> Non
     (folder / "session.yaml").write_text(SESSION.replace(CONE, changed))
     cover = read_session(folder).cover
     assert cover.shape == "cone"
-    assert cover.numbers["inner_radius"] == Number(0.04195)
-    assert cover.numbers["axis_offset.z"] == Number(-0.03)
-    assert cover.numbers["thickness"] == Number(0.003, sigma=0.0005)
-    assert cover.numbers["outside_index"] == Number(1.0)
-    assert cover.numbers["tilt.x"].value == pytest.approx(-math.pi / 20)
-    assert cover.numbers["tilt.z"].value == pytest.approx(math.pi / 10)
-    assert cover.numbers["tilt.z"].sigma == pytest.approx(math.pi / 100)
+    assert cover.parameters["inner_radius"] == Number(0.04195)
+    assert cover.parameters["axis_offset.z"] == Number(-0.03)
+    assert cover.parameters["thickness"] == Number(0.003, sigma=0.0005)
+    assert cover.parameters["outside_index"] == Number(1.0)
+    assert cover.parameters["tilt.x"].value == pytest.approx(-math.pi / 20)
+    assert cover.parameters["tilt.z"].value == pytest.approx(math.pi / 10)
+    assert cover.parameters["tilt.z"].sigma == pytest.approx(math.pi / 100)
 
 
 def test_yaml_numbers_are_read_as_people_write_them(folder: Path) -> None:
     """YAML 1.1 would read 1e-1 as text, 0600 as octal and 1:30 as 90."""
     (folder / "session.yaml").write_text(SESSION.replace("-0.105", "-1e-1").replace("drawn", "1:30").replace("20.0", "020"))
     session = read_session(folder)
-    assert session.cover.numbers["radius_slope"] == Number(-0.1)
+    assert session.cover.parameters["radius_slope"] == Number(-0.1)
     assert session.camera.model == "1:30"
     assert session.board.square == 0.02
 
@@ -120,7 +120,7 @@ def test_cone_is_measured_beside_the_camera(tilt: int, inside: bool, folder: Pat
     steep = CONE.replace("-0.105", "-1.0").replace("41.95", "36.0") + f"  tilt_deg: [{tilt}, 0]\n"
     (folder / "session.yaml").write_text(SESSION.replace(CONE, steep))
     if inside:
-        assert read_session(folder).cover.numbers["inner_radius"] == Number(0.036)
+        assert read_session(folder).cover.parameters["inner_radius"] == Number(0.036)
     else:
         with pytest.raises(RefracalError, match=r"28\.19.* mm from its axis where the inner radius is 25\.7"):
             read_session(folder)

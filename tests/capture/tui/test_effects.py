@@ -5,7 +5,7 @@ from pathlib import Path
 
 from textual.pilot import Pilot
 
-from calib.diagnosis.finding import Candidate, Diagnosis, Estimate, Quality
+from calib.diagnosis.finding import Candidate, Diagnosis, ParameterEstimate, Quality
 from capture.tui.diagnosing import told
 from tests.capture.tui.driving import drive, running, see, shown
 
@@ -19,7 +19,7 @@ BOW = Candidate(
     held_out_px_before=0.59,
     held_out_px_after=0.17,
     gain_ci95=(0.3, 0.5),
-    parameters={"board_bow.x": Estimate(0.001002, 3.3e-6, "m")},
+    parameters={"board_bow.x": ParameterEstimate(0.001002, 3.3e-6, "m")},
     confounded_with=(),
     accepted=True,
     verdict="found",

@@ -17,7 +17,7 @@ SETUP = read_setup(FIXTURE / "session.yaml")
 def test_what_is_written_reads_the_same() -> None:
     board, camera, cover = SETUP
     assert read_form(write_form(board, cover), camera) == SETUP
-    unsure = Cover(cover.shape, {**cover.numbers, "inner_radius": Number(0.041, 0.002), "axis_offset.z": Number(-0.03, 0.0001)})
+    unsure = Cover(cover.shape, {**cover.parameters, "inner_radius": Number(0.041, 0.002), "axis_offset.z": Number(-0.03, 0.0001)})
     assert read_form(write_form(board, unsure), camera)[2] == unsure
 
 

@@ -1,4 +1,4 @@
-"""The part that effects on the camera share: an adjustment of the pixels or of the camera's numbers."""
+"""The part that effects on the camera share: an adjustment of the pixels or of the camera's parameters."""
 
 from __future__ import annotations
 

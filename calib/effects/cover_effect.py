@@ -1,4 +1,4 @@
-"""Effects that are numbers of the cover, held by the fit at what the session states."""
+"""Effects that are parameters of the cover, held by the fit at what the session states."""
 
 from __future__ import annotations
 
@@ -8,21 +8,18 @@ from typing import ClassVar, Self
 from calib.effects.effect import Effect, Surroundings, Unknown
 from calib.effects.offset import offsets
 from calib.optics.path import Path
-
-METRE = ("m", 1e-3, 2e-3)
-SLOPE = ("", 1e-2, 0.02)
-"""Unit, scale, and how far a number may well be from what was stated."""
+from calib.session.tolerances import Tolerance
 
 
 @dataclass(frozen=True, slots=True)
-class CoverNumber(Effect):
-    """Some numbers of the cover are not as stated."""
+class CoverEffect(Effect):
+    """Some parameters of the cover are not as stated."""
 
-    numbers: tuple[str, ...]
+    parameters: tuple[str, ...]
     """Those that this cover has."""
     name: ClassVar[str]
-    candidates: ClassVar[dict[str, tuple[str, float, float]]]
-    """Unit, scale and sigma of every number that may be meant."""
+    candidates: ClassVar[dict[str, Tolerance]]
+    """Every parameter that may be meant, and its prior around what is stated."""
 
     @classmethod
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:
@@ -32,8 +29,8 @@ class CoverNumber(Effect):
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        return offsets(self.name, {name: self.candidates[name] for name in self.numbers})[1]
+        return offsets(self.name, {name: self.candidates[name] for name in self.parameters})[1]
 
     def apply(self, path: Path) -> Path:
-        adjustment, _ = offsets(self.name, {name: self.candidates[name] for name in self.numbers})
+        adjustment, _ = offsets(self.name, {name: self.candidates[name] for name in self.parameters})
         return replace(path, adjustments=(*path.adjustments, adjustment))
