@@ -33,7 +33,7 @@ def with_fit(calibration: Calibration, model: Model, joint: JointFit, observatio
         cover=cover,
         amplitudes=joint.values["relief.amplitudes"].numpy() if calibration.relief else calibration.amplitudes,
         poses=joint.poses.numpy(),
-        covariance=joint.covariance.numpy(),
+        covariance=joint.known_covariance,
         effects=effects,
         times=np.array(order.times) if effects else np.zeros(0),
         stages=(*stages, Stage(STAGE, missed.rms_px, missed.rmse_cm)) if effects else stages,

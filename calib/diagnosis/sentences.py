@@ -46,6 +46,8 @@ def verdict(trial: Trial, *, taken: bool) -> str:
         return "found"
     if trial.columns.absorbed > ABSORBED:
         return "absorbed"
+    if trial.joint and not trial.joint.finite:
+        return "not finite"
     if not trial.gain:
         return "not asked for"
     if trial.passes:

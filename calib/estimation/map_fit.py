@@ -47,7 +47,8 @@ class JointFit:
     poses: Tensor
     """(V, 6)"""
     covariance: Tensor
-    """(S, S) of the shared numbers: amplitudes in m, free numbers over their scales. Poses are marginalised."""
+    """(S, S) of the shared numbers: amplitudes in m, free numbers over their scales. Poses are marginalised. NaN where the outcome is
+    NOT_FINITE."""
     sigma: float
     """px: standard deviation of a corner in x and in y, estimated."""
     smoothness: Smoothness | None
@@ -57,8 +58,17 @@ class JointFit:
     iterations: int
     """Linearisations, of all rounds together."""
 
+    @property
+    def finite(self) -> bool:
+        return self.outcome is not Outcome.NOT_FINITE
+
+    @property
+    def known_covariance(self) -> np.ndarray:
+        """As a calibration keeps it: (0, 0) where it is not known."""
+        return self.covariance.numpy() if self.finite else np.zeros((0, 0))
+
     def estimates(self) -> dict[str, Number]:
-        """The free numbers with their standard deviations, in SI units."""
+        """The free numbers with their standard deviations, in SI units; NaN for those of a fit that is not finite."""
         return {name: Number(float(self.values[name]), float(self.sigma_of(name))) for name in self.scales if not self.values[name].ndim}
 
     def sigma_of(self, name: str) -> Tensor:
@@ -114,12 +124,17 @@ def fit_joint(
         shared, poses, spent = solution.shared, solution.blocks, spent + solution.iterations
         if progress:
             progress(spent, sigma * (solution.equations.sum_of_squares / len(observations.pixels)) ** 0.5)
+        if solution.outcome is Outcome.NOT_FINITE:
+            break
         if not start and tolerance != ROUNDS[-1]:
             freedom = 2 * len(observations.pixels) - poses.numel()
             sigma, smoothness = _by_evidence(solution, freedom, sigma, smoothness, relief, fixed)
     hessian, _ = solution.equations.schur_complement()
-    covariance = torch.linalg.inv(hessian + precision) if model.count else hessian
-    return JointFit(model.at(shared), poses, covariance, sigma, smoothness, scales, solution.outcome, spent)
+    covariance = torch.linalg.inv_ex(hessian + precision).inverse if model.count else hessian
+    finite = solution.outcome is not Outcome.NOT_FINITE and bool(torch.isfinite(covariance).all())
+    outcome = solution.outcome if finite else Outcome.NOT_FINITE
+    covariance = covariance if finite else torch.full_like(covariance, torch.nan)
+    return JointFit(model.at(shared), poses, covariance, sigma, smoothness, scales, outcome, spent)
 
 
 def _by_evidence(
