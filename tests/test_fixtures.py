@@ -47,10 +47,14 @@ def by_the_paper(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
 
 @pytest.mark.parametrize("name", SESSIONS)
 def test_every_view_is_used_and_the_cover_explains_most_of_the_error(fitted: dict[str, Calibration], name: str) -> None:
+    """Of the pinhole's error the cover leaves 0.045, 0.235 and 0.093, and of that the relief 0.78, 0.16 and 0.94; a tenth more is allowed,
+    as much as another version of OpenCV's corners may bring."""
     result = fitted[name]
     assert result.rejected == ()
     pinhole, cover, relief = (stage.rms_px for stage in result.stages)
-    assert relief < cover < 0.35 * pinhole
+    by_cover, by_relief = {"clean": (0.045, 0.78), "bumps": (0.235, 0.16), "covered-bare": (0.093, 0.94)}[name]
+    assert cover < 1.1 * by_cover * pinhole
+    assert relief < min(1.0, 1.1 * by_relief) * cover
 
 
 @pytest.mark.parametrize("name", [*SESSIONS, "clean/holdout", "bumps/holdout", "covered-bare/bare", *HIDING])
@@ -120,7 +124,8 @@ def test_bare_views_give_the_renderer_s_camera(fitted: dict[str, Calibration]) -
 
 
 def test_undistorting_a_held_out_view_straightens_its_board(fitted: dict[str, Calibration], tmp_path: Path) -> None:
-    """The strong bumps bend the board's lines; at the board's depth the map unbends them."""
+    """The strong bumps bend the board's lines by 0.185 px; at the board's depth the map unbends them to 0.032 px, which is what the
+    detector's own error leaves. An eighth more is allowed, as of the maps themselves."""
     session = read_session(copied(FIXTURES / "bumps" / "holdout", tmp_path / "s"))
     with np.load(FIXTURES / "bumps" / "holdout" / "truth.npz") as file:
         depths = file["translations"][:, 2]
@@ -130,7 +135,8 @@ def test_undistorting_a_held_out_view_straightens_its_board(fitted: dict[str, Ca
         straight = field.undistorted(view.corners, float(depth))
         before.append(_bend(view.corners))
         after.append(_bend(straight))
-    assert np.mean(after) < 0.8 * np.mean(before)
+    assert np.mean(after) < 0.036
+    assert np.mean(before) > 0.17
 
 
 def _bend(corners: np.ndarray) -> float:
