@@ -1,7 +1,19 @@
 """What every test runs under."""
 
+from pathlib import Path
+from tempfile import gettempdir
+
 import pytest
 import torch
+from hypothesis import configuration, settings
+from hypothesis.internal.conjecture import providers
+from hypothesis.internal.constants_ast import Constants
+
+settings.register_profile("refracal", derandomize=True, deadline=None, database=None)
+settings.load_profile("refracal")
+configuration.set_hypothesis_home_dir(Path(gettempdir()) / "refracal-hypothesis")  # its tables of Unicode: not into the checkout
+# It would draw constants from whatever modules of ours are loaded: others for each choice of tests and each worker.
+setattr(providers, "_get_local_constants", Constants)  # noqa: B010
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -17,7 +17,7 @@ from calib.optics.relief import Relief
 from calib.progress import Silent
 from calib.session.session import read_session
 from tests.test_render_truth import FOLDERS as HIDING
-from tests.truth import FIXTURES, map_error
+from tests.truth import FIXTURES, detected_off, map_error
 
 MEASURED = FIXTURES.parent.parent / "shared" / "data"
 SESSIONS = ("clean", "bumps", "covered-bare")
@@ -47,16 +47,20 @@ def by_the_paper(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
 
 @pytest.mark.parametrize("name", SESSIONS)
 def test_every_view_is_used_and_the_cover_explains_most_of_the_error(fitted: dict[str, Calibration], name: str) -> None:
+    """Of the pinhole's error the cover leaves 0.045, 0.235 and 0.093, and of that the relief 0.78, 0.16 and 0.94; a tenth more is allowed,
+    as much as another version of OpenCV's corners may bring."""
     result = fitted[name]
     assert result.rejected == ()
     pinhole, cover, relief = (stage.rms_px for stage in result.stages)
-    assert relief < cover < 0.35 * pinhole
+    by_cover, by_relief = {"clean": (0.045, 0.78), "bumps": (0.235, 0.16), "covered-bare": (0.093, 0.94)}[name]
+    assert cover < 1.1 * by_cover * pinhole
+    assert relief < min(1.0, 1.1 * by_relief) * cover
 
 
 @pytest.mark.parametrize("name", [*SESSIONS, "clean/holdout", "bumps/holdout", "covered-bare/bare", *HIDING])
 def test_detected_corners_are_the_renderer_s(name: str, tmp_path: Path) -> None:
-    """Against the exact pixel of every true corner: 0.06 px is half as much again as was measured, far below any slip of half a pixel,
-    and below what each hidden effect moves."""
+    """Against the exact pixel of every true corner: 0.031 to 0.039 px were measured, worst corners 0.14 px, means 0.002 px. A seventh more
+    is allowed, for another version of OpenCV, and the worst of thousands half as much again."""
     top, _, inner = name.partition("/")
     session = read_session(copied(FIXTURES / top, tmp_path / "s"))
     if inner == "bare":
@@ -67,34 +71,37 @@ def test_detected_corners_are_the_renderer_s(name: str, tmp_path: Path) -> None:
     views = detect(session.frames, session.board).views
     with np.load(FIXTURES / name / "truth.npz") as file:
         truth = file["corners"]
-    assert len(views) == len(truth)
-    errors = []
-    for view, true in zip(views, truth, strict=True):
-        either = [view.corners - true, view.corners - true[::-1]]  # a board turned by 180 degrees looks the same
-        errors.append(min(either, key=lambda error: float(np.abs(error).max())))
-    off = np.concatenate(errors)
+    off = detected_off(views, truth)
     print(f"{name}: corners {np.sqrt((off**2).sum(-1).mean()):.3f} px RMS, mean {off.mean(0).round(3)}, worst {np.hypot(*off.T).max():.2f}")
-    assert np.sqrt((off**2).sum(-1).mean()) < 0.06
-    assert np.abs(off.mean(0)).max() < 0.01
+    assert np.sqrt((off**2).sum(-1).mean()) < 0.045
+    assert np.hypot(*off.T).max() < 0.21
+    assert (
+        np.abs(off.mean(0)).max() < 0.004
+    )  # 648 corners and more of 0.028 px: three standard deviations of a mean, and the detector's own
 
 
 def test_rays_of_the_clean_session_are_the_renderer_s(fitted: dict[str, Calibration], by_the_paper: Calibration) -> None:
-    """Measured at 0.3, 0.5 and 1 m: 0.016, 0.013, 0.028 px by the joint fit, 0.120, 0.101, 0.196 px by the paper's procedure; through
-    the strong bumps, by the joint fit, 0.024, 0.017, 0.044 px. That is 0.77, 1.13 and 1.17 times what the calibration expects, and 1.13,
-    1.45 and 1.93 times through the bumps."""
-    for name, result, bar in (("clean", fitted["clean"], 0.10), ("clean", by_the_paper, 0.25), ("bumps", fitted["bumps"], 0.10)):
+    """At 0.3, 0.5 and 1 m, as measured: an eighth more is allowed, and a fifth less of what the calibration expects. With every corner
+    moved by a tenth of its noise, six seeds gave up to 7 % more and 15 % less, through the bumps up to 10 % more, and by the paper's
+    procedure 0.1 %. From the bumps' true corners with noise of the same size, seven seeds gave 0.46 to 1.53 times what is expected, so
+    the 1.93 from their pictures is more than chance."""
+    measured = (
+        ("clean", fitted["clean"], (0.0163, 0.0133, 0.0275), (0.773, 1.128, 1.172)),
+        ("clean", by_the_paper, (0.1201, 0.1010, 0.1962), ()),
+        ("bumps", fitted["bumps"], (0.0244, 0.0172, 0.0445), (1.131, 1.452, 1.934)),
+    )
+    for name, result, px, over_expected in measured:
         error = map_error(result, FIXTURES / name / "truth.npz", near=40.0)
         assert error.pixels > 2000
         print(f"{name}, {result.settings['method']}: map error, px RMS by depth: {error.by_depth}, expected: {error.predicted}")
-        assert max(error.by_depth.values()) < bar
-        assert bool(error.predicted) == (result is not by_the_paper)
-        assert all(error.by_depth[depth] < (1.25 if name == "clean" else 2.2) * sigma for depth, sigma in error.predicted.items())
+        assert (np.array(list(error.by_depth.values())) / px < 9 / 8).all()
+        ratios = [error.by_depth[depth] / sigma for depth, sigma in error.predicted.items()]
+        assert len(ratios) == len(over_expected)
+        assert all(0.8 < ratio / usual < 9 / 8 for ratio, usual in zip(ratios, over_expected, strict=True))
 
 
 @pytest.mark.parametrize("name", ["clean", "bumps"])
-def test_held_out_views_are_within_15_percent_of_what_the_true_rays_leave(
-    fitted: dict[str, Calibration], name: str, tmp_path: Path
-) -> None:
+def test_held_out_views_are_within_5_percent_of_what_the_true_rays_leave(fitted: dict[str, Calibration], name: str, tmp_path: Path) -> None:
     session = read_session(copied(FIXTURES / name / "holdout", tmp_path / "s"))
     ours = evaluate(fitted[name], session, Silent())
     assert ours.frames_used == 10
@@ -103,7 +110,7 @@ def test_held_out_views_are_within_15_percent_of_what_the_true_rays_leave(
     relief = Relief(tuple(centres.min(0)), tuple(centres.max(0)), amplitudes.shape)
     floor = evaluate(replace(fitted[name], relief=relief, amplitudes=amplitudes), session, Silent())
     print(f"{name}: held out {ours.rms_px:.4f} px, true glass {floor.rms_px:.4f} px")
-    assert ours.rms_px < 1.15 * floor.rms_px
+    assert ours.rms_px < 1.05 * floor.rms_px  # measured: 1.016 and 1.010; the map error in quadrature would give as much
 
 
 def test_bare_views_give_the_renderer_s_camera(fitted: dict[str, Calibration]) -> None:
@@ -117,7 +124,8 @@ def test_bare_views_give_the_renderer_s_camera(fitted: dict[str, Calibration]) -
 
 
 def test_undistorting_a_held_out_view_straightens_its_board(fitted: dict[str, Calibration], tmp_path: Path) -> None:
-    """The strong bumps bend the board's lines; at the board's depth the map unbends them."""
+    """The strong bumps bend the board's lines by 0.185 px; at the board's depth the map unbends them to 0.032 px, which is what the
+    detector's own error leaves. An eighth more is allowed, as of the maps themselves."""
     session = read_session(copied(FIXTURES / "bumps" / "holdout", tmp_path / "s"))
     with np.load(FIXTURES / "bumps" / "holdout" / "truth.npz") as file:
         depths = file["translations"][:, 2]
@@ -127,7 +135,8 @@ def test_undistorting_a_held_out_view_straightens_its_board(fitted: dict[str, Ca
         straight = field.undistorted(view.corners, float(depth))
         before.append(_bend(view.corners))
         after.append(_bend(straight))
-    assert np.mean(after) < 0.8 * np.mean(before)
+    assert np.mean(after) < 0.036
+    assert np.mean(before) > 0.17
 
 
 def _bend(corners: np.ndarray) -> float:

@@ -1,5 +1,6 @@
 """Comparison with what the renderer knows: its rays, up to the rigid motion that board views leave open."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from calib.apply.map_uncertainty import predicted_sigma
 from calib.calibration import Calibration
+from calib.corners.view import View
 
 FIXTURES = Path(__file__).parent.parent / "fixtures"
 DEPTHS = (0.3, 0.5, 1.0)
@@ -55,6 +57,13 @@ def map_error(calibration: Calibration, truth: Path, near: float, depths: tuple[
     field, (x, y) = predicted_sigma(calibration), pixels[kept].T[:, :, None]
     predicted = {depth: float(np.sqrt(np.mean(field.at(x, y, depth) ** 2))) for depth in depths} if field else {}
     return MapError({depth: float(value**0.5) for depth, value in zip(depths, squared, strict=True)}, predicted, int(kept.sum()))
+
+
+def detected_off(views: Sequence[View], true: Array) -> Array:
+    """(V * corners, 2) px, detected corners minus the (V, corners, 2) true ones; a board turned by 180 degrees looks the same."""
+    assert len(views) == len(true)
+    either = [(view.corners - own, view.corners - own[::-1]) for view, own in zip(views, true, strict=True)]
+    return np.concatenate([min(pair, key=lambda error: float(np.abs(error).max())) for pair in either])
 
 
 def _at(origins: Array, directions: Array, depth: float) -> Array:

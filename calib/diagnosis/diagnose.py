@@ -46,7 +46,7 @@ def diagnose(calibration: Calibration, progress: Progress, holdout: Session | No
         The calibration with the accepted effects, or an equal one where there are none, and the finding.
 
     Raises:
-        NotEnoughDataError: too few views to hold any out.
+        NotEnoughDataError: too few views to hold any out, or no fit of them is finite.
     """
     poses = board_poses(calibration.views)
     if (count := len(set(poses.tolist()))) < FEWEST_VIEWS:
@@ -59,6 +59,8 @@ def diagnose(calibration: Calibration, progress: Progress, holdout: Session | No
         model = model_of(calibration)
         advance(1, "fit")
         joint = model.fitted(observations, torch.from_numpy(calibration.poses))
+        if not joint.finite:
+            raise NotEnoughDataError(joint.outcome.value)
         loop = Loop(
             calibration.board,
             calibration.camera,
@@ -155,7 +157,7 @@ def _candidates(loop: Loop, accepted: tuple[str, ...]) -> list[Candidate]:
                 held_out_px_before=trial.gain.before if trial.gain else None,
                 held_out_px_after=trial.gain.after if trial.gain else None,
                 gain_ci95=trial.gain.ci95 if trial.gain else None,
-                parameters=_parameters(trial.test.effect, joint) if joint else {},
+                parameters=_parameters(trial.test.effect, joint) if joint and joint.finite else {},
                 confounded_with=tuple(sorted(loop.confounded.get(name, ()))),
                 accepted=taken,
                 verdict=verdict(trial, taken=taken),

@@ -30,7 +30,7 @@ def with_fit(calibration: Calibration, model: CameraModel, joint: JointFit, obse
         cover=cover,
         amplitudes=joint.values["relief.amplitudes"].numpy() if calibration.relief else calibration.amplitudes,
         poses=joint.poses.numpy(),
-        covariance=joint.covariance.numpy(),
+        covariance=joint.known_covariance,
         effects=effects,
         stages=(*stages, Stage(STAGE, missed.rms_px, missed.rmse_cm)) if effects else stages,
         settings=calibration.settings | joint.said(),

@@ -134,22 +134,28 @@ class Loop:
         self._say(f"trying {test.effect.name}")
         wider = self.model.with_effect(test.effect)
         joint = wider.fitted(self.observations, self.joint.poses, self.joint.start)
+        key = test.effect.name, test.effect.form
+        known = self.trials.get(key)
+        if not joint.finite:
+            trial = Trial(test, joint=joint, among=among)
+            self.trials[key] = known if known and known.gain else trial
+            return trial
         half = test.effect.per_view or self.model.path.shutter
         held = hold_out(wider, self.observations, joint, self.folds, half=half)
         trial = Trial(test, gain(self._left(half=half), held), held, joint, among)
         if trial.large and self.bands:
             there = hold_out(wider, self.observations, joint, self.bands, half=half)
             trial = replace(trial, bands=gain(self._left(half=half, banded=True), there))
-        key = test.effect.name, test.effect.form
-        known = self.trials.get(key)
         if not (known and known.gain and trial.gain and known.gain.relative > trial.gain.relative):
             self.trials[key] = trial
         return trial
 
     def _accept(self, trial: Trial) -> None:
-        """Take an effect in, with the noise and the prior estimated anew."""
+        """Take an effect in, with the noise and the prior estimated anew; where such a fit is not finite, the trial's stands."""
+        assert trial.joint
         self.model = self.model.with_effect(trial.test.effect)
-        self.joint = self.model.fitted(self.observations, trial.joint.poses if trial.joint else self.joint.poses)
+        joint = self.model.fitted(self.observations, trial.joint.poses)
+        self.joint = joint if joint.finite else trial.joint
         self.known.clear()
         self._say(f"found {trial.test.effect.name}")
 
@@ -165,9 +171,11 @@ class Loop:
             left = self._left() if len(beside) == len(self.model.effects) else self._fresh(self.base.with_effects(beside), half=half)
             lost = gain(self._fresh(fewer, half=half), left)
             if lost.p_value > NEEDED or lost.relative < LEAST_GAIN:
-                self.model = self.base.with_effects(e for e in self.model.effects if e is not effect)
-                self.joint = self.model.fitted(self.observations, self.joint.poses)
-                self.known.clear()
+                model = self.base.with_effects(e for e in self.model.effects if e is not effect)
+                joint = model.fitted(self.observations, self.joint.poses)
+                if joint.finite:
+                    self.model, self.joint = model, joint
+                    self.known.clear()
 
     def _fresh(self, model: CameraModel, *, half: bool) -> HeldOut:
         """What another model leaves on held-out views."""

@@ -23,6 +23,8 @@ def verdict(trial: Trial, *, taken: bool) -> str:
         return "found"
     if trial.test.absorbed > ABSORBED:
         return "absorbed"
+    if trial.joint and not trial.joint.finite:
+        return "not finite"
     if not trial.gain:
         return "not asked for"
     if trial.passes:

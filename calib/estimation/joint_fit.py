@@ -6,6 +6,7 @@ Source: D. J. C. MacKay, Bayesian interpolation (1992), for the evidence (the ma
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -48,7 +49,7 @@ class JointFit:
     poses: Tensor
     """(V, 6)"""
     covariance: Tensor
-    """(S, S) of the shared parameters' vector; poses are marginalised."""
+    """(S, S) of the shared parameters' vector; poses are marginalised. NaN where the outcome is NOT_FINITE."""
     sigma: float
     """px: standard deviation of a corner in x and in y, estimated."""
     smoothness: Smoothness | None
@@ -63,8 +64,17 @@ class JointFit:
         """For a fit like this one."""
         return Start(self.values, self.sigma, self.smoothness)
 
+    @property
+    def finite(self) -> bool:
+        return self.outcome is not Outcome.NOT_FINITE
+
+    @property
+    def known_covariance(self) -> np.ndarray:
+        """As a calibration keeps it: (0, 0) where it is not known."""
+        return self.covariance.numpy() if self.finite else np.zeros((0, 0))
+
     def estimates(self) -> dict[str, Number]:
-        """The free scalars with their standard deviations, in SI units."""
+        """The free scalars with their standard deviations, in SI units; these are NaN where the fit is not finite."""
         scalars = (param.name for param in self.parameters.free if not self.values[param.name].ndim)
         return {name: Number(float(self.values[name]), float(self.sigma_of(name))) for name in scalars}
 
@@ -113,12 +123,17 @@ def fit_joint(
         shared, poses, spent = solution.shared, solution.blocks, spent + solution.iterations
         if progress:
             progress(spent, sigma * (solution.equations.sum_of_squares / len(observations.pixels)) ** 0.5)
+        if solution.outcome is Outcome.NOT_FINITE:
+            break
         if not start and tolerance != ROUNDS[-1]:
             freedom = 2 * len(observations.pixels) - poses.numel()
             sigma, smoothness = _by_evidence(solution, freedom, sigma, smoothness, parameters)
     hessian, _ = solution.equations.schur_complement()
-    covariance = torch.linalg.inv(hessian + precision) if parameters.count else hessian
-    return JointFit(parameters.values(shared), poses, covariance, sigma, smoothness, parameters, solution.outcome, spent)
+    covariance = torch.linalg.inv_ex(hessian + precision).inverse if parameters.count else hessian
+    finite = solution.outcome is not Outcome.NOT_FINITE and bool(torch.isfinite(covariance).all())
+    outcome = solution.outcome if finite else Outcome.NOT_FINITE
+    covariance = covariance if finite else torch.full_like(covariance, torch.nan)
+    return JointFit(parameters.values(shared), poses, covariance, sigma, smoothness, parameters, outcome, spent)
 
 
 def _by_evidence(

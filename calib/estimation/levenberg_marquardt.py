@@ -27,6 +27,9 @@ FIRST_DAMPING = 1e-9
 """Of the diagonal: next to none, for the fits here are nearly linear."""
 SMALLEST_HELP = 1e-5
 """Where a step fails or gains little, the damping is at least this."""
+TRIES = 12
+"""Of a step's length. By then the damping is SMALLEST_HELP * 2^(1 + 2 + ... + 12) = 3e18, and as a damped step promises at most
+2 n / damping of the cost by n parameters, finite equations have ended long before at any tolerance that is used."""
 
 ROUNDING = 1e-26
 """A cost that exact data leave."""
@@ -37,6 +40,10 @@ class Outcome(Enum):
 
     CONVERGED = "The fit has converged: no step lowers the error any more."
     STEPS_USED_UP = "The fit was still improving when its steps were used up: allow more steps."
+    NOT_FINITE = (
+        "The fit ended where the error or its derivatives are not finite, and how sure it is cannot be said: do not use it; check the "
+        "cover, camera and board in session.yaml, or free fewer numbers."
+    )
     STUCK = "No step of any length lowers the error: the start is too far away, or the model does not fit these data."
 
 
@@ -95,10 +102,16 @@ class NormalEquations:
     sum_of_squares: float
     """Of the rows' residuals."""
 
+    @property
+    def finite(self) -> bool:
+        parts = (self.hessian_block, self.hessian_cross, self.hessian_shared, self.gradient_block, self.gradient_shared)
+        return math.isfinite(self.sum_of_squares) and all(bool(torch.isfinite(part).all()) for part in parts)
+
     def schur_complement(self) -> tuple[Tensor, Tensor]:
-        """The (S, S) Hessian and (S,) gradient of the shared parameters once every block has adapted: the reduced camera system."""
+        """The (S, S) Hessian and (S,) gradient of the shared parameters once every block has adapted: the reduced camera system. NaN where
+        the equations are not finite."""
         damped = self.hessian_block + 1e-12 * torch.diag_embed(_diagonal(self.hessian_block))
-        solved = torch.linalg.solve(damped, torch.cat([self.hessian_cross, self.gradient_block.unsqueeze(-1)], -1))
+        solved = _solve(damped, torch.cat([self.hessian_cross, self.gradient_block.unsqueeze(-1)], -1))
         cross = self.hessian_cross.flatten(0, 1)
         hessian = self.hessian_shared - cross.mT @ solved[..., :-1].flatten(0, 1)
         return (hessian + hessian.mT) / 2, self.gradient_shared - cross.mT @ solved[..., -1].flatten()
@@ -155,11 +168,14 @@ def minimise(
     cost = problem.cost(shared, blocks) + prior(shared, blocks)
     if math.isnan(cost):
         raise ValueError("the cost at the start is not a number")
-    damping, growth = FIRST_DAMPING, 2.0
+    damping = FIRST_DAMPING
     for step in range(1, steps + 1):
         rows = equations_at(shared, blocks)
+        if not (rows.finite and math.isfinite(cost)):
+            return Solution(Outcome.NOT_FINITE, shared, blocks, cost, step, rows)
         whole = replace(rows, hessian_shared=rows.hessian_shared + precision, gradient_shared=rows.gradient_shared + precision @ shared)
-        while True:
+        growth = 2.0
+        for _ in range(TRIES):
             move_shared, move_blocks = _damped_step(whole, damping)
             promised = -_model_change(whole, move_shared, move_blocks)
             if promised <= tolerance * cost or cost < ROUNDING:
@@ -173,13 +189,15 @@ def minimise(
                 break
             damping = max(damping, SMALLEST_HELP) * growth
             growth *= 2
+        else:
+            outcome = Outcome.STUCK if math.isfinite(promised) else Outcome.NOT_FINITE
+            return Solution(outcome, shared, blocks, cost, step, rows)
         shared, blocks, cost = moved, blocks + move_blocks, new_cost
         damping = (max(damping, SMALLEST_HELP) if gain < 0.25 else damping) * max(1 / 3, 1 - (2 * gain - 1) ** 3)
-        growth = 2.0
         if progress:
             progress(step, cost)
     rows = equations_at(shared, blocks)
-    return Solution(Outcome.STEPS_USED_UP, shared, blocks, cost, steps, rows)
+    return Solution(Outcome.STEPS_USED_UP if rows.finite else Outcome.NOT_FINITE, shared, blocks, cost, steps, rows)
 
 
 def normal_equations(pieces: Iterable[Linearised]) -> NormalEquations:
@@ -207,17 +225,25 @@ def normal_equations(pieces: Iterable[Linearised]) -> NormalEquations:
 
 
 def _damped_step(at: NormalEquations, damping: float) -> tuple[Tensor, Tensor]:
-    """The (S,) and (V, B) step: the shared parameters by the Schur complement, then the blocks by back-substitution."""
+    """The (S,) and (V, B) step: the shared parameters by the Schur complement, then the blocks by back-substitution. NaN where the damped
+    equations are singular still."""
     block = at.hessian_block + damping * torch.diag_embed(_diagonal(at.hessian_block))
     shared = at.hessian_shared + damping * torch.diag_embed(_diagonal(at.hessian_shared))
-    solved = torch.linalg.solve(block, torch.cat([at.hessian_cross, at.gradient_block.unsqueeze(-1)], -1))  # (V, B, S + 1)
+    solved = _solve(block, torch.cat([at.hessian_cross, at.gradient_block.unsqueeze(-1)], -1))  # (V, B, S + 1)
     from_cross, from_gradient = solved[..., :-1], solved[..., -1]
     cross = at.hessian_cross.flatten(0, 1)
     move_shared = torch.zeros_like(at.gradient_shared)
     if len(move_shared):
         schur = shared - cross.mT @ from_cross.flatten(0, 1)
-        move_shared = -torch.linalg.solve(schur, at.gradient_shared - cross.mT @ from_gradient.flatten())
+        move_shared = -_solve(schur, at.gradient_shared - cross.mT @ from_gradient.flatten())
     return move_shared, -(from_gradient + from_cross @ move_shared)
+
+
+def _solve(matrix: Tensor, right: Tensor) -> Tensor:
+    """The solution of (..., n, n) times it = `right`, (..., n, k) or (n,); NaN where the matrix is singular."""
+    solved, singular = torch.linalg.solve_ex(matrix, right)
+    failed = (singular != 0).reshape(singular.shape + (1,) * (right.ndim - singular.ndim))
+    return torch.where(failed, torch.nan, solved)
 
 
 def _diagonal(matrix: Tensor) -> Tensor:

@@ -12,18 +12,24 @@ from calib.session.schema import Number
 
 def freed(intrinsics: Intrinsics, cover: Cover, path: Path) -> dict[str, float]:
     """The prior's standard deviation of each parameter of the path that is described with one (SI units)."""
-    stated = {f"cover.{name}": number.sigma for name, number in cover.parameters.items()}
-    stated |= {name: number.sigma for name, number in _named(intrinsics).items()}
     known = {param.name for param in path.params}
-    return {name: sigma for name, sigma in stated.items() if sigma > 0 and name in known}
+    return {name: number.sigma for name, number in _stated(intrinsics, cover).items() if number.sigma > 0 and name in known}
 
 
 def with_estimates(intrinsics: Intrinsics, cover: Cover, joint: JointFit | None) -> tuple[Intrinsics, Cover]:
-    """The same description with the estimated parameters and their standard deviations."""
+    """The same description with the estimates and their standard deviations; parameters of a fit that is not finite stay as stated."""
     found = joint.estimates() if joint else {}
+    if joint and not joint.finite:
+        found = {
+            name: replace(number, sigma=stated.sigma) for name, stated in _stated(intrinsics, cover).items() if (number := found.get(name))
+        }
     parameters = {name: found.get(f"cover.{name}", number) for name, number in cover.parameters.items()}
     fx, fy, cx, cy, *lens = (found.get(name, number) for name, number in _named(intrinsics).items())
     return Intrinsics(fx, fy, cx, cy, tuple(lens)), replace(cover, parameters=parameters)
+
+
+def _stated(intrinsics: Intrinsics, cover: Cover) -> dict[str, Number]:
+    return {f"cover.{name}": number for name, number in cover.parameters.items()} | _named(intrinsics)
 
 
 def _named(intrinsics: Intrinsics) -> dict[str, Number]:

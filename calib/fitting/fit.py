@@ -70,7 +70,7 @@ def fit(session: Session, settings: Settings, progress: Progress) -> Calibration
         exact_hit=settings.exact_hit,
         views=views,
         poses=fitted.poses.numpy(),
-        covariance=joint.covariance.numpy() if joint else np.zeros((0, 0)),
+        covariance=joint.known_covariance if joint else np.zeros((0, 0)),
         rejected=rejected,
         stages=fitted.stages,
         noise_px=short_scale_noise(on_board(fitted.residuals.image, views), session.board),

@@ -53,7 +53,11 @@ def test_every_example_is_understood_and_opens_nothing(scheme: Scheme) -> None:
 
 @pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)
 def test_every_backend_says_what_there_is(scheme: Scheme) -> None:
-    for camera in scheme.backend().inventory().cameras:
+    found = scheme.backend().inventory()
+    assert found.missing == "" or found.missing.endswith(".")
+    assert not (found.missing and found.cameras)
+    for camera in found.cameras:
+        assert camera.source.startswith(f"{scheme.name}:")
         open_source(camera.source)
 
 

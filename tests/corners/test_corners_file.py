@@ -4,10 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from calib.corners.corners_file import read_corners, write_corners
 from calib.corners.view import View
-from calib.errors import InputError
+from calib.errors import InputError, NotEnoughDataError
 from calib.session.board import Board
 
 BOARD = Board(4, 3, 0.02)
@@ -60,3 +62,90 @@ def test_name_that_would_not_read_back_is_refused(name: str, tmp_path: Path) -> 
 def test_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"c\.vnl cannot be read"):
         read_corners(tmp_path / "c.vnl", BOARD)
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("corners") / "c.vnl"
+
+
+names = st.text(min_size=1, max_size=12).filter(lambda name: name.split() == [name] and not name.startswith("#"))
+pixel = st.floats(allow_nan=False, allow_infinity=False)
+levels = st.one_of(st.none(), st.integers(0, 1000))
+
+
+@given(
+    st.dictionaries(names, st.lists(st.tuples(pixel, pixel, levels), min_size=BOARD.count, max_size=BOARD.count), min_size=1, max_size=3)
+)
+def test_any_views_read_as_they_were_written(file: Path, made: dict[str, list[tuple[float, float, int | None]]]) -> None:
+    """To the last bit, with weights that are whole levels; a view without a corner is left out, as it shows no board."""
+    views = [
+        View(
+            name,
+            np.array([(x, y) if level is not None else (np.nan, np.nan) for x, y, level in rows]),
+            np.array([0.0 if level is None else 0.5**level for _, _, level in rows]),
+        )
+        for name, rows in made.items()
+    ]
+    write_corners(file, views)
+    shown = [view for view in views if view.count]
+    if not shown:
+        with pytest.raises(NotEnoughDataError, match="none with a board"):
+            read_corners(file, BOARD)
+        return
+    read = read_corners(file, BOARD)
+    assert [view.name for view in read] == [view.name for view in shown]
+    for got, expected in zip(read, shown, strict=True):
+        np.testing.assert_array_equal(got.corners, expected.corners)
+        np.testing.assert_array_equal(got.weight, expected.weight)
+
+
+@given(st.floats(1e-300, 1))
+def test_any_weight_comes_back_to_what_its_level_can_say(file: Path, weight: float) -> None:
+    """A level of up to 1000 has its last bit at 1.1e-13: half of it, times log 2, is the weight's."""
+    write_corners(file, [View("a", np.zeros((BOARD.count, 2)), np.full(BOARD.count, weight))])
+    assert read_corners(file, BOARD)[0].weight == pytest.approx(weight, rel=4e-14)
+
+
+fields = st.one_of(
+    st.sampled_from(["-", "a", "b.png", "0", "1.5", "-1", "1e999", "nan", "1_0", "#", "# filename x y level", "# x filename y x"]),
+    st.floats().map(repr),
+    st.text(max_size=6),
+)
+lines = st.lists(st.lists(fields, max_size=5).map(" ".join), max_size=15).map("\n".join)
+changes = st.lists(st.tuples(st.integers(0, 10), st.integers(0, 3), fields), max_size=3)
+
+
+@st.composite
+def near_misses(draw: st.DrawFn) -> str:
+    """A good file with a few of its fields changed, or a line too many or too few."""
+    table = [["a", "1.5", "2.5", "0"] for _ in range(BOARD.count + draw(st.sampled_from([0, 0, 0, 1, -1])))]
+    for row, column, field in draw(changes):
+        table[row][column] = field
+    return "\n".join(["# filename x y level", *map(" ".join, table)])
+
+
+def read_or_refused(file: Path, text: str) -> None:
+    file.write_text(text, encoding="utf-8", newline="")
+    views: tuple[View, ...] = ()
+    refused = ""
+    try:
+        views = read_corners(file, BOARD)
+    except (InputError, NotEnoughDataError) as error:
+        refused = str(error)
+    assert bool(views) != refused.startswith(str(file))
+    assert "\n" not in refused
+    for view in views:
+        assert view.corners.shape == (BOARD.count, 2)
+        assert np.isfinite(view.corners[view.seen]).all()
+        assert view.count > 0
+
+
+@given(near_misses())
+def test_a_file_with_a_few_wrong_fields_is_read_or_refused_in_a_sentence(file: Path, text: str) -> None:
+    read_or_refused(file, text)
+
+
+@given(st.one_of(lines, lines.map(lambda text: f"# filename x y level\n{text}")))
+def test_any_text_is_read_or_refused_in_a_sentence(file: Path, text: str) -> None:
+    read_or_refused(file, text)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from calib.apply.map_uncertainty import predicted_sigma
 from calib.calibration import Calibration
@@ -16,6 +17,9 @@ from calib.diagnosis.selection import Trial
 from calib.diagnosis.sentences import verdict
 from calib.effects.board_bow import BoardBow
 from calib.errors import InputError, NotEnoughDataError
+from calib.estimation.joint_fit import JointFit
+from calib.estimation.levenberg_marquardt import Outcome
+from calib.estimation.parameters import Parameters
 from calib.progress import Silent
 from tests.diagnosis.hide import fitted, hidden
 
@@ -126,6 +130,15 @@ def test_what_helps_at_the_fitted_depths_only_is_not_taken() -> None:
     failed = Trial(test, folds, bands=worse)
     assert not failed.passes
     assert verdict(failed, taken=False) == "fails at other depths"
+
+
+def test_a_candidate_whose_fit_is_not_finite_is_not_taken() -> None:
+    test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
+    nothing = torch.zeros(0, 0, dtype=torch.float64)
+    joint = JointFit({}, nothing, nothing, 0.1, None, Parameters.none({}), Outcome.NOT_FINITE, 1)
+    trial = Trial(test, joint=joint)
+    assert not trial.passes
+    assert verdict(trial, taken=False) == "not finite"
 
 
 def test_maps_of_a_diagnosed_calibration_carry_their_sigma(found: tuple[Calibration, Diagnosis]) -> None:

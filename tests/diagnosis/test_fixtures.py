@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from calib.calibration import Calibration
+from calib.corners.detect_all import detect
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.finding import Diagnosis
 from calib.fitting.fit import fit
 from calib.fitting.stages import Settings
 from calib.progress import Silent
 from calib.session.session import read_session
-from tests.truth import map_error
+from tests.truth import detected_off, map_error
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 HIDDEN = {
@@ -36,9 +37,19 @@ def finding(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[str, Calibr
     return name, *diagnose(fit(session, Settings(), Silent()), Silent(), holdout)
 
 
+def detector_error(name: str, folder: Path) -> float:
+    """px RMS between the detected corners of the held-out views and the true ones."""
+    session = read_session(folder / name / "holdout")
+    with np.load(FIXTURES / name / "holdout" / "truth.npz") as truth:
+        off = detected_off(detect(session.frames, session.board).views, truth["corners"])
+    return float(np.sqrt((off**2).sum(-1).mean()))
+
+
 @pytest.mark.slow
-def test_what_is_hidden_is_found(finding: tuple[str, Calibration, Diagnosis]) -> None:
-    """Held out, the error ends within a fifth of what the true corners leave: the detector's own error in these pictures."""
+def test_what_is_hidden_is_found(finding: tuple[str, Calibration, Diagnosis], tmp_path: Path) -> None:
+    """Held out, the error ends within a twentieth of the detector's own, against the true corners of the same pictures: 0.986 to 1.013
+    times it was measured, as six numbers of a pose take up 2 % of it and what the fit does not know adds about as much. Of a moving board,
+    half of the corners tell twelve numbers for the other half, which adds 7 % on average and more towards the board's edge: 1.14."""
     name, better, said = finding
     print(name, said.accepted, said.before.held_out_px, said.after.held_out_px)
     assert said.accepted == HIDDEN[name]
@@ -52,8 +63,7 @@ def test_what_is_hidden_is_found(finding: tuple[str, Calibration, Diagnosis]) ->
     if "board_scale" in HIDDEN[name]:
         value, sigma = parameters["board_scale.x_over_y"]
         assert abs(float(value) - told["print_stretch"]) < 3 * float(sigma) + 2e-5  # its square: that is a ratio, ours a difference
-    floor = 0.045 if name != "clean" else 0.036
-    assert said.after.held_out_px < floor
+    assert said.after.held_out_px < (1.2 if name == "shutter" else 1.05) * detector_error(name, tmp_path)
     if name == "tilted":  # absorbed by the relief: nothing to find, and the maps are right
         error = map_error(better, FIXTURES / name / "truth.npz", near=40.0)
         print(error.by_depth)

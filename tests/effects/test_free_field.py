@@ -40,7 +40,9 @@ def test_the_evidence_is_the_residual_s_probability() -> None:
 
 @pytest.mark.parametrize(("size", "knee"), [(2e-5, 1.0), (2e-4, 2.0), (1e-3, 8.0)])
 def test_scales_that_made_the_field_are_found_again(size: float, knee: float) -> None:
-    """To a step of the grid, which is a factor of two in either; a fit has no more than 162 numbers to learn it from."""
+    """The nearest of those that are asked, a factor of 10^(1/3) apart in size and of 2 in knee: half a step in the logarithm. One fit has
+    no more than 162 numbers to learn it from, and is some steps off in one of three where the field is as small as the noise; so the
+    median of five."""
     chosen = [FIELD.tuned(columns.T @ columns, columns.T @ residual) for columns, residual in (observed(size, knee, s) for s in range(5))]
-    assert np.median([one.size for one in chosen]) == pytest.approx(size, rel=1.2)
-    assert np.median([one.knee for one in chosen]) == pytest.approx(knee, rel=1.01)
+    assert abs(np.log(np.median([one.size for one in chosen]) / size)) < np.log(10) / 6
+    assert abs(np.log2(np.median([one.knee for one in chosen]) / knee)) < 1 / 2

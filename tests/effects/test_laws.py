@@ -60,6 +60,7 @@ def test_neutral_numbers_change_no_landing(form: Form) -> None:
 def test_its_numbers_are_read_by_the_path(form: Form) -> None:
     """What a path does not tell of, no fit estimates."""
     read = {param.name: param for param in form.model.path.params}
+    assert form.effect.unknowns or form.effect.per_view
     for unknown in form.effect.unknowns:
         assert read[unknown.param.name] == unknown.param
         assert unknown.param.name.startswith(f"{form.effect.name}.")

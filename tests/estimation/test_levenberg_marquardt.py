@@ -8,7 +8,8 @@ import torch
 from scipy.optimize import least_squares
 from torch import Tensor
 
-from calib.estimation.levenberg_marquardt import Linearised, Outcome, minimise, normal_equations
+from calib.estimation import levenberg_marquardt
+from calib.estimation.levenberg_marquardt import TRIES, Linearised, Outcome, minimise, normal_equations
 
 
 class Curves:
@@ -172,3 +173,106 @@ def test_the_schur_complement_is_the_dense_one() -> None:
     keep = torch.eye(48, dtype=torch.float64) - own @ torch.linalg.pinv(own)
     assert hessian.item() == pytest.approx(float(dense[:, 0] @ keep @ dense[:, 0]), rel=1e-6)
     assert gradient.item() == pytest.approx(float(dense[:, 0] @ keep @ residual[:, 0]), rel=1e-6)
+
+
+class Ruined(Curves):
+    """Curves whose Jacobian stops being finite after some linearisations, and that count how often they are asked."""
+
+    def __init__(self, sound: int) -> None:
+        super().__init__(0, blocks=3, noise=0.0)
+        self.sound = sound
+        self.linearised = self.costs = 0
+
+    def cost(self, shared: Tensor, blocks: Tensor) -> float:
+        self.costs += 1
+        assert self.costs < 100, "the solver hangs"
+        return super().cost(shared, blocks)
+
+    def linearise(self, shared: Tensor, blocks: Tensor) -> list[Linearised]:
+        self.linearised += 1
+        pieces = super().linearise(shared, blocks)
+        if self.linearised > self.sound:
+            pieces[1].jacobian_shared[4, 0, 0] = torch.nan
+        return pieces
+
+
+def test_a_jacobian_that_is_not_finite_ends_the_fit_where_it_is() -> None:
+    problem = Ruined(sound=0)
+    solution = minimise(problem, *start(problem))
+    assert solution.outcome is Outcome.NOT_FINITE
+    assert (problem.costs, problem.linearised) == (1, 1)
+    assert torch.equal(solution.shared, start(problem)[0])
+    assert torch.equal(solution.blocks, start(problem)[1])
+    assert all(part.isnan().all() for part in solution.equations.schur_complement())
+
+
+@pytest.mark.parametrize("steps", [50, 1])
+def test_a_jacobian_that_is_not_finite_after_a_step_keeps_what_the_step_gained(steps: int) -> None:
+    """With one step, it is seen only once the steps are used up."""
+    problem = Ruined(sound=1)
+    solution = minimise(problem, *start(problem), steps=steps)
+    assert solution.outcome is Outcome.NOT_FINITE
+    assert problem.linearised == 2
+    assert problem.costs <= 1 + TRIES
+    assert solution.cost < Curves.cost(problem, *start(problem))
+
+
+def test_a_cost_that_is_infinite_everywhere_is_not_called_converged() -> None:
+    class Nowhere(Curves):
+        def cost(self, shared: Tensor, blocks: Tensor) -> float:
+            del shared, blocks
+            return float("inf")
+
+    problem = Nowhere(0, blocks=2, noise=0.0)
+    solution = minimise(problem, *start(problem))
+    assert solution.outcome is Outcome.NOT_FINITE
+    assert torch.equal(solution.shared, start(problem)[0])
+
+
+class Straight(Curves):
+    """Rows that are linear: their Jacobian is kept."""
+
+    def __init__(self, jacobian_block: Tensor, jacobian_shared: Tensor) -> None:
+        super().__init__(0, blocks=3, noise=0.0)
+        self.jacobians = jacobian_block, jacobian_shared
+
+    def curve(self, shared: Tensor, blocks: Tensor) -> Tensor:
+        block, whole = self.jacobians if hasattr(self, "jacobians") else (torch.ones(36, 2, dtype=torch.float64),) * 2
+        return (block * blocks[self.block]).sum(-1) + whole[:, 0] * shared
+
+    def linearise(self, shared: Tensor, blocks: Tensor) -> list[Linearised]:
+        by_block, by_shared = (jacobian.unsqueeze(1) for jacobian in self.jacobians)
+        return [Linearised(self.starts, self.residual(shared, blocks), by_block, by_shared)]
+
+
+def test_singular_blocks_are_fitted_as_far_as_the_rows_say() -> None:
+    """One block's two parameters do the same, another's do nothing: the oracle is the least-norm solution of the dense equations."""
+    rng = torch.Generator().manual_seed(0)
+    block = torch.rand(36, 2, generator=rng, dtype=torch.float64)
+    block[:12, 1] = block[:12, 0]
+    block[12:24] = 0
+    shared = torch.rand(36, 1, generator=rng, dtype=torch.float64)
+    problem = Straight(block, shared)
+    solution = minimise(problem, *start(problem))
+    dense = torch.cat([shared, *(torch.where((problem.block == v)[:, None], block, 0.0) for v in range(3))], 1)
+    least = np.linalg.lstsq(dense.numpy(), problem.y.numpy(), rcond=None)[0]
+    left = dense.numpy() @ least - problem.y.numpy()
+    assert solution.outcome is Outcome.CONVERGED
+    assert solution.cost == pytest.approx(float(left @ left), rel=1e-9)
+    assert torch.equal(solution.blocks[1], torch.ones(2, dtype=torch.float64)), "nothing moves what nothing sees"
+    assert all(part.isfinite().all() for part in solution.equations.schur_complement())
+
+
+def test_equations_that_overflow_end_in_an_outcome() -> None:
+    """Finite rows whose squares are not."""
+    problem = Straight(torch.full((36, 2), 1e200, dtype=torch.float64), torch.ones(36, 1, dtype=torch.float64))
+    assert minimise(problem, torch.zeros(1, dtype=torch.float64), torch.zeros(3, 2, dtype=torch.float64)).outcome is Outcome.NOT_FINITE
+
+
+def test_equations_that_stay_singular_end_in_an_outcome(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No damping helps where the damped matrix is singular to rounding: the tries end, and no LinAlgError is raised."""
+    monkeypatch.setattr(levenberg_marquardt, "_diagonal", lambda matrix: torch.zeros_like(matrix.diagonal(dim1=-2, dim2=-1)))
+    problem = Straight(torch.ones(36, 2, dtype=torch.float64), torch.ones(36, 1, dtype=torch.float64))
+    solution = minimise(problem, *start(problem))
+    assert solution.outcome is Outcome.NOT_FINITE
+    assert solution.iterations == 1

@@ -13,7 +13,10 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.corners.view import View
+from calib.diagnosis.diagnose import diagnose
 from calib.errors import InputError, NotEnoughDataError
+from calib.estimation import joint_fit
+from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refit_poses
 from calib.fitting.fit import fit
@@ -156,3 +159,18 @@ def test_a_number_with_a_sigma_is_estimated(made: Scene, tmp_path: Path) -> None
     assert 0 < result.camera.intrinsics.fx.sigma < 30
     assert result.camera.intrinsics.fy == INTRINSICS.fy
     assert result.covariance.shape == (17, 17)
+
+
+def test_a_fit_that_is_not_finite_is_told_and_keeps_no_covariance(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Over a noise of 1e-300 px, the residuals' squares overflow."""
+    monkeypatch.setattr(joint_fit, "FIRST_SIGMA", 1e-300)
+    free = {"fx": {"value": 2570.0, "sigma": 30.0}, "fy": 2558.36, "cx": 1666.03, "cy": 1273.65}
+    result = fitted(spoiled(tmp_path, scene(21, views=10, noise=0.05), camera__intrinsics=free))
+    assert Outcome.NOT_FINITE.value in remarks(result)
+    read = Calibration.load(result.save(tmp_path))
+    assert read.covariance.size == 0
+    assert Outcome.NOT_FINITE.value in remarks(read)
+    assert read.camera.intrinsics
+    assert read.camera.intrinsics.fx.sigma == 30.0, "no better known than was stated"
+    with pytest.raises(NotEnoughDataError, match="not finite"):
+        diagnose(read, Silent())
