@@ -6,7 +6,7 @@ import sys
 STYLE = (["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"])
 """What .pre-commit-config.yaml runs too."""
 COVERAGE = ("--cov=calib", "--cov=capture", "--cov-report=")
-"""Counted here, and reported below in one figure."""
+"""Reported below in one figure. What tests run in processes of their own is not counted."""
 
 if __name__ == "__main__":
     pytest = ["pytest", "-n", "2", "--dist", "loadfile", *COVERAGE, *sys.argv[1:]]
