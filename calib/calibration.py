@@ -151,8 +151,9 @@ class Calibration:
         made = self.ray_field().map_at(depth)
         return made.x, made.y
 
-    def save(self, folder: FilePath) -> FilePath:
+    def save(self, folder: str | FilePath) -> FilePath:
         """Write calibration.yaml and calibration.npz into a folder, and return the first's path."""
+        folder = FilePath(folder)
         make_folder(folder)
         digest = save_npz(
             folder / "calibration.npz",

@@ -3,10 +3,15 @@
 import subprocess
 import sys
 
-CHECKS = (["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"], ["pytest", "-n", "2", "--dist", "loadfile", *sys.argv[1:]])
+STYLE = (["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"])
+"""What .pre-commit-config.yaml runs too."""
+COVERAGE = ("--cov=calib", "--cov=capture", "--cov-report=")
+"""Reported below in one figure. What tests run in processes of their own is not counted."""
 
-for check in CHECKS:
-    print("$", *check, flush=True)
-    code = subprocess.run([sys.executable, "-m", *check], check=False).returncode
-    if code:
-        sys.exit(code)
+if __name__ == "__main__":
+    pytest = ["pytest", "-n", "2", "--dist", "loadfile", *COVERAGE, *sys.argv[1:]]
+    for check in (*STYLE, pytest, ["coverage", "report", "--format=total"]):
+        print("$", *check, flush=True)
+        code = subprocess.run([sys.executable, "-m", *check], check=False).returncode
+        if code:
+            sys.exit(code)

@@ -62,3 +62,9 @@ def test_importing(module: str) -> None:
     code = f"import sys, {module}; print('\\n'.join(sys.modules))"
     loaded = set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split())
     assert not loaded & FORBIDDEN[module]
+
+
+def test_reading_a_session_by_the_librarys_face_loads_no_torch() -> None:
+    code = "import sys, calib; calib.read_session; print('\\n'.join(sys.modules))"
+    loaded = set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split())
+    assert not loaded & {"torch", "rich", "capture"}

@@ -25,7 +25,7 @@ from calib.estimation.noise import burst_noise, on_board, short_scale_noise
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
 from calib.fitting.evaluate import evaluate
-from calib.progress import Progress
+from calib.progress import Progress, Silent
 from calib.session.session import Session
 from calib.threads import single_thread
 
@@ -36,7 +36,7 @@ NOTICEABLE = 0.03
 """Of the variance, above chance: less is not worth a word."""
 
 
-def diagnose(calibration: Calibration, progress: Progress, holdout: Session | None = None) -> tuple[Calibration, Diagnosis]:
+def diagnose(calibration: Calibration, progress: Progress = Silent(), holdout: Session | None = None) -> tuple[Calibration, Diagnosis]:
     """Run the loop.
 
     Args:

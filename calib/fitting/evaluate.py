@@ -16,7 +16,7 @@ from calib.estimation.residuals import Residuals, residuals
 from calib.fitting.inputs import read_views
 from calib.optics.params import Values
 from calib.optics.path import Path
-from calib.progress import Progress
+from calib.progress import Progress, Silent
 from calib.session.session import Session
 from calib.threads import single_thread
 
@@ -49,7 +49,7 @@ class Evaluation:
     """Pictures in which no board with enough corners was found. No view is dropped for its error."""
 
 
-def evaluate(calibration: Calibration, session: Session, progress: Progress, *, halves: bool = False) -> Evaluation:
+def evaluate(calibration: Calibration, session: Session, progress: Progress = Silent(), *, halves: bool = False) -> Evaluation:
     """Refit the poses of a session's views, with the camera and cover of a calibration, and measure what is left.
 
     Args:

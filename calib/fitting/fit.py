@@ -17,7 +17,7 @@ from calib.fitting.cross_validation import GRID_FOLDS, choose_grid, cross_valida
 from calib.fitting.inputs import gather
 from calib.fitting.provenance import KEY, provenance
 from calib.fitting.stages import Settings, Setup, fit_stages
-from calib.progress import Progress
+from calib.progress import Progress, Silent
 from calib.session.freeing import with_free
 from calib.session.session import Session
 from calib.threads import single_thread
@@ -31,7 +31,7 @@ GAUGES = {
 }
 
 
-def fit(session: Session, settings: Settings, progress: Progress) -> Calibration:
+def fit(session: Session, settings: Settings = Settings(), progress: Progress = Silent()) -> Calibration:
     """Calibrate a session.
 
     Raises:

@@ -47,10 +47,10 @@ class Session:
     """The same camera without the cover."""
 
 
-def read_session(path: Path) -> Session:
+def read_session(path: str | Path) -> Session:
     """Read and check a session folder; an InputError says what is wrong, where, and what to write instead."""
     try:
-        return _read(path, bare_of=None)
+        return _read(Path(path), bare_of=None)
     except OSError as error:
         raise InputError(f"{error.filename or path} cannot be read ({error.strerror}): check its name and permissions.") from error
 

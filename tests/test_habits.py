@@ -1,0 +1,24 @@
+"""What runs before a commit and on GitHub is what the README's test command runs."""
+
+import re
+from pathlib import Path
+
+import yaml
+
+from tests.__main__ import STYLE
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_the_hooks_are_the_checks() -> None:
+    (repository,) = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))["repos"]
+    assert repository["repo"] == "local"
+    assert [hook["entry"] for hook in repository["hooks"]] == [" ".join([".venv/bin/python -m", *check]) for check in STYLE]
+
+
+def test_github_runs_the_test_command_of_the_readme() -> None:
+    command = re.search(r"Run all checks .*?```\n(.*?)\n```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    job = yaml.safe_load((ROOT / ".github" / "workflows" / "checks.yml").read_text(encoding="utf-8"))["jobs"]["checks"]
+    assert command
+    assert command[1] in [step.get("run") for step in job["steps"]]
+    assert job["strategy"]["matrix"] == {"os": ["ubuntu-24.04", "ubuntu-24.04-arm"], "python": ["3.11", "3.13"]}
