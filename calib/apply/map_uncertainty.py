@@ -20,7 +20,7 @@ from calib.estimation.residual_blocks import ROWS
 from calib.estimation.stated_priors import freed
 from calib.optics.params import Values
 from calib.optics.path import Path
-from calib.undistortion.ray_field import DepthMap
+from calib.undistortion.depth_map import DepthMap
 
 Array = NDArray[np.float64]
 
