@@ -77,7 +77,7 @@ class RayField:
     def distorted(self, pixels: Array, depth: float | Array) -> tuple[Array, Mask]:
         """(N, 2) undistorted px at depth m, one for all or (N,), to (N, 2) distorted px, and (N,) whether the camera sees them."""
         each = np.broadcast_to(np.asarray(depth, dtype=np.float64), len(pixels))
-        starts = self.forward(float(np.median(each))).starts(pixels)
+        starts = self.forward(float(np.median(each)) if len(each) else np.inf).starts(pixels)
         found, converged = solve(lambda some, rows: self._undistort(some, each[rows]), starts, pixels)
         return found, converged & self.sees(found[:, 0], found[:, 1], each)
 
