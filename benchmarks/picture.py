@@ -12,7 +12,7 @@ from calib.fitting.stages import Settings
 from calib.io.images import read_grey
 from calib.progress import Silent
 from calib.session.session import read_session
-from calib.undistortion.ray_field import DepthMap
+from calib.undistortion.depth_map import DepthMap
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt

@@ -23,6 +23,7 @@ FORBIDDEN = {
     "calib.estimation.objective": {"cv2", "rich", "calib.session.session", "calib.calibration", "capture"},
     "calib.estimation.joint_fit": {"cv2", "rich", "calib.session.session", "calib.calibration", "capture"},
     "calib.fitting.evaluate": {"rich", "calib.fitting.fit", "calib.estimation.gradient_fit", "capture"},
+    "calib.undistortion.depth_map": {"torch", "cv2", "rich", "calib.undistortion.ray_field", "capture"},
     "calib.calibration": {"rich", "calib.fitting.fit", "calib.estimation.levenberg_marquardt", "capture"},
     "calib.fitting.fit": {"rich", "textual", "matplotlib", "capture"},
     "calib.planning.design": {"torch", "cv2", "capture"},

@@ -19,7 +19,7 @@ from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import ROWS
 from calib.optics.path import Path
-from calib.undistortion.ray_field import DepthMap
+from calib.undistortion.depth_map import DepthMap
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,8 @@ from calib.apply.map_uncertainty import SigmaField, predicted_sigma
 from calib.calibration import Calibration
 from calib.io.files import make_folder, save_npz
 from calib.progress import Progress
-from calib.undistortion.ray_field import DepthMap, RayField
+from calib.undistortion.depth_map import DepthMap
+from calib.undistortion.ray_field import RayField
 
 ARRAYS = ("nodes_x", "nodes_y", "infinite", "parallax", "valid", "nearest")
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.export.central import CentralModel
 from calib.io.files import write_atomically
-from calib.undistortion.ray_field import DepthMap
+from calib.undistortion.depth_map import DepthMap
 
 
 def storage(model: CentralModel, suffix: str) -> str:

@@ -1,7 +1,7 @@
 """Undistortion where every pixel has its own depth: the inverse as a polynomial in inverse depth.
 
 For one undistorted pixel, the distorted one moves smoothly with inverse depth. So a few maps, at the Chebyshev nodes between infinity and
-the nearest depth, give a polynomial for each pixel; its coefficients are as smooth over the picture as the maps, and are splined alike.
+the nearest depth, give a polynomial for each pixel; its coefficients are as smooth over the picture as the maps, and splines hold them too.
 """
 
 from __future__ import annotations
@@ -73,11 +73,11 @@ def depth_stack(field: RayField, window: Window, near: float) -> DepthStack:
     for degree in DEGREES:
         at = np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
         between = np.cos(np.pi * np.arange(degree + 2) / (degree + 1))
-        solved = [invert_on(field, _depth(t, near), window, columns, rows)[0] for t in at]
+        solved = [invert_on(field.forward(_depth(t, near)), window, columns, rows)[0] for t in at]
         powers = np.tensordot(np.linalg.inv(np.vander(at, increasing=True)), np.stack([one.nodes for one in solved]), 1)
         off, cells = np.zeros(corners), np.ones((corners[0] - 1, corners[1] - 1), dtype=bool)
         for t in (*at, *between):
-            exact, _ = invert_on(field, _depth(t, near), window, columns, rows)
+            exact, _ = invert_on(field.forward(_depth(t, near)), window, columns, rows)
             seen = field.sees(exact.nodes[..., 0], exact.nodes[..., 1], np.inf)
             missed = np.linalg.norm(np.tensordot(t ** np.arange(degree + 1), powers, 1) - exact.nodes, axis=-1)
             off = np.maximum(off, np.where(seen, missed, 0))
@@ -91,7 +91,7 @@ def depth_stack(field: RayField, window: Window, near: float) -> DepthStack:
 
 def _finest(field: RayField, window: Window, depths: tuple[float, ...]) -> tuple[Array, Array]:
     """The nodes of the finest grid that one of the depths needs."""
-    inverses = [invert(field, depth, window) for depth in depths]
+    inverses = [invert(field.forward(depth), window) for depth in depths]
     most = max(inverses, key=lambda inverse: inverse.cells.size)
     return most.columns, most.rows
 

@@ -17,6 +17,7 @@ def grid(size: int, spacing: float, margin: float) -> Array:
 
 
 def middles(nodes: Array) -> Array:
+    """(n - 1,) halfway between each two of (n,) nodes."""
     return np.asarray((nodes[1:] + nodes[:-1]) / 2)
 
 
@@ -31,12 +32,12 @@ def all_corners(nodes: Mask) -> Mask:
 
 
 def inner(sure: Mask) -> Mask:
-    """What is further than two cells from any that is not sure: finer nodes would not help there."""
+    """(h, w) which cells are more than two away from every one that is not sure, of (h, w): finer nodes would not help the others."""
     return sure if sure.all() else np.asarray(distance_transform_edt(sure) > 2)
 
 
-def carried_on(field: Array, valid: Mask) -> Array:
-    """The field with what is not valid replaced by its nearest valid neighbour's value."""
+def extrapolated(field: Array, valid: Mask) -> Array:
+    """The (h, w, ...) field, with the value of the nearest valid node where it is not valid itself."""
     if valid.all():
         return field
     nearest = distance_transform_edt(~valid, return_distances=False, return_indices=True)

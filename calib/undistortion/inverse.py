@@ -1,21 +1,21 @@
-"""The inverse of the rays at one depth: which distorted pixel sees each undistorted one, on a grid fine enough for a spline."""
+"""The inverse of undistortion at one depth: which distorted pixel sees each undistorted one, by Newton's method.
+
+Undistortion is known as a spline over distorted pixels (Forward). Its inverse is solved at the nodes of a grid over the undistorted
+picture. Where the spline through these solutions is not the inverse between them, a finer grid is tried (Inverse).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from calib.undistortion.grids import Array, Mask, all_corners, carried_on, grid, inner, middles
+from calib.undistortion.grids import Array, Mask, all_corners, extrapolated, grid, inner, middles
 from calib.undistortion.spline import Spline
 from calib.undistortion.window import Window
-
-if TYPE_CHECKING:
-    from calib.undistortion.ray_field import RayField
 
 COARSEST = 64
 """px between nodes, where the field is smooth."""
@@ -27,13 +27,43 @@ STARTS = 40_000
 """Nodes among which Newton's method seeks its start."""
 NEWTON_STEPS = 15
 LONGEST_STEP = 100.0
-"""px"""
+"""px: longer steps of Newton's method are shortened to this."""
 CONVERGED = 1e-6
-"""px"""
+"""px: the length of a step of Newton's method that is its last."""
 FOLDED = 1e-3
-"""The least determinant of the distortion's derivative: next to where no ray leaves the cover it goes through zero."""
+"""The least determinant of undistortion's Jacobian: next to where no ray leaves the cover it goes through zero."""
 
-Forward = Callable[[Array, NDArray[np.intp]], tuple[Array, Array]]
+Undistort = Callable[[Array, NDArray[np.intp]], tuple[Array, Array]]
+
+
+@dataclass(frozen=True, slots=True)
+class Forward:
+    """Undistortion at one depth: what is inverted."""
+
+    nodes_x: Array
+    """(w,) distorted px, evenly spaced"""
+    nodes_y: Array
+    """(h,) likewise"""
+    values: Array
+    """(h, w, 2) px of the bare pinhole camera"""
+    valid: Mask
+    """(h, w), false where no ray leaves the cover; the values are extrapolated there."""
+
+    @property
+    def spline(self) -> Spline:
+        """From distorted px to px of the bare pinhole camera."""
+        return Spline.through(self.nodes_x, self.nodes_y, self.values)
+
+    def starts(self, goal: Array) -> Array:
+        """(N, 2) distorted px from which Newton's method sets out for (N, 2) undistorted px: of some valid nodes, the one whose value is
+        nearest; the goal itself where no node is valid."""
+        every = max(1, int(np.ceil(np.sqrt(self.valid.size / STARTS))))
+        some = slice(every // 2, None, every)
+        valid = self.valid[some, some]
+        if not valid.any():
+            return goal.copy()
+        nodes = np.stack(np.meshgrid(self.nodes_x[some], self.nodes_y[some]), -1)[valid]
+        return np.asarray(nodes[KDTree(self.values[some, some][valid]).query(goal)[1]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,31 +81,40 @@ class Inverse:
 
     @property
     def spline(self) -> Spline:
-        """From undistorted to distorted px."""
+        """From px of the picture to distorted px."""
         return Spline.through(self.columns, self.rows, self.nodes)
 
 
-def invert(field: RayField, depth: float, window: Window) -> Inverse:
-    """Solve on finer and finer grids, down to the field's own spacing, until the spline between the nodes is the inverse, too."""
-    for spacing in spacings(min(SPACING, field.spacing)):
+def invert(forward: Forward, window: Window) -> Inverse:
+    """Solve on finer and finer grids, down to the spacing of `forward`, until the spline between the nodes is the inverse, too."""
+    for spacing in spacings(min(SPACING, float(forward.nodes_x[1] - forward.nodes_x[0]))):
         columns, rows = (grid(size, spacing / zoom, 0.0) for size, zoom in zip((window.width, window.height), window.zoom, strict=True))
-        inverse, sure = invert_on(field, depth, window, columns, rows)
+        inverse, sure = invert_on(forward, window, columns, rows)
         if inverse.cells.all() or (spacing <= SPACING and inverse.cells[inner(sure)].all()):
             break
     return inverse
 
 
-def invert_on(field: RayField, depth: float, window: Window, columns: Array, rows: Array) -> tuple[Inverse, Mask]:
-    """Solve for (w,) and (h,) nodes; and (h - 1, w - 1) between which four nodes the inverse exists. Elsewhere it is carried on."""
-    forward = field.spline(depth)
+def invert_on(forward: Forward, window: Window, columns: Array, rows: Array) -> tuple[Inverse, Mask]:
+    """Solve at the nodes of one grid.
+
+    Args:
+        columns: (w,) px of the picture.
+        rows: (h,) px of the picture.
+
+    Returns:
+        The inverse, extrapolated to nodes that no distorted pixel sees, and (h - 1, w - 1) between which four nodes it exists.
+    """
+    spline = forward.spline
     goal = _goal(window, columns, rows)
-    found, held = solve(field, lambda pixels, _: forward.at(pixels), goal.reshape(-1, 2), depth)
-    held = held.reshape(goal.shape[:2])
-    sure = all_corners(held)
+    flat = goal.reshape(-1, 2)
+    found, converged = solve(lambda pixels, _: spline.at(pixels), forward.starts(flat), flat)
+    converged = converged.reshape(goal.shape[:2])
+    sure = all_corners(converged)
     if not sure.any():
         return Inverse(columns, rows, goal, sure), sure
-    nodes = goal + carried_on(found.reshape(goal.shape) - goal, held)
-    return Inverse(columns, rows, nodes, sure & _inverts(forward, window, columns, rows, nodes)), sure
+    nodes = goal + extrapolated(found.reshape(goal.shape) - goal, converged)
+    return Inverse(columns, rows, nodes, sure & _inverts(spline, window, columns, rows, nodes)), sure
 
 
 def spacings(finest: float) -> Iterator[float]:
@@ -86,31 +125,43 @@ def spacings(finest: float) -> Iterator[float]:
         spacing /= 2
 
 
-def solve(field: RayField, forward: Forward, goal: Array, depth: float) -> tuple[Array, Mask]:
-    """The (N, 2) distorted px of (N, 2) undistorted ones by Newton's method, and (N,) whether it converged.
+def solve(undistort: Undistort, starts: Array, goal: Array) -> tuple[Array, Mask]:
+    """Newton's method at N points at once.
 
     Args:
-        forward: (n, 2) distorted px, and which of the N they are, to (n, 2) undistorted px and their (n, 2, 2) derivatives.
-        depth: m, at which the start is sought.
+        undistort: from (n, 2) distorted px, and (n,) which of the N they are, to (n, 2) undistorted px and their (n, 2, 2) Jacobians.
+        starts: (N, 2) distorted px.
+        goal: (N, 2) undistorted px.
+
+    Returns:
+        (N, 2) distorted px, and (N,) whether the method converged.
     """
-    found = _starts(field, goal, depth)
-    still_open = np.arange(len(goal))
+    found = starts.copy()
+    remaining = np.arange(len(goal))
     for _ in range(NEWTON_STEPS):
-        reached, slopes = forward(found[still_open], still_open)
-        step, folded = newton_step(reached - goal[still_open], slopes)
+        reached, jacobian = undistort(found[remaining], remaining)
+        step, folded = newton_step(reached - goal[remaining], jacobian)
         length = np.hypot(step[:, 0], step[:, 1])
-        found[still_open] -= step * np.minimum(1, LONGEST_STEP / np.maximum(length, 1e-12))[:, None]
-        still_open = still_open[folded | ~(length <= CONVERGED)]
-        if not len(still_open):
+        found[remaining] -= step * np.minimum(1, LONGEST_STEP / np.maximum(length, 1e-12))[:, None]
+        remaining = remaining[folded | ~(length <= CONVERGED)]
+        if not len(remaining):
             break
     converged = np.ones(len(goal), dtype=bool)
-    converged[still_open] = False
+    converged[remaining] = False
     return found, converged
 
 
-def newton_step(error: Array, slopes: Array) -> tuple[Array, Mask]:
-    """(N, 2) px that (N, 2, 2) slopes ask for against (N, 2) errors, and (N,) where they fold: there it is the error itself."""
-    (a, b), (c, d) = slopes[:, 0].T, slopes[:, 1].T
+def newton_step(error: Array, jacobian: Array) -> tuple[Array, Mask]:
+    """The step of Newton's method, to be subtracted.
+
+    Args:
+        error: (N, 2) undistorted px minus the goal.
+        jacobian: (N, 2, 2) of undistorted by distorted px.
+
+    Returns:
+        (N, 2) distorted px, and (N,) whether the Jacobian's determinant is below FOLDED: there the step is the error itself.
+    """
+    (a, b), (c, d) = jacobian[:, 0].T, jacobian[:, 1].T
     det = a * d - b * c
     folded = ~(det >= FOLDED)
     safe = np.where(folded, 1.0, det)
@@ -126,22 +177,10 @@ def _goal(window: Window, columns: Array, rows: Array) -> Array:
     return at
 
 
-def _starts(field: RayField, goal: Array, depth: float) -> Array:
-    """(N, 2) distorted px: for each undistorted one, the valid node that comes nearest to it."""
-    every = max(1, int(np.ceil(np.sqrt(field.valid.size / STARTS))))
-    some = slice(every // 2, None, every)
-    valid = field.valid[some, some]
-    if not valid.any():
-        return goal.copy()
-    nodes = np.stack(np.meshgrid(field.nodes_x[some], field.nodes_y[some]), -1)[valid]
-    reached = (field.infinite[some, some] + field.parallax[some, some] / depth)[valid]
-    return np.asarray(nodes[KDTree(reached).query(goal)[1]])
-
-
 def _inverts(forward: Spline, window: Window, columns: Array, rows: Array, nodes: Array) -> Mask:
     """(h - 1, w - 1) whether the spline through the (h, w, 2) distorted nodes is the inverse between them as well."""
     across, down = middles(columns), middles(rows)
     goal = _goal(window, across, down).reshape(-1, 2)
-    reached, slopes = forward.at(Spline.through(columns, rows, nodes).on_grid(across, down).reshape(-1, 2))
-    off, folded = newton_step(reached - goal, slopes)
+    reached, jacobian = forward.at(Spline.through(columns, rows, nodes).on_grid(across, down).reshape(-1, 2))
+    off, folded = newton_step(reached - goal, jacobian)
     return np.asarray((~folded & (np.hypot(off[:, 0], off[:, 1]) < ACCEPTED)).reshape(len(down), len(across)))

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from calib.errors import InputError
 from calib.optics.params import Values
 from calib.optics.path import Path
-from calib.undistortion.grids import Array, Mask, all_corners, carried_on, cell, grid, inner, middles
-from calib.undistortion.inverse import ACCEPTED, SPACING, Inverse, invert, solve, spacings
+from calib.undistortion.depth_map import DepthMap, depth_map
+from calib.undistortion.grids import Array, Mask, all_corners, cell, extrapolated, grid, inner, middles
+from calib.undistortion.inverse import ACCEPTED, SPACING, Forward, invert, solve, spacings
 from calib.undistortion.spline import Spline
 from calib.undistortion.window import Window
 
@@ -36,19 +37,6 @@ CHUNK = 65_536
 
 
 @dataclass(frozen=True, slots=True)
-class DepthMap:
-    """Where the distorted picture holds each undistorted pixel, for cv2.remap."""
-
-    depth: float
-    """m"""
-    x: NDArray[np.float32]
-    """(height, width) px; -1 where not valid."""
-    y: NDArray[np.float32]
-    valid: Mask
-    """(height, width), false where the camera does not see that direction through its cover."""
-
-
-@dataclass(frozen=True, slots=True)
 class RayField:
     """A and B on a grid of distorted pixels."""
 
@@ -64,7 +52,7 @@ class RayField:
     """(h, w, 2) px m, B: what is added for each 1/m of inverse depth."""
     valid: Mask
     """(h, w), false where no ray leaves the cover, or where the lens or cover bends so sharply that the nodes do not hold it. A and B are
-    carried on there. Between four valid nodes, the splines are true."""
+    extrapolated there. Between four valid nodes, the splines are true."""
 
     nearest: Array
     """(h, w) m: how far in front of the camera its ray leaves the cover. It sees nothing nearer."""
@@ -74,24 +62,24 @@ class RayField:
         """The picture of the bare pinhole camera."""
         return Window(self.width, self.height)
 
-    @property
-    def spacing(self) -> float:
-        """px between nodes."""
-        return float(self.nodes_x[1] - self.nodes_x[0])
+    def forward(self, depth: float) -> Forward:
+        """From distorted to undistorted px at depth m, at the nodes and between them; infinity is a depth."""
+        return Forward(self.nodes_x, self.nodes_y, self.infinite + self.parallax / depth, self.valid)
 
     def spline(self, depth: float) -> Spline:
         """From distorted to undistorted px at depth m."""
-        return Spline.through(self.nodes_x, self.nodes_y, self.infinite + self.parallax / depth)
+        return self.forward(depth).spline
 
     def undistorted(self, pixels: Array, depth: float | Array) -> Array:
         """(N, 2) distorted px to (N, 2) undistorted px at depth m, one for all or (N,)."""
-        return self._forward(pixels, depth)[0]
+        return self._undistort(pixels, depth)[0]
 
     def distorted(self, pixels: Array, depth: float | Array) -> tuple[Array, Mask]:
         """(N, 2) undistorted px at depth m, one for all or (N,), to (N, 2) distorted px, and (N,) whether the camera sees them."""
         each = np.broadcast_to(np.asarray(depth, dtype=np.float64), len(pixels))
-        found, held = solve(self, lambda some, rows: self._forward(some, each[rows]), pixels, float(np.median(each)))
-        return found, held & self.sees(found[:, 0], found[:, 1], each)
+        starts = self.forward(float(np.median(each)) if len(each) else np.inf).starts(pixels)
+        found, converged = solve(lambda some, rows: self._undistort(some, each[rows]), starts, pixels)
+        return found, converged & self.sees(found[:, 0], found[:, 1], each)
 
     def sees(self, x: NDArray[np.floating], y: NDArray[np.floating], depth: float | NDArray[np.floating]) -> Mask:
         """(...) whether distorted px lie on the image, see through the cover, and see as near as depth m."""
@@ -109,28 +97,14 @@ class RayField:
         """The map of one depth, in m; infinity is a depth. By default, of the picture that the bare pinhole camera takes."""
         check_depth(depth)
         window = window or self.window
-        return self._filled(invert(self, depth, window), depth, window)
+        return depth_map(invert(self.forward(depth), window), depth, window, self.sees)
 
-    def _forward(self, pixels: Array, depth: float | Array) -> tuple[Array, Array]:
+    def _undistort(self, pixels: Array, depth: float | Array) -> tuple[Array, Array]:
+        """(N, 2) undistorted px and their (N, 2, 2) Jacobians by (N, 2) distorted px, at depth m, one for all or (N,)."""
         both = Spline.through(self.nodes_x, self.nodes_y, np.concatenate([self.infinite, self.parallax], -1))
-        value, slopes = both.at(pixels)
-        near = 1 / np.broadcast_to(np.asarray(depth, dtype=np.float64), len(pixels))
-        return value[:, :2] + near[:, None] * value[:, 2:], slopes[:, :2] + near[:, None, None] * slopes[:, 2:]
-
-    def _filled(self, inverse: Inverse, depth: float, window: Window) -> DepthMap:
-        shape = window.height, window.width
-        made = DepthMap(depth, np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.bool_))
-        whole = bool(inverse.cells.all())
-        column, row = (cell(np.arange(size), nodes) for size, nodes in ((window.width, inverse.columns), (window.height, inverse.rows)))
-        for rows, (x, y) in inverse.spline.strips(window.width, window.height):
-            valid = self.sees(x, y, depth)
-            if not whole:
-                valid &= inverse.cells[row[rows]][:, column]
-            if not valid.all():
-                np.copyto(x, -1, where=~valid)
-                np.copyto(y, -1, where=~valid)
-            made.x[rows], made.y[rows], made.valid[rows] = x, y, valid
-        return made
+        value, derivatives = both.at(pixels)
+        near = 1 / np.broadcast_to(np.asarray(depth, dtype=np.float64), len(pixels))  # 1/m
+        return value[:, :2] + near[:, None] * value[:, 2:], derivatives[:, :2] + near[:, None, None] * derivatives[:, 2:]
 
 
 def check_depth(depth: float) -> None:
@@ -150,8 +124,8 @@ def ray_field(path: Path, values: Values, width: int, height: int) -> RayField:
             raise InputError("No ray of this camera leaves its cover: check the cover's numbers.")
         if spacing > SPACING and not ok.all():
             continue
-        displacement = carried_on(infinite - at, ok)
-        field = RayField(width, height, columns, rows, at + displacement, carried_on(parallax, ok), ok, carried_on(nearest, ok))
+        displacement = extrapolated(infinite - at, ok)
+        field = RayField(width, height, columns, rows, at + displacement, extrapolated(parallax, ok), ok, extrapolated(nearest, ok))
         between, infinite, parallax, _, arrived = _affine(path, values, middles(columns), middles(rows))
         off = np.linalg.norm(
             field.undistorted(between.reshape(-1, 2), CHECK_DEPTH).reshape(infinite.shape) - infinite - parallax / CHECK_DEPTH, axis=-1

@@ -11,7 +11,8 @@ from calib.optics.path import Path
 from calib.optics.projection import project
 from calib.session.camera import Intrinsics
 from calib.session.schema import Number
-from calib.undistortion.ray_field import DepthMap, RayField, ray_field
+from calib.undistortion.depth_map import DepthMap
+from calib.undistortion.ray_field import RayField, ray_field
 from fixtures.synthetic import HEIGHT, WIDTH, Scene, scene
 
 
