@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from capture.tui.fitting import NICENESS
+from capture.process import NICENESS
 
 REMARKS = ("Take care: ", "Misfit of ")
 

@@ -12,6 +12,8 @@ from textual.events import Key, Resize
 from textual.screen import Screen
 from textual.widgets import Footer, Input, Static
 
+from capture.tui.help import HelpScreen
+
 STEPS = ("Set-up", "Without cover", "Through cover", "Fit", "Results")
 SMALLEST = (80, 24)
 """Columns and rows that every screen is drawn for."""
@@ -80,8 +82,6 @@ class Page(Screen[bool]):
         return " " + " › ".join(f"[{step.upper()}]" if step == self.step() else step for step in STEPS)
 
     def action_help(self) -> None:
-        from capture.tui.help import HelpScreen
-
         self.app.push_screen(HelpScreen())
 
     @on(Resize)
