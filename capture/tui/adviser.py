@@ -1,4 +1,4 @@
-"""Where to hold the board next: by the plain rule at once, and by what the maps lack as soon as a process has computed it."""
+"""Where to hold the board next: by a plain rule at once, and by what the undistortion maps lack as soon as a process has computed that."""
 
 from collections.abc import Iterator, Sequence
 

@@ -1,4 +1,4 @@
-"""`calib` as a person runs it, in a process of its own."""
+"""The command `calib` as a person runs it, for what the screen has no need to follow: run to its end, then what it said."""
 
 import os
 import subprocess

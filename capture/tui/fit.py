@@ -1,4 +1,4 @@
-"""Fit: every view that there is, and how the error falls."""
+"""The screen of the fit: every view that there is is fitted, and one sees how the error falls."""
 
 from pathlib import Path
 from typing import ClassVar

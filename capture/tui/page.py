@@ -1,4 +1,4 @@
-"""What every screen has: where one is on the way, the keys, and a sentence where the terminal is too small."""
+"""What every screen has: a line that says where one is on the way, a line of keys, and a sentence where the terminal is too small."""
 
 import asyncio
 from abc import abstractmethod
