@@ -32,7 +32,7 @@ from calib.threads import single_thread
 from capture.coverage import CELLS, InformedGuide, PlainGuide, SeenView
 from capture.finder import Sighting
 from capture.gate import new
-from capture.guidance_process import GRID
+from capture.guidance import GRID
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, Scene, paper_cone, scene
 
 Array = NDArray[np.float64]

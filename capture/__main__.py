@@ -4,4 +4,5 @@ import sys
 
 from capture.cli import main
 
-sys.exit(main())
+if __name__ == "__main__":  # a process that this one starts looks in here first
+    sys.exit(main())

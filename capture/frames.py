@@ -1,4 +1,7 @@
-"""One exposure, and what gives them: a camera, or a recording of one."""
+"""What every camera gives, and every recording that is played back as one: frames, each a picture with its time and what the camera said.
+
+`Frame` is one of them. `FrameSource` is what the drivers in `capture.sources` look like to all that reads frames.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field

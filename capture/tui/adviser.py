@@ -1,13 +1,14 @@
-"""Where to hold the board next: by the plain rule at once, and by what the maps lack as soon as a process has computed it."""
+"""Where to hold the board next: by a plain rule at once, and by what the undistortion maps lack as soon as a process has computed that."""
 
 from collections.abc import Iterator, Sequence
 
 from calib.session.camera import Camera, read_camera
 from calib.session.schema import Section
 from capture.coverage import Guide, Hint, PlainGuide, Progress, SeenView
-from capture.guidance_process import Guidance, GuidanceError
+from capture.guidance import Guidance, GuidanceError
 from capture.tui.camera import Task
 from capture.tui.child import Child
+from capture.tui.lens import find_lens
 
 Advice = tuple[Hint | None, Progress]
 
@@ -24,7 +25,7 @@ class Adviser:
         self._camera = camera if (camera.width, camera.height) == size else Camera(*size)
         self._plain = PlainGuide(board, self._camera)
         self._guide: Guide = self._plain
-        self._lens = Child("capture.tui.lens", [str(task.session)])
+        self._lens = Child(find_lens, task.session)
         self._guidance: Guidance | None = None
         self._closed = False
 

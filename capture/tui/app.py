@@ -1,7 +1,8 @@
 """The terminal UI: from nothing to an exported map, following the screen.
 
 Workers (threads, and processes behind them) post messages; handlers change the screen. What a session holds is read from its folder,
-never remembered, so a lost connection costs nothing but the view of it.
+never remembered, so a lost connection costs nothing but the view of it. A screen opens those that come after it on the way; to go back to
+an earlier one, it leaves, or asks the app by a message.
 """
 
 import os
@@ -10,9 +11,13 @@ from pathlib import Path
 from typing import ClassVar
 
 import cv2
+from textual import on
 from textual.app import App
 from textual.reactive import reactive
 
+from capture.process import prepare
+from capture.tui.fit import FitScreen
+from capture.tui.results import ResultsScreen
 from capture.tui.setup import SetupScreen
 
 SWITCH_S = 0.0005  # for which a thread that calculates may keep the screen waiting, ten times less than usual
@@ -36,6 +41,7 @@ class CaptureApp(App[None]):
         """`source` may be empty: the set-up then names the first camera that it finds."""
         plain = "NO_COLOR" in os.environ
         super().__init__()
+        prepare()
         self.session = session
         self.source = source
         self.set_reactive(CaptureApp.dots, plain or self.console.color_system in (None, "standard"))
@@ -44,6 +50,11 @@ class CaptureApp(App[None]):
         sys.setswitchinterval(SWITCH_S)
         cv2.setNumThreads(1)  # of two cores, one stays for the screen
         self.push_screen(SetupScreen(self.session, self.source))
+
+    @on(ResultsScreen.FitAgain)
+    def _fit_again(self, message: ResultsScreen.FitAgain) -> None:
+        if self.screen is message.results:  # and not left by a key that was pressed just after
+            self.switch_screen(FitScreen(message.results.session, message.results.result))
 
     def action_dots(self) -> None:
         self.dots = not self.dots

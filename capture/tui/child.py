@@ -1,23 +1,27 @@
-"""A process of its own that says how far it is, a JSON object a line; when it dies, that is an event too."""
+"""Work in a process of its own that says how far it is; when it dies, that is an event too."""
 
-import json
-import signal
-import subprocess
-import sys
-from collections.abc import Iterator, Mapping, Sequence
-from tempfile import TemporaryFile
-from typing import IO, Any
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from typing import Any
+
+from calib.errors import RefracalError
+from calib.progress import Advance
+from capture.process import Ending, Process
 
 Event = Mapping[str, Any]
-"""With `event`: task (title, total), step (done, words), result, or error (sentence)."""
+"""With `event`: task (title, total), step (done, words), result (what the work returns), or error (sentence)."""
+Work = Callable[..., Mapping[str, object]]
+"""Called in the process with a calib.progress.Progress and its arguments. The process imports it by its module and name."""
 
 
 class Child:
     """Started by `events`, ended by `kill` from any thread."""
 
-    def __init__(self, module: str, arguments: Sequence[str]) -> None:
-        self._command = (sys.executable, "-m", module, *arguments)
-        self._process: subprocess.Popen[str] | None = None
+    def __init__(self, work: Work, *arguments: object) -> None:
+        self._work = work
+        self._arguments = arguments
+        self._process: Process | None = None
         self.killed = False
 
     @property
@@ -27,36 +31,54 @@ class Child:
 
     def events(self) -> Iterator[Event]:
         """Ends with a result or an error, but for a child that was killed by `kill`."""
-        with TemporaryFile("w+") as errors:
+        if self.killed:
+            return
+        with Process(_tell, self._work, *self._arguments) as self._process:
             if self.killed:
-                return
-            with subprocess.Popen(
-                self._command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=errors, text=True
-            ) as self._process:
-                if self.killed:
-                    self._process.kill()
-                assert self._process.stdout
-                last: Event = {}
-                for line in self._process.stdout:
-                    last = json.loads(line)
+                self._process.kill()
+            last: Event = {}
+            with suppress(EOFError):
+                while True:
+                    last = self._process.receive()
                     yield last
-            if not self.killed and last.get("event") not in ("result", "error"):
-                yield {"event": "error", "sentence": self._ending(self._process.returncode, _whole(errors))}
+            ending = self._process.end()
+        if self.killed or last.get("event") in ("result", "error"):
+            return
+        yield {"event": "error", "sentence": _sentence(ending)}
 
     def kill(self) -> None:
         self.killed = True
         if self._process:
             self._process.kill()
 
-    def _ending(self, code: int, errors: str) -> str:
-        if code < 0:
-            name = signal.Signals(-code).name
-            memory = ", perhaps for want of memory" if -code == signal.SIGKILL else ""
-            return f"The process that calculates was ended from outside ({name}{memory}): start it again."
-        lines = errors.strip().splitlines() or ["it said nothing"]
-        return f"The process that calculates ended early, which is a bug in capture ({lines[-1]}): start it again, or run calib fit."
+
+def _sentence(ending: Ending) -> str:
+    if ending.by_signal:
+        return f"The process that calculates was ended from outside ({ending.words}): start it again."
+    return f"The process that calculates ended early, which is a bug in capture ({ending.words}): start it again, or run calib fit."
 
 
-def _whole(file: IO[str]) -> str:
-    file.seek(0)
-    return file.read()
+class _Told:
+    """In the process: progress as events."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+
+    def say(self, event: str, **what: object) -> None:
+        self._connection.send({"event": event, **what})
+
+    def task(self, title: str, total: int) -> Advance:
+        self.say("task", title=title, total=total)
+        return lambda done, words: self.say("step", done=done, words=words)
+
+
+def _tell(connection: Connection, work: Work, *arguments: object) -> None:
+    """In the process: the work, and its result or the sentence that it ended with."""
+    told = _Told(connection)
+    try:
+        told.say("result", **work(told, *arguments))
+    except RefracalError as error:
+        told.say("error", sentence=str(error))
+    except ImportError as error:
+        sentence = f"This machine cannot fit ({error}): install torch, or copy the session and run calib fit there."
+        told.say("error", sentence=sentence)

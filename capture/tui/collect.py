@@ -21,6 +21,7 @@ from capture.recording_loop import Shutter, Step
 from capture.tui.adviser import Adviser
 from capture.tui.camera import Preview, Task, Watch
 from capture.tui.cells import FOUND, HINT, Mark
+from capture.tui.fit import FitScreen
 from capture.tui.page import DOTS, HELP_AND_QUIT, Line, Page
 from capture.tui.panel import Panel
 from capture.tui.picture import Picture
@@ -286,8 +287,6 @@ class CollectScreen(Page):
         self.dismiss(False)
 
     def action_fit(self) -> None:
-        from capture.tui.fit import FitScreen
-
         self._close()
         self._say("The camera is being opened.")
         self.app.push_screen(FitScreen(self.plan.session))

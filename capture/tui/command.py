@@ -1,4 +1,4 @@
-"""`calib` as a person runs it, in a process of its own."""
+"""The command `calib` as a person runs it, for what the screen has no need to follow: run to its end, then what it said."""
 
 import os
 import subprocess
@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from capture.tui.fitting import NICENESS
+from capture.process import NICENESS
 
 REMARKS = ("Take care: ", "Misfit of ")
 

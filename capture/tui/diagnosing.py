@@ -1,32 +1,28 @@
-"""The process that looks for effects: `python -m capture.tui.diagnosing CALIBRATION OUT`, a JSON object a line.
+"""The search for effects as the screen's child does it, for torch is never loaded in the process that draws."""
 
-It finds and saves what `calib diagnose` does; the result is that of `capture.tui.fitting`, with the names of the effects that were
-accepted and a text for the screen.
-"""
-
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from capture.tui.fitting import Lines, answer, say, summary
+from calib.progress import Progress
+from capture.tui.fitting import summary
 
 if TYPE_CHECKING:
     from calib.diagnosis.finding import Candidate, Diagnosis
 
 
-def main(calibration: Path, out: Path) -> None:
-    answer(lambda: _diagnose(calibration, out))
+def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str, object]:
+    """Find and save what `calib diagnose` does, from and to these places.
 
-
-def _diagnose(place: Path, out: Path) -> dict[str, object]:
-    say(event="task", title="Loading torch", total=1)
+    Returns the summary of a fit, with the names of the effects that were accepted and a text for the screen.
+    """
+    progress.task("Loading torch", 1)
     from calib.calibration import Calibration
     from calib.diagnosis.diagnose import diagnose
     from calib.io.files import check_writable
 
     calibration = Calibration.load(place)
     check_writable(out)
-    better, finding = diagnose(calibration, Lines())
+    better, finding = diagnose(calibration, progress)
     return summary(better, better.save(out)) | {"accepted": list(finding.accepted), "told": told(finding)}
 
 
@@ -54,7 +50,3 @@ def told(finding: "Diagnosis") -> str:
 
 def _line(one: "Candidate") -> str:
     return f"{one.title:<25} {one.held_out_px_before:>5.3f} to {one.held_out_px_after:>5.3f} px       {one.verdict}"
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]))

@@ -6,6 +6,7 @@ from typing import ClassVar
 from textual.binding import Binding
 
 from capture.tui.child import Event
+from capture.tui.diagnosing import diagnose_calibration
 from capture.tui.page import HELP_AND_QUIT
 from capture.tui.working import WorkingPage
 
@@ -26,7 +27,7 @@ class EffectsScreen(WorkingPage):
     def __init__(self, calibration: Path) -> None:
         super().__init__()
         self.result: Event = {}
-        """As `capture.tui.diagnosing` gives it; empty until then."""
+        """As `diagnose_calibration` gives it; empty until then."""
         self._calibration = calibration
 
     def step(self) -> str:
@@ -44,7 +45,7 @@ class EffectsScreen(WorkingPage):
 
     def action_again(self) -> None:
         self.say("Effects that the model lacks are looked for, which takes some minutes at most; esc cancels.")
-        self.follow("capture.tui.diagnosing", [str(self._calibration), str(self._calibration.parent / "diagnosed")])
+        self.follow(diagnose_calibration, self._calibration, self._calibration.parent / "diagnosed")
 
     def finished(self, result: Event) -> None:
         self.result = result

@@ -1,4 +1,4 @@
-"""Fit: every view that there is, and how the error falls."""
+"""The screen of the fit: every view that there is is fitted, and one sees how the error falls."""
 
 from pathlib import Path
 from typing import ClassVar
@@ -6,7 +6,9 @@ from typing import ClassVar
 from textual.binding import Binding
 
 from capture.tui.child import Event
+from capture.tui.fitting import fit_session
 from capture.tui.page import HELP_AND_QUIT
+from capture.tui.results import ResultsScreen
 from capture.tui.working import WorkingPage
 
 
@@ -29,11 +31,9 @@ class FitScreen(WorkingPage):
 
     def action_again(self) -> None:
         self.say("The views are fitted. The camera rests; esc cancels.")
-        self.follow("capture.tui.fitting", [str(self.session), str(self.session / "calibration")])
+        self.follow(fit_session, self.session, self.session / "calibration")
 
     def finished(self, result: Event) -> None:
-        from capture.tui.results import ResultsScreen
-
         self.app.switch_screen(ResultsScreen(self.session, result, self._before))
 
     def action_back(self) -> None:

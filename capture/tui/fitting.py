@@ -1,55 +1,17 @@
-"""The process that fits: torch is loaded here, and never in the process that draws the screen.
+"""The fit as the screen's child does it, for torch is never loaded in the process that draws."""
 
-`python -m capture.tui.fitting SESSION OUT` fits and saves. stdout has one JSON object a line: tasks and their steps, and at the end a
-result or an error.
-"""
-
-import json
-import os
-import sys
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calib.errors import RefracalError
-from calib.progress import Advance
+from calib.progress import Progress
 
 if TYPE_CHECKING:
     from calib.calibration import Calibration
 
-NICENESS = 10  # the screen and the camera go first
 
-
-class Lines:
-    """Progress as JSON lines."""
-
-    def task(self, title: str, total: int) -> Advance:
-        say(event="task", title=title, total=total)
-        return lambda done, words: say(event="step", done=done, words=words)
-
-
-def say(**what: object) -> None:
-    print(json.dumps(what), flush=True)
-
-
-def answer(work: Callable[[], Mapping[str, object]]) -> None:
-    """Say the result of some work, or the sentence that it ended with."""
-    os.nice(NICENESS)
-    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
-    try:
-        say(event="result", **work())
-    except RefracalError as error:
-        say(event="error", sentence=str(error))
-    except ImportError as error:
-        say(event="error", sentence=f"This machine cannot fit ({error}): install torch, or copy the session and run calib fit there.")
-
-
-def main(session: Path, out: Path) -> None:
-    answer(lambda: _fit(session, out))
-
-
-def _fit(session: Path, out: Path) -> dict[str, object]:
-    say(event="task", title="Loading torch", total=1)
+def fit_session(progress: Progress, session: Path, out: Path) -> dict[str, object]:
+    """Fit and save as `calib fit` does. Returns the summary."""
+    progress.task("Loading torch", 1)
     from calib.fitting.fit import fit
     from calib.fitting.stages import Settings
     from calib.io.files import check_writable
@@ -57,7 +19,7 @@ def _fit(session: Path, out: Path) -> dict[str, object]:
 
     described = read_session(session)
     check_writable(out)
-    calibration = fit(described, Settings(), Lines())
+    calibration = fit(described, Settings(), progress)
     return summary(calibration, calibration.save(out))
 
 
@@ -83,7 +45,3 @@ def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
         "rejected": [{"file": r.name, "reason": r.reason} for r in calibration.rejected],
         "remarks": remarks(calibration),
     }
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]))

@@ -1,4 +1,4 @@
-"""What every screen has: where one is on the way, the keys, and a sentence where the terminal is too small."""
+"""What every screen has: a line that says where one is on the way, a line of keys, and a sentence where the terminal is too small."""
 
 import asyncio
 from abc import abstractmethod
@@ -11,6 +11,8 @@ from textual.binding import Binding
 from textual.events import Key, Resize
 from textual.screen import Screen
 from textual.widgets import Footer, Input, Static
+
+from capture.tui.help import HelpScreen
 
 STEPS = ("Set-up", "Without cover", "Through cover", "Fit", "Results")
 SMALLEST = (80, 24)
@@ -80,8 +82,6 @@ class Page(Screen[bool]):
         return " " + " › ".join(f"[{step.upper()}]" if step == self.step() else step for step in STEPS)
 
     def action_help(self) -> None:
-        from capture.tui.help import HelpScreen
-
         self.app.push_screen(HelpScreen())
 
     @on(Resize)

@@ -20,6 +20,8 @@ from capture.tui.camera import Preview
 from capture.tui.cells import FOUND, WORST, Mark
 from capture.tui.child import Event
 from capture.tui.drop import Dropped, drop, take_back
+from capture.tui.effects import EffectsScreen
+from capture.tui.export import ExportScreen
 from capture.tui.page import DOTS, HELP_AND_QUIT, Page
 from capture.tui.picture import Picture
 
@@ -57,8 +59,15 @@ class ResultsScreen(Page):
             self.view = view
             self.preview = preview
 
+    class FitAgain(Message):
+        """The views have changed, and these results are no longer theirs."""
+
+        def __init__(self, results: "ResultsScreen") -> None:
+            super().__init__()
+            self.results = results
+
     def __init__(self, session: Path, result: Event, before: Event | None = None) -> None:
-        """`result` as `capture.tui.fitting` gives it, and that of the fit before, to compare with."""
+        """`result` as `fit_session` gives it, and that of the fit before, to compare with."""
         super().__init__()
         self.session = session
         self.result = result
@@ -168,18 +177,12 @@ class ResultsScreen(Page):
         self.query_one("#sentence", Static).update(sentence)
 
     def action_refit(self) -> None:
-        from capture.tui.fit import FitScreen
-
-        self.app.switch_screen(FitScreen(self.session, self.result))
+        self.post_message(self.FitAgain(self))
 
     def action_export(self) -> None:
-        from capture.tui.export import ExportScreen
-
         self.app.push_screen(ExportScreen(self.session, Path(self.result["calibration"])))
 
     def action_effects(self) -> None:
-        from capture.tui.effects import EffectsScreen
-
         screen = EffectsScreen(Path(self.result["calibration"]))
 
         def use(wanted: bool | None) -> None:

@@ -19,6 +19,8 @@ from calib.session.cover import SHAPES
 from capture.session_file import Setup, board_of, read_setup
 from capture.sources.registry import SCHEMES, open_source
 from capture.tui.camera import Task
+from capture.tui.collect import CollectScreen
+from capture.tui.fit import FitScreen
 from capture.tui.form import BOARD, HELP, Typed, problem, read_form, write_form
 from capture.tui.page import TYPING, Field, Page, onward, typed
 
@@ -111,8 +113,6 @@ class SetupScreen(Page):
 
     def action_fit(self) -> None:
         """A session that was recorded before needs no camera any more."""
-        from capture.tui.fit import FitScreen
-
         self.app.push_screen(FitScreen(self.session))
 
     @on(ScreenResume)
@@ -238,8 +238,6 @@ class SetupScreen(Page):
         self.call_later(self._begin)
 
     async def _begin(self) -> None:
-        from capture.tui.collect import CollectScreen
-
         try:
             await self._follow(self.query_one("#like", Input).value)
             task = self._read()

@@ -2,7 +2,6 @@
 
 import re
 from abc import abstractmethod
-from collections.abc import Sequence
 from typing import ClassVar
 
 from textual import on, work
@@ -11,7 +10,7 @@ from textual.containers import VerticalScroll
 from textual.message import Message
 from textual.widgets import Static
 
-from capture.tui.child import Child, Event
+from capture.tui.child import Child, Event, Work
 from capture.tui.page import Page
 
 BAR = 24  # columns
@@ -65,9 +64,9 @@ class WorkingPage(Page):
     def action_again(self) -> None:
         """Start, or start anew."""
 
-    def follow(self, module: str, arguments: Sequence[str]) -> None:
+    def follow(self, work: Work, *arguments: object) -> None:
         self._tasks, self._errors = [], []
-        self.child = Child(module, arguments)
+        self.child = Child(work, *arguments)
         self.refresh_bindings()
         self._listen(self.child)
 

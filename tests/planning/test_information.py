@@ -24,7 +24,7 @@ from calib.session.camera import Camera
 from calib.session.cover import Cover
 from calib.session.freeing import with_free
 from capture.coverage import CELLS, InformedGuide, SeenView
-from capture.guidance_process import Guidance, GuidanceError, Request, answers
+from capture.guidance import Guidance, GuidanceError, Request, answers
 from fixtures.synthetic import INTRINSICS, Scene, scene
 
 GRID = (8, 8)
@@ -237,7 +237,7 @@ def guidance_of(made: Scene, count: int, target: float) -> list[InformedGuide]:
 
 def test_without_torch_the_plain_guide_is_named(tmp_path: Path, made: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "torch.py").write_text("raise ImportError('No module named torch')\n")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.syspath_prepend(tmp_path)
     guidance = Guidance(made.board, CAMERA, GLASS, REACH)
     try:
         with pytest.raises(GuidanceError, match="no torch, so the plain guide serves"):

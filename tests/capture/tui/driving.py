@@ -1,16 +1,22 @@
 """Driving the app by keys, and reading what stands on its screen."""
 
 import asyncio
+import re
 import time
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
+from html import unescape
 from pathlib import Path
 from typing import Any
 
+from rich.cells import set_cell_size
 from textual.pilot import Pilot
 
 from capture.tui.app import CaptureApp
 
+TEXT = re.compile(r'<text [^>]*\bx="([\d.]+)"[^>]*-line-(\d+)\)">([^<]*)</text>')
+"""A piece of a line in Textual's drawing of the screen: where it begins, the number of its line, what it says."""
+CELL = 12.2  # units of the drawing: letters are 20 high, and 0.61 of that wide
 SIZES = ((80, 24), (120, 40))
 CONE = ("41.95", "-0.105", "0, -30", "0, 0", "3", "1.5", "1")
 """The fixtures' cover, in the order of the form."""
@@ -31,8 +37,11 @@ async def running(session: Path, source: str = "", size: tuple[int, int] = (80, 
 
 def shown(pilot: Pilot[None]) -> str:
     """The lines of the screen, as a terminal without colours has them."""
-    lines = pilot.app.screen._compositor.render_strips()
-    return "\n".join("".join(segment.text for segment in line).rstrip() for line in lines)
+    lines = [""] * pilot.app.size.height
+    for x, number, text in TEXT.findall(pilot.app.export_screenshot(simplify=True)):
+        before = set_cell_size(lines[int(number)], round(float(x) / CELL))  # blanks are not drawn
+        lines[int(number)] = before + unescape(text).replace("\N{NO-BREAK SPACE}", " ")
+    return "\n".join(line.rstrip() for line in lines)
 
 
 async def see(pilot: Pilot[None], words: str, within_s: float = 180) -> None:

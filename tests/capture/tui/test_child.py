@@ -1,54 +1,86 @@
-"""A process that calculates: what it says, and how its end is told apart from its death."""
+"""Work in a process of its own: what it says, and how its end is told apart from its death."""
 
-import json
-import sys
-from pathlib import Path
+import os
+import signal
+import time
 
 import pytest
 
-from capture.tui.child import Child, Event
+from calib.errors import InputError
+from calib.progress import Progress
+from capture.tui.child import Child, Work
 
-SAYS = 'import json, os, signal, sys, time\nprint(json.dumps({"event": "task", "title": "One", "total": 1}), flush=True)\n'
+
+def no_board(progress: Progress) -> dict[str, object]:
+    progress.task("One", 1)
+    raise InputError("No board.")
+
+
+def no_library(progress: Progress) -> dict[str, object]:
+    progress.task("One", 1)
+    raise ImportError("No module named torch")
+
+
+def ended_by(progress: Progress, number: int) -> dict[str, object]:
+    progress.task("One", 1)
+    os.kill(os.getpid(), number)
+    time.sleep(60)
+    return {}
+
+
+def a_bug(progress: Progress) -> dict[str, object]:
+    progress.task("One", 1)
+    raise ValueError("odd")
+
+
+def silent(progress: Progress) -> dict[str, object]:
+    progress.task("One", 1)
+    os._exit(1)
+
+
+def well(progress: Progress, views: int) -> dict[str, object]:
+    progress.task("One", 2)(1, "0.121 px")
+    return {"views": [0.1] * views}
+
+
+def slow(progress: Progress) -> dict[str, object]:
+    progress.task("One", 1)
+    time.sleep(60)
+    return {}
 
 
 @pytest.mark.parametrize(
-    ("then", "sentence"),
+    ("work", "arguments", "sentence"),
     [
-        ('print(json.dumps({"event": "error", "sentence": "No board."}))', "No board."),
-        ("os.kill(os.getpid(), signal.SIGKILL)", "ended from outside (SIGKILL, perhaps for want of memory)"),
-        ("os.kill(os.getpid(), signal.SIGTERM)", "ended from outside (SIGTERM)"),
-        ("raise ValueError('odd')", "which is a bug in capture (ValueError: odd)"),
-        ("pass", "which is a bug in capture (it said nothing)"),
+        (no_board, (), "No board."),
+        (no_library, (), "This machine cannot fit (No module named torch): install torch"),
+        (ended_by, (signal.SIGKILL,), "ended from outside (SIGKILL, perhaps for want of memory)"),
+        (ended_by, (signal.SIGTERM,), "ended from outside (SIGTERM)"),
+        (a_bug, (), "which is a bug in capture (ValueError: odd)"),
+        (silent, (), "which is a bug in capture (it said nothing)"),
     ],
 )
-def test_every_end_is_a_sentence(then: str, sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    events = _run(SAYS + then, tmp_path, monkeypatch)
+def test_every_end_is_a_sentence(work: Work, arguments: tuple[object, ...], sentence: str) -> None:
+    events = list(Child(work, *arguments).events())
     assert [event["event"] for event in events] == ["task", "error"]
     assert sentence in events[-1]["sentence"]
 
 
-def test_a_result_is_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    result = {"event": "result", "views": []}
-    assert _run(f"{SAYS}print('''{json.dumps(result)}''')", tmp_path, monkeypatch)[-1] == result
+def test_a_result_is_the_end() -> None:
+    assert list(Child(well, 2).events()) == [
+        {"event": "task", "title": "One", "total": 2},
+        {"event": "step", "done": 1, "words": "0.121 px"},
+        {"event": "result", "views": [0.1, 0.1]},
+    ]
 
 
-def test_one_that_was_killed_says_nothing_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    child = _child(f"{SAYS}time.sleep(60)", tmp_path, monkeypatch)
+def test_one_that_was_killed_says_nothing_more() -> None:
+    child = Child(slow)
     events = child.events()
     assert next(events)["title"] == "One"
     child.kill()
     assert list(events) == []
-    early = _child("raise SystemExit", tmp_path, monkeypatch)
+    early = Child(well, 1)
     early.kill()
     assert list(early.events()) == []
-
-
-def _run(code: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> list[Event]:
-    return list(_child(code, folder, monkeypatch).events())
-
-
-def _child(code: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Child:
-    (folder / "stand_in.py").write_text(code)
-    monkeypatch.setenv("PYTHONPATH", str(folder), prepend=":")
-    assert sys.executable
-    return Child("stand_in", [])
+    assert early.pid == 0

@@ -21,6 +21,7 @@ from capture.tui.collect import CollectScreen
 from capture.tui.diagnosing import told
 from capture.tui.effects import EffectsScreen
 from capture.tui.fit import FitScreen
+from capture.tui.fitting import fit_session
 from capture.tui.results import ResultsScreen
 from tests.capture.tui.driving import SIZES, describe, drive, running, see, shown, until
 from tests.capture.tui.test_effects import FINDING
@@ -106,7 +107,7 @@ async def fit(pilot: Pilot[None], session: Path) -> None:
     screen = FitScreen(session / "missing")
     await pilot.app.push_screen(screen)
     await see(pilot, "is not a folder")
-    screen.child = Child("stands.still", [])
+    screen.child = Child(fit_session)
     screen._tasks.clear()
     events = [("Loading torch", 1, 1, ""), ("Corners in session", 12, 12, "12 boards found"), ("Joint fit", 12, 4, "0.121 px")]
     for title, total, done, words in events:
@@ -157,7 +158,7 @@ async def effects_working(pilot: Pilot[None], session: Path) -> None:
     await see(pilot, "Press e to look again")
     screen.action_again()
     await see(pilot, "esc cancels")
-    screen.child = Child("stands.still", [])
+    screen.child = Child(fit_session)
     screen._tasks.clear()
     screen.post_message(EffectsScreen.Said(screen.child, {"event": "task", "title": "Diagnosis", "total": 20}))
     screen.post_message(EffectsScreen.Said(screen.child, {"event": "step", "done": 4, "words": "fit with board_bow"}))

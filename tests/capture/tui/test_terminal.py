@@ -89,3 +89,9 @@ def test_from_a_source_to_maps_over_a_lost_connection(tmp_path: Path, terminals:
     second.see("Wrote")
     assert (session / "export" / "map_1m.npz").exists()
     second.press("Escape", "q")
+
+    third = Tmux(tmp_path / "third", [str(Path(sys.executable).with_name("capture")), str(session)])  # as pip installs it
+    terminals.append(third)
+    third.see("12 views through it")
+    third.press("C-r")
+    third.see("The error fell from 0.4")

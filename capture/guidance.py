@@ -1,16 +1,11 @@
-"""The informed guide, computed in a process of its own: torch loads there, and never in the process that draws the screen.
+"""Where a board tells most about this camera and its cover: asked here, and answered by a process that fits the views with torch.
 
-A request is a pickled `Request` on the process's stdin, an answer a pickled `Answer` on its stdout. Both ends are this file.
+`Guidance` sends the process a `Request` with every view there is, and gets one `Answer` or two. Both ends are this file.
 """
 
-import os
-import pickle
-import subprocess
-import sys
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from tempfile import TemporaryFile
+from multiprocessing.connection import Connection
 from threading import Lock
 
 import numpy as np
@@ -23,8 +18,8 @@ from calib.session.board import Board
 from calib.session.camera import Camera
 from calib.session.cover import Cover
 from capture.coverage import CELLS, TARGET, InformedGuide, SeenView
+from capture.process import Process
 
-NICENESS = 10  # the screen and the camera go first
 GRID = (12, 12)  # centres of the relief, as a fit has them
 FOLDS = 4
 FEWEST_FOR_FOLDS = 6  # views
@@ -63,14 +58,14 @@ class Guidance:
         self._board, self._camera, self._cover, self._target = board, camera, cover, target_px
         self._reach = reach or Reach.of(board, camera)
         self._turn = Lock()
-        self._child: _Child | None = None
+        self._process: Process | None = None
         self._asked = 0
         self._answering = self._closed = False
 
     @property
     def pid(self) -> int:
         """0 before it is started."""
-        return self._child.process.pid if self._child else 0
+        return self._process.pid if self._process else 0
 
     def guides(self, views: Sequence[SeenView]) -> Iterator[InformedGuide]:
         """The guide that knows these views, seconds later; and perhaps once more, when folds over them have been tried. Blocks.
@@ -91,12 +86,13 @@ class Guidance:
 
     def close(self) -> None:
         self._closed = True
-        if self._child:
-            self._child.process.kill()  # who waits for an answer then finds that there is none
+        if process := self._process:
+            process.kill()  # who waits for an answer then finds that there is none
         with self._turn:
-            if self._child:
-                self._child.end()
-                self._child = None
+            if self._process:
+                self._process.kill()  # it may have been started just now
+                self._process.end()
+                self._process = None
 
     def _ask(self, request: Request) -> int:
         with self._turn:
@@ -104,10 +100,9 @@ class Guidance:
                 self._read()
             self._asked += 1
             if not self._closed:
-                self._child = self._child or _Child()
+                self._process = self._process or Process(serve)
                 self._answering = True
-                with suppress(OSError):  # of a process that has died, which reading finds
-                    self._child.send(request)
+                self._process.send(request)
             return self._asked
 
     def _answer(self, number: int) -> Answer | None:
@@ -117,44 +112,15 @@ class Guidance:
             return None if self._closed else answer
 
     def _read(self) -> Answer:
-        assert self._child
+        assert self._process
         try:
-            answer = self._child.receive()
-        except (OSError, EOFError, pickle.UnpicklingError):
-            answer = Answer(None, failure=f"The guide's process has ended ({self._child.end()}): the next view starts it again.")
-            self._child = None
+            answer = self._process.receive()
+            assert isinstance(answer, Answer)
+        except EOFError:
+            answer = Answer(None, failure=f"The guide's process has ended ({self._process.end().words}): the next view starts it again.")
+            self._process = None
         self._answering = not answer.last
         return answer
-
-
-class _Child:
-    """The process, with its pipes."""
-
-    def __init__(self) -> None:
-        self._errors = TemporaryFile()  # noqa: SIM115 - closed by end
-        command = [sys.executable, "-m", "capture.guidance_process"]
-        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors)
-
-    def send(self, request: Request) -> None:
-        assert self.process.stdin
-        pickle.dump(request, self.process.stdin)
-        self.process.stdin.flush()
-
-    def receive(self) -> Answer:
-        assert self.process.stdout
-        answer = pickle.load(self.process.stdout)
-        assert isinstance(answer, Answer)
-        return answer
-
-    def end(self) -> str:
-        """Kill it if it still lives, and what it said last."""
-        self.process.kill()
-        with suppress(OSError):
-            self.process.communicate()  # which closes the pipes
-        self._errors.seek(0)
-        said = self._errors.read().decode(errors="replace").strip().splitlines()
-        self._errors.close()
-        return said[-1] if said else f"exit code {self.process.returncode}"
 
 
 def answers(request: Request) -> Iterator[Answer]:
@@ -181,29 +147,17 @@ def answers(request: Request) -> Iterator[Answer]:
             yield Answer(design, found.held_out_px <= AGREE * found.fitted_px)
 
 
-def serve() -> None:
-    """Answer requests until stdin ends."""
-    os.nice(NICENESS)
-    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
-    out = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what a library prints must not come between the answers
+def serve(connection: Connection) -> None:
+    """In the process: answer requests until nobody asks any more."""
     while True:
         try:
-            request = pickle.load(sys.stdin.buffer)
+            request = connection.recv()
         except EOFError:
             return
         try:
             for answer in answers(request):
-                pickle.dump(answer, out)
-                out.flush()
+                connection.send(answer)
         except ImportError as error:
-            pickle.dump(Answer(None, failure=f"This machine has no torch, so the plain guide serves ({error})."), out)
+            connection.send(Answer(None, failure=f"This machine has no torch, so the plain guide serves ({error})."))
         except RefracalError as error:
-            pickle.dump(Answer(None, failure=str(error)), out)
-        out.flush()
-
-
-if __name__ == "__main__":
-    from capture.guidance_process import serve as serve_imported  # so that what is pickled is not of the module __main__
-
-    serve_imported()
+            connection.send(Answer(None, failure=str(error)))
