@@ -19,7 +19,6 @@ from rich.progress import track
 from rich.table import Table
 
 from benchmarks.hidden import NOISE, VIEWS, Hidden
-from benchmarks.uncertainty import GLASS, calibrate
 from calib.calibration import Calibration
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.finding import Diagnosis
@@ -28,6 +27,7 @@ from calib.effects.registry import EFFECTS
 from calib.fitting.stages import Settings
 from calib.progress import Silent
 from calib.threads import single_thread
+from fixtures.calibrated import GLASS, calibrate
 from fixtures.synthetic import scene
 
 SIZES = (1, 3, 10)

@@ -19,7 +19,6 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from benchmarks.uncertainty import motions, rays_of, seen_at
 from calib.corners.view import View
 from calib.fitting.stages import Setup
 from calib.optics.projection import project
@@ -33,6 +32,7 @@ from capture.coverage import CELLS, InformedGuide, PlainGuide, SeenView
 from capture.finder import Sighting
 from capture.gate import new
 from capture.guidance import GRID
+from fixtures.map_errors import motions, rays_of, seen_at
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, Scene, paper_cone, scene
 
 Array = NDArray[np.float64]

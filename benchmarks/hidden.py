@@ -10,7 +10,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from benchmarks.uncertainty import GLASS, calibrate
 from calib.calibration import Calibration
 from calib.corners.view import View
 from calib.effects.effect import Effect, Surroundings
@@ -21,6 +20,7 @@ from calib.estimation.residuals import residuals
 from calib.fitting.stages import Settings
 from calib.optics.projection import project
 from calib.session.cover import Cover
+from fixtures.calibrated import GLASS, calibrate
 from fixtures.synthetic import HEIGHT, WIDTH, Scene, scene
 
 Array = NDArray[np.float64]

@@ -53,7 +53,7 @@ class Hint:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Progress:
+class SessionProgress:
     """How far the session is."""
 
     enough: bool
@@ -77,7 +77,7 @@ class Guide(Protocol):
         """The pose to take next; None if no pose would help."""
         ...
 
-    def progress(self, views: Sequence[SeenView]) -> Progress: ...
+    def progress(self, views: Sequence[SeenView]) -> SessionProgress: ...
 
 
 class PlainGuide:
@@ -103,7 +103,7 @@ class PlainGuide:
             return None
         return hint(self._bank.poses[best], self._bank.corners[best], views, self._board, self._camera, self._reach)
 
-    def progress(self, views: Sequence[SeenView]) -> Progress:
+    def progress(self, views: Sequence[SeenView]) -> SessionProgress:
         done = self._done(views)
         cells, levels = CELLS[0] * CELLS[1], len(self._reach.levels())
         share = np.where(self._asked > 0, np.minimum(done / np.maximum(self._asked, 1e-9), 1), 0.0)
@@ -113,7 +113,9 @@ class PlainGuide:
             done, needed = done + self._covered[best], needed + 1
         said = f"likely {needed} more views" if needed else "enough"
         sentence = f"By the plain rule (picture, depth, tilt; no error is predicted): {said}."
-        return Progress(not needed, sentence, None, needed, image, depth, image)  # each pixel looks through its own point of the glass
+        return SessionProgress(
+            not needed, sentence, None, needed, image, depth, image
+        )  # each pixel looks through its own point of the glass
 
     def _best(self, done: Array) -> int | None:
         """The pose that adds most of what is missing; None if nothing is."""
@@ -156,14 +158,14 @@ class InformedGuide:
             return None
         return hint(self._design.poses[best[0]], self._design.corners[best[0]], views, self._board, self._camera, self._reach)
 
-    def progress(self, views: Sequence[SeenView]) -> Progress:
+    def progress(self, views: Sequence[SeenView]) -> SessionProgress:
         known = self._known(views)
         variance = self._design.variance(known)  # (h, w, D)
         sigma = float(np.sqrt(np.nanmean(variance)))
         with_more = known + self._design.information[(plan := self._design.plan(known, self._used(views), self._target))].sum(0)
         needed = len(plan) if self._design.sigma(with_more) <= self._target else None
         image, depth = (np.nan_to_num(np.minimum(self._target / root_mean(variance, axis), 1)) for axis in (2, (0, 1)))
-        return Progress(
+        return SessionProgress(
             needed == 0 and bool(self._folds_agree), self._sentence(sigma, needed), sigma, needed, image, depth, self._glass(views)
         )
 

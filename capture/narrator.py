@@ -21,7 +21,7 @@ class Narrator:
         self._recorder = recorder
         self._wanted = views
         self._json = json
-        self._told = 0
+        self._said = 0
         for remark in reader.source.remarks:
             _remark(remark)
 
@@ -42,9 +42,9 @@ class Narrator:
         if not self._json:
             of = f" of {self._wanted}" if self._wanted else ""
             print(f"{picture}  view {view}{of}", flush=True)
-        for remark in self._recorder.remarks[self._told :]:
+        for remark in self._recorder.remarks[self._said :]:
             _remark(remark)
-        self._told = len(self._recorder.remarks)
+        self._said = len(self._recorder.remarks)
 
     def sum_up(self) -> None:
         print(f"{self._sum()} in {self._recorder.session}.")

@@ -116,11 +116,11 @@ class Recorder:
         for table in (self.session / "bare" / NAME, self.session / NAME):
             for row in read_table(table):
                 self._state.changes(row)
-        told = read_table(self._table)
-        self._rows = mended(told, pictures)
-        if told and pictures and not {row["file"] for row in told} & {picture.name for picture in pictures}:
+        recorded = read_table(self._table)
+        self._rows = mended(recorded, pictures)
+        if recorded and pictures and not {row["file"] for row in recorded} & {picture.name for picture in pictures}:
             raise InputError(
-                f"{self._table} tells of {told[0]['file']} and of no picture in {self._folder}: write names such as {pictures[0].name} "
+                f"{self._table} tells of {recorded[0]['file']} and of no picture in {self._folder}: write names such as {pictures[0].name} "
                 "into its column file, or remove the table."
             )
         if self._rows:

@@ -1,73 +1,167 @@
-"""Who may import whom, checked in fresh interpreters: a Pi captures without torch, and calib never needs capture."""
+"""Who may import whom: the layers of both packages, read from the files; and what loads what, in fresh interpreters."""
 
+import ast
 import subprocess
 import sys
+from graphlib import TopologicalSorter
+from pathlib import Path
 
 import pytest
 
-FORBIDDEN = {
-    "calib": {"torch", "cv2", "numpy"},
-    "calib.cli": {"torch", "cv2", "numpy", "rich", "matplotlib"},
-    "calib.commands.command_line": {"torch", "cv2", "numpy", "rich", "capture"},
-    "calib.session.session": {"torch", "rich", "capture"},
-    "calib.session.board": {"torch", "cv2"},
-    "calib.corners.detect": {"torch", "rich", "capture"},
-    "calib.corners.detect_all": {"torch", "rich", "capture"},
-    "calib.corners.corners_file": {"torch", "cv2"},
-    "calib.fitting.intrinsics": {"torch", "capture"},
-    "calib.optics.path": {"cv2", "rich", "textual", "calib.session.session", "calib.estimation.levenberg_marquardt", "capture"},
-    "calib.optics.build": {"cv2", "rich", "calib.estimation.levenberg_marquardt", "calib.fitting.fit", "capture"},
-    "calib.estimation.levenberg_marquardt": {"cv2", "calib.optics.path", "calib.session.session", "capture"},
-    "calib.estimation.surface_prior": {"cv2", "calib.estimation.levenberg_marquardt", "calib.session.session", "capture"},
-    "calib.estimation.residual_blocks": {"cv2", "rich", "calib.session.session", "calib.calibration", "capture"},
-    "calib.estimation.objective": {"cv2", "rich", "calib.session.session", "calib.calibration", "capture"},
-    "calib.estimation.joint_fit": {"cv2", "rich", "calib.session.session", "calib.calibration", "capture"},
-    "calib.fitting.evaluate": {"rich", "calib.fitting.fit", "calib.estimation.gradient_fit", "capture"},
-    "calib.undistortion.depth_map": {"torch", "cv2", "rich", "calib.undistortion.ray_field", "capture"},
-    "calib.calibration": {"rich", "calib.fitting.fit", "calib.estimation.levenberg_marquardt", "capture"},
-    "calib.fitting.fit": {"rich", "textual", "matplotlib", "capture"},
-    "calib.planning.design": {"torch", "cv2", "capture"},
-    "calib.planning.information": {"rich", "calib.fitting.fit", "capture"},
-    "calib.effects.registry": {
-        "cv2",
-        "rich",
-        "calib.session.session",
-        "calib.estimation.levenberg_marquardt",
-        "calib.fitting.fit",
-        "capture",
-    },
-    "calib.estimation.camera_model": {"rich", "calib.calibration", "calib.session.session", "capture"},
-    "calib.diagnosis.diagnose": {"rich", "textual", "matplotlib", "capture"},
-    "calib.importing.from_mrcal": {"torch", "rich", "capture"},
-    "calib.importing.from_ros": {"torch", "rich", "capture"},
-    "calib.importing.from_kalibr": {"torch", "rich", "capture"},
-    "calib.importing.from_pictures": {"torch", "rich", "capture"},
-    "calib.fitting.provenance": {"rich", "textual", "matplotlib", "capture"},
-    "calib.report.write": {"textual", "calib.fitting.fit", "capture"},
-    "capture.cli": {"torch", "cv2", "numpy", "rich", "textual", "matplotlib"},
-    "capture.frames": {"torch", "cv2"},
-    "capture.finder": {"torch", "rich", "textual", "capture.recorder", "capture.reader", "capture.sources"},
-    "capture.gate": {"torch", "rich", "textual", "capture.recorder", "capture.reader", "capture.sources"},
-    "capture.recording_loop": {"torch", "rich", "textual", "matplotlib"},
-    "capture.coverage": {"torch", "rich", "textual"},
-    "capture.guidance": {"torch", "rich", "textual"},
-    "capture.process": {"torch", "cv2", "numpy", "rich", "textual"},
-    "capture.tui.fitting": {"torch", "cv2", "numpy", "rich", "textual"},
-    "capture.tui.app": {"torch", "matplotlib"},
-    "capture.sources.registry": {"torch", "cv2"},
-    "capture.sources.libcamera": {"torch", "cv2", "libcamera"},
+import calib
+import capture
+
+LAYERS = {
+    "calib": (
+        ("errors",),
+        ("progress", "threads"),
+        ("io",),
+        ("session",),
+        ("corners",),
+        ("optics",),
+        ("effects",),
+        ("estimation",),
+        ("undistortion",),
+        ("calibration",),
+        ("fitting",),
+        ("apply",),
+        ("planning",),
+        ("diagnosis",),
+        ("export", "importing", "report"),
+        ("commands",),
+        ("cli",),
+        ("__main__",),
+    ),
+    "capture": (
+        ("errors", "frames", "exposure", "saddles", "sharpness", "settings_drift", "interrupt", "process"),
+        ("disk", "lattice", "reader", "sources"),
+        ("finder", "session_file"),
+        ("gate", "recorder"),
+        ("coverage", "recording_loop"),
+        ("guidance", "narrator", "serve"),
+        ("tui",),
+        ("commands",),
+        ("cli",),
+        ("__main__",),
+    ),
 }
-"""The module, and what importing it must not load."""
+"""Rooms from the bottom up. A room imports itself and what stands below it, no room beside it or above; `capture` imports all of `calib`,
+which imports nothing of `capture`."""
+
+HEAVY = {"torch", "cv2", "numpy", "scipy", "rich", "textual", "matplotlib", "libcamera"}
+
+LOADS = {
+    "calib": set(),
+    "calib.cli": set(),
+    "calib.commands.command_line": set(),
+    "calib.session.session": {"cv2", "numpy"},
+    "calib.session.board": {"numpy"},
+    "calib.corners.corners_file": {"numpy"},
+    "calib.corners.detect_all": {"cv2", "numpy"},
+    "calib.fitting.intrinsics": {"cv2", "numpy"},
+    "calib.optics.build": {"torch", "numpy"},
+    "calib.effects.registry": {"torch", "numpy", "scipy"},
+    "calib.estimation.levenberg_marquardt": {"torch", "numpy"},
+    "calib.estimation.objective": {"torch", "numpy", "scipy"},
+    "calib.undistortion.depth_map": {"numpy", "scipy"},
+    "calib.calibration": {"torch", "cv2", "numpy", "scipy"},
+    "calib.fitting.fit": {"torch", "cv2", "numpy", "scipy"},
+    "calib.planning.design": {"numpy"},
+    "calib.planning.hints": {"cv2", "numpy"},
+    "calib.planning.pose_bank": {"cv2", "numpy"},
+    "calib.planning.information": {"torch", "cv2", "numpy", "scipy"},
+    "calib.diagnosis.diagnose": {"torch", "cv2", "numpy", "scipy"},
+    "calib.importing.from_mrcal": {"cv2", "numpy"},
+    "calib.importing.from_ros": {"cv2", "numpy"},
+    "calib.importing.from_kalibr": {"cv2", "numpy"},
+    "calib.importing.from_pictures": {"cv2", "numpy"},
+    "capture.cli": set(),
+    "capture.frames": {"numpy"},
+    "capture.finder": {"cv2", "numpy", "scipy"},
+    "capture.recording_loop": {"cv2", "numpy", "scipy"},
+    "capture.coverage": {"cv2", "numpy", "scipy"},
+    "capture.guidance": {"cv2", "numpy", "scipy"},
+    "capture.process": set(),
+    "capture.tui.fitting": set(),
+    "capture.tui.app": {"cv2", "numpy", "scipy", "rich", "textual"},
+    "capture.sources.registry": {"numpy"},
+    "capture.sources.libcamera": {"numpy"},
+}
+"""The module, and which of the slow libraries importing it may load: a Pi captures without torch, and help comes at once."""
+
+Graph = dict[str, set[str]]
 
 
-@pytest.mark.parametrize("module", FORBIDDEN)
+def imported(tree: ast.AST) -> set[str]:
+    """Modules that it imports anywhere, within functions too, but not for annotations alone."""
+    found: set[str] = set()
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
+            continue
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        found |= imported(node)
+    return found
+
+
+@pytest.fixture(scope="module")
+def graph() -> Graph:
+    """Of the files of both packages, their faces left out: which imports which."""
+    files: dict[str, Path] = {}
+    for package in (calib, capture):
+        folder = Path(str(package.__file__)).parent
+        inside = (path for path in folder.rglob("*.py") if path.name != "__init__.py")
+        files |= {".".join(path.relative_to(folder.parent).with_suffix("").parts): path for path in inside}
+    found = {name: imported(ast.parse(path.read_text())) & files.keys() for name, path in files.items()}
+    assert "calib.calibration" in found["calib.fitting.fit"]  # so that nothing found is not taken for nothing wrong
+    assert "capture.tui.results" in found["capture.tui.fit"]
+    return found
+
+
+def place(module: str) -> tuple[str, int, str]:
+    """Package, layer and room."""
+    package, room = module.split(".")[:2]
+    (layer,) = (level for level, rooms in enumerate(LAYERS[package]) if room in rooms)
+    return package, layer, room
+
+
+def test_every_import_runs_downwards(graph: Graph) -> None:
+    for module, others in graph.items():
+        package, layer, room = place(module)
+        for other in others:
+            below, under, beside = place(other)
+            allowed = (below, beside) == (package, room) or (below == package and under < layer) or (package, below) == ("capture", "calib")
+            assert allowed, f"{module} imports {other}"
+
+
+def test_no_files_import_each_other_in_a_circle(graph: Graph) -> None:
+    TopologicalSorter(graph).prepare()  # CycleError names those in a circle
+
+
+def test_every_room_is_in_use(graph: Graph) -> None:
+    rooms = {(package, room) for package, _, room in map(place, graph)}
+    assert rooms == {(package, room) for package, layers in LAYERS.items() for layer in layers for room in layer}
+
+
+@pytest.mark.parametrize("module", LOADS)
 def test_importing(module: str) -> None:
     code = f"import sys, {module}; print('\\n'.join(sys.modules))"
     loaded = set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split())
-    assert not loaded & FORBIDDEN[module]
+    assert loaded & HEAVY <= LOADS[module]
 
 
 def test_reading_a_session_by_the_librarys_face_loads_no_torch() -> None:
     code = "import sys, calib; calib.read_session; print('\\n'.join(sys.modules))"
     loaded = set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split())
     assert not loaded & {"torch", "rich", "capture"}
+
+
+def test_what_tests_and_benchmarks_share_is_a_fixture() -> None:
+    root = Path(__file__).parents[1]
+    for folder, other in (("tests", "benchmarks"), ("benchmarks", "tests"), ("fixtures", "tests"), ("fixtures", "benchmarks")):
+        files = list((root / folder).rglob("*.py"))
+        assert files
+        for path in files:
+            assert not {name for name in imported(ast.parse(path.read_text())) if name.split(".")[0] == other}, path

@@ -78,7 +78,7 @@ def leave(truth: dict[str, Array], pixels: Array) -> tuple[Array, Array]:
         return beyond
 
     for surface, ratio in ((inner, 1 / INDEX), (outer, INDEX)):
-        o = o + meet(surface, o, d)[:, None] * d
+        o = o + intersect(surface, o, d)[:, None] * d
         normal = np.column_stack([surface(o + step) - surface(o - step) for step in 1e-6 * np.eye(3)])
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         along = ratio * (d - (d * normal).sum(1, keepdims=True) * normal)  # the part in the surface keeps n sin
@@ -86,7 +86,7 @@ def leave(truth: dict[str, Array], pixels: Array) -> tuple[Array, Array]:
     return cover_from_camera.inv().apply(o) + AXIS, cover_from_camera.inv().apply(d)
 
 
-def meet(surface: Callable[[Array], Array], o: Array, d: Array) -> Array:
+def intersect(surface: Callable[[Array], Array], o: Array, d: Array) -> Array:
     """(N,) m along each ray, by bisection: negative inside, positive outside."""
     low, high = np.zeros(len(o)), np.full(len(o), 0.06)
     for _ in range(52):

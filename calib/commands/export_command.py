@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_calibration, add_depths, add_output
 from calib.errors import InputError
-from calib.export.formats import FORMATS, Format, Lens
+from calib.export.formats import FORMATS, ExportLens, Format
 
 if TYPE_CHECKING:
     from calib.export.central import CentralModel
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> None:
         _say(model)
 
 
-def _lenses(form: Format, name: str | None) -> tuple[Lens, ...]:
+def _lenses(form: Format, name: str | None) -> tuple[ExportLens, ...]:
     if name is None:
         return form.lenses
     chosen = tuple(lens for lens in form.lenses if lens.name == name)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from calib.calibration import Calibration
 from calib.errors import InputError
 from calib.estimation.model_choice import simplest
-from calib.export.formats import SPLINED, Lens
+from calib.export.formats import SPLINED, ExportLens
 from calib.export.lens_fit import fit_lens, project
 from calib.export.sight import CHECKED, FITTED, Sight
 from calib.export.spline_fit import fit_spline, project_spline
@@ -55,7 +55,7 @@ class CentralModel:
     """px"""
     name: str
     """The camera's, as the session calls it; may be empty."""
-    lens: Lens
+    lens: ExportLens
     focal: tuple[float, float]
     """px, fx and fy"""
     principal: tuple[float, float]
@@ -104,14 +104,14 @@ class CentralModel:
             )
 
 
-def best_central(calibration: Calibration, depth: float, lenses: Sequence[Lens]) -> CentralModel:
+def best_central(calibration: Calibration, depth: float, lenses: Sequence[ExportLens]) -> CentralModel:
     """Of the models with these lenses, the simplest (first) whose misfit at `depth` m is within 2 % of the smallest."""
     sight, check = (Sight.of(calibration, grid) for grid in (FITTED, CHECKED))
     models = [_fit(calibration, sight, check, depth, lens) for lens in lenses]
     return models[simplest({place: model.at.rms_px for place, model in enumerate(models)}, WORTH)]
 
 
-def _fit(calibration: Calibration, sight: Sight, check: Sight, depth: float, lens: Lens) -> CentralModel:
+def _fit(calibration: Calibration, sight: Sight, check: Sight, depth: float, lens: ExportLens) -> CentralModel:
     camera = calibration.camera
     assert camera.intrinsics
     if depth / 2 <= sight.beyond:
@@ -119,7 +119,7 @@ def _fit(calibration: Calibration, sight: Sight, check: Sight, depth: float, len
     k = camera.intrinsics
     bare = [number.value for number in (k.fx, k.fy, k.cx, k.cy, *k.distortion)]
     central = calibration.cover.shape == "none"
-    centre = np.zeros(3) if central else sight.nearly_meet()
+    centre = np.zeros(3) if central else sight.nearly_intersect()
     if central and not lens.fisheye and lens != SPLINED and lens.coefficients >= len(k.distortion):
         parameters = np.pad(bare, (0, 4 + lens.coefficients - len(bare)))  # it is one already
     elif lens == SPLINED:
@@ -135,7 +135,7 @@ def _fit(calibration: Calibration, sight: Sight, check: Sight, depth: float, len
     return CentralModel(camera.width, camera.height, camera.model, lens, (fx, fy), (cx, cy), tuple(distortion), (x, y, z), half, at, double)
 
 
-def _off(lens: Lens, parameters: Array, sight: Sight, depth: float, centre: Array) -> Array:
+def _off(lens: ExportLens, parameters: Array, sight: Sight, depth: float, centre: Array) -> Array:
     """(N, 2) px: the model's pixels minus the camera's."""
     tangents = sight.tangents(depth, centre)
     seen = project_spline(lens, parameters, tangents) if lens.knots else project(parameters, tangents, lens.fisheye)[0]

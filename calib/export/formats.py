@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Lens:
+class ExportLens:
     """A distortion model, by the name that the format gives it."""
 
     name: str
@@ -21,21 +21,21 @@ class Format:
     """One value of `calib export --format`."""
 
     name: str
-    lenses: tuple[Lens, ...] = ()
+    lenses: tuple[ExportLens, ...] = ()
     """Those of a central camera, the simplest first. None: the format holds maps, which are exact at their depth."""
 
 
-OPENCV = (Lens("4", 4), Lens("5", 5), Lens("8", 8), Lens("12", 12), Lens("fisheye", 4, fisheye=True))
-SPLINED = Lens("SPLINED", 0)
+OPENCV = (ExportLens("4", 4), ExportLens("5", 5), ExportLens("8", 8), ExportLens("12", 12), ExportLens("fisheye", 4, fisheye=True))
+SPLINED = ExportLens("SPLINED", 0)
 
 FORMATS: tuple[Format, ...] = (
     Format("npz"),
     Format("opencv", OPENCV),
     Format("opencv-xml", OPENCV),
-    Format("ros", (Lens("plumb_bob", 5), Lens("rational_polynomial", 8), Lens("equidistant", 4, fisheye=True))),
-    Format("kalibr", (Lens("radtan", 4), Lens("equidistant", 4, fisheye=True))),
-    Format("colmap", (Lens("OPENCV", 4), Lens("FULL_OPENCV", 8), Lens("OPENCV_FISHEYE", 4, fisheye=True))),
-    Format("mrcal", (Lens("OPENCV4", 4), Lens("OPENCV5", 5), Lens("OPENCV8", 8), Lens("OPENCV12", 12), SPLINED)),
+    Format("ros", (ExportLens("plumb_bob", 5), ExportLens("rational_polynomial", 8), ExportLens("equidistant", 4, fisheye=True))),
+    Format("kalibr", (ExportLens("radtan", 4), ExportLens("equidistant", 4, fisheye=True))),
+    Format("colmap", (ExportLens("OPENCV", 4), ExportLens("FULL_OPENCV", 8), ExportLens("OPENCV_FISHEYE", 4, fisheye=True))),
+    Format("mrcal", (ExportLens("OPENCV4", 4), ExportLens("OPENCV5", 5), ExportLens("OPENCV8", 8), ExportLens("OPENCV12", 12), SPLINED)),
     Format("stmap"),
     Format("stmap-exr"),
 )

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from calib.estimation.model_choice import simplest
-from calib.export.formats import Lens
+from calib.export.formats import ExportLens
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ def project(parameters: Array, tangents: Array, fisheye: bool) -> tuple[Array, A
     return np.asarray(pixels, np.float64).reshape(-1, 2), np.asarray(chosen, np.float64)
 
 
-def fit_lens(tangents: Array, pixels: Array, bare: Sequence[float], lens: Lens) -> Array:
+def fit_lens(tangents: Array, pixels: Array, bare: Sequence[float], lens: ExportLens) -> Array:
     """The (4 + coefficients,) parameters with the least squared misfit; coefficients that are not worth having stay 0.
 
     Args:

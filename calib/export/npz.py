@@ -1,7 +1,7 @@
 """NumPy files: the ray field, and maps for cv2.remap.
 
-rays.npz: width, height px of the image; fx, fy, cx, cy px of the undistorted picture; nodes_x (w,), nodes_y (h,) px; infinite (h, w, 2)
-px and parallax (h, w, 2) px m, so that the undistorted pixel at depth Z of the distorted pixel at a node is infinite + parallax / Z;
+rays.npz: width, height px of the image; fx, fy, cx, cy px of the undistorted picture; nodes_x (w,), nodes_y (h,) px; at_infinity (h, w, 2)
+px and parallax (h, w, 2) px m, so that the undistorted pixel at depth Z of the distorted pixel at a node is at_infinity + parallax / Z;
 valid (h, w); nearest (h, w) m, how far in front of the camera each ray leaves the cover.
 sigma_x (m,), sigma_y (n,) px and variance (n, m, 3), where the fit estimated it: the predicted variance of the undistorted position at
 those distorted pixels is variance[..., 0] + variance[..., 1] / Z + variance[..., 2] / Z^2, px^2, x and y together (calib.apply).
@@ -22,7 +22,7 @@ from calib.progress import Progress
 from calib.undistortion.depth_map import DepthMap
 from calib.undistortion.ray_field import RayField
 
-ARRAYS = ("nodes_x", "nodes_y", "infinite", "parallax", "valid", "nearest")
+ARRAYS = ("nodes_x", "nodes_y", "at_infinity", "parallax", "valid", "nearest")
 
 
 def write_npz(calibration: Calibration, depths: Sequence[float], folder: Path, progress: Progress, *, replace: bool = False) -> list[Path]:

@@ -49,7 +49,7 @@ class Sight:
         tangent = directions[:, :2] / directions[:, 2:]
         return Sight(pixels[kept], origins[:, :2] - tangent * origins[:, 2:], tangent, float(origins[:, 2].max()))
 
-    def nearly_meet(self) -> Array:
+    def nearly_intersect(self) -> Array:
         """(3,) m: the point to which the rays, where they pass its plane z = const, are nearest in the root mean square."""
         ones, zeros = np.ones(len(self.foot)), np.zeros(len(self.foot))
         rows_x = np.column_stack([ones, zeros, -self.tangent[:, 0]])

@@ -15,7 +15,7 @@ from scipy.interpolate import NdBSpline
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import spsolve
 
-from calib.export.formats import Lens
+from calib.export.formats import ExportLens
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ HOLD = 1e-12
 """How much a control point's square counts beside an observed direction's: it keeps those that no pixel sees at 0."""
 
 
-def fit_spline(normalised: Array, pixels: Array, bare: Sequence[float]) -> tuple[Lens, Array]:
+def fit_spline(normalised: Array, pixels: Array, bare: Sequence[float]) -> tuple[ExportLens, Array]:
     """Fit the control points.
 
     Args:
@@ -49,10 +49,10 @@ def fit_spline(normalised: Array, pixels: Array, bare: Sequence[float]) -> tuple
     normal.setdiag(normal.diagonal() + HOLD * len(u) / normal.shape[0])
     control = np.asarray(spsolve(normal, basis.T @ ((pixels - shift) / scale - u)))
     name = f"SPLINED_STEREOGRAPHIC_order=3_Nx={ACROSS}_Ny={down}_fov_x_deg={degrees}"
-    return Lens(name, control.size, knots=(ACROSS, down, spacing)), np.concatenate([bare[:4], control.ravel()])
+    return ExportLens(name, control.size, knots=(ACROSS, down, spacing)), np.concatenate([bare[:4], control.ravel()])
 
 
-def project_spline(lens: Lens, parameters: Array, normalised: Array) -> Array:
+def project_spline(lens: ExportLens, parameters: Array, normalised: Array) -> Array:
     """(N, 2) px of (N, 2) normalised image coordinates, with the lens and parameters of `fit_spline`.
 
     Beyond the knots the surface goes on as its outermost polynomials.

@@ -6,7 +6,7 @@ from pathlib import Path
 from calib.calibration import Calibration
 from calib.export.central import CentralModel, best_central
 from calib.export.colmap import cameras_txt
-from calib.export.formats import Lens
+from calib.export.formats import ExportLens
 from calib.export.kalibr import camchain
 from calib.export.mrcal import cameramodel
 from calib.export.npz import depth_text
@@ -28,7 +28,7 @@ CENTRAL: Mapping[str, tuple[str, Callable[[CentralModel], str]]] = {
 
 
 def write_central(
-    calibration: Calibration, form: str, lenses: Sequence[Lens], depths: Sequence[float], folder: Path, progress: Progress
+    calibration: Calibration, form: str, lenses: Sequence[ExportLens], depths: Sequence[float], folder: Path, progress: Progress
 ) -> tuple[list[Path], list[CentralModel]]:
     """Write a central camera for each depth (m), the best of these lenses; OpenCV's formats get their maps too.
 

@@ -14,7 +14,7 @@ from calib.corners.view import Rejected, View
 from calib.errors import InputError
 from calib.fitting.intrinsics import calibrate_bare
 from calib.io.frames_table import NAME as FRAMES_TABLE
-from calib.io.frames_table import Exposure, read_exposures
+from calib.io.frames_table import FrameRecord, read_frame_records
 from calib.progress import Progress
 from calib.session.camera import Intrinsics
 from calib.session.session import Session
@@ -35,7 +35,7 @@ class Gathered:
 
 def read_views(session: Session, progress: Progress) -> tuple[tuple[View, ...], tuple[Rejected, ...]]:
     """The session's corners: from its corners file, or detected in its pictures; with what frames.csv says of each picture."""
-    exposures = read_exposures(session.path / FRAMES_TABLE)
+    records = read_frame_records(session.path / FRAMES_TABLE)
     rejected: tuple[Rejected, ...] = ()
     if session.corners:
         views = read_corners(session.corners, session.board)
@@ -45,11 +45,11 @@ def read_views(session: Session, progress: Progress) -> tuple[tuple[View, ...], 
         size = session.camera.width, session.camera.height
         found = detect(session.frames, session.board, lambda done, hits: advance(done, f"{hits} boards found"), size=size)
         views, rejected = found.views, found.rejected
-    return tuple(_exposed(view, exposures.get(Path(view.name).name, Exposure())) for view in views), rejected
+    return tuple(_recorded(view, records.get(Path(view.name).name, FrameRecord())) for view in views), rejected
 
 
-def _exposed(view: View, exposure: Exposure) -> View:
-    return replace(view, time_s=exposure.time_s, pose_id=exposure.pose_id)
+def _recorded(view: View, record: FrameRecord) -> View:
+    return replace(view, time_s=record.time_s, pose_id=record.pose_id)
 
 
 def gather(session: Session, progress: Progress) -> Gathered:

@@ -23,7 +23,7 @@ Row = Mapping[str, str]
 
 
 @dataclass(frozen=True, slots=True)
-class Exposure:
+class FrameRecord:
     """When a picture was taken, and of which pose of the board."""
 
     time_s: float | None = None
@@ -49,19 +49,19 @@ def read_table(path: Path) -> list[dict[str, str]]:
     return rows
 
 
-def read_exposures(path: Path) -> dict[str, Exposure]:
+def read_frame_records(path: Path) -> dict[str, FrameRecord]:
     """By picture, without its folder; pictures without a row are not in it, and an empty cell says nothing.
 
     Raises:
         InputError: it is no table, or a time is not one.
     """
-    exposures = {}
+    records = {}
     for row in read_table(path):
         time_s = recorded_time(row)
         if time_s is None and row.get("time_s", "").strip():
             raise InputError(f"{path}: time_s of {row['file']} is {row['time_s']!r}: write seconds, such as 12.5, or leave it empty.")
-        exposures[Path(row["file"]).name] = Exposure(time_s, row.get("view", "").strip() or None)
-    return exposures
+        records[Path(row["file"]).name] = FrameRecord(time_s, row.get("view", "").strip() or None)
+    return records
 
 
 def recorded_time(row: Row) -> float | None:

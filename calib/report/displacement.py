@@ -14,7 +14,7 @@ from calib.undistortion.ray_field import RayField
 class Displacement:
     """Undistorted minus distorted pixel, which is affine in inverse depth; NaN where no ray leaves the cover."""
 
-    infinite: Array
+    at_infinity: Array
     """(..., 2) px, at infinite depth."""
     parallax: Array
     """(..., 2) px m, for each 1/m of inverse depth."""
@@ -32,7 +32,7 @@ class Displacement:
 
     def at(self, depth: float) -> Array:
         """(..., 2) px at depth m."""
-        return self.infinite + self.parallax / depth
+        return self.at_infinity + self.parallax / depth
 
 
 def lattice(evidence: Evidence, nodes: tuple[int, int]) -> tuple[Array, Array, Displacement]:

@@ -46,7 +46,7 @@ class RayField:
     """(w,) px"""
     nodes_y: Array
     """(h,) px"""
-    infinite: Array
+    at_infinity: Array
     """(h, w, 2) px, A: the undistorted pixel at infinite depth."""
     parallax: Array
     """(h, w, 2) px m, B: what is added for each 1/m of inverse depth."""
@@ -64,7 +64,7 @@ class RayField:
 
     def forward(self, depth: float) -> Forward:
         """From distorted to undistorted px at depth m, at the nodes and between them; infinity is a depth."""
-        return Forward(self.nodes_x, self.nodes_y, self.infinite + self.parallax / depth, self.valid)
+        return Forward(self.nodes_x, self.nodes_y, self.at_infinity + self.parallax / depth, self.valid)
 
     def spline(self, depth: float) -> Spline:
         """From distorted to undistorted px at depth m."""
@@ -101,7 +101,7 @@ class RayField:
 
     def _undistort(self, pixels: Array, depth: float | Array) -> tuple[Array, Array]:
         """(N, 2) undistorted px and their (N, 2, 2) Jacobians by (N, 2) distorted px, at depth m, one for all or (N,)."""
-        both = Spline.through(self.nodes_x, self.nodes_y, np.concatenate([self.infinite, self.parallax], -1))
+        both = Spline.through(self.nodes_x, self.nodes_y, np.concatenate([self.at_infinity, self.parallax], -1))
         value, derivatives = both.at(pixels)
         near = 1 / np.broadcast_to(np.asarray(depth, dtype=np.float64), len(pixels))  # 1/m
         return value[:, :2] + near[:, None] * value[:, 2:], derivatives[:, :2] + near[:, None, None] * derivatives[:, 2:]
@@ -119,16 +119,17 @@ def ray_field(path: Path, values: Values, width: int, height: int) -> RayField:
     """Trace the field, on a grid fine enough that between its nodes, too, its splines agree with tracing."""
     for spacing in spacings(FINEST):
         columns, rows = (grid(size, spacing, MARGIN * size) for size in (width, height))
-        at, infinite, parallax, nearest, ok = _affine(path, values, columns, rows)
+        at, at_infinity, parallax, nearest, ok = _affine(path, values, columns, rows)
         if spacing == SPACING and not ok.any():
             raise InputError("No ray of this camera leaves its cover: check the cover's numbers.")
         if spacing > SPACING and not ok.all():
             continue
-        displacement = extrapolated(infinite - at, ok)
+        displacement = extrapolated(at_infinity - at, ok)
         field = RayField(width, height, columns, rows, at + displacement, extrapolated(parallax, ok), ok, extrapolated(nearest, ok))
-        between, infinite, parallax, _, arrived = _affine(path, values, middles(columns), middles(rows))
+        between, at_infinity, parallax, _, arrived = _affine(path, values, middles(columns), middles(rows))
         off = np.linalg.norm(
-            field.undistorted(between.reshape(-1, 2), CHECK_DEPTH).reshape(infinite.shape) - infinite - parallax / CHECK_DEPTH, axis=-1
+            field.undistorted(between.reshape(-1, 2), CHECK_DEPTH).reshape(at_infinity.shape) - at_infinity - parallax / CHECK_DEPTH,
+            axis=-1,
         )
         sure = all_corners(ok) & arrived
         good = sure & (off < ACCEPTED)
@@ -153,9 +154,9 @@ def _affine(path: Path, values: Values, columns: Array, rows: Array) -> tuple[Ar
         ok = (rays.failure == 0) & (rays.direction.z > 1e-3)
         forward = torch.where(ok, rays.direction.z, torch.ones_like(rays.direction.z))
         tan_x, tan_y = rays.direction.x / forward, rays.direction.y / forward
-        infinite = torch.stack([fx * tan_x + cx, fy * tan_y + cy], -1)
+        at_infinity = torch.stack([fx * tan_x + cx, fy * tan_y + cy], -1)
         parallax = torch.stack([fx * (rays.origin.x - tan_x * rays.origin.z), fy * (rays.origin.y - tan_y * rays.origin.z)], -1)
-        chunks.append((infinite, parallax, rays.origin.z, ok))
+        chunks.append((at_infinity, parallax, rays.origin.z, ok))
     shape = at.shape[:2]
     a, b, nearest, arrived = (torch.cat(parts).numpy() for parts in zip(*chunks, strict=True))
     return at, a.reshape(at.shape), b.reshape(at.shape), nearest.reshape(shape), arrived.reshape(shape)

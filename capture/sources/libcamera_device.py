@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from capture.errors import CaptureError
-from capture.sources.registry import Camera
+from capture.sources.registry import ListedCamera
 
 FORMATS = ("R8", "YUV420", "NV12")
 """Those that begin with a plane of grey values, the smallest first."""
@@ -35,10 +35,10 @@ def find(cameras: Sequence[Any], place: str) -> Any:
     raise CaptureError(f"libcamera:{place} is not there; cameras of this machine: {there}.")
 
 
-def listed(number: int, camera: Any) -> Camera:
+def listed(number: int, camera: Any) -> ListedCamera:
     configuration = camera.generate_configuration([bindings().StreamRole.Viewfinder]).at(0)
     modes = []
     for pixels in configuration.formats.pixel_formats:
         if str(pixels) in FORMATS:
             modes += [f"{pixels} {size.width}x{size.height}" for size in configuration.formats.sizes(pixels)]
-    return Camera(f"libcamera:{number}", camera.id, tuple(modes))
+    return ListedCamera(f"libcamera:{number}", camera.id, tuple(modes))

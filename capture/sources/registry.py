@@ -12,7 +12,7 @@ from capture.frames import FrameSource
 
 
 @dataclass(frozen=True, slots=True)
-class Camera:
+class ListedCamera:
     """A camera of this machine."""
 
     source: str
@@ -28,7 +28,7 @@ class Camera:
 class Inventory:
     """What one backend finds."""
 
-    cameras: tuple[Camera, ...] = ()
+    cameras: tuple[ListedCamera, ...] = ()
     missing: str = ""
     """A sentence on what keeps this backend from finding any."""
 

@@ -24,7 +24,7 @@ from calib.session.schema import Quantity, Section
 from capture.errors import CaptureError
 from capture.frames import Frame
 from capture.sources.options import read_number, read_size
-from capture.sources.registry import Camera, Inventory
+from capture.sources.registry import Inventory, ListedCamera
 
 ALIGNMENT = 64  # bytes, of a row
 START = 10.0  # s, until the first picture: the program sets up the sensor
@@ -185,12 +185,12 @@ def inventory() -> Inventory:
         done = subprocess.run(["rpicam-hello", "--list-cameras"], capture_output=True, text=True, timeout=20, errors="replace", check=False)
     except (OSError, subprocess.TimeoutExpired) as error:
         return Inventory(missing=f"rpicam-hello does not answer ({error}): start the machine again.")
-    cameras: list[Camera] = []
+    cameras: list[ListedCamera] = []
     for line in (done.stdout + done.stderr).splitlines():
         if head := re.match(r"(\d+) : (\S+)", line):
-            cameras.append(Camera(f"rpicam:{head[1]}", head[2], ()))
+            cameras.append(ListedCamera(f"rpicam:{head[1]}", head[2], ()))
         elif cameras and (mode := re.search(r"(\d+x\d+) \[([0-9.]+) fps", line)):
             last = cameras.pop()
-            cameras.append(Camera(last.source, last.name, (*last.modes, f"{mode[1]} {mode[2]} fps")))
+            cameras.append(ListedCamera(last.source, last.name, (*last.modes, f"{mode[1]} {mode[2]} fps")))
     missing = "" if cameras else "rpicam-apps sees no camera: check its cable, with the power off, and start the machine again."
     return Inventory(tuple(cameras), missing)

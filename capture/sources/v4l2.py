@@ -25,7 +25,7 @@ from capture.errors import CaptureError
 from capture.frames import Frame
 from capture.sources import v4l2_device as device
 from capture.sources.options import EXPOSURE_US, GAIN, read_number, read_size
-from capture.sources.registry import Camera, Inventory
+from capture.sources.registry import Inventory, ListedCamera
 from capture.sources.v4l2_formats import FORMATS, ROWS, Grey
 
 os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")  # s, for which OpenCV waits for a frame; it reads this at its first use
@@ -199,11 +199,11 @@ def inventory() -> Inventory:
             with device.opened(str(node)) as handle:
                 modes = [mode for mode in device.modes(handle) if mode.format in FORMATS]
                 problem = "" if modes else f"It has no picture format that can be read: {RAW_ONLY}"
-                cameras.append(Camera(source, device.card(handle), tuple(map(str, modes)), problem))
+                cameras.append(ListedCamera(source, device.card(handle), tuple(map(str, modes)), problem))
         except device.NoCameraError:
             continue
         except CaptureError as error:
-            cameras.append(Camera(source, "", (), str(error)))
+            cameras.append(ListedCamera(source, "", (), str(error)))
     if cameras:
         return Inventory(tuple(cameras))
     return Inventory(

@@ -4,13 +4,13 @@ from collections.abc import Iterator, Sequence
 
 from calib.session.camera import Camera, read_camera
 from calib.session.schema import Section
-from capture.coverage import Guide, Hint, PlainGuide, Progress, SeenView
+from capture.coverage import Guide, Hint, PlainGuide, SeenView, SessionProgress
 from capture.guidance import Guidance, GuidanceError
 from capture.tui.camera import Task
 from capture.tui.child import Child
 from capture.tui.lens import find_lens
 
-Advice = tuple[Hint | None, Progress]
+Advice = tuple[Hint | None, SessionProgress]
 
 
 class Adviser:

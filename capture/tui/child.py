@@ -58,7 +58,7 @@ def _sentence(ending: Ending) -> str:
     return f"The process that calculates ended early, which is a bug in capture ({ending.words}): start it again, or run calib fit."
 
 
-class _Told:
+class _Narrator:
     """In the process: progress as events."""
 
     def __init__(self, connection: Connection) -> None:
@@ -74,11 +74,11 @@ class _Told:
 
 def _tell(connection: Connection, work: Work, *arguments: object) -> None:
     """In the process: the work, and its result or the sentence that it ended with."""
-    told = _Told(connection)
+    narrator = _Narrator(connection)
     try:
-        told.say("result", **work(told, *arguments))
+        narrator.say("result", **work(narrator, *arguments))
     except RefracalError as error:
-        told.say("error", sentence=str(error))
+        narrator.say("error", sentence=str(error))
     except ImportError as error:
         sentence = f"This machine cannot fit ({error}): install torch, or copy the session and run calib fit there."
-        told.say("error", sentence=sentence)
+        narrator.say("error", sentence=sentence)

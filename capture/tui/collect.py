@@ -15,7 +15,7 @@ from textual.events import ScreenResume
 from textual.message import Message
 
 from calib.errors import RefracalError
-from capture.coverage import Hint, Progress, SeenView
+from capture.coverage import Hint, SeenView, SessionProgress
 from capture.errors import CaptureError
 from capture.recording_loop import Shutter, Step
 from capture.tui.adviser import Adviser
@@ -85,7 +85,7 @@ class CollectScreen(Page):
     class Advised(Message):
         """The guide has thought about the views."""
 
-        def __init__(self, count: int, hint: Hint | None, progress: Progress) -> None:
+        def __init__(self, count: int, hint: Hint | None, progress: SessionProgress) -> None:
             super().__init__()
             self.count = count
             self.hint = hint

@@ -23,10 +23,10 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
     calibration = Calibration.load(place)
     check_writable(out)
     better, finding = diagnose(calibration, progress)
-    return summary(better, better.save(out)) | {"accepted": list(finding.accepted), "told": told(finding)}
+    return summary(better, better.save(out)) | {"accepted": list(finding.accepted), "text": as_text(finding)}
 
 
-def told(finding: "Diagnosis") -> str:
+def as_text(finding: "Diagnosis") -> str:
     """The finding in lines of at most 78 characters: what was found, the error before and after, and what else was looked into."""
     before, after = finding.before, finding.after
     found = ", ".join(finding.accepted) or "nothing: no effect that is known here improves held-out views beyond chance"

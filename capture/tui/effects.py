@@ -50,7 +50,7 @@ class EffectsScreen(WorkingPage):
     def finished(self, result: Event) -> None:
         self.result = result
         self.refresh_bindings()
-        self.show(result["told"])
+        self.show(result["text"])
         found = " and ".join(result["accepted"])
         use = f"Press enter to go on with {found}, and to export maps with it; esc leaves the fit as it was."
         self.say(use if found else "Nothing is added: the fit stays as it was. Press esc, then x to export maps.")

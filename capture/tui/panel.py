@@ -6,7 +6,7 @@ from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 from textual.reactive import reactive
 
-from capture.coverage import Progress
+from capture.coverage import SessionProgress
 from capture.tui.cells import FOUND, HINT
 from capture.tui.maps import shaded
 from capture.tui.page import Line
@@ -26,7 +26,7 @@ class Panel(Vertical):
     Panel #legend { height: 2; color: $text-muted; }
     Panel #notes { height: 1fr; color: $text-muted; }
     """
-    progress: reactive[Progress | None] = reactive(None)
+    progress: reactive[SessionProgress | None] = reactive(None)
 
     def __init__(self, *, covered: bool) -> None:
         """`covered`: the camera looks through a cover, so its glass has a map of its own."""
@@ -50,7 +50,7 @@ class Panel(Vertical):
         """What a person should know of the camera; the newest first."""
         self.query_one("#notes", Line).say("\n".join(reversed(remarks)))
 
-    def watch_progress(self, progress: Progress | None) -> None:
+    def watch_progress(self, progress: SessionProgress | None) -> None:
         if progress is None:
             return
         self.query_one("#enough", Line).say(progress.sentence)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.uncertainty import CAMERA, GLASS, calibrate, errors
 from calib.apply.map_uncertainty import predicted_sigma
 from calib.calibration import Calibration
 from calib.export.npz import write_npz
@@ -15,6 +14,8 @@ from calib.fitting.stages import Settings, Setup, fit_stages
 from calib.progress import Silent
 from calib.session.freeing import with_free
 from calib.session.schema import Number
+from fixtures.calibrated import CAMERA, GLASS, calibrate
+from fixtures.map_errors import errors
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, Scene, scene
 
 REPEATS = 12
@@ -41,23 +42,23 @@ def test_errors_are_as_large_as_predicted() -> None:
 
 
 def test_a_wrong_focal_length_is_not_foreseen(made: Scene) -> None:
-    """The negative control: what the fit is told and does not doubt, its sigma cannot know."""
+    """The negative control: what the fit is overconfident and does not doubt, its sigma cannot know."""
     k = INTRINSICS
     wrong = replace(k, fx=replace(k.fx, value=1.02 * k.fx.value), fy=replace(k.fy, value=0.98 * k.fy.value))
     setup = Setup(made.board, replace(CAMERA, intrinsics=wrong), wrong, made.cover)
     found = fit_stages(setup, made.observations, Settings(grid=(8, 8)), Silent())
     assert found.joint
-    told = replace(
+    overconfident = replace(
         calibrate(made, Settings(grid=(8, 8))),
         camera=setup.camera,
         amplitudes=found.values["relief.amplitudes"].numpy(),
         poses=found.poses.numpy(),
         covariance=found.joint.covariance.numpy(),
     )
-    assert all(np.sqrt(np.mean(np.square(error / sigma))) > 1.5 for error, sigma in errors(made, told))
+    assert all(np.sqrt(np.mean(np.square(error / sigma))) > 1.5 for error, sigma in errors(made, overconfident))
 
 
-def test_the_variance_is_what_drawn_numbers_scatter_by(calibration: Calibration) -> None:
+def test_the_variance_is_what_drawn_parameters_scatter_by(calibration: Calibration) -> None:
     """Monte Carlo: draw amplitudes from the covariance, trace their rays, take out the motion as the benchmark does."""
     rng = np.random.default_rng(0)
     truth, values = calibration.model()
@@ -66,7 +67,7 @@ def test_the_variance_is_what_drawn_numbers_scatter_by(calibration: Calibration)
     depth = truth.place(calibration.observations.corners, values, torch.from_numpy(calibration.poses)[calibration.observations.view])[
         :, 2
     ].numpy()
-    from benchmarks.uncertainty import motions, rays_of, seen_at
+    from fixtures.map_errors import motions, rays_of, seen_at
 
     scatter = []
     for _ in range(300):
@@ -98,7 +99,7 @@ def test_maps_carry_their_sigma(calibration: Calibration, tmp_path: Path) -> Non
     assert sigma == pytest.approx(np.sqrt(variance @ [1, 1 / 0.6, 1 / 0.36]), rel=0.1)
 
 
-def test_freed_numbers_are_as_far_off_as_their_sigmas_say() -> None:
+def test_freed_parameters_are_as_far_off_as_their_sigmas_say() -> None:
     """Priors whose means are drawn around the truth. Sixteen numbers, two or three of a kind in one fit: 1 within a third or so."""
     off = []
     for seed in range(500, 504):

@@ -148,9 +148,9 @@ def test_the_plain_rule_ends_and_repeats_no_view() -> None:
 def test_the_plain_rule_needs_no_poses() -> None:
     guide = PlainGuide(BOARD, CAMERA, REACH)
     found = bank(BOARD, CAMERA, REACH)
-    told = [SeenView(corners, pose) for corners, pose in zip(found.corners[::40], found.poses[::40], strict=True)]
-    untold = [SeenView(view.corners) for view in told]
-    assert guide.progress(told).views_needed == guide.progress(untold).views_needed
+    posed = [SeenView(corners, pose) for corners, pose in zip(found.corners[::40], found.poses[::40], strict=True)]
+    unposed = [SeenView(view.corners) for view in posed]
+    assert guide.progress(posed).views_needed == guide.progress(unposed).views_needed
 
 
 @pytest.mark.parametrize("pose", [(0, 0, 0, 0, 0, 0.5), (0.5, 0, 0, 0, 0, 1.0)])

@@ -57,12 +57,12 @@ def same(one: Detections, other: Detections) -> bool:
 def test_every_picture_is_found_or_rejected_in_order(tmp_path: Path) -> None:
     scenes = views(4)
     scenes.insert(1, None)
-    told: list[tuple[int, int]] = []
-    result = detect(write(tmp_path, scenes), BOARD, lambda done, hits: told.append((done, hits)))
+    reported: list[tuple[int, int]] = []
+    result = detect(write(tmp_path, scenes), BOARD, lambda done, hits: reported.append((done, hits)))
     assert [view.name for view in result.views] == ["0000.png", "0002.png", "0003.png", "0004.png"]
     assert [(r.name, r.reason.split(":")[0]) for r in result.rejected] == [("0001.png", "no 9x6 board found")]
-    assert [done for done, _ in told] == [1, 2, 3, 4, 5]
-    assert told[-1] == (5, 4)
+    assert [done for done, _ in reported] == [1, 2, 3, 4, 5]
+    assert reported[-1] == (5, 4)
     for view, scene in zip(result.views, (s for s in scenes if s is not None), strict=True):
         assert rms(view.corners, scene.draw()[1]) < 0.08
         assert (view.weight == 1).all()

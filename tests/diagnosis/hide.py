@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from benchmarks.uncertainty import GLASS, calibrate
 from calib.calibration import Calibration
 from calib.corners.view import View
 from calib.effects.effect import Effect
 from calib.fitting.stages import Settings
 from calib.optics.projection import project
+from fixtures.calibrated import GLASS, calibrate
 from fixtures.synthetic import Scene, scene
 
 

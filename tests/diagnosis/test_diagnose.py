@@ -37,7 +37,7 @@ def found(bowed: Calibration) -> tuple[Calibration, Diagnosis]:
     return diagnose(bowed, Silent())
 
 
-def test_a_bowed_board_is_named_with_its_numbers(found: tuple[Calibration, Diagnosis]) -> None:
+def test_a_bowed_board_is_named_with_its_parameters(found: tuple[Calibration, Diagnosis]) -> None:
     _, finding = found
     assert finding.accepted == ("board_bow",)
     (own,) = (candidate for candidate in finding.candidates if candidate.accepted)

@@ -54,15 +54,15 @@ def test_what_is_hidden_is_found(finding: tuple[str, Calibration, Diagnosis], tm
     print(name, said.accepted, said.before.held_out_px, said.after.held_out_px)
     assert said.accepted == HIDDEN[name]
     with np.load(FIXTURES / name / "truth.npz") as truth:
-        told = dict(truth)
+        truth_of = dict(truth)
     parameters = {key: pair for found in better.effects for key, pair in found.parameters.items()}
     if "board_bow" in HIDDEN[name]:
-        for axis, true in zip("xy", told["board_bow"], strict=True):
+        for axis, true in zip("xy", truth_of["board_bow"], strict=True):
             value, sigma = parameters[f"board_bow.{axis}"]
             assert abs(float(value) - true) < 3 * float(sigma)
     if "board_scale" in HIDDEN[name]:
         value, sigma = parameters["board_scale.x_over_y"]
-        assert abs(float(value) - told["print_stretch"]) < 3 * float(sigma) + 2e-5  # its square: that is a ratio, ours a difference
+        assert abs(float(value) - truth_of["print_stretch"]) < 3 * float(sigma) + 2e-5  # its square: that is a ratio, ours a difference
     assert said.after.held_out_px < (1.2 if name == "shutter" else 1.05) * detector_error(name, tmp_path)
     if name == "tilted":  # absorbed by the relief: nothing to find, and the maps are right
         error = map_error(better, FIXTURES / name / "truth.npz", near=40.0)

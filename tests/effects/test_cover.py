@@ -44,7 +44,7 @@ def proposed(kind: type[Effect], model: CameraModel, place: Tensor | None = None
     return effect
 
 
-def numbers_of(example: Example, **changed: float) -> dict[str, float]:
+def parameters_of(example: Example, **changed: float) -> dict[str, float]:
     stated = {name: number.value for name, number in example.changed(example.moved).parameters.items()}
     return stated | {name: stated[name] + change for name, change in changed.items()}
 
@@ -79,7 +79,7 @@ def test_cover_offset_is_a_camera_moved_the_other_way(example: Example) -> None:
     shift = np.zeros(3)
     for name, rise in moved.items():
         shift["xyz".index("z" if name == "distance" else name[-1])] = rise
-    origins, directions = Glass(example, numbers_of(example), outer=outer(example)).rays(PIXELS, origin=-shift)
+    origins, directions = Glass(example, parameters_of(example), outer=outer(example)).rays(PIXELS, origin=-shift)
     given = {f"cover_offset.{name}": rise for name, rise in moved.items()}
     assert given.keys() == {u.param.name for u in effect.unknowns}
     agrees(effect, base, given, (origins + shift, directions), moves=1e-5)
@@ -92,7 +92,7 @@ def test_cover_tilt_is_a_camera_turned_the_other_way(example: Example) -> None:
     effect = proposed(CoverTilt, base)
     axes = "xy" if example is FLAT else "xz"
     angles = dict(zip(axes, (0.02, -0.015), strict=True))
-    parameters = numbers_of(example)
+    parameters = parameters_of(example)
     stated = turned(**{axis: parameters.get(f"tilt.{axis}", 0.0) for axis in "xyz"})
     turn = stated @ turned(**angles) @ stated.T  # in the camera's axes
     middle = example.origin(parameters)
@@ -106,7 +106,7 @@ def test_wedge_is_two_surfaces_each_turned_by_itself(example: Example) -> None:
     base = model(example)
     axes = "xy" if example is FLAT else "xz"
     angles = dict(zip(axes, (0.003, -0.005), strict=True))
-    glass = Glass(example, numbers_of(example), outer=outer(example), wedge=(angles["x"], angles.get("y", 0.0), angles.get("z", 0.0)))
+    glass = Glass(example, parameters_of(example), outer=outer(example), wedge=(angles["x"], angles.get("y", 0.0), angles.get("z", 0.0)))
     given = {f"wedge.{axis}": angle for axis, angle in angles.items()}
     agrees(proposed(Wedge, base), base, given, glass.rays(PIXELS), moves=1e-4)
 
@@ -131,7 +131,7 @@ def test_cover_radius_is_another_cover(example: Example) -> None:
         proposed(CoverRadius, base),
         base,
         given,
-        Glass(example, numbers_of(example, **rises), outer=outer(example)).rays(PIXELS),
+        Glass(example, parameters_of(example, **rises), outer=outer(example)).rays(PIXELS),
         moves=1e-6,
     )
 
@@ -148,7 +148,7 @@ def test_a_cylinder_that_tapers_is_a_cone() -> None:
 @pytest.mark.parametrize(("kind", "number", "rise"), [(Thickness, "thickness", -2e-4), (RefractiveIndex, "refractive_index", 0.02)])
 def test_other_glass_is_another_cover(example: Example, kind: type[Effect], number: str, rise: float) -> None:
     base = model(example)
-    expected = Glass(example, numbers_of(example, **{number: rise}), outer=outer(example)).rays(PIXELS)
+    expected = Glass(example, parameters_of(example, **{number: rise}), outer=outer(example)).rays(PIXELS)
     agrees(proposed(kind, base), base, {f"{kind.name}.{number}": rise}, expected, moves=1e-6)
 
 
@@ -158,7 +158,7 @@ def test_inner_surface_is_a_sum_of_gaussians_on_the_inside(example: Example) -> 
     effect = proposed(InnerSurface, base)
     amplitudes = np.random.default_rng(8).normal(0, 1e-5, (6, 6))
     at, widths = centres(*example.patch, (6, 6))
-    glass = Glass(example, numbers_of(example), inner=oracle.bumps(at, amplitudes.ravel(), widths), outer=outer(example))
+    glass = Glass(example, parameters_of(example), inner=oracle.bumps(at, amplitudes.ravel(), widths), outer=outer(example))
     agrees(effect, base, {"inner_surface.amplitudes": amplitudes}, glass.rays(PIXELS), moves=1e-3)
 
 
@@ -173,7 +173,7 @@ def test_fine_surface_adds_narrower_gaussians_outside(example: Example) -> None:
     at = np.array([place + np.array([i, j]) * steps for i in range(-5, 6) for j in range(-5, 6)])
     amplitudes = np.random.default_rng(9).normal(0, 5e-6, (11, 11))
     fine, coarse = oracle.bumps(at, amplitudes.ravel(), (steps[0], steps[1])), outer(example)
-    glass = Glass(example, numbers_of(example), outer=lambda first, second: coarse(first, second) + fine(first, second))
+    glass = Glass(example, parameters_of(example), outer=lambda first, second: coarse(first, second) + fine(first, second))
     agrees(effect, base, {"fine_surface.amplitudes": amplitudes}, glass.rays(PIXELS), moves=1e-4)
 
 

@@ -50,14 +50,14 @@ def test_every_effect_is_possible_somewhere(kind: type[Effect]) -> None:
 
 
 @each_form
-def test_neutral_numbers_change_no_landing(form: Form) -> None:
+def test_neutral_parameters_change_no_landing(form: Form) -> None:
     model = form.model
     neutral = {**form.there.values, **model.neutral(form.effect)}
     assert (land(form, neutral, model.padded(form.there.poses)) - land_without(form.there)).abs().max() < 1e-14  # m
 
 
 @each_form
-def test_its_numbers_are_read_by_the_path(form: Form) -> None:
+def test_its_parameters_are_read_by_the_path(form: Form) -> None:
     """What a path does not tell of, no fit estimates."""
     read = {param.name: param for param in form.model.path.params}
     assert form.effect.unknowns or form.effect.per_view
@@ -109,7 +109,7 @@ def test_the_relief_s_derivatives_hold_beside_it(form: Form) -> None:
 @each_form
 def test_written_and_read_again(form: Form) -> None:
     values, _ = form.present()
-    parameters = _numbers(form, values)
+    parameters = _estimated(form, values)
     text = yaml.safe_dump(effect_to_yaml(form.effect, parameters))
     effect, again = effect_from_yaml(yaml.safe_load(text))
     assert effect == form.effect
@@ -121,7 +121,7 @@ def test_written_and_read_again(form: Form) -> None:
 @each_form
 def test_a_calibration_keeps_it(form: Form, tmp_path: Path) -> None:
     values, poses = form.present()
-    made = form.there.calibration([AddedEffect(form.effect, _numbers(form, values))], poses)
+    made = form.there.calibration([AddedEffect(form.effect, _estimated(form, values))], poses)
     again = Calibration.load(made.save(tmp_path))
     seen = again.observations
     for one, other in zip(made.rays(seen.pixels.numpy()), again.rays(seen.pixels.numpy()), strict=True):
@@ -161,7 +161,7 @@ def test_finer_glass_needs_a_place_that_asks_for_it(there: Situation) -> None:
 )
 def test_a_file_that_tells_of_no_effect_is_refused(change: dict[str, object], reason: str) -> None:
     form = next(form for form in FORMS if isinstance(form.effect, FreeField))
-    said = effect_to_yaml(form.effect, _numbers(form, form.present()[0]))
+    said = effect_to_yaml(form.effect, _estimated(form, form.present()[0]))
     with pytest.raises((LookupError, TypeError, ValueError), match=reason):
         effect_from_yaml(said | change)
 
@@ -183,5 +183,5 @@ def _compare(analytic: Tensor, numeric: Tensor, name: str) -> None:
     assert worst < (1e-5 if name.startswith("fine_surface") else 1e-6), f"{name}: off by {worst:.1e} of its own size"
 
 
-def _numbers(form: Form, values: dict[str, Tensor]) -> Estimated:
+def _estimated(form: Form, values: dict[str, Tensor]) -> Estimated:
     return {u.param.name: (values[u.param.name].numpy(), np.full(u.param.shape, u.sigma)) for u in form.effect.unknowns}

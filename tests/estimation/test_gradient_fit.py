@@ -57,8 +57,8 @@ def test_image_and_board_residuals_agree_to_first_order() -> None:
     pixels = made.observations.pixels
     own = made.poses[made.observations.view]
     landed = made.path.land(pixels, made.values, own)[0]
-    slopes = torch.stack(
+    jacobian = torch.stack(
         [(made.path.land(pixels + size * axis, made.values, own)[0] - landed) / size for axis in torch.eye(2, dtype=torch.float64)], -1
     )
-    expected = -torch.linalg.solve(slopes, both.board.unsqueeze(-1)).squeeze(-1)
+    expected = -torch.linalg.solve(jacobian, both.board.unsqueeze(-1)).squeeze(-1)
     assert (both.image - expected).abs().max() < 1e-3 * both.image.abs().max()

@@ -53,7 +53,7 @@ def start(problem: Curves) -> tuple[Tensor, Tensor]:
     return torch.tensor([0.3], dtype=torch.float64), torch.ones_like(problem.own)
 
 
-def test_recovers_shared_and_own_numbers() -> None:
+def test_recovers_shared_and_own_parameters() -> None:
     problem = Curves(0, blocks=7, noise=0.0)
     solution = minimise(problem, *start(problem))
     assert solution.outcome is Outcome.CONVERGED
@@ -78,7 +78,7 @@ def test_agrees_with_a_dense_solver_that_knows_no_blocks() -> None:
     assert np.abs(ours - dense.x).max() < 1e-4  # where the cost is flat to 1e-10
 
 
-def test_works_without_shared_numbers() -> None:
+def test_works_without_shared_parameters() -> None:
     problem = Curves(2, blocks=3, noise=0.0)
     held = problem.k
 

@@ -8,7 +8,7 @@ import pytest
 from calib.calibration import Calibration
 from calib.errors import InputError
 from calib.export.central import best_central
-from calib.export.formats import FORMATS, OPENCV, SPLINED, Lens
+from calib.export.formats import FORMATS, OPENCV, SPLINED, ExportLens
 from calib.export.lens_fit import fit_lens, project
 from calib.export.sight import FITTED, Sight
 from calib.export.spline_fit import project_spline
@@ -19,7 +19,7 @@ TANGENTS = np.stack(np.meshgrid(np.linspace(-0.6, 0.6, 30), np.linspace(-0.45, 0
 
 
 @pytest.mark.parametrize(("lens", "written_out"), [(FIVE, distorted), (EIGHT, distorted), (FISHEYE, fisheye)])
-def test_a_lens_comes_back_from_its_own_picture(lens: Lens, written_out: object) -> None:
+def test_a_lens_comes_back_from_its_own_picture(lens: ExportLens, written_out: object) -> None:
     """Made by formulas of the test's own; found in pixels, as a rational lens's coefficients are not unique."""
     assert callable(written_out)
     coefficients = [-0.21, 0.11, 0.003, -0.002, 0.01, 0.05, 0.02, -0.01][: lens.coefficients]
@@ -29,7 +29,7 @@ def test_a_lens_comes_back_from_its_own_picture(lens: Lens, written_out: object)
 
 
 @pytest.mark.parametrize("lens", [FOUR, TWELVE, FISHEYE])
-def test_derivatives_are_central_differences(lens: Lens) -> None:
+def test_derivatives_are_central_differences(lens: ExportLens) -> None:
     parameters = np.append([900.0, 910.0, 640.0, 480.0], np.linspace(-0.05, 0.05, lens.coefficients))
     exact = project(parameters, TANGENTS, lens.fisheye)[1]
     for i, size in enumerate([1.0] * 4 + [1e-4] * lens.coefficients):
@@ -48,10 +48,10 @@ def test_without_a_cover_the_lens_is_the_calibration_s_own(bare: Calibration) ->
     assert list(model.remarks()) == []
 
 
-def test_the_rays_nearly_meet_where_the_model_stands(covered: Calibration) -> None:
+def test_the_rays_nearly_intersect_where_the_model_stands(covered: Calibration) -> None:
     """Any other point makes half and double depth worse, by far in z; at its own depth a model hardly cares."""
     sight = Sight.of(covered, FITTED)
-    best = sight.nearly_meet()
+    best = sight.nearly_intersect()
 
     def passing(point: np.ndarray) -> float:
         """m RMS between the rays and the point, in its plane z = const."""
@@ -75,7 +75,7 @@ def test_more_coefficients_are_taken_only_where_they_are_worth_it(covered: Calib
 
 
 @pytest.mark.parametrize("lens", [lens for form in FORMATS for lens in form.lenses], ids=lambda lens: lens.name)
-def test_every_lens_has_the_coefficients_that_it_says(covered: Calibration, lens: Lens) -> None:
+def test_every_lens_has_the_coefficients_that_it_says(covered: Calibration, lens: ExportLens) -> None:
     model = best_central(covered, 0.5, [lens])
     assert len(model.distortion) == model.lens.coefficients
     assert model.lens.name.startswith(lens.name)
@@ -90,7 +90,7 @@ def test_a_spline_follows_uneven_glass_at_its_depth_where_no_polynomial_does(cov
 
 def test_a_spline_is_the_formula_of_its_knots() -> None:
     """One control point moved: a cubic B-spline's weights, (1/6, 4/6, 1/6), at its knot and the two beside it."""
-    lens = Lens("", 0, knots=(9, 7, 0.1))
+    lens = ExportLens("", 0, knots=(9, 7, 0.1))
     parameters = np.zeros(4 + 9 * 7 * 2)
     parameters[:4] = 1000, 1000, 0, 0
     still = parameters.copy()

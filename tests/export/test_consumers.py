@@ -67,8 +67,8 @@ def test_opencv_maps_are_the_calibration_s(small: Calibration, tmp_path: Path) -
     k = small.camera.intrinsics
     assert k
     at = np.random.default_rng(2).integers([50, 50], [width - 50, height - 50], (500, 2))
-    slopes = (at - [k.cx.value, k.cy.value]) / [k.fx.value, k.fy.value]
-    pixels = small.project(np.column_stack([slopes, np.ones(500)]) * DEPTH)
+    tangents = (at - [k.cx.value, k.cy.value]) / [k.fx.value, k.fy.value]
+    pixels = small.project(np.column_stack([tangents, np.ones(500)]) * DEPTH)
     assert np.abs(straight[at[:, 1], at[:, 0]] - pixels).max() < 0.01 + 1 / 64  # cv2.remap rounds to 1/32 px
 
 

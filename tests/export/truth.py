@@ -79,18 +79,18 @@ def centre(text: str) -> Array:
     return np.array([float(entry) / 1000 for entry in found.groups()])
 
 
-def distorted(slopes: Array, coefficients: list[float]) -> Array:
+def distorted(tangents: Array, coefficients: list[float]) -> Array:
     """(N, 2) x / z and y / z through Brown's or the rational lens, written out from OpenCV's documentation."""
     k1, k2, p1, p2, k3, k4, k5, k6 = (*coefficients, *[0.0] * (8 - len(coefficients)))
-    x, y = slopes.T
+    x, y = tangents.T
     r2 = x**2 + y**2
     radial = (1 + k1 * r2 + k2 * r2**2 + k3 * r2**3) / (1 + k4 * r2 + k5 * r2**2 + k6 * r2**3)
     return np.column_stack([x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2), y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y])
 
 
-def fisheye(slopes: Array, coefficients: list[float]) -> Array:
+def fisheye(tangents: Array, coefficients: list[float]) -> Array:
     """(N, 2) x / z and y / z through the equidistant lens of Kannala and Brandt."""
-    r = np.linalg.norm(slopes, axis=-1)
+    r = np.linalg.norm(tangents, axis=-1)
     angle = np.arctan(r)
     bent = angle * (1 + sum(k * angle ** (2 * i) for i, k in enumerate(coefficients, start=1)))
-    return np.asarray(slopes * (bent / r)[:, None])
+    return np.asarray(tangents * (bent / r)[:, None])

@@ -30,11 +30,11 @@ def bend(direction: Vec, normal: Vec, n_from: float, n_to: float) -> Vec:
 
 def gradient(function: Callable[[Vec], float], point: Vec, size: float = 1e-5) -> Vec:
     """Fourth-order central differences."""
-    slopes = np.empty(3)
+    gradient = np.empty(3)
     for axis, step in enumerate(np.eye(3) * size):
         near, far = (function(point + k * step) - function(point - k * step) for k in (1, 2))
-        slopes[axis] = (8 * near - far) / (12 * size)
-    return slopes
+        gradient[axis] = (8 * near - far) / (12 * size)
+    return gradient
 
 
 def through(surfaces: Sequence[tuple[Callable[[Vec], float], float, float]], origin: Vec, direction: Vec, reach: float) -> tuple[Vec, Vec]:

@@ -115,14 +115,14 @@ def test_derivatives_agree_with_central_differences(example: Example) -> None:
 
     here = {param.name: values[param.name].clone().requires_grad_() for param in path.params}
     rows = [torch.autograd.grad(entry, [*here.values()], retain_graph=True) for entry in exit_rays(here).reshape(-1)]
-    for param, slopes in zip(path.params, zip(*rows, strict=True), strict=True):
-        index = (2, 3) if slopes[0].ndim else ()
+    for param, derivatives in zip(path.params, zip(*rows, strict=True), strict=True):
+        index = (2, 3) if derivatives[0].ndim else ()
         size = 1e-3 * param.scale
         step = torch.zeros_like(values[param.name])
         step[index] = size
         up, down = (exit_rays({**values, param.name: values[param.name] + sign * step}) for sign in (1, -1))
         numeric = (up - down) / (2 * size)
-        analytic = torch.stack([slope[index] for slope in slopes]).reshape(numeric.shape)
+        analytic = torch.stack([slope[index] for slope in derivatives]).reshape(numeric.shape)
         assert numeric.abs().max() > 0, f"{param.name} moves no ray"
         worst = (analytic - numeric).abs().max() / numeric.abs().max()
         assert worst < 1e-6, f"{param.name}: off by {worst:.1e} of its own size"  # differences of 1e-3 scales: error (1e-3)^2
@@ -133,12 +133,12 @@ def test_derivatives_by_pixel_agree_with_central_differences(example: Example) -
     path, values = nominal(example, changed=example.moved)
     pixels = some_pixels(20).requires_grad_()
     at = path.trace(pixels, values).at_depth(torch.tensor(0.5, dtype=torch.float64))
-    (slopes,) = by_row(at, [pixels])
+    (derivatives,) = by_row(at, [pixels])
     for axis in range(2):
         step = torch.zeros(2, dtype=torch.float64)
         step[axis] = 1e-2
         up, down = (path.trace(pixels.detach() + sign * step, values).at_depth(torch.tensor(0.5, dtype=torch.float64)) for sign in (1, -1))
-        assert (slopes[..., axis] - (up - down) / 2e-2).abs().max() < 1e-6 * slopes.abs().max()
+        assert (derivatives[..., axis] - (up - down) / 2e-2).abs().max() < 1e-6 * derivatives.abs().max()
 
 
 @each_shape

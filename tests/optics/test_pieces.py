@@ -83,12 +83,12 @@ def test_rotation_is_opencv_s() -> None:
 
 
 @pytest.mark.parametrize("rotvec", [[0.3, -1.2, 2.0], [3e-4, 2e-4, -1e-4], [2e-3, 0.0, 1e-3], [0.0, 0.0, 0.0]])
-def test_rotation_slopes_agree_with_central_differences(rotvec: list[float]) -> None:
+def test_rotation_derivatives_agree_with_central_differences(rotvec: list[float]) -> None:
     here = torch.tensor(rotvec, dtype=torch.float64)
-    slopes = rotation.derivatives(here, rotation.matrix(here))
+    derivatives = rotation.derivatives(here, rotation.matrix(here))
     for axis, step in enumerate(1e-6 * torch.eye(3, dtype=torch.float64)):
         numeric = (rotation.matrix(here + step) - rotation.matrix(here - step)) / 2e-6
-        assert (slopes[axis] - numeric).abs().max() < 1e-9
+        assert (derivatives[axis] - numeric).abs().max() < 1e-9
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-8])

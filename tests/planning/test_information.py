@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.uncertainty import CAMERA, GLASS, calibrate
 from calib.apply.map_uncertainty import predicted_sigma
 from calib.corners.view import View
 from calib.estimation.jacobians import undistorted_jacobian
@@ -25,6 +24,7 @@ from calib.session.cover import Cover
 from calib.session.freeing import with_free
 from capture.coverage import CELLS, InformedGuide, SeenView
 from capture.guidance import Guidance, GuidanceError, Request, answers
+from fixtures.calibrated import CAMERA, GLASS, calibrate
 from fixtures.synthetic import INTRINSICS, Scene, scene
 
 GRID = (8, 8)
@@ -183,7 +183,7 @@ def test_enough_views_are_fitted(made: Scene) -> None:
     assert float(known.model.means["relief.amplitudes"].abs().max()) > 1e-7
 
 
-def test_numbers_without_a_sigma_are_not_estimated(made: Scene, setup: Setup) -> None:
+def test_parameters_without_a_sigma_are_not_estimated(made: Scene, setup: Setup) -> None:
     known = estimate(Setup(made.board, CAMERA, INTRINSICS, GLASS), (), GRID)
     assert known.model.parameters.free == ()
     assert {param.name for param in estimate(setup, (), GRID).model.parameters.free} == set(

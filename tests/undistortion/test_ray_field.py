@@ -58,7 +58,7 @@ def test_field_is_enough_for_any_depth(made: Scene, field: RayField) -> None:
     for depth in (0.1, 0.37, 20.0):
         met = rays.at_depth(torch.tensor(depth, dtype=torch.float64)).numpy() / depth
         expected = met * [v["fx"], v["fy"]] + [v["cx"], v["cy"]]
-        assert np.abs((field.infinite + field.parallax / depth).reshape(-1, 2) - expected).max() < 1e-9
+        assert np.abs((field.at_infinity + field.parallax / depth).reshape(-1, 2) - expected).max() < 1e-9
 
 
 def test_where_no_ray_leaves_the_cover_the_map_says_so(made: Scene) -> None:
@@ -71,7 +71,7 @@ def test_where_no_ray_leaves_the_cover_the_map_says_so(made: Scene) -> None:
     field = ray_field(made.path, values, WIDTH // 6, HEIGHT // 6)
     made_map = field.map_at(1.0)
     assert 0.5 < field.valid.mean() < 1
-    assert np.isfinite(field.infinite).all()
+    assert np.isfinite(field.at_infinity).all()
     assert 0.05 < made_map.valid.mean() < 1
     off, inside, valid = off_projection(made.path, values, made_map, 2)
     assert (inside & valid).sum() > 500

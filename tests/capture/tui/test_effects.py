@@ -6,7 +6,7 @@ from pathlib import Path
 from textual.pilot import Pilot
 
 from calib.diagnosis.finding import Candidate, Diagnosis, ParameterEstimate, Quality
-from capture.tui.diagnosing import told
+from capture.tui.diagnosing import as_text
 from tests.capture.tui.driving import drive, running, see, shown
 
 BOW = Candidate(
@@ -41,7 +41,7 @@ SESSION = Path(__file__).parents[3] / "fixtures" / "bow"
 
 
 def test_what_was_found_with_the_error_before_and_after() -> None:
-    lines = told(FINDING).splitlines()
+    lines = as_text(FINDING).splitlines()
     assert lines[0] == "Found: board_bow."
     assert lines[5].split() == ["held-out", "views", "0.590", "px", "0.170", "px"]
     assert "board_bow.x               1.002 ± 0.0033 mm" in lines
@@ -53,8 +53,8 @@ def test_what_was_found_with_the_error_before_and_after() -> None:
 
 def test_finding_nothing_is_said_as_a_result() -> None:
     nothing = Diagnosis(0.08, "", (), (), (), Quality(0.1, 0.01, 0.1), Quality(0.1, 0.01, 0.1), 0.0, "", ())
-    assert told(nothing).startswith("Found: nothing: no effect that is known here improves")
-    assert "verdict" not in told(nothing)
+    assert as_text(nothing).startswith("Found: nothing: no effect that is known here improves")
+    assert "verdict" not in as_text(nothing)
 
 
 def test_a_hidden_bow_is_found_and_exported(tmp_path: Path) -> None:

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from textual.pilot import Pilot
 
-from capture.coverage import Hint, Progress
+from capture.coverage import Hint, SessionProgress
 from capture.tui.child import Child
 from capture.tui.collect import CollectScreen
-from capture.tui.diagnosing import told
+from capture.tui.diagnosing import as_text
 from capture.tui.effects import EffectsScreen
 from capture.tui.fit import FitScreen
 from capture.tui.fitting import fit_session
@@ -29,7 +29,7 @@ from tests.capture.tui.test_session import FIXTURE
 
 FOLDER = Path(__file__).parent / "snapshots"
 HINT = Hint(np.array([[60.0, 150.0], [330, 120], [350, 420], [40, 450]]), np.zeros(6), "closer, to the left edge, tilt the right side away")
-PROGRESS = Progress(
+PROGRESS = SessionProgress(
     enough=False,
     sentence="The maps would be 0.31 px off; 0.10 px is wanted: about 6 more views.",
     sigma_px=0.31,
@@ -97,7 +97,7 @@ async def collect(pilot: Pilot[None], _: Path) -> None:
 
 async def collect_enough(pilot: Pilot[None], session: Path) -> None:
     await collect(pilot, session)
-    done = Progress(True, "The maps are 0.09 px off, as is wanted.", 0.09, 0, PROGRESS.image, PROGRESS.depth, PROGRESS.glass)
+    done = SessionProgress(True, "The maps are 0.09 px off, as is wanted.", 0.09, 0, PROGRESS.image, PROGRESS.depth, PROGRESS.glass)
     pilot.app.screen.post_message(CollectScreen.Advised(3, None, done))
     await pilot.press("a")
     await see(pilot, "ENOUGH")
@@ -148,7 +148,7 @@ async def effects(pilot: Pilot[None], session: Path) -> None:
     screen = EffectsScreen(session / "missing")
     await pilot.app.push_screen(screen)
     await see(pilot, "Press e to look again")
-    screen.finished({**RESULT, "accepted": ["board_bow"], "told": told(FINDING)})
+    screen.finished({**RESULT, "accepted": ["board_bow"], "text": as_text(FINDING)})
     await see(pilot, "enter Use them")
 
 
