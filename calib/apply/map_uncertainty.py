@@ -1,7 +1,7 @@
-"""How sure the undistorted position of each pixel is, at any depth: the fit's covariance, carried to the maps.
+"""The predicted standard deviation of each pixel's undistorted position, at any depth: the fit's covariance propagated to the maps.
 
-p_u(Z) = A + B / Z for every pixel, so the variance is a quadratic in inverse depth, of three numbers a pixel. The rigid motion of all
-rays that board views leave open is taken out: of each error, the motion that hides most of it at the training corners is subtracted.
+p_u(Z) = A + B / Z for every pixel, so the variance is a quadratic in inverse depth, of three coefficients a pixel. The rigid motion of all
+rays that board views leave open is the gauge: of each error, the motion that hides most of it at the training corners is subtracted.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""Where in space the pixels of a calibrated camera look: on a plane, or where the rays of several views meet. In metres, with sigma.
+"""Metric measurement with one calibrated camera: points on a known plane, or triangulated from several views of a still board. In metres,
+with sigma.
 
 Sigma counts the noise of the pixels, the uncertainty of the calibration's rays, which pixels and boards share, and the noise of the
 corners of boards that say where a plane is. It does not count a board that is not as declared, nor glass that the fit cannot follow.

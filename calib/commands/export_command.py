@@ -1,17 +1,7 @@
-"""Write a calibration in a form that other programs read.
+"""Write a calibration in a form that other programs read: maps, which are exact at their depth, or a central camera.
 
-Maps, which are exact at their depth:
-  npz         the ray field, from which any depth's map follows, and the two maps of cv2.remap with a mask for every --depth
-  stmap       for compositing programs: undistort and redistort, 32-bit float TIFF
-  stmap-exr   the same as OpenEXR
-
-A central camera, which can only approximate a covered one: it is fitted at each --depth, and its misfit there, at half and at double of
-it is said in the file and here:
-  opencv      FileStorage YAML, and the exact maps of cv2.remap as float TIFF; opencv-xml writes XML
-  ros         camera_info
-  kalibr      camchain
-  colmap      cameras.txt
-  mrcal       .cameramodel
+A central camera can only approximate a covered one: it is fitted at each --depth, and its misfit there, at half and at double of it is
+said in the file and here.
 """
 
 import argparse
@@ -27,35 +17,32 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration(parser)
-    parser.add_argument("--format", choices=[form.name for form in FORMATS], required=True, help="the form")
+    parser.add_argument("--format", choices=[form.name for form in FORMATS], required=True, help="the form, as listed below")
     add_depths(parser, required=False)
     lenses = "; ".join(f"{form.name}: {', '.join(lens.name for lens in form.lenses)}" for form in FORMATS if form.lenses)
     parser.add_argument("--lens", metavar="NAME", help=f"distortion model of a central camera, by default the best; {lenses}")
     add_output(parser, "where the files go", required=True)
+    kinds = (("maps", lambda form: not form.lenses), ("central cameras", lambda form: form.lenses))
+    parser.epilog = "\n".join(
+        f"{title}:\n" + "\n".join(f"  {form.name:<12}{form.summary}" for form in FORMATS if chosen(form)) for title, chosen in kinds
+    )
 
 
 def run(args: argparse.Namespace) -> None:
     form = next(form for form in FORMATS if form.name == args.format)
     lenses = _lenses(form, args.lens)
-    if form.name != "npz" and not args.depth:
+    if form.needs_depth and not args.depth:
         raise InputError(f"--format {form.name} holds for one depth: write the distance of the scene in metres, such as --depth 1.0.")
 
     from calib.calibration import Calibration
     from calib.commands.console import Bars
-    from calib.export.npz import write_npz
-    from calib.export.write_exports import write_central, write_maps
+    from calib.export.export import Export, export
 
     calibration = Calibration.load(args.calibration)
-    models: list[CentralModel] = []
     with Bars() as bars:
-        if form.name == "npz":
-            written = write_npz(calibration, args.depth, args.output, bars)
-        elif form.lenses:
-            written, models = write_central(calibration, form.name, lenses, args.depth, args.output, bars)
-        else:
-            written = write_maps(calibration, form.name, args.depth, args.output, bars)
-    print(*written, sep="\n")
-    for model in models:
+        exported = export(Export(calibration, form, lenses, tuple(dict.fromkeys(args.depth)), args.output, bars))
+    print(*exported.paths, sep="\n")
+    for model in exported.models:
         _say(model)
 
 

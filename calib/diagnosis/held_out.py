@@ -1,4 +1,11 @@
-"""What a model leaves on views that it was not fitted to, and whether another leaves less by more than chance."""
+"""Cross-validation of one model against another: their errors on held-out views, and whether the difference is more than chance.
+
+Whole poses of the board are held out, by folds or by bands of depth, never single corners. An interval comes from a bootstrap over views,
+a p-value from a permutation test that flips the signs of the views' gains.
+
+Sources: B. Efron, R. Tibshirani, An introduction to the bootstrap (1993), chapter 13; P. Good, Permutation, parametric, and bootstrap
+tests of hypotheses (2005), section 3.2, for the sign flips of matched pairs.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Closing the loop: which effects the model lacks, added one by one as long as held-out views agree."""
+"""Closing the loop: forward selection of the effects that the model lacks, then backward elimination of those it does not need.
+
+In each round every effect is scored (score_test), the best few are fitted, and the one that lowers the error on held-out views most is
+added, if it does so beyond chance (held_out) with all candidates tried so far allowed for (Bonferroni). It ends when none is.
+"""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ def effect_to_yaml(effect: Effect, parameters: Estimated) -> dict[str, object]:
     return {
         "name": effect.name,
         "form": {key: list(part) if isinstance(part, tuple) else part for key, part in asdict(effect).items()},  # type: ignore[call-overload]
-        "numbers": {
+        "parameters": {
             name: {"value": value.tolist(), "sigma": sigma.tolist(), "unit": units[name]} for name, (value, sigma) in parameters.items()
         },
     }
@@ -32,7 +32,7 @@ def effect_from_yaml(said: Mapping[str, Any]) -> tuple[Effect, Estimated]:
     effect = kinds[said["name"]](**{key: tuple(part) if isinstance(part, list) else part for key, part in said["form"].items()})
     parameters = {}
     for unknown in effect.unknowns:
-        one = said["numbers"][unknown.param.name]
+        one = said["parameters"][unknown.param.name]
         value, sigma = (np.asarray(one[key], dtype=np.float64) for key in ("value", "sigma"))
         if value.shape != unknown.param.shape or sigma.shape != value.shape or not np.isfinite(value).all():
             raise ValueError(f"{unknown.param.name} is not a number of its shape")

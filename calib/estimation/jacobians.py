@@ -1,4 +1,6 @@
-"""The Jacobian of a pixel's undistorted position A + B / Z by what a fit estimates, and by a rigid motion of all rays."""
+"""The Jacobian of a pixel's undistorted position A + B / Z (`undistortion.ray_field`), by a fit's shared parameters and by a rigid motion
+of all rays: that motion is the gauge, which board views with unknown poses leave open.
+"""
 
 import numpy as np
 import torch

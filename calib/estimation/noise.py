@@ -50,7 +50,7 @@ def burst_noise(residuals: NDArray[np.float64], poses: Sequence[int] | NDArray[n
         own = residuals[[index for index, other in enumerate(poses) if other == pose]]
         pictures = len(own)
         seen = np.isfinite(own).all((0, 2))
-        free = 1 - 6 / max(7, 2 * int(seen.sum()))  # the six numbers of each picture's pose
+        free = 1 - 6 / max(7, 2 * int(seen.sum()))  # the six parameters of each picture's pose
         off = own[:, seen] - own[:, seen].mean(0)
         differences.append((off / np.sqrt(free * (1 - 1 / pictures))).ravel() if pictures > 1 else np.empty(0))
     off = np.concatenate(differences)

@@ -1,4 +1,4 @@
-"""Numbers that are described with a standard deviation: freed for the joint fit, and written back with what it found."""
+"""Which parameters a session states with a standard deviation: these are the free ones of the joint fit, and take its estimates."""
 
 from dataclasses import replace
 

@@ -1,6 +1,11 @@
 """COLMAP: cameras.txt of one camera. COLMAP's pixel (0, 0) is the corner of the top-left pixel, half a pixel before its centre."""
 
 from calib.export.central import CentralModel
+from calib.export.export import Export, Exported, export_central
+
+
+def export(wanted: Export) -> Exported:
+    return export_central(wanted, "cameras_{}m.txt", cameras_txt)
 
 
 def cameras_txt(model: CentralModel) -> str:

@@ -21,22 +21,33 @@ class Format:
     """One value of `calib export --format`."""
 
     name: str
+    module: str
+    """Of this package, with `export(wanted: Export) -> Exported`. It is imported when it is asked for."""
+    summary: str
+    """For the help."""
     lenses: tuple[ExportLens, ...] = ()
     """Those of a central camera, the simplest first. None: the format holds maps, which are exact at their depth."""
+    needs_depth: bool = True
+    """Whether its files hold for one depth."""
 
 
 OPENCV = (ExportLens("4", 4), ExportLens("5", 5), ExportLens("8", 8), ExportLens("12", 12), ExportLens("fisheye", 4, fisheye=True))
+ROS = (ExportLens("plumb_bob", 5), ExportLens("rational_polynomial", 8), ExportLens("equidistant", 4, fisheye=True))
+COLMAP = (ExportLens("OPENCV", 4), ExportLens("FULL_OPENCV", 8), ExportLens("OPENCV_FISHEYE", 4, fisheye=True))
 SPLINED = ExportLens("SPLINED", 0)
+MRCAL = (ExportLens("OPENCV4", 4), ExportLens("OPENCV5", 5), ExportLens("OPENCV8", 8), ExportLens("OPENCV12", 12), SPLINED)
 
 FORMATS: tuple[Format, ...] = (
-    Format("npz"),
-    Format("opencv", OPENCV),
-    Format("opencv-xml", OPENCV),
-    Format("ros", (ExportLens("plumb_bob", 5), ExportLens("rational_polynomial", 8), ExportLens("equidistant", 4, fisheye=True))),
-    Format("kalibr", (ExportLens("radtan", 4), ExportLens("equidistant", 4, fisheye=True))),
-    Format("colmap", (ExportLens("OPENCV", 4), ExportLens("FULL_OPENCV", 8), ExportLens("OPENCV_FISHEYE", 4, fisheye=True))),
-    Format("mrcal", (ExportLens("OPENCV4", 4), ExportLens("OPENCV5", 5), ExportLens("OPENCV8", 8), ExportLens("OPENCV12", 12), SPLINED)),
-    Format("stmap"),
-    Format("stmap-exr"),
+    Format(
+        "npz", "npz", "the ray field, from which any depth's map follows, and the maps of cv2.remap for every --depth", needs_depth=False
+    ),
+    Format("opencv", "opencv", "FileStorage YAML, and the exact maps of cv2.remap as float TIFF", OPENCV),
+    Format("opencv-xml", "opencv", "the same with FileStorage XML", OPENCV),
+    Format("ros", "ros", "camera_info", ROS),
+    Format("kalibr", "kalibr", "camchain", (ExportLens("radtan", 4), ExportLens("equidistant", 4, fisheye=True))),
+    Format("colmap", "colmap", "cameras.txt", COLMAP),
+    Format("mrcal", "mrcal", ".cameramodel", MRCAL),
+    Format("stmap", "stmap", "for compositing programs: undistort and redistort, 32-bit float TIFF"),
+    Format("stmap-exr", "stmap", "the same as OpenEXR"),
 )
-"""In the order of the help."""
+"""In the order of the help. A new format is a module of this package and a line here."""

@@ -3,6 +3,11 @@
 import yaml
 
 from calib.export.central import CentralModel
+from calib.export.export import Export, Exported, export_central
+
+
+def export(wanted: Export) -> Exported:
+    return export_central(wanted, "camchain_{}m.yaml", camchain)
 
 
 def camchain(model: CentralModel) -> str:

@@ -1,6 +1,11 @@
 """mrcal: a .cameramodel. Its extrinsics carry the shift of the centre, so the reference frame is the calibration's camera frame."""
 
 from calib.export.central import CentralModel
+from calib.export.export import Export, Exported, export_central
+
+
+def export(wanted: Export) -> Exported:
+    return export_central(wanted, "camera_{}m.cameramodel", cameramodel)
 
 
 def cameramodel(model: CentralModel) -> str:

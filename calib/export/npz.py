@@ -17,12 +17,17 @@ import numpy as np
 
 from calib.apply.map_uncertainty import SigmaField, predicted_sigma
 from calib.calibration import Calibration
+from calib.export.export import Export, Exported, depth_text
 from calib.io.files import make_folder, save_npz
 from calib.progress import Progress
 from calib.undistortion.depth_map import DepthMap
 from calib.undistortion.ray_field import RayField
 
 ARRAYS = ("nodes_x", "nodes_y", "at_infinity", "parallax", "valid", "nearest")
+
+
+def export(wanted: Export) -> Exported:
+    return Exported(tuple(write_npz(wanted.calibration, wanted.depths, wanted.folder, wanted.progress)))
 
 
 def write_npz(calibration: Calibration, depths: Sequence[float], folder: Path, progress: Progress, *, replace: bool = False) -> list[Path]:
@@ -73,8 +78,3 @@ def _write_map(made: DepthMap, sigma: SigmaField | None, folder: Path) -> Path:
         arrays["sigma"] = sigma.of_map(made)
     save_npz(path, {name: np.asarray(array) for name, array in arrays.items()}, compressed=False)
     return path
-
-
-def depth_text(depth: float) -> str:
-    """The shortest text that only this depth has: 1, 0.5, 1.0000001."""
-    return repr(float(depth)).removesuffix(".0")

@@ -10,8 +10,17 @@ import cv2
 import numpy as np
 
 from calib.export.central import CentralModel
+from calib.export.export import Export, Exported, depth_text, export_central
 from calib.io.files import write_atomically
 from calib.undistortion.depth_map import DepthMap
+
+
+def export(wanted: Export) -> Exported:
+    suffix = ".xml" if wanted.form.name == "opencv-xml" else ".yaml"
+    cameras = export_central(wanted, "camera_{}m" + suffix, lambda model: storage(model, suffix))
+    field = wanted.calibration.ray_field()
+    maps = [write_opencv_maps(field.map_at(depth), wanted.folder, depth_text(depth)) for depth in wanted.depths]
+    return Exported(tuple(path for camera, two in zip(cameras.paths, maps, strict=True) for path in (camera, *two)), cameras.models)
 
 
 def storage(model: CentralModel, suffix: str) -> str:

@@ -5,6 +5,11 @@ import re
 import yaml
 
 from calib.export.central import CentralModel
+from calib.export.export import Export, Exported, export_central
+
+
+def export(wanted: Export) -> Exported:
+    return export_central(wanted, "camera_info_{}m.yaml", camera_info)
 
 
 def camera_info(model: CentralModel) -> str:

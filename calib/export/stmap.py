@@ -12,10 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.errors import InputError
+from calib.export.export import Export, Exported
 from calib.io.files import write_atomically
 from calib.undistortion.ray_field import RayField
 
 Map = NDArray[np.float32]
+
+
+def export(wanted: Export) -> Exported:
+    field, suffix = wanted.calibration.ray_field(), ".exr" if wanted.form.name == "stmap-exr" else ".tiff"
+    return Exported(tuple(path for depth, name in wanted.each_depth() for path in write_stmaps(field, depth, wanted.folder, name, suffix)))
 
 
 def write_stmaps(field: RayField, depth: float, folder: Path, name: str, suffix: str) -> list[Path]:

@@ -87,7 +87,7 @@ def evaluate(calibration: Calibration, session: Session, progress: Progress = Si
 
 
 def _by_halves(path: Path, values: Values, observations: Observations, poses: Tensor) -> tuple[Tensor, Residuals]:
-    """Each half of a view's corners measured with the numbers that the other half gives: where a view has so many numbers of its own
+    """Each half of a view's corners measured with the parameters that the other half gives: where a view has so many of its own
     that they would hide its error."""
     poses = torch.cat([poses, poses.new_zeros(len(poses), path.parameters_per_view - poses.shape[1])], 1)
     odd = (torch.arange(len(observations.pixels)) - observations.starts[observations.view]) % 2 == 1

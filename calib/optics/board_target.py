@@ -1,4 +1,7 @@
-"""The board: where a ray lands on it."""
+"""The board as the last stage of the ray path: where a ray lands, in nominal board coordinates, and where a corner is in space.
+
+Bends move its surface along the normal; prints move its corners in its plane; a rolling shutter moves it line by line.
+"""
 
 from __future__ import annotations
 

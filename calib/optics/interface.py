@@ -1,4 +1,8 @@
-"""Crossing one surface of the cover: hit it, bend at its normal, leave a mark where that fails."""
+"""Refraction at one surface of the cover: intersect the ray with it, bend the ray by Snell's law at the normal there.
+
+The outer surface may carry a relief. Its intersection is found by Newton's method along the ray; the last step is taken with derivatives,
+which makes them exact (implicit function theorem). A ray that misses or is totally reflected keeps finite values and a failure code.
+"""
 
 from dataclasses import dataclass
 from typing import Literal

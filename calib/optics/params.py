@@ -1,4 +1,8 @@
-"""What a number of the model is called, what it is measured in, and how large a typical change of it is."""
+"""The parameters of a ray path: names, units and scales; and `Values`, the mapping from names to tensors that every stage reads.
+
+A stage of the path (lens, interface, board) declares the parameters that it reads as a tuple of `Param`, and is a pure function of its
+rays and the values, so that a fit can differentiate by any of them.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,8 @@
-"""The way of a ray: the lens, then each surface of the cover in order, then the board."""
+"""The ray path: from a pixel through the lens, then through each surface of the cover in order, to the board.
+
+`Path` is an ordered tuple of stages, the paper's Fig. 3. Effects change it: by adjustments before the lens, by other stages, by a board
+that is not flat. Forward tracing is from the camera outwards; `projection` solves the inverse.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""A bundle of rays, and what became of those that did not arrive."""
+"""A bundle of rays: origins, unit directions, and for each ray the first failure on its way, if there was one."""
 
 from dataclasses import dataclass
 

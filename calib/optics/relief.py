@@ -1,4 +1,8 @@
-"""The unevenness of a surface: a Gaussian RBF network on a regular grid of centres (the paper's section 2, equation 1)."""
+"""The relief of a glass surface: its height above the perfect shape, as a Gaussian radial basis function (RBF) network.
+
+Its centres form a regular grid over the surface's chart, and its amplitudes are what a fit estimates (the paper's section 2, equation 1).
+A height and its gradient are sums of products of one-dimensional Gaussians, so both cost rows + columns exponentials a point.
+"""
 
 from dataclasses import dataclass
 

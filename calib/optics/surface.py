@@ -1,4 +1,7 @@
-"""What the ray path asks of a cover's shape. One file per shape; each works in the cover's own frame."""
+"""The shape of a cover as the ray path asks for it, in the cover's own frame: intersection, height, normal, and a chart for the relief.
+
+A new shape is a file with a class of this protocol, and a case in `optics.build`.
+"""
 
 from typing import Protocol
 

@@ -1,4 +1,8 @@
-"""What a view with the board in some pose would tell of the shared parameters (Fisher information), and what these do to the maps."""
+"""What a view with the board in some pose would tell of the shared parameters, and what these do to the maps.
+
+A view's Fisher information J^T J / sigma^2, with its own pose eliminated, adds to that of the views that are there. The maps' error is
+the Jacobian of the undistorted positions times the parameters' error; a rigid motion of all rays, the gauge, is projected out of it.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -154,8 +154,8 @@ def test_finer_glass_needs_a_place_that_asks_for_it(there: Situation) -> None:
     [
         ({"name": "phlogiston"}, "phlogiston"),
         ({"form": {"over": "moon", "high": 1}}, "low"),
-        ({"numbers": {}}, "free_field.board.x"),
-        ({"numbers": {f"free_field.board.{axis}": {"value": [1.0], "sigma": [1.0]} for axis in "xy"}}, "is not a number of its shape"),
+        ({"parameters": {}}, "free_field.board.x"),
+        ({"parameters": {f"free_field.board.{axis}": {"value": [1.0], "sigma": [1.0]} for axis in "xy"}}, "is not a number of its shape"),
     ],
     ids=["unknown name", "wrong form", "missing number", "wrong shape"],
 )

@@ -6,8 +6,7 @@ import pytest
 
 from calib.calibration import Calibration
 from calib.cli import main
-from calib.export.formats import FORMATS
-from calib.export.write_exports import CENTRAL
+from calib.export.formats import FORMATS, Format
 
 
 @pytest.fixture(scope="module")
@@ -17,8 +16,24 @@ def saved(covered: Calibration, tmp_path_factory: pytest.TempPathFactory) -> Pat
     return folder
 
 
-def test_every_central_format_has_a_writer() -> None:
-    assert [form.name for form in FORMATS if form.lenses] == list(CENTRAL)
+@pytest.mark.parametrize("form", FORMATS, ids=lambda form: form.name)
+def test_every_format_of_the_help_writes_its_files(saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], form: Format) -> None:
+    if form.name == "stmap-exr":
+        pytest.importorskip("OpenEXR")
+    assert main(["export", str(saved), "--format", form.name, "--depth", "0.5", "0.5", "-o", str(tmp_path)]) == 0
+    out, err = capsys.readouterr()
+    written = out.split()
+    assert sorted(written) == sorted(map(str, tmp_path.iterdir()))  # 0.5 m is written once
+    assert any("0.5m" in path for path in written)
+    assert ("Misfit of the central camera" in err) is bool(form.lenses)
+
+
+def test_the_help_lists_every_format(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["export", "--help"])
+    help_text = capsys.readouterr().out
+    for form in FORMATS:
+        assert f"  {form.name:<12}{form.summary}\n" in help_text
 
 
 def test_a_file_for_every_depth_and_the_misfit_on_the_terminal(saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
