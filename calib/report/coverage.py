@@ -37,6 +37,6 @@ def coverage(evidence: Evidence) -> Drawing:
         "coverage",
         "Where the corners were",
         draw("coverage", panel, paint),
-        "Empty cells hold no corner: there the model is carried on from its neighbours."
+        "Empty cells hold no corner: there the model is extrapolated from its neighbours."
         + (" The frame on the glass is the image's border." if covered else ""),
     )

@@ -76,7 +76,7 @@ def _fit(evidence: Evidence) -> str:
 def _reach(evidence: Evidence) -> str:
     said = f"Corners lie in {100 * evidence.covered:.0f} % of the image"
     if not evidence.sigma:
-        return said + "; how sure the maps are there is not predicted for this kind of fit, and elsewhere they are carried on from there."
+        return said + "; how sure the maps are there is not predicted for this kind of fit, and elsewhere they are extrapolated from there."
     at = ", ".join(f"{np.median(evidence.sigma_at_corners(depth)):.2g} px at {depth:g} m" for depth in evidence.depths)
     worst = max(float(np.nanmax(evidence.sigma.at_nodes(depth))) for depth in evidence.depths)
     return said + f", where one standard deviation of the maps is predicted to be {at}; elsewhere it grows to {worst:.2g} px."

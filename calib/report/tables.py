@@ -1,4 +1,4 @@
-"""The stages of the fit, and the numbers of camera and cover."""
+"""The stages of the fit, and the parameters of camera and cover."""
 
 from collections.abc import Sequence
 from html import escape
