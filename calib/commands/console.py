@@ -10,6 +10,7 @@ from rich.table import Table
 
 from calib.calibration import Calibration
 from calib.corners.view import Rejected
+from calib.diagnosis.finding import ParameterEstimate
 from calib.fitting.evaluate import Evaluation
 from calib.fitting.remarks import remarks
 from calib.optics.lens_model import COEFFICIENTS
@@ -73,7 +74,7 @@ def print_fit(calibration: Calibration, seconds: float, written: Sequence[Path])
 
 
 def _estimates(calibration: Calibration) -> Iterator[str]:
-    """The numbers that the fit estimated, as a session writes them, with their standard deviations."""
+    """The parameters that the fit estimated, as a session writes them, with their standard deviations; then those of its effects."""
     if not calibration.covariance.size:
         return
     cover, camera = calibration.cover, calibration.camera.intrinsics
@@ -85,6 +86,11 @@ def _estimates(calibration: Calibration) -> Iterator[str]:
         if number.sigma:
             unit, per_si = quantity.unit
             yield f"{name} {number.value * per_si:.6g} ± {number.sigma * per_si:.2g} {unit}".rstrip()
+    for added in calibration.effects:
+        for unknown in added.effect.unknowns:
+            value, sigma = added.parameters[unknown.param.name]
+            if not value.ndim:
+                yield f"{unknown.param.name} {ParameterEstimate(float(value), float(sigma), unknown.param.unit)}"
 
 
 def print_evaluation(evaluation: Evaluation) -> None:

@@ -20,7 +20,10 @@ from calib.optics.relief import Relief
 
 
 class Adjustment(Protocol):
-    """Changes what the stages read, before a ray starts: a focal length that drifts, a corner that the detector puts aside."""
+    """Changes what the stages read, before a ray starts: a focal length that drifts, a corner that the detector puts aside.
+
+    It leads from the seen pixel to the true one: what was seen too far right by s is moved by -s.
+    """
 
     @property
     def params(self) -> tuple[Param, ...]: ...

@@ -1,6 +1,7 @@
 """What the command lets a person choose of a fit: --free, --grid auto, --folds, --effects; and `calib diagnose`."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -91,3 +92,13 @@ def test_effects_auto_and_diagnose_say_the_same(tmp_path: Path, capsys: pytest.C
     printed = capsys.readouterr().out
     assert "Found: board_bow" in printed
     assert "Wrote" in printed
+
+
+def test_effects_by_name_are_added_and_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_session(tmp_path, hidden(BOW, TRUTH, views=6))
+    assert main(["fit", str(folder), "--grid", "4x4", "-o", str(tmp_path / "named"), "--effects", "board_bow"]) == 0
+    printed = capsys.readouterr().out
+    said = re.findall(r"Estimated: board_bow\.[xy] (-?[\d.]+) ± ([\d.]+) mm", printed)
+    assert len(said) == 2
+    for (value, sigma), true in zip(said, TRUTH.values(), strict=True):
+        assert abs(float(value) - 1e3 * true) < 4 * float(sigma) + 0.1  # mm; a relief of 4x4 does not follow this glass
