@@ -5,7 +5,7 @@ calibration.yaml is for people, calibration.npz beside it holds the arrays. Toge
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from importlib.metadata import version
 from io import BytesIO
@@ -32,8 +32,8 @@ from calib.optics.path import Path
 from calib.optics.projection import project
 from calib.optics.relief import Relief
 from calib.session.board import Board
-from calib.session.camera import Camera
-from calib.session.cover import Cover
+from calib.session.camera import Camera, Intrinsics, camera_to_yaml
+from calib.session.cover import Cover, cover_to_yaml
 from calib.session.session import session_from_mapping, session_to_yaml
 from calib.undistortion.ray_field import RayField, ray_field
 
@@ -50,6 +50,14 @@ class Stage:
     """Root mean square two-dimensional reprojection error."""
     rmse_cm: float
     """Root mean square distance on the board."""
+
+
+@dataclass(frozen=True, slots=True)
+class Declared:
+    """What the session says of the camera and its cover, each number with the standard deviation of its prior; 0 where it was held."""
+
+    intrinsics: Intrinsics
+    cover: Cover
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,6 +98,8 @@ class Calibration:
     """What fixes the rigid motion that board views leave open."""
     effects: tuple[AddedEffect, ...] = ()
     """What the diagnosis added to the model."""
+    stated: Declared | None = None
+    """None: as `camera` and `cover` are, all held."""
     refracal: str = field(default_factory=lambda: version("refracal"))
     """The version that made it."""
 
@@ -97,6 +107,12 @@ class Calibration:
     def observations(self) -> Observations:
         """The seen corners of its views, with when each was seen."""
         return Observations.of(self.views, self.board).timed(capture_times(self.views), self.camera.height)
+
+    @property
+    def declared(self) -> Declared:
+        """The means and standard deviations of the priors that camera and cover were fitted with."""
+        assert self.camera.intrinsics
+        return self.stated or Declared(self.camera.intrinsics, self.cover)
 
     def model(self) -> tuple[Path, dict[str, Tensor]]:
         """The ray path and its parameters, in torch."""
@@ -185,6 +201,10 @@ class Calibration:
             "refracal": self.refracal,
             "arrays_sha256": digest,
             **session_to_yaml(self.board, self.camera, self.cover),
+            "declared": {
+                "camera": camera_to_yaml(replace(self.camera, intrinsics=self.declared.intrinsics)),
+                "cover": cover_to_yaml(self.declared.cover),
+            },
             "relief": relief,
             "effects": [effect_to_yaml(found.effect, found.parameters) for found in self.effects],
             "gauge": self.gauge,
@@ -217,7 +237,8 @@ def _from_mapping(said: dict[str, Any], path: FilePath) -> Calibration:
     arrays, digest = _read_arrays(path.with_suffix(".npz"))
     if said["arrays_sha256"] != digest:
         raise InputError(f"{path} and {path.with_suffix('.npz').name} do not belong together: fit the session again.")
-    if not camera.intrinsics:
+    _, declared, declared_cover = session_from_mapping({"board": said["board"], **said["declared"]}, f"{path}: declared")
+    if not (camera.intrinsics and declared.intrinsics):
         raise ValueError("camera.intrinsics is missing")
     relief = None if said["relief"] is None else _relief(said["relief"])
     if relief and cover.shape == "none":
@@ -245,6 +266,7 @@ def _from_mapping(said: dict[str, Any], path: FilePath) -> Calibration:
         settings=dict(said["settings"]),
         gauge=said["gauge"],
         effects=effects,
+        stated=Declared(declared.intrinsics, declared_cover),
         refracal=said["refracal"],
     )
 

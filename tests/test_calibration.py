@@ -72,7 +72,8 @@ def test_a_saved_calibration_can_be_fitted_again_from_itself(calibration: Calibr
     """It carries its inputs: the same board, camera, cover, corners and settings give the same rays."""
     calibration.save(tmp_path)
     back = Calibration.load(tmp_path)
-    session = {"format": 1, **session_to_yaml(back.board, back.camera, back.cover), "corners": "corners.vnl"}
+    described = session_to_yaml(back.board, replace(back.camera, intrinsics=back.declared.intrinsics), back.declared.cover)
+    session = {"format": 1, **described, "corners": "corners.vnl"}
     (tmp_path / "session.yaml").write_text(yaml.safe_dump(session))
     write_corners(tmp_path / "corners.vnl", back.views)
     said = back.settings

@@ -16,8 +16,8 @@ from calib.fitting.stages import Settings
 from calib.optics.relief import Relief
 from calib.progress import Silent
 from calib.session.session import read_session
+from fixtures.rays import FIXTURES, detected_off, map_error
 from tests.test_render_truth import FOLDERS as HIDING
-from tests.truth import FIXTURES, detected_off, map_error
 
 MEASURED = FIXTURES.parent.parent / "shared" / "data"
 SESSIONS = ("clean", "bumps", "covered-bare")

@@ -9,7 +9,7 @@ import yaml
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from tests.truth import FIXTURES
+from fixtures.rays import FIXTURES
 
 Array = NDArray[np.float64]
 

@@ -11,12 +11,10 @@ from rich.table import Table
 from calib.calibration import Calibration
 from calib.corners.view import Rejected
 from calib.diagnosis.finding import ParameterEstimate
+from calib.fitting.declared import comparisons
 from calib.fitting.evaluate import Evaluation
 from calib.fitting.remarks import remarks
-from calib.optics.lens_model import COEFFICIENTS
 from calib.progress import Advance
-from calib.session.camera import COEFFICIENT, PINHOLE
-from calib.session.cover import SHAPES
 
 
 class Bars:
@@ -60,7 +58,7 @@ def print_fit(calibration: Calibration, seconds: float, written: Sequence[Path])
         f"{len(calibration.views)} views with {corners} corners, noise of the corners about {calibration.noise_px:.3f} px, {seconds:.1f} s."
     )
     for line in _estimates(calibration):
-        console.print(f"Estimated: {line}", highlight=False)
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
     if validation := calibration.settings.get("cross_validation"):
         console.print(
             f"Held out in {validation['folds']} folds: {validation['held_out_px']:.3f} px, where the fitted views have "
@@ -74,23 +72,15 @@ def print_fit(calibration: Calibration, seconds: float, written: Sequence[Path])
 
 
 def _estimates(calibration: Calibration) -> Iterator[str]:
-    """The parameters that the fit estimated, as a session writes them, with their standard deviations; then those of its effects."""
+    """What the fit made of the declared numbers that it estimated, and the parameters of its effects."""
     if not calibration.covariance.size:
         return
-    cover, camera = calibration.cover, calibration.camera.intrinsics
-    assert camera
-    parameters = [(q, f"cover.{name}", cover.parameters[name]) for q in SHAPES[cover.shape] for name in q.names]
-    parameters += [(q, f"camera.{q.key}", n) for q, n in zip(PINHOLE, (camera.fx, camera.fy, camera.cx, camera.cy), strict=True)]
-    parameters += [(COEFFICIENT, f"camera.{name}", n) for name, n in zip(COEFFICIENTS, camera.distortion, strict=False)]
-    for quantity, name, number in parameters:
-        if number.sigma:
-            unit, per_si = quantity.unit
-            yield f"{name} {number.value * per_si:.6g} ± {number.sigma * per_si:.2g} {unit}".rstrip()
+    yield from (f"{'Corrected' if one.corrected else 'Estimated'}: {one}" for one in comparisons(calibration) if not one.held)
     for added in calibration.effects:
         for unknown in added.effect.unknowns:
             value, sigma = added.parameters[unknown.param.name]
             if not value.ndim:
-                yield f"{unknown.param.name} {ParameterEstimate(float(value), float(sigma), unknown.param.unit)}"
+                yield f"Estimated: {unknown.param.name} {ParameterEstimate(float(value), float(sigma), unknown.param.unit)}"
 
 
 def print_evaluation(evaluation: Evaluation) -> None:

@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=free,
         default=(),
         metavar="NAME,...",
-        help="also estimate, near what the session states: radius, slope, offset, centre, distance, tilt, thickness, index, intrinsics",
+        help="also estimate, near what the session says: radius, slope, offset, centre, distance, tilt, thickness, index, intrinsics, all",
     )
     parser.add_argument(
         "--effects",

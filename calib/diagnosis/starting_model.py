@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import torch
+from torch import Tensor
 
 from calib.calibration import Calibration
 from calib.estimation.camera_model import CameraModel
@@ -12,9 +13,10 @@ from calib.session.tolerances import OWN_CENTRE, OWN_COEFFICIENT, OWN_FOCAL
 
 def base_model(calibration: Calibration) -> CameraModel:
     """What the calibration's fit started from, as far as it says, without any effect."""
-    path, values = replace(calibration, effects=()).model()
-    assert calibration.camera.intrinsics
-    free = dict(freed(calibration.camera.intrinsics, calibration.cover, path))
+    declared = calibration.declared
+    as_declared = replace(calibration, camera=replace(calibration.camera, intrinsics=declared.intrinsics), cover=declared.cover, effects=())
+    path, values = as_declared.model()
+    free: dict[str, float | Tensor] = dict(freed(declared.intrinsics, declared.cover, path))
     if calibration.settings.get("intrinsics_from") == "views":
         focal = OWN_FOCAL.sigma * float(values["camera.fx"])
         own = {"camera.fx": focal, "camera.fy": focal, "camera.cx": OWN_CENTRE.sigma, "camera.cy": OWN_CENTRE.sigma}

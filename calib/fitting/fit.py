@@ -5,7 +5,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from calib.calibration import Calibration
+from calib.calibration import Calibration, Declared
 from calib.corners.view import Rejected, View, board_poses
 from calib.errors import NotEnoughDataError
 from calib.estimation.noise import on_board, short_scale_noise
@@ -88,6 +88,7 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
         | ({"cross_validation": asdict(validation)} if validation else {})
         | (joint.said() if joint else {}),
         gauge=GAUGES[settings.method if fitted.relief else "bare"],
+        stated=Declared(setup.intrinsics, setup.cover),
     )
 
 

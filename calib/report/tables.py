@@ -3,11 +3,8 @@
 from collections.abc import Sequence
 from html import escape
 
-from calib.optics.lens_model import COEFFICIENTS
+from calib.fitting.declared import Comparison, comparisons
 from calib.report.evidence import Evidence
-from calib.session.camera import COEFFICIENT, PINHOLE
-from calib.session.cover import SHAPES
-from calib.session.schema import Number, Quantity
 
 MEANING = {
     "pinhole": "the camera alone, with its lens",
@@ -46,17 +43,12 @@ def stages_html(evidence: Evidence) -> str:
 
 
 def parameters_html(evidence: Evidence) -> str:
-    camera, cover = evidence.calibration.camera.intrinsics, evidence.calibration.cover
-    assert camera
-    parameters = [(q, f"cover.{name}", cover.parameters[name]) for q in SHAPES[cover.shape] for name in q.names]
-    parameters += [(q, f"camera.{q.key}", n) for q, n in zip(PINHOLE, (camera.fx, camera.fy, camera.cx, camera.cy), strict=True)]
-    parameters += [
-        (COEFFICIENT, f"camera.{name}", n) for name, n in zip(COEFFICIENTS, camera.distortion, strict=False) if n.value or n.sigma
-    ]
-    return table(("number", "value", ""), [_row(*entry) for entry in parameters])
+    """Every number as it was declared and as it was estimated."""
+    return table(("", "declared", "estimated", "apart"), [_row(one) for one in comparisons(evidence.calibration)])
 
 
-def _row(quantity: Quantity, name: str, number: Number) -> tuple[str, str, str]:
-    unit, per_si = ("px", 1.0) if quantity in PINHOLE else quantity.unit
-    value = f"{number.value * per_si:.6g} {unit}".rstrip()
-    return escape(name), value, f"estimated, ± {number.sigma * per_si:.2g} {unit}".rstrip() if number.sigma else "held"
+def _row(one: Comparison) -> tuple[str, str, str, str]:
+    if one.held:
+        return escape(one.name), f"{one.declared:.6g} {one.unit}".rstrip(), "held", ""
+    declared, estimated = f"{one.declared:.6g} ± {one.tolerance:.2g}", f"{one.estimate:.6g} ± {one.sigma:.2g}"
+    return escape(one.name), f"{declared} {one.unit}".rstrip(), f"{estimated} {one.unit}".rstrip(), f"{one.apart:.1f} sigma"

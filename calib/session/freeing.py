@@ -1,6 +1,6 @@
-"""`--free`: numbers of the cover and the camera that the joint fit is to estimate, by the names that people use for them."""
+"""`--free`: which numbers of the cover and the camera the joint fit is to estimate, by the names that people use for them, or all."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from calib.errors import InputError
@@ -46,7 +46,9 @@ COVER = (
 INTRINSICS = "intrinsics"
 TANGENTIAL_PLACES = (2, 3)
 """Of p1 and p2 among OpenCV's coefficients."""
-NAMES = (*(freeable.name for freeable in COVER), INTRINSICS)
+ALL = "all"
+"""Every number that has a tolerance, those aside that the session calls exact."""
+NAMES = (*(freeable.name for freeable in COVER), INTRINSICS, ALL)
 
 
 def with_free(intrinsics: Intrinsics, cover: Cover, names: Sequence[str]) -> tuple[Intrinsics, Cover]:
@@ -55,6 +57,8 @@ def with_free(intrinsics: Intrinsics, cover: Cover, names: Sequence[str]) -> tup
     Raises:
         InputError: the cover has no such number.
     """
+    if ALL in names:
+        intrinsics, cover = _all_free(intrinsics, cover)
     parameters = dict(cover.parameters)
     for freeable in COVER:
         if freeable.name not in names:
@@ -68,14 +72,29 @@ def with_free(intrinsics: Intrinsics, cover: Cover, names: Sequence[str]) -> tup
             )
         parameters |= {name: _freed(parameters[name], freeable.tolerance.sigma) for name in own}
     if INTRINSICS in names:
-        fx, fy = (_freed(number, FOCAL.sigma * number.value) for number in (intrinsics.fx, intrinsics.fy))
-        cx, cy = (_freed(number, PRINCIPAL_POINT.sigma) for number in (intrinsics.cx, intrinsics.cy))
-        lens = intrinsics.distortion if any(number.value for number in intrinsics.distortion) else ()
-        intrinsics = Intrinsics(
-            fx, fy, cx, cy, tuple(_freed(number, (TANGENTIAL if i in TANGENTIAL_PLACES else RADIAL).sigma) for i, number in enumerate(lens))
-        )
+        intrinsics = _map_intrinsics(intrinsics, _freed)
     return intrinsics, replace(cover, parameters=parameters)
+
+
+def _all_free(intrinsics: Intrinsics, cover: Cover) -> tuple[Intrinsics, Cover]:
+    """With the tolerance of its kind for every number that has neither a sigma nor is exact."""
+    tolerances = {name: freeable.tolerance.sigma for freeable in COVER for name in freeable.parameters}
+    parameters = {name: _declared(number, tolerances.get(name, 0.0)) for name, number in cover.parameters.items()}
+    return _map_intrinsics(intrinsics, _declared), replace(cover, parameters=parameters)
+
+
+def _map_intrinsics(intrinsics: Intrinsics, change: Callable[[Number, float], Number]) -> Intrinsics:
+    """Each number changed, given its tolerance; a lens that is stated to have no distortion keeps none."""
+    fx, fy = (change(number, FOCAL.sigma * number.value) for number in (intrinsics.fx, intrinsics.fy))
+    cx, cy = (change(number, PRINCIPAL_POINT.sigma) for number in (intrinsics.cx, intrinsics.cy))
+    lens = intrinsics.distortion if any(number.value or number.sigma for number in intrinsics.distortion) else ()
+    sigmas = [(TANGENTIAL if place in TANGENTIAL_PLACES else RADIAL).sigma for place in range(len(lens))]
+    return Intrinsics(fx, fy, cx, cy, tuple(map(change, lens, sigmas)))
 
 
 def _freed(number: Number, sigma: float) -> Number:
     return number if number.sigma else Number(number.value, sigma)
+
+
+def _declared(number: Number, sigma: float) -> Number:
+    return number if number.exact else _freed(number, sigma)

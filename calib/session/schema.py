@@ -18,7 +18,9 @@ class Number:
 
     value: float
     sigma: float = 0.0
-    """How well it is known: the fit's prior. 0: held fixed."""
+    """How well it is known: the fit's prior. 0: not stated, or held."""
+    exact: bool = False
+    """Whether the fit holds it even where all numbers are freed, each by the tolerance of its kind (session/tolerances.py)."""
 
 
 UNITS = {"_mm": ("millimetres", 1000.0), "_deg": ("degrees", 180 / math.pi)}
@@ -58,6 +60,8 @@ class Quantity:
     def to_yaml(self, number: Number) -> object:
         """What to write so that reading it gives the number again."""
         value = self._written(number.value)
+        if number.exact:
+            return {"value": value, "exact": True}
         return {"value": value, "sigma": self._written(number.sigma)} if number.sigma else value
 
     def _written(self, si: float) -> float:
@@ -139,18 +143,23 @@ class Section:
         return {name: self.number(f"{key}[{i}]", entry, quantity) for i, (name, entry) in enumerate(zip(names, value, strict=True))}
 
     def number(self, key: str, written: object, quantity: Quantity) -> Number:
-        """A plain number, or {value:, sigma:}, in SI units."""
+        """A plain number, {value:, sigma:} or {value:, exact: true}, in SI units."""
         per_si = quantity.unit[1]
         if not isinstance(written, Mapping):
             return Number(self._within(key, written, quantity) / per_si)
         pair = Section(written, self.file, self.at(key))
-        pair.only(("value", "sigma"), "key of a number with a sigma")
+        pair.only(("value", "sigma", "exact"), "key of a number with a sigma")
         value = pair._within("value", pair.get("value", quantity.expected), quantity)
-        expected = "a number above 0, or replace the mapping by the plain number to hold it fixed"
+        exact = pair.values.get("exact", False)
+        if not isinstance(exact, bool):
+            raise pair.wrong("exact", exact, "true to hold the number, or drop the key")
+        if exact and "sigma" not in pair.values:
+            return Number(value / per_si, exact=True)
+        expected = "a number above 0, or 0 to hold the number"
         sigma = _plain(pair.get("sigma", expected))
-        if sigma is None or sigma <= 0:
-            raise pair.wrong("sigma", written["sigma"], expected)
-        return Number(value / per_si, sigma / per_si)
+        if sigma is None or sigma < 0 or (exact and sigma):
+            raise pair.wrong("sigma", written["sigma"], "0, or drop it, as the number is exact" if exact else expected)
+        return Number(value / per_si, sigma / per_si, exact=not sigma)
 
     def _within(self, key: str, written: object, quantity: Quantity) -> float:
         value = _plain(written)

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -26,11 +27,44 @@ def fit(session: Path, out: Path, *options: str, capsys: pytest.CaptureFixture[s
     return capsys.readouterr().out
 
 
+def estimated(said: str) -> list[str]:
+    return re.findall(r"^(?:Estimated|Corrected): (\S+) \S+ ± .*, declared as \S+ ± ", said, re.MULTILINE)
+
+
 def test_free_estimates_numbers_near_what_the_session_states(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said = fit(session, tmp_path / "out", "--free", "thickness,intrinsics", capsys=capsys)
-    lines = [line for line in said.splitlines() if line.startswith("Estimated:")]
-    assert [line.split()[1] for line in lines] == ["cover.thickness", "camera.fx", "camera.fy", "camera.cx", "camera.cy"]
-    assert all("±" in line for line in lines)
+    assert estimated(said) == ["cover.thickness", "camera.fx", "camera.fy", "camera.cx", "camera.cy"]
+
+
+def test_free_all_estimates_what_is_not_exact(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of the cone's nine numbers and the camera's four, the index outside has no tolerance."""
+    copy = shutil.copytree(session, tmp_path / "s")
+    every = estimated(fit(copy, tmp_path / "out", "--free", "all", capsys=capsys))
+    assert len(every) == 12
+    described = (copy / "session.yaml").read_text()
+    exact = re.sub(r"thickness_mm: (.*)", r"thickness_mm: {value: \1, exact: true}", described)
+    exact = re.sub(r"inner_radius_mm: (.*)", r"inner_radius_mm: {value: \1, sigma: 0}", exact)
+    (copy / "session.yaml").write_text(exact)
+    rest = estimated(fit(copy, tmp_path / "out", "--free", "all", capsys=capsys))
+    assert set(every) - set(rest) == {"cover.thickness", "cover.inner_radius"}
+    kept = Calibration.load(tmp_path / "out")
+    assert kept.cover.parameters["thickness"] == kept.declared.cover.parameters["thickness"]
+    assert kept.cover.parameters["thickness"].exact
+    assert "cover.thickness" in estimated(fit(copy, tmp_path / "out", "--free", "all,thickness", capsys=capsys))
+
+
+def test_a_wrong_number_is_corrected_and_contradicted(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Three millimetres of glass, declared as 1 mm give or take 0.2: the views say otherwise, and so does the fit."""
+    copy = shutil.copytree(session, tmp_path / "s")
+    described = (copy / "session.yaml").read_text()
+    (copy / "session.yaml").write_text(re.sub(r"thickness_mm: .*", "thickness_mm: {value: 1.0, sigma: 0.2}", described))
+    said = fit(copy, tmp_path / "out", capsys=capsys)
+    value, sigma = re.findall(r"Corrected: cover.thickness ([\d.]+) ± ([\d.]+) mm, declared as 1 ± 0.2 mm", said)[0]
+    assert float(value) - 1 > 3 * float(sigma)
+    assert "standard deviations apart: measure it again, and correct session.yaml." in " ".join(said.split())
+    found = Calibration.load(tmp_path / "out")
+    assert found.declared.cover.parameters["thickness"].value == pytest.approx(1e-3)
+    assert found.cover.parameters["thickness"].value == pytest.approx(float(value) * 1e-3, rel=1e-4)
 
 
 def test_folds_are_said_and_in_the_json(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

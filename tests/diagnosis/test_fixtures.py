@@ -14,7 +14,7 @@ from calib.fitting.fit import fit
 from calib.fitting.stages import Settings
 from calib.progress import Silent
 from calib.session.session import read_session
-from tests.truth import detected_off, map_error
+from fixtures.rays import detected_off, map_error
 
 FIXTURES = Path(__file__).parents[2] / "fixtures"
 HIDDEN = {

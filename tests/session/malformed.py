@@ -180,6 +180,12 @@ MALFORMED: tuple[Malformed, ...] = (
     Malformed("list too short", _yaml("[0.0, -30.0]", "[-30.0]"), ("cover.axis_offset_mm is a list of 1", "[x, z]")),
     Malformed("sigma missing", _yaml("thickness_mm: 3.0", "thickness_mm: {value: 3.0}"), ("cover.thickness_mm.sigma is missing",)),
     Malformed("sigma negative", _yaml("fx: 300.0", "fx: {value: 300.0, sigma: -1}"), ("camera.intrinsics.fx.sigma is -1", "above 0")),
+    Malformed("exact is no truth value", _yaml("thickness_mm: 3.0", "thickness_mm: {value: 3.0, exact: 1}"), ("thickness_mm.exact is 1",)),
+    Malformed(
+        "exact with a sigma",
+        _yaml("thickness_mm: 3.0", "thickness_mm: {value: 3.0, sigma: 0.1, exact: true}"),
+        ("cover.thickness_mm.sigma is 0.1: write 0, or drop it, as the number is exact",),
+    ),
     Malformed("value missing", _yaml("thickness_mm: 3.0", "thickness_mm: {sigma: 3.0}"), ("cover.thickness_mm.value is missing",)),
     Malformed("sigma misspelt", _yaml("[0.0, -30.0]", "[0.0, {value: -30.0, sgima: 1}]"), ("cover.axis_offset_mm[1].sgima", "sigma?")),
     Malformed("three coefficients", _yaml("[0, 0, 0, 0, 0]", "[0, 0, 0]"), ("distortion is a list of 3", "0, 4, 5, 8, 12, 14")),

@@ -1,0 +1,87 @@
+"""What wrong numbers in session.yaml do to the maps: `python -m benchmarks.declared`.
+
+`fixtures/clean` with one number made wrong at a time, fitted with every number held, and with `--free all`: each near what is declared, by
+the tolerance of its kind. Map errors are against the renderer's rays.
+"""
+
+import copy
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import yaml
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from calib.calibration import Calibration
+from calib.fitting.declared import comparisons
+from calib.fitting.fit import fit
+from calib.fitting.stages import Settings
+from calib.progress import Silent
+from calib.session.freeing import ALL
+from calib.session.session import read_session
+from fixtures.rays import FIXTURES, map_error
+
+SOURCE = FIXTURES / "clean"
+DEPTH = 0.5
+"""m"""
+Described = dict[str, Any]
+
+
+def _cover(key: str, factor: float) -> Callable[[Described], None]:
+    return lambda said: said["cover"].update({key: factor * said["cover"][key]})
+
+
+def _intrinsics(**numbers: float) -> Callable[[Described], None]:
+    return lambda said: said["camera"]["intrinsics"].update(numbers)
+
+
+def _longer(said: Described) -> None:
+    known = said["camera"]["intrinsics"]
+    known.update(fx=1.03 * known["fx"], fy=1.03 * known["fy"])
+
+
+WRONG: dict[str, Callable[[Described], None]] = {
+    "the truth": lambda _: None,
+    "thickness 1.5 for 3 mm": _cover("thickness_mm", 0.5),
+    "thickness 6": _cover("thickness_mm", 2.0),
+    "radius +30 %": _cover("inner_radius_mm", 1.3),
+    "index 1.33 for 1.5": _cover("refractive_index", 1.33 / 1.5),
+    "slope's sign flipped": _cover("radius_slope", -1.0),
+    "f +3 %": _longer,
+    "cx, cy = the picture's centre": _intrinsics(cx=819.5, cy=615.5),
+    "square 24 for 20 mm": lambda said: said["board"].update(square_mm=24.0),
+}
+
+
+def fitted(said: Described, folder: Path, *free: str) -> Calibration:
+    (folder / "session.yaml").write_text(yaml.safe_dump(said))
+    return fit(read_session(folder), Settings(free=free), Silent())
+
+
+def _row(calibration: Calibration) -> tuple[str, str]:
+    error = map_error(calibration, SOURCE / "truth.npz", near=40.0, depths=(DEPTH,))
+    return f"{error.by_depth[DEPTH]:.3f}", f"{error.predicted[DEPTH]:.3f}"
+
+
+def main() -> None:
+    table = Table("told", "cover stage, px", "final, px", "held: map error", "sigma", "--free all: map error", "sigma", "said")
+    described = yaml.safe_load((SOURCE / "session.yaml").read_text())
+    with TemporaryDirectory() as place:
+        folder = Path(place) / "clean"
+        shutil.copytree(SOURCE, folder, ignore=shutil.ignore_patterns("holdout"))
+        for name, spoil in track(WRONG.items(), "Sessions"):
+            said = copy.deepcopy(described)
+            spoil(said)
+            free = fitted(said, folder, ALL)
+            words = [f"{one.name}{' contradicted' if one.contradicted else ''}" for one in comparisons(free) if one.corrected]
+            errors = f"{free.stages[1].rms_px:.3f}", f"{free.stages[2].rms_px:.3f}"
+            table.add_row(name, *errors, *_row(fitted(said, folder)), *_row(free), ", ".join(words) or "nothing")
+    Console(width=170).print(table)
+
+
+if __name__ == "__main__":
+    main()

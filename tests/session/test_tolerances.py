@@ -1,0 +1,30 @@
+"""docs/tolerances.md has the table of calib/session/tolerances.py, and every number that a cover can have is of one of its kinds."""
+
+import math
+import re
+from pathlib import Path
+
+from calib.session import tolerances
+from calib.session.cover import SHAPES
+from calib.session.freeing import COVER
+from calib.session.tolerances import Tolerance
+
+PAGE = (Path(__file__).parents[2] / "docs" / "tolerances.md").read_text(encoding="utf-8")
+TABLE = {name: value for name, value in vars(tolerances).items() if isinstance(value, Tolerance)}
+WRITTEN = {"m": (1e3, " mm"), "rad": (math.degrees(1), " deg"), "px": (1.0, " px"), "": (1.0, "")}
+
+
+def test_the_page_has_the_table() -> None:
+    rows = re.findall(r"^\| `(\w+)` \| (.*?) \| (.*?) \|$", PAGE, re.MULTILINE)
+    expected = []
+    for name, kind in TABLE.items():
+        factor, unit = WRITTEN[kind.unit]
+        expected.append((name, f"{kind.sigma * factor:.3g}{unit}", kind.reason))
+    assert rows == expected
+
+
+def test_every_number_of_a_cover_has_one_tolerance_or_none() -> None:
+    named = [parameter for freeable in COVER for parameter in freeable.parameters]
+    assert len(named) == len(set(named))
+    every = {name for quantities in SHAPES.values() for quantity in quantities for name in quantity.names}
+    assert every - set(named) == {"outside_index"}
