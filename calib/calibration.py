@@ -6,9 +6,7 @@ calibration.yaml is for people, calibration.npz beside it holds the arrays. Toge
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from hashlib import sha256
 from importlib.metadata import version
-from io import BytesIO
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -18,6 +16,7 @@ import yaml
 from numpy.typing import NDArray
 from torch import Tensor
 
+from calib.calibration_file import check_arrays, read_arrays, relief_from_yaml
 from calib.corners.view import Rejected, View, capture_times
 from calib.effects.effect import Effect
 from calib.effects.serialise import effect_from_yaml, effect_to_yaml
@@ -234,17 +233,17 @@ class Calibration:
 
 def _from_mapping(said: dict[str, Any], path: FilePath) -> Calibration:
     board, camera, cover = session_from_mapping({key: said[key] for key in ("board", "camera", "cover")}, str(path))
-    arrays, digest = _read_arrays(path.with_suffix(".npz"))
+    arrays, digest = read_arrays(path.with_suffix(".npz"))
     if said["arrays_sha256"] != digest:
         raise InputError(f"{path} and {path.with_suffix('.npz').name} do not belong together: fit the session again.")
     _, declared, declared_cover = session_from_mapping({"board": said["board"], **said["declared"]}, f"{path}: declared")
     if not (camera.intrinsics and declared.intrinsics):
         raise ValueError("camera.intrinsics is missing")
-    relief = None if said["relief"] is None else _relief(said["relief"])
+    relief = None if said["relief"] is None else relief_from_yaml(said["relief"])
     if relief and cover.shape == "none":
         raise ValueError("there is a relief and no cover")
     effects = tuple(AddedEffect(*effect_from_yaml(one)) for one in said["effects"])
-    _check_arrays(arrays, relief, board, 12 if any(added.effect.per_view for added in effects) else 6)
+    check_arrays(arrays, relief, board, 12 if any(added.effect.per_view for added in effects) else 6)
     return Calibration(
         board=board,
         camera=camera,
@@ -269,53 +268,6 @@ def _from_mapping(said: dict[str, Any], path: FilePath) -> Calibration:
         stated=Declared(declared.intrinsics, declared_cover),
         refracal=said["refracal"],
     )
-
-
-def _relief(said: Mapping[str, Any]) -> Relief:
-    low, high = _pair(said["low"], "low"), _pair(said["high"], "high")
-    first, second = grid = _pair(said["grid"], "grid")
-    relief = Relief(low, high, (int(first), int(second)), float(said["beta"]))
-    if relief.grid != grid or min(relief.grid) < 2:
-        raise ValueError("relief.grid is not two whole numbers of 2 or more")
-    if not (low[0] < high[0] and low[1] < high[1] and 0 < relief.beta < math.inf):
-        raise ValueError("relief.low is not below relief.high, or relief.beta not above 0")
-    return relief
-
-
-def _pair(written: object, key: str) -> tuple[float, float]:
-    match written:
-        case [int() | float() as first, int() | float() as second] if math.isfinite(first) and math.isfinite(second):
-            return first, second
-    raise ValueError(f"relief.{key} is not two numbers")
-
-
-def _check_arrays(arrays: Mapping[str, NDArray[Any]], relief: Relief | None, board: Board, per_view: int) -> None:
-    views, parameters = len(arrays["names"]), len(arrays["covariance"])
-    shapes = {
-        "amplitudes": relief.grid if relief else (0, 0),
-        "poses": (views, per_view),
-        "covariance": (parameters, parameters),
-        "corners": (views, board.count, 2),
-        "weights": (views, board.count),
-        "times_s": (views,),
-    }
-    for name, shape in shapes.items():
-        array = arrays[name]
-        if array.shape != shape or array.dtype != np.float64:
-            raise ValueError(f"{name} are {array.dtype} of shape {array.shape} where float64 of shape {shape} is expected")
-
-
-def _read_arrays(path: FilePath) -> tuple[dict[str, NDArray[Any]], str]:
-    """The arrays, and the SHA-256 of their file."""
-    with reading(path):
-        if not path.exists():
-            raise InputError(f"{path} is missing: keep calibration.yaml and calibration.npz in one folder.")
-        data = path.read_bytes()
-    try:
-        with np.load(BytesIO(data), allow_pickle=False) as file:
-            return dict(file), sha256(data).hexdigest()
-    except Exception as error:  # numpy and zipfile raise a dozen kinds for a damaged file
-        raise InputError(f"{path} is damaged ({error}): fit the session again.") from error
 
 
 def _rows(rows: NDArray[np.float64], width: int, name: str) -> Tensor:

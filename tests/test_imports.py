@@ -22,6 +22,7 @@ LAYERS = {
         ("effects",),
         ("estimation",),
         ("undistortion",),
+        ("calibration_file",),
         ("calibration",),
         ("fitting",),
         ("apply",),
