@@ -91,7 +91,7 @@ def _written(quantity: Quantity, text: str) -> dict[str, object]:
 
 
 def _number(text: str) -> object:
-    """A number, `25 ± 10` (or `25 +- 10`) as a number with its sigma, or the text itself, which the rules then refuse."""
+    """A number, `25 ± 10` (or `25 +- 10`) as a number with its sigma, 0 for an exact one, or the text itself, which the rules refuse."""
     value, pair, sigma = _joined(text.strip()).partition("±")
     try:
         if pair:
@@ -110,6 +110,6 @@ def _text(value: object) -> str:
     if isinstance(value, list):
         return ", ".join(map(_text, value))
     if isinstance(value, Mapping):
-        return f"{_text(value['value'])} ± {_text(value['sigma'])}"
+        return f"{_text(value['value'])} ± {_text(value.get('sigma', 0.0))}"  # an exact number has no sigma
     short = f"{value:g}"
     return short if float(short) == value else repr(value)

@@ -19,6 +19,8 @@ def test_what_is_written_reads_the_same() -> None:
     assert read_form(write_form(board, cover), camera) == SETUP
     unsure = Cover(cover.shape, {**cover.parameters, "inner_radius": Number(0.041, 0.002), "axis_offset.z": Number(-0.03, 0.0001)})
     assert read_form(write_form(board, unsure), camera)[2] == unsure
+    exact = Cover(cover.shape, {**cover.parameters, "thickness": Number(0.003, exact=True), "axis_offset.z": Number(-0.03, exact=True)})
+    assert read_form(write_form(board, exact), camera)[2] == exact
 
 
 @pytest.mark.parametrize(
@@ -34,7 +36,8 @@ def test_what_is_written_reads_the_same() -> None:
         ("inner_radius_mm", "41.95", None),
         ("inner_radius_mm", "42 ± 2", None),
         ("inner_radius_mm", "42 +- 2", None),
-        ("inner_radius_mm", "42 ± 0", "a number above 0"),
+        ("inner_radius_mm", "42 ± 0", None),
+        ("inner_radius_mm", "42 ± -1", "a number above 0"),
         ("inner_radius_mm", "nan", "write a number"),
         ("axis_offset_mm", "0, -30", None),
         ("axis_offset_mm", "0 -30", None),
