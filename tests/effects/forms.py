@@ -13,8 +13,7 @@ from torch import Tensor
 from calib.calibration import AddedEffect, Calibration
 from calib.corners.view import View
 from calib.effects.effect import Effect, Surroundings
-from calib.effects.free_field import FreeField
-from calib.effects.registry import EFFECTS
+from calib.effects.registry import KINDS
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.optics.build import covered_path, with_relief
@@ -30,7 +29,6 @@ from tests.optics.shapes import EXAMPLES
 
 BOARD = Board(5, 4, 0.03)
 GRID = (5, 6)
-KINDS: tuple[type[Effect], ...] = (*EFFECTS, FreeField)
 LENS = Intrinsics(Number(2558.36), Number(2571.0), Number(1666.03), Number(1273.65), tuple(map(Number, (-0.1, 0.05, 1e-3, -2e-3, 0.01))))
 TIMES = (0.0, 1.0, 5.0, 6.0)
 """s, of the views."""

@@ -16,10 +16,11 @@ from calib.effects.fine_surface import FineSurface
 from calib.effects.focal import Focal
 from calib.effects.free_field import FreeField
 from calib.effects.principal_point import PrincipalPoint
+from calib.effects.registry import KINDS
 from calib.effects.serialise import Estimated, effect_from_yaml, effect_to_yaml
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import Landing, landings
-from tests.effects.forms import FORMS, KINDS, SITUATIONS, Form, Situation, each_form
+from tests.effects.forms import FORMS, SITUATIONS, Form, Situation, each_form
 
 SMALLEST = 1e-9
 """m, on the board: what a change of one scale moves at least somewhere."""

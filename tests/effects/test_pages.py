@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from calib.effects.effect import Effect
-from tests.effects.forms import KINDS
+from calib.effects.registry import KINDS
 
 ROOT = Path(__file__).parents[2]
 PAGES = ROOT / "docs" / "effects"
