@@ -28,9 +28,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--free",
         type=free,
-        default=(),
-        metavar="NAME,...",
-        help="also estimate, near what the session says: radius, slope, offset, centre, distance, tilt, thickness, index, intrinsics, all",
+        default=("all",),
+        metavar="all|none|NAME,...",
+        help="which declared numbers to estimate, near what the session says (default: all but those it calls exact): radius, slope, "
+        "offset, centre, distance, tilt, thickness, index, intrinsics",
     )
     parser.add_argument(
         "--effects",

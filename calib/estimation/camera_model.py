@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from calib.effects.effect import Effect
-from calib.estimation.joint_fit import JointFit, Start, fit_joint
+from calib.estimation.joint_fit import AGAIN, ROUNDS, JointFit, Start, fit_joint
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.poses import refine_poses_in_image
@@ -55,7 +55,8 @@ class CameraModel:
         """The most probable parameters, from a start like `fit_joint`'s; those that the start lacks begin at their means."""
         if start:
             start = replace(start, values={name: start.values.get(name, mean) for name, mean in self.means.items()})
-        return fit_joint(self.path, self.means, observations, self.padded(poses), free=self.free, start=start)
+        rounds = AGAIN if start else ROUNDS
+        return fit_joint(self.path, self.means, observations, self.padded(poses), free=self.free, start=start, rounds=rounds)
 
     def padded(self, poses: Tensor) -> Tensor:
         """(V, 6 or 12) parameters of views as this model has them: motions begin at rest, or are dropped."""

@@ -3,7 +3,7 @@
 Source: D. J. C. MacKay, Bayesian interpolation (1992), for the evidence (the marginal likelihood of the residuals).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,13 +22,14 @@ from calib.session.schema import Number
 
 FIRST_SIGMA = 0.1
 """px"""
-FIRST_PRIOR = Smoothness(height=1e-5, length=0.4)
-ROUNDS = (1e-2, 1e-4, 1e-9)
+FIRST_PRIOR = Smoothness(height=1e-7, length=0.4, figure=2e-5)
+"""Good glass: a relief that starts loose wanders off along what the cover's numbers can do as well."""
+ROUNDS = (3e-3, 3e-4, 1e-5)
 """Tolerances of one fit after another; between them the prior, the noise and the pixel weighting are estimated anew."""
-
-
 AGAIN = (1e-4,)
-"""The same of a fit that starts where one like it ended."""
+"""The same of a fit that starts where one like it ended, and keeps its noise and prior."""
+ROUGH = (1e-3,)
+"""The same of a fit that is the start of another."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +39,7 @@ class Start:
     values: Values
     sigma: float
     """px"""
-    smoothness: Smoothness | None
+    smoothness: Smoothness | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +85,11 @@ class JointFit:
 
     def said(self) -> dict[str, object]:
         """What a calibration file keeps of the fit."""
-        prior = self.smoothness and {"height_m": self.smoothness.height, "length_of_patch": self.smoothness.length}
+        prior = self.smoothness and {
+            "height_m": self.smoothness.height,
+            "length_of_patch": self.smoothness.length,
+            "figure_m": self.smoothness.figure,
+        }
         return {"outcome": self.outcome.value, "iterations": self.iterations, "sigma_px": self.sigma, "relief_prior": prior}
 
 
@@ -96,6 +101,7 @@ def fit_joint(
     *,
     free: Mapping[str, float | Tensor] | None = None,
     start: Start | None = None,
+    rounds: Sequence[float] = ROUNDS,
     progress: Callable[[int, float], None] | None = None,
 ) -> JointFit:
     """Maximum a posteriori amplitudes, free parameters and poses; the prior's scale and the noise by evidence.
@@ -105,17 +111,19 @@ def fit_joint(
         values: the start; free parameters have their prior's mean here.
         poses: (V, 6) to start from, or (V, 12) where boards move during the readout.
         free: standard deviation of each free parameter's prior, by name; `values` hold its mean.
-        start: where to start instead, with the noise and the prior that are kept.
+        start: where to start instead.
+        rounds: tolerances of one fit after another; noise and prior are estimated between them, so that one round keeps the start's.
         progress: called with the number of linearisations so far and the RMS px.
     """
     # A corner whose ray does not get through the cover at the start says nothing, and must not forbid every step.
     begin = start.values if start else values
     observations = observations.kept(path.land(observations.pixels, observations.with_times(begin), poses[observations.view])[1] == 0)
     parameters = Parameters.of(path, values, free or {})
-    sigma, smoothness = (start.sigma, start.smoothness) if start else (FIRST_SIGMA, FIRST_PRIOR if path.relief else None)
+    sigma = start.sigma if start else FIRST_SIGMA
+    smoothness = ((start and start.smoothness) or FIRST_PRIOR) if path.relief else None
     shared = parameters.vector(begin)
     spent = 0
-    for tolerance in AGAIN if start else ROUNDS:
+    for tolerance in rounds:
         precision = torch.from_numpy(parameters.prior_precision(smoothness)).to(shared)
         weights = pixel_weights(path, parameters.values(shared), observations, poses, sigma)
         views = tuple(landings(path, parameters, observations, weights))
@@ -125,7 +133,7 @@ def fit_joint(
             progress(spent, sigma * (solution.equations.sum_of_squares / len(observations.pixels)) ** 0.5)
         if solution.outcome is Outcome.NOT_FINITE:
             break
-        if not start and tolerance != ROUNDS[-1]:
+        if tolerance != rounds[-1]:
             freedom = 2 * len(observations.pixels) - poses.numel()
             sigma, smoothness = _by_evidence(solution, freedom, sigma, smoothness, parameters)
     hessian, _ = solution.equations.schur_complement()

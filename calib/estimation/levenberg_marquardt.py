@@ -6,11 +6,15 @@ camera's, say) and on the parameters y_v of its own block (a view's pose). Each 
 camera system of bundle adjustment is solved for x, and back-substitution gives the blocks, so that the time grows linearly with their
 number. The damping mu follows the gain ratio: how much F fell over what the quadratic model promised.
 
+Along a curved valley, what many views leave open, a good step lands up the valley's wall. So one that raises F is not shortened at once:
+one more step from there tells whether the two together lower it, and only if not the first is taken back (a watchdog).
+
 As in the references, gradient and Hessian are those of F / 2: J^T r and, in the Gauss-Newton approximation, J^T J.
 
 Sources: J. Nocedal, S. J. Wright, Numerical optimization (2006), sections 10.3 and 4.1, for the method and its gain ratio; K. Madsen,
 H. B. Nielsen, O. Tingleff, Methods for non-linear least squares problems (2004), section 3.2, for the update of the damping; B. Triggs
-et al., Bundle adjustment: a modern synthesis (2000), section 6.1, for the Schur complement.
+et al., Bundle adjustment: a modern synthesis (2000), section 6.1, for the Schur complement; R. M. Chamberlain, M. J. D. Powell et al.,
+The watchdog technique for forcing convergence in algorithms for constrained optimization (1982).
 """
 
 import math
@@ -30,7 +34,8 @@ SMALLEST_HELP = 1e-5
 TRIES = 12
 """Of a step's length. By then the damping is SMALLEST_HELP * 2^(1 + 2 + ... + 12) = 3e18, and as a damped step promises at most
 2 n / damping of the cost by n parameters, finite equations have ended long before at any tolerance that is used."""
-
+WORTH_RISING = 0.05
+"""Of what a step that raised the cost had promised: the least by which two steps together must lower it."""
 ROUNDING = 1e-26
 """A cost that exact data leave."""
 
@@ -165,15 +170,29 @@ def minimise(
         own = problem.block_precision
         return replace(rows, hessian_block=rows.hessian_block + own.diag(), gradient_block=rows.gradient_block + own * blocks)
 
-    cost = problem.cost(shared, blocks) + prior(shared, blocks)
+    def cost_at(shared: Tensor, blocks: Tensor) -> float:
+        return problem.cost(shared, blocks) + prior(shared, blocks)
+
+    cost = cost_at(shared, blocks)
     if math.isnan(cost):
         raise ValueError("the cost at the start is not a number")
     damping = FIRST_DAMPING
+    retreat: _Retreat | None = None
     for step in range(1, steps + 1):
         rows = equations_at(shared, blocks)
-        if not (rows.finite and math.isfinite(cost)):
+        if not retreat and not (rows.finite and math.isfinite(cost)):
             return Solution(Outcome.NOT_FINITE, shared, blocks, cost, step, rows)
         whole = replace(rows, hessian_shared=rows.hessian_shared + precision, gradient_shared=rows.gradient_shared + precision @ shared)
+        may_rise = not retreat and step < steps
+        if retreat:
+            move_shared, move_blocks = _damped_step(whole, damping)
+            moved, moved_blocks = shared + move_shared, blocks + move_blocks
+            new_cost = cost_at(moved, moved_blocks) if rows.finite else math.inf
+            if retreat.cost - new_cost > WORTH_RISING * retreat.promised:  # false for a cost that is not finite
+                shared, blocks, cost, retreat = moved, moved_blocks, new_cost, None
+                continue
+            shared, blocks, cost, rows, whole, retreat = retreat.shared, retreat.blocks, retreat.cost, retreat.rows, retreat.whole, None
+            damping = 2 * max(damping, SMALLEST_HELP)
         growth = 2.0
         for _ in range(TRIES):
             move_shared, move_blocks = _damped_step(whole, damping)
@@ -182,22 +201,40 @@ def minimise(
                 # A heavily damped step promises little whatever the gradient.
                 outcome = Outcome.CONVERGED if damping <= 1 or cost < ROUNDING else Outcome.STUCK
                 return Solution(outcome, shared, blocks, cost, step, rows)
-            moved = shared + move_shared
-            new_cost = problem.cost(moved, blocks + move_blocks) + prior(moved, blocks + move_blocks)
+            moved, moved_blocks = shared + move_shared, blocks + move_blocks
+            new_cost = cost_at(moved, moved_blocks)
             gain = (cost - new_cost) / promised
             if gain > 0:  # false for a cost that is not finite
+                break
+            if may_rise and math.isfinite(new_cost):
+                retreat = _Retreat(shared, blocks, cost, promised, rows, whole)
                 break
             damping = max(damping, SMALLEST_HELP) * growth
             growth *= 2
         else:
             outcome = Outcome.STUCK if math.isfinite(promised) else Outcome.NOT_FINITE
             return Solution(outcome, shared, blocks, cost, step, rows)
-        shared, blocks, cost = moved, blocks + move_blocks, new_cost
+        shared, blocks, cost = moved, moved_blocks, new_cost
+        if retreat:
+            continue
         damping = (max(damping, SMALLEST_HELP) if gain < 0.25 else damping) * max(1 / 3, 1 - (2 * gain - 1) ** 3)
         if progress:
             progress(step, cost)
     rows = equations_at(shared, blocks)
     return Solution(Outcome.STEPS_USED_UP if rows.finite else Outcome.NOT_FINITE, shared, blocks, cost, steps, rows)
+
+
+@dataclass(frozen=True, slots=True)
+class _Retreat:
+    """Where a step began that raised the cost."""
+
+    shared: Tensor
+    blocks: Tensor
+    cost: float
+    promised: float
+    rows: NormalEquations
+    whole: NormalEquations
+    """With the prior."""
 
 
 def normal_equations(pieces: Iterable[Linearised]) -> NormalEquations:

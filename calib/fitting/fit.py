@@ -18,7 +18,6 @@ from calib.fitting.inputs import gather
 from calib.fitting.provenance import KEY, provenance
 from calib.fitting.stages import Settings, Setup, fit_stages
 from calib.progress import Progress, Silent
-from calib.session.freeing import with_free
 from calib.session.session import Session
 from calib.threads import single_thread
 
@@ -40,7 +39,7 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
     """
     start = gather(session, progress)
     views, rejected = start.views, start.rejected
-    setup = Setup(session.board, session.camera, *with_free(start.intrinsics, session.cover, settings.free))
+    setup = Setup(session.board, session.camera, start.intrinsics, session.cover).freed(settings)
     grids: dict[str, float] = {}
     if settings.grid is None:
         _check_enough(views, rejected, for_folds=GRID_FOLDS)

@@ -1,6 +1,8 @@
 """The stages of a fit, each on top of the one before: the pinhole, its smooth cover, the cover's relief."""
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import torch
@@ -9,7 +11,7 @@ from torch import Tensor
 from calib.calibration import Stage
 from calib.errors import NotEnoughDataError
 from calib.estimation.gradient_fit import descend
-from calib.estimation.joint_fit import JointFit, fit_joint
+from calib.estimation.joint_fit import ROUGH, JointFit, fit_joint
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import Residuals, residuals
@@ -17,11 +19,12 @@ from calib.estimation.stated_priors import freed
 from calib.optics.build import covered_path, footprint, pinhole_path, with_relief
 from calib.optics.params import Values
 from calib.optics.path import Path
-from calib.optics.relief import Relief
+from calib.optics.relief import AMPLITUDES, Relief
 from calib.progress import Progress
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
 from calib.session.cover import Cover
+from calib.session.freeing import ALL, with_free
 
 MOST_LOST = 0.2
 """Of the corners: more cannot be seen through the cover as it is described."""
@@ -40,8 +43,8 @@ class Settings:
     """Gradient steps of the paper's procedure."""
     exact_hit: bool = True
     """False neglects that the relief moves the hit point, as the paper does."""
-    free: tuple[str, ...] = ()
-    """Of calib.session.freeing.NAMES: what is estimated beside poses and relief."""
+    free: tuple[str, ...] = (ALL,)
+    """Of calib.session.freeing.NAMES: which declared numbers are estimated, by the joint method, near what is declared."""
     folds: int = 0
     """Of the cross-validation; 0 for none."""
 
@@ -54,6 +57,17 @@ class Setup:
     camera: Camera
     intrinsics: Intrinsics
     cover: Cover
+
+    def freed(self, settings: Settings) -> Setup:
+        """With a tolerance for every declared number that these settings estimate.
+
+        Raises:
+            InputError: the cover has no number of such a name.
+        """
+        if settings.method == "paper":
+            return self
+        intrinsics, cover = with_free(self.intrinsics, self.cover, settings.free)
+        return replace(self, intrinsics=intrinsics, cover=cover)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,15 +101,22 @@ def fit_stages(setup: Setup, observations: Observations, settings: Settings, pro
     missed = residuals(path, values, observations, poses)
     _check_cover(missed)
     stages.append(Stage("cover", missed.rms_px, missed.rmse_cm))
-    low, high = footprint(path, values, setup.camera.width, setup.camera.height)
+    free = freed(setup.intrinsics, setup.cover, path)
+    start = None
+    if free and settings.method == "joint":
+        # What a wrong number explains is explained by it before there is a relief that could.
+        rough = fit_joint(path, values, observations, poses, free=free, rounds=ROUGH)
+        start, poses = rough.start, rough.poses
+    low, high = footprint(path, start.values if start else values, setup.camera.width, setup.camera.height)
     assert settings.grid, "to be chosen before"
     around, along = settings.grid
     relief = Relief(low, high, (along, around))
     path = with_relief(path, relief, exact_hit=settings.exact_hit)
-    values["relief.amplitudes"] = torch.zeros(along, around, dtype=torch.float64)
+    flat = {AMPLITUDES: torch.zeros(along, around, dtype=torch.float64)}
+    values = {**values, **flat}
     joint = None
     if settings.method == "paper":
-        values["relief.amplitudes"] = _descend(path, values, observations, poses, settings.steps, progress)
+        values[AMPLITUDES] = _descend(path, values, observations, poses, settings.steps, progress)
     else:
         advance = progress.task("Joint fit", LINEARISATIONS)
         joint = fit_joint(
@@ -103,7 +124,8 @@ def fit_stages(setup: Setup, observations: Observations, settings: Settings, pro
             values,
             observations,
             poses,
-            free=freed(setup.intrinsics, setup.cover, path),
+            free=free,
+            start=start and replace(start, values={**start.values, **flat}),
             progress=lambda spent, rms: advance(min(spent, LINEARISATIONS), f"{rms:.3f} px"),
         )
         advance(LINEARISATIONS, "")

@@ -16,7 +16,7 @@ from calib.corners.view import View
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.elimination import information, view_equations
 from calib.estimation.jacobians import undistorted_jacobian
-from calib.estimation.joint_fit import FIRST_PRIOR, FIRST_SIGMA
+from calib.estimation.joint_fit import FIRST_SIGMA
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.stated_priors import freed
@@ -29,11 +29,14 @@ from calib.planning.design import Design
 from calib.progress import Silent
 from calib.session.board import Board
 from calib.session.camera import Camera
+from calib.session.tolerances import GLASS_FIGURE
 
 Array = NDArray[np.float64]
 
 FEWEST_FITTED = 4
 """Views from which on they are fitted; before, the cover is taken to be as described."""
+UNSEEN_GLASS = Smoothness(height=GLASS_FIGURE.sigma, length=0.4, figure=2 * GLASS_FIGURE.sigma)
+"""What a cover's glass may be like before any view has shown it."""
 NEGLIGIBLE = 3e-3
 """px: what modes that are left out may move the maps by, altogether."""
 
@@ -160,4 +163,4 @@ def estimate(setup: Setup, views: Sequence[View], grid: tuple[int, int]) -> Plan
     path = with_relief(path, relief)
     values["relief.amplitudes"] = torch.zeros(grid, dtype=torch.float64)
     model = CameraModel(path, values, freed(setup.intrinsics, setup.cover, path))
-    return PlanningFit(model, poses, observations, FIRST_PRIOR, FIRST_SIGMA)
+    return PlanningFit(model, poses, observations, UNSEEN_GLASS, FIRST_SIGMA)

@@ -1,4 +1,4 @@
-"""`--free`: which numbers of the cover and the camera the joint fit is to estimate, by the names that people use for them, or all."""
+"""Which declared numbers of the cover and the camera the joint fit estimates: all by default, or by the names that people use for them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -48,7 +48,9 @@ TANGENTIAL_PLACES = (2, 3)
 """Of p1 and p2 among OpenCV's coefficients."""
 ALL = "all"
 """Every number that has a tolerance, those aside that the session calls exact."""
-NAMES = (*(freeable.name for freeable in COVER), INTRINSICS, ALL)
+NONE = "none"
+"""Only what the session states with a sigma."""
+NAMES = (*(freeable.name for freeable in COVER), INTRINSICS, ALL, NONE)
 
 
 def with_free(intrinsics: Intrinsics, cover: Cover, names: Sequence[str]) -> tuple[Intrinsics, Cover]:

