@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> None:
     if args.json:
         print_json(finding.as_json())
     else:
-        print_diagnosis(finding, [saved])
+        print_diagnosis(finding, better, [saved])
     with Bars() as bars:  # last: whatever happens here, the finding is written and told of
         report = write_report(better, output, bars)
     if not args.json:

@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> None:
     else:
         print_fit(calibration, seconds, written)
         if finding:
-            print_diagnosis(finding, [])
+            print_diagnosis(finding, calibration, [])
     with Bars() as bars:  # last: whatever happens here, the calibration is written and told of
         report = write_report(calibration, output, bars, args.depth)
     if not args.json:

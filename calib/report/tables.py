@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from html import escape
 
-from calib.fitting.declared import Comparison, comparisons
+from calib.fitting.declared import Comparison, comparisons, own_parameters
 from calib.report.evidence import Evidence
 
 MEANING = {
@@ -15,9 +15,13 @@ MEANING = {
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Cells are HTML already."""
+    """Cells are HTML already; where there is no room, each comes below the other beside its label."""
     first = "".join(f"<th>{escape(cell)}</th>" for cell in head)
-    body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows)
+    labels = [f' data-label="{escape(cell)}"' if cell else "" for cell in head]
+    body = "".join(
+        "<tr>" + "".join(f"<td{label}>{cell}</td>" if cell else "<td></td>" for label, cell in zip(labels, row, strict=True)) + "</tr>"
+        for row in rows
+    )
     return f'<div class="wide"><table><thead><tr>{first}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
@@ -43,12 +47,17 @@ def stages_html(evidence: Evidence) -> str:
 
 
 def parameters_html(evidence: Evidence) -> str:
-    """Every number as it was declared and as it was estimated."""
-    return table(("", "declared", "estimated", "apart"), [_row(one) for one in comparisons(evidence.calibration)])
+    """Every number as it was declared and as it was estimated, an effect's increment added; then what effects have of their own."""
+    own = list(own_parameters(evidence.calibration))
+    rows = [*map(_row, comparisons(evidence.calibration)), *map(_row, own)]
+    numbers = table(("quantity", "declared ± tolerance", "estimated ± sigma", "apart"), rows)
+    if not own:
+        return numbers
+    return numbers + f"<p>No session declares {escape(', '.join(one.name for one in own))}: what is supposed stands for it.</p>"
 
 
 def _row(one: Comparison) -> tuple[str, str, str, str]:
     if one.held:
-        return escape(one.name), f"{one.declared:.6g} {one.unit}".rstrip(), "held", ""
-    declared, estimated = f"{one.declared:.6g} ± {one.tolerance:.2g}", f"{one.estimate:.6g} ± {one.sigma:.2g}"
-    return escape(one.name), f"{declared} {one.unit}".rstrip(), f"{estimated} {one.unit}".rstrip(), f"{one.apart:.1f} sigma"
+        return escape(one.name), one.stated, "held", ""
+    by = f" <small>by {escape(one.effect)}</small>" if one.effect else ""
+    return escape(one.name), one.stated, one.estimated + by, f"{one.apart:.1f} sigma"
