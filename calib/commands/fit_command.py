@@ -56,6 +56,7 @@ def run(args: argparse.Namespace) -> None:
     from calib.diagnosis.named_effects import with_named
     from calib.export.npz import write_npz
     from calib.fitting.fit import fit
+    from calib.fitting.provenance import asked
     from calib.fitting.stages import Settings
     from calib.io.files import check_writable
     from calib.report.write import write_report
@@ -73,6 +74,7 @@ def run(args: argparse.Namespace) -> None:
             calibration, finding = diagnose(calibration, bars)
         elif args.effects:
             calibration = with_named(calibration, args.effects, bars)
+        calibration = asked(calibration, args.effects, args.depth)
         saved = calibration.save(output)
         written = [saved, *write_npz(calibration, args.depth, output, bars, replace=True)]
     seconds = time.monotonic() - begun

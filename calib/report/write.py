@@ -48,7 +48,11 @@ def write_report(
             drawn[drawing] = drawing(evidence)
             advance(done, "")
         sections = _sections(
-            evidence, list(drawn.values()), effect_rows(calibration) if effects is None else effects, views_html(evidence, thumbnails)
+            evidence,
+            list(drawn.values()),
+            effect_rows(calibration) if effects is None else effects,
+            views_html(evidence, thumbnails),
+            again_html(evidence, folder),
         )
     path = folder / NAME
     write_atomically(path, page(calibration.camera.model or "A camera", summarise(evidence), sections))
@@ -56,7 +60,9 @@ def write_report(
     return path
 
 
-def _sections(evidence: Evidence, drawings: Sequence[Drawing | None], effects: Sequence[EffectRow], views: str) -> list[PageSection]:
+def _sections(
+    evidence: Evidence, drawings: Sequence[Drawing | None], effects: Sequence[EffectRow], views: str, again: str
+) -> list[PageSection]:
     figures = [PageSection(drawing.name, drawing.title, drawing.html()) for drawing in drawings if drawing]
     before_after = [PageSection("effects", "Effects, before and after", effects_html(effects))] if effects else []
     return [
@@ -65,7 +71,7 @@ def _sections(evidence: Evidence, drawings: Sequence[Drawing | None], effects: S
         *figures,
         PageSection("views", "The views", views),
         PageSection("numbers", "Camera and cover", parameters_html(evidence)),
-        PageSection("again", "To do it again", again_html(evidence)),
+        PageSection("again", "To do it again", again),
     ]
 
 

@@ -21,11 +21,13 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
     from calib.calibration import Calibration
     from calib.diagnosis.diagnose import diagnose
     from calib.diagnosis.found import found
+    from calib.fitting.provenance import diagnosed
     from calib.io.files import check_writable
 
     calibration = Calibration.load(place)
     check_writable(out)
     better, finding = diagnose(calibration, progress)
+    better = diagnosed(better, place if place.is_dir() else place.parent, None)
     numbers = [found(one.effect, better, one.parameters) for one in finding.candidates if one.accepted]
     return summary(better, better.save(out)) | {"accepted": list(finding.accepted), "text": as_text(finding, numbers)}
 

@@ -56,8 +56,7 @@ def test_stages_and_numbers_are_those_of_the_calibration(reported: Reported) -> 
     origin = reported.calibration.settings["made_by"]
     assert origin["session_sha256"] in said
     assert origin["torch"] in said
-    assert "calib fit session --method joint --grid 6x6 --folds 3" in said
-    assert str(reported.session) not in reported.html, "a shared report does not tell where its author keeps files"
+    assert f"calib fit {reported.session} --grid 6x6 --folds 3 -o {reported.session / 'calibration'}\n" in said + "\n"
 
 
 def test_the_worst_view_comes_first(reported: Reported) -> None:
