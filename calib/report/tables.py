@@ -17,17 +17,20 @@ MEANING = {
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Cells are HTML already; where there is no room, each comes below the other beside its label."""
     first = "".join(f"<th>{escape(cell)}</th>" for cell in head)
-    labels = [f' data-label="{escape(cell)}"' if cell else "" for cell in head]
-    body = "".join(
-        "<tr>" + "".join(f"<td{label}>{cell}</td>" if cell else "<td></td>" for label, cell in zip(labels, row, strict=True)) + "</tr>"
-        for row in rows
-    )
+    body = "".join(f"<tr>{''.join(map(_cell, head, row))}</tr>" for row in rows)
     return f'<div class="wide"><table><thead><tr>{first}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def _cell(label: str, cell: str) -> str:
+    if not cell:
+        return "<td></td>"
+    said = f' data-label="{escape(label)}"' if label else ""
+    return f"<td{said}><div>{cell}</div></td>"
 
 
 def bar(value: float, whole: float) -> str:
     """A number's length beside others of the same whole."""
-    return f'<span class="bar" style="width: {9 * min(1.0, max(0.0, value / whole)) if whole > 0 else 0:.2f}rem"></span>'
+    return f'<span class="bar" style="--part: {min(1.0, max(0.0, value / whole)) if whole > 0 else 0:.3f}"></span>'
 
 
 def stages_html(evidence: Evidence) -> str:
