@@ -62,7 +62,7 @@ def _largest_first(evidence: Evidence) -> list[int]:
     return sorted(range(len(own)), key=lambda view: -float(np.prod(np.ptp(own[view], 0))) if len(own[view]) else 0.0)
 
 
-def _lines(evidence: Evidence, view: int) -> Iterator[Line]:
+def lines_across(evidence: Evidence, view: int) -> Iterator[Line]:
     board, camera = evidence.calibration.board, evidence.calibration.camera
     pose = evidence.calibration.poses[view, :6]
     turn = cv2.Rodrigues(pose[:3])[0]
@@ -124,7 +124,7 @@ def _undistorted(evidence: Evidence, picture: np.ndarray, depth: float) -> np.nd
 
 
 def _html(evidence: Evidence, view: int, picture: np.ndarray | None) -> str:
-    lines = list(_lines(evidence, view))
+    lines = list(lines_across(evidence, view))
     if not lines:
         return ""
     depth = float(np.median(evidence.depth[evidence.view == view]))
