@@ -67,7 +67,8 @@ def _options(settings: dict[str, Any]) -> list[str]:
         words += ["--grid", "x".join(str(n) for n in settings["grid"])]
     if settings["free"]:
         words += ["--free", ",".join(settings["free"])]
-    if effects := asked.get("effects", []):
+    by_library = ["auto"] if "diagnosis" in settings and DIAGNOSED not in settings else []
+    if effects := asked.get("effects") or by_library:
         words += ["--effects", ",".join(effects)]
     if validation := settings.get("cross_validation"):
         words += ["--folds", str(validation["folds"])]
