@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 import torch
@@ -28,6 +29,7 @@ from calib.threads import single_thread
 from calib.undistortion.grids import Array
 
 Indices = NDArray[np.signedinteger]
+Flags = NDArray[np.bool_]
 
 PIXEL_STEP = 0.05
 """px, of differences."""
@@ -58,18 +60,30 @@ class BoardPose:
         return BoardPose.exactly(np.array([0, 0, 0, 0, 0, depth]))
 
 
+class Reason(StrEnum):
+    """Why a point is not measured."""
+
+    MEASURED = ""
+    OUTSIDE = "outside the picture"
+    NO_RAY = "no ray leaves the cover there"
+    NO_POINT = "its ray does not reach the plane"
+    NOWHERE = "its rays do not meet in front of the camera"
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
     """N points in one frame."""
 
     points: Array
-    """(N, 3) m; NaN where a ray does not leave the cover or does not reach the plane."""
+    """(N, 3) m; NaN where there is a reason against it."""
     own: Array
     """(N, 3, 3) m^2: covariance from the noise of each point's own pixels."""
     shared: Array
     """(N, 3, Q) m: errors for each of Q independent errors of unit variance that points share."""
     gap_px: Array
     """(N,): how far its rays miss a triangulated point, root mean square; 0 on a plane."""
+    reasons: tuple[Reason, ...]
+    """N: why a point is NaN; MEASURED where it is not."""
 
     @property
     def sigma(self) -> Array:
@@ -138,12 +152,13 @@ class Measurer:
             plane: (N,) which of them each pixel sees.
         """
         of = np.asarray(plane, dtype=np.intp)
+        pixels, outside = self._within(pixels)
         poses, lines = np.stack([one.pose for one in planes])[of], self._lines(pixels)
         points = intersect(*self._rays(lines), poses)
         by_line = central_differences(lambda moved: intersect(*self._rays(moved), poses), lines, LINE_STEPS)
         by_pose = central_differences(lambda moved: intersect(*self._rays(lines), moved), poses, POSE_STEPS)
         shared = self._shared(planes, of, by_pose, by_line @ self._errors(pixels))
-        return Measured(points, self._own(by_line, pixels), shared, np.where(np.isnan(points[:, 0]), np.nan, 0.0))
+        return _measured(points, self._own(by_line, pixels), shared, np.zeros(len(points)), outside, _lost(lines), Reason.NO_POINT)
 
     def triangulate(self, pixels: Array, boards: Sequence[BoardPose], board: Sequence[int], point: Sequence[int]) -> Measured:
         """Points that several views see, in the frame of the board that stands still in all of them: where each misses its rays least.
@@ -155,9 +170,13 @@ class Measurer:
             point: (M,) which of the N points it shows.
         """
         of, which = np.asarray(board, dtype=np.intp), np.asarray(point, dtype=np.intp)
+        pixels, outside = self._within(pixels)
         poses, lines, errors = np.stack([one.pose for one in boards])[of], self._lines(pixels), self._errors(pixels)
-        parts = [self._triangulated(rows, pixels, poses, lines, errors, boards, of) for rows in _groups(which)]
-        return Measured(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+        groups = _groups(which)
+        parts = [self._triangulated(rows, pixels, poses, lines, errors, boards, of) for rows in groups]
+        points, own, shared, gap = (np.concatenate(column) for column in zip(*parts, strict=True))
+        refused, lost = (np.array([one[rows].any() for rows in groups]) for one in (outside, _lost(lines)))
+        return _measured(points, own, shared, gap, refused, lost, Reason.NOWHERE)
 
     def _triangulated(
         self,
@@ -191,6 +210,14 @@ class Measurer:
         shared = self._shared(boards, of[rows], by_pose, by_line @ errors[rows]).sum(0, keepdims=True)
         return at[None], own, shared, np.sqrt((missed**2).mean(keepdims=True)) * self._focal.mean()
 
+    def _within(self, pixels: Array) -> tuple[Array, Flags]:
+        """(N, 2) px, those outside the picture moved to its border, and (N,) which these are. A border pixel ends half a pixel beyond its
+        centre."""
+        camera = self.calibration.camera
+        last = np.array([camera.width, camera.height]) - 0.5
+        outside = np.asarray(~((pixels >= -0.5) & (pixels <= last)).all(-1))  # NaN among them
+        return np.where(outside[:, None], np.clip(np.nan_to_num(pixels), -0.5, last), pixels), outside
+
     def _lines(self, pixels: Array) -> Array:
         """(N, 4) A and B of each pixel's ray, px and px m."""
         origins, directions = self.calibration.rays(pixels)
@@ -215,6 +242,19 @@ class Measurer:
             if planes[plane].rays.size:
                 by_rays[row] += by_pose[row] @ planes[plane].rays
         return np.concatenate([by_rays, noise.reshape(len(of), 3, -1)], -1)
+
+
+def _measured(points: Array, own: Array, shared: Array, gap_px: Array, outside: Flags, lost: Flags, missed: Reason) -> Measured:
+    """NaN in every part of a point that is refused (N,), has no ray (N,), or came out as NaN, which is `missed`."""
+    reasons = np.select([outside, lost, np.isnan(points).any(-1)], [Reason.OUTSIDE, Reason.NO_RAY, missed], Reason.MEASURED).tolist()
+    bad = [bool(reason) for reason in reasons]
+    for part in (points, own, shared, gap_px):
+        part[bad] = np.nan
+    return Measured(points, own, shared, gap_px, tuple(map(Reason, reasons)))
+
+
+def _lost(lines: Array) -> Flags:
+    return np.asarray(np.isnan(lines).any(-1))
 
 
 def _groups(which: Indices) -> list[Indices]:

@@ -10,8 +10,7 @@ from rich.table import Table
 
 from calib.calibration import Calibration
 from calib.corners.view import Rejected
-from calib.diagnosis.finding import ParameterEstimate
-from calib.fitting.declared import comparisons
+from calib.fitting.declared import comparisons, own_parameters
 from calib.fitting.evaluate import Evaluation
 from calib.fitting.remarks import remarks
 from calib.progress import Advance
@@ -75,12 +74,10 @@ def _estimates(calibration: Calibration) -> Iterator[str]:
     """What the fit made of the declared numbers that it estimated, and the parameters of its effects."""
     if not calibration.covariance.size:
         return
-    yield from (f"{'Corrected' if one.corrected else 'Estimated'}: {one}" for one in comparisons(calibration) if not one.held)
-    for added in calibration.effects:
-        for unknown in added.effect.unknowns:
-            value, sigma = added.parameters[unknown.param.name]
-            if not value.ndim:
-                yield f"Estimated: {unknown.param.name} {ParameterEstimate(float(value), float(sigma), unknown.param.unit)}"
+    for one in comparisons(calibration):
+        if not one.held:
+            yield f"{'Corrected' if one.corrected else 'Estimated'}: {one.summed if one.effect else one}"
+    yield from (f"Estimated: {one.name} {one.estimated}" for one in own_parameters(calibration))
 
 
 def print_evaluation(evaluation: Evaluation) -> None:

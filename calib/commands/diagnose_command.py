@@ -23,6 +23,7 @@ def run(args: argparse.Namespace) -> None:
     from calib.commands.diagnosis_table import print_diagnosis
     from calib.commands.printing import print_json
     from calib.diagnosis.diagnose import diagnose
+    from calib.fitting.provenance import diagnosed
     from calib.io.files import check_writable
     from calib.report.write import write_report
     from calib.session.session import read_session
@@ -34,11 +35,12 @@ def run(args: argparse.Namespace) -> None:
     check_writable(output)
     with Bars() as bars:
         better, finding = diagnose(calibration, bars, holdout)
+        better = diagnosed(better, folder, args.holdout)
         saved = better.save(output)
     if args.json:
         print_json(finding.as_json())
     else:
-        print_diagnosis(finding, [saved])
+        print_diagnosis(finding, better, [saved])
     with Bars() as bars:  # last: whatever happens here, the finding is written and told of
         report = write_report(better, output, bars)
     if not args.json:

@@ -7,11 +7,13 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from calib.calibration import Calibration
 from calib.diagnosis.finding import Diagnosis
+from calib.diagnosis.found import found
 
 
-def print_diagnosis(finding: Diagnosis, written: Sequence[Path]) -> None:
-    """What was found first, then all that was considered, then what is left."""
+def print_diagnosis(finding: Diagnosis, better: Calibration, written: Sequence[Path]) -> None:
+    """What was found first and is in the better calibration, then all that was considered, then what is left."""
     console = Console()
     if finding.accepted:
         console.print(f"[bold]Found: {', '.join(finding.accepted)}[/bold]")
@@ -20,8 +22,8 @@ def print_diagnosis(finding: Diagnosis, written: Sequence[Path]) -> None:
     console.print(_errors(finding))
     for candidate in finding.candidates:
         if candidate.accepted:
-            parameters = "; ".join(f"{name} {one}" for name, one in candidate.parameters.items())
-            console.print(f"{candidate.title}: {parameters or 'parameters of every view'}", highlight=False, soft_wrap=True)
+            said = "; ".join(found(candidate.effect, better, candidate.parameters)) or "parameters of every view"
+            console.print(f"{candidate.title}: {said}", markup=False, highlight=False, soft_wrap=True)
     console.print(_considered(finding))
     for remark in finding.remarks:
         console.print(f"Take care: {remark}", markup=False, highlight=False, soft_wrap=True)

@@ -57,6 +57,7 @@ def run(args: argparse.Namespace) -> None:
     from calib.diagnosis.named_effects import with_named
     from calib.export.npz import write_npz
     from calib.fitting.fit import fit
+    from calib.fitting.provenance import asked
     from calib.fitting.stages import Settings
     from calib.io.files import check_writable
     from calib.report.write import write_report
@@ -74,6 +75,7 @@ def run(args: argparse.Namespace) -> None:
             calibration, finding = diagnose(calibration, bars)
         elif args.effects:
             calibration = with_named(calibration, args.effects, bars)
+        calibration = asked(calibration, args.effects, args.depth)
         saved = calibration.save(output)
         written = [saved, *write_npz(calibration, args.depth, output, bars, replace=True)]
     seconds = time.monotonic() - begun
@@ -82,7 +84,7 @@ def run(args: argparse.Namespace) -> None:
     else:
         print_fit(calibration, seconds, written)
         if finding:
-            print_diagnosis(finding, [])
+            print_diagnosis(finding, calibration, [])
     with Bars() as bars:  # last: whatever happens here, the calibration is written and told of
         report = write_report(calibration, output, bars, args.depth)
     if not args.json:

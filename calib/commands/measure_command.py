@@ -2,7 +2,8 @@
 
 POINTS is a CSV file with the columns x,y (px in the pictures as they were taken), and optionally name and image. Points are on a plane
 across the optical axis (--depth), on the board that their own picture shows (--on-boards), or where the rays to one name meet from two or
-more pictures of one still board (--triangulate). Pictures are sought beside POINTS.
+more pictures of one still board (--triangulate). Pictures are sought beside POINTS. A
+point outside its picture, or without a ray, is not measured; the table and the JSON say why.
 
 Sigma counts the pixels' noise, the uncertainty of the calibrated rays, and the corner noise of the boards; not a board that is
 otherwise than declared, nor glass that the fit cannot follow.
@@ -60,11 +61,13 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _as_mapping(names: list[str], measured: "Measured", frame: str, noise_px: float) -> dict[str, object]:
-    rows = zip(names, measured.points.tolist(), measured.sigma.tolist(), measured.gap_px.tolist(), strict=True)
+    rows = zip(names, measured.points.tolist(), measured.sigma.tolist(), measured.gap_px.tolist(), measured.reasons, strict=True)
     return {
         "frame": frame,
         "noise_px": noise_px,
-        "points": [{"name": name, "m": at, "sigma_m": sigma, "gap_px": gap} for name, at, sigma, gap in rows],
+        "points": [
+            {"name": name, "m": at, "sigma_m": sigma, "gap_px": gap, "reason": reason or None} for name, at, sigma, gap, reason in rows
+        ],
         "distances": [
             {"from": names[i], "to": names[i + 1], "m": metres, "sigma_m": sigma}
             for i, (metres, sigma) in enumerate(measured.distance(i, i + 1) for i in range(len(names) - 1))
@@ -73,6 +76,7 @@ def _as_mapping(names: list[str], measured: "Measured", frame: str, noise_px: fl
 
 
 def _print(names: list[str], measured: "Measured", frame: str, noise_px: float) -> None:
+    import numpy as np
     from rich.console import Console
     from rich.table import Table
 
@@ -84,14 +88,17 @@ def _print(names: list[str], measured: "Measured", frame: str, noise_px: float) 
         cells = [_cell(value, spread) for value, spread in zip(at, sigma, strict=True)]
         table.add_row(name, *cells, _cell(*measured.distance(i, i + 1)) if i + 1 < len(names) else "")
     console.print(table)
-    if frame == "board":
-        console.print(f"The rays miss their points by {measured.gap_px.max():.2f} px at most, root mean square of each point.")
+    for name, reason in zip(names, measured.reasons, strict=True):
+        if reason:
+            console.print(f"Not measured: {name}: {reason}.", markup=False, highlight=False, soft_wrap=True)
+    if frame == "board" and np.isfinite(measured.gap_px).any():
+        console.print(f"The rays miss their points by {np.nanmax(measured.gap_px):.2f} px at most, root mean square of each point.")
     console.print(f"Pixel noise {noise_px:.3f} px per axis.")
 
 
 def _cell(metres: float, sigma: float) -> str:
     """With as many digits as sigma says something about: one of its own, two where it begins with a 1."""
     if not (math.isfinite(metres) and math.isfinite(sigma)):
-        return "not seen"
+        return "-"
     digits = 6 if sigma <= 0 else max(0, min(9, -math.floor(math.log10(sigma / 2))))
     return f"{metres:.{digits}f} ± {sigma:.{digits}f}"

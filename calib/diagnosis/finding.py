@@ -7,9 +7,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from calib.diagnosis.variance_split import Share
-
-PREFIXES = {"m": (1e3, "mm"), "rad": (1e3, "mrad")}
-"""Units as people read them, where they are others."""
+from calib.fitting.declared import PREFIXES
+from calib.fitting.rounding import with_sigma
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,8 +20,8 @@ class ParameterEstimate:
     unit: str
 
     def __str__(self) -> str:
-        factor, unit = PREFIXES.get(self.unit, (1.0, self.unit))
-        return f"{self.value * factor:.4g} ± {self.sigma * factor:.2g} {unit}".rstrip()
+        unit, factor = PREFIXES.get(self.unit, (self.unit, 1.0))
+        return f"{with_sigma(self.value * factor, self.sigma * factor)} {unit}".rstrip()
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 from calib.effects.effect import Effect, Surroundings, Unknown
-from calib.effects.offset import offsets
+from calib.effects.offset import Offsets, increments
 from calib.optics.path import Path
 from calib.session.tolerances import Tolerance
 
@@ -29,8 +29,7 @@ class CoverEffect(Effect):
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        return offsets(self.name, {name: self.candidates[name] for name in self.parameters})[1]
+        return increments(self.name, {name: self.candidates[name] for name in self.parameters})
 
     def apply(self, path: Path) -> Path:
-        adjustment, _ = offsets(self.name, {name: self.candidates[name] for name in self.parameters})
-        return replace(path, adjustments=(*path.adjustments, adjustment))
+        return replace(path, adjustments=(*path.adjustments, Offsets(self.unknowns)))

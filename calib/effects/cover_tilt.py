@@ -30,7 +30,7 @@ class CoverTilt(Effect):
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        return tuple(Unknown.of(f"cover_tilt.{axis}", COVER_TILT) for axis in self.axes)
+        return tuple(Unknown.of(f"cover_tilt.{axis}", COVER_TILT, (f"cover.tilt.{axis}",)) for axis in self.axes)
 
     def apply(self, path: Path) -> Path:
         names = axis_names("cover_tilt", self.axes)

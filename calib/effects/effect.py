@@ -26,11 +26,15 @@ class Unknown:
     """Where the effect is not there."""
     start: float | None = None
     """Where a fit with it begins, and the middle of the prior; None: at the neutral value."""
+    shifts: tuple[str, ...] = ()
+    """The declared numbers, by their names among the values, that it is an increment of: what people are shown is their sum."""
+    relative: bool = False
+    """Whether it is a fraction of them."""
 
     @staticmethod
-    def of(name: str, tolerance: Tolerance) -> Unknown:
+    def of(name: str, tolerance: Tolerance, shifts: tuple[str, ...] = (), *, relative: bool = False) -> Unknown:
         """A scalar whose neutral value is zero, with the prior of a physical quantity."""
-        return Unknown(Param(name, tolerance.unit, tolerance.scale), tolerance.sigma)
+        return Unknown(Param(name, tolerance.unit, tolerance.scale), tolerance.sigma, shifts=shifts, relative=relative)
 
     @property
     def begin(self) -> float:

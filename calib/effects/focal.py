@@ -1,6 +1,5 @@
 """The focal length is not as stated."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
@@ -8,10 +7,11 @@ from torch import Tensor
 
 from calib.effects.camera_effect import CameraEffect
 from calib.effects.effect import Surroundings, Unknown
+from calib.effects.offset import shifted
 from calib.optics.params import Values
 from calib.session.tolerances import FOCAL
 
-CHANGE = Unknown.of("focal.change", FOCAL)
+CHANGE = Unknown.of("focal.change", FOCAL, ("camera.fx", "camera.fy"), relative=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,9 +27,4 @@ class Focal(CameraEffect):
         return () if {"camera.fx", "camera.fy"} & there.estimated else (cls(),)
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
-        return pixels, scaled(values, 1 + values[CHANGE.param.name])
-
-
-def scaled(values: Values, factor: Tensor) -> Mapping[str, Tensor]:
-    """The parameters of a camera whose focal lengths are longer by a factor."""
-    return {**values, **{name: values[name] * factor for name in ("camera.fx", "camera.fy")}}
+        return pixels, shifted(values, (CHANGE,))

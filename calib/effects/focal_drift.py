@@ -7,7 +7,6 @@ from torch import Tensor
 
 from calib.effects.camera_effect import CameraEffect
 from calib.effects.effect import Unknown
-from calib.effects.focal import scaled
 from calib.optics.params import TIME, Values
 from calib.session.tolerances import FOCAL
 
@@ -23,4 +22,7 @@ class FocalDrift(CameraEffect):
     unknowns_: ClassVar[tuple[Unknown, ...]] = (DRIFT,)
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
-        return pixels, scaled(values, 1 + values[DRIFT.param.name] * values[TIME]) if TIME in values else values
+        if TIME not in values:
+            return pixels, values
+        factor = 1 + values[DRIFT.param.name] * values[TIME]
+        return pixels, {**values, **{name: values[name] * factor for name in ("camera.fx", "camera.fy")}}

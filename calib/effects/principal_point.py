@@ -7,11 +7,11 @@ from torch import Tensor
 
 from calib.effects.camera_effect import CameraEffect
 from calib.effects.effect import Surroundings, Unknown
+from calib.effects.offset import shifted
 from calib.optics.params import Values
 from calib.session.tolerances import PRINCIPAL_POINT
 
-UNKNOWNS = tuple(Unknown.of(f"principal_point.{axis}", PRINCIPAL_POINT) for axis in "xy")
-X, Y = (unknown.param for unknown in UNKNOWNS)
+UNKNOWNS = tuple(Unknown.of(f"principal_point.{axis}", PRINCIPAL_POINT, (f"camera.c{axis}",)) for axis in "xy")
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,4 +27,4 @@ class PrincipalPoint(CameraEffect):
         return () if {"camera.cx", "camera.cy"} & there.estimated else (cls(),)
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
-        return pixels, {**values, "camera.cx": values["camera.cx"] + values[X.name], "camera.cy": values["camera.cy"] + values[Y.name]}
+        return pixels, shifted(values, UNKNOWNS)

@@ -1,11 +1,14 @@
-"""What the session declares against what the views say: every number of camera and cover with its tolerance, and its estimate."""
+"""What the session declares against what the views say: every number with its tolerance, and its estimate, effects' increments added."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 from calib.calibration import Calibration
+from calib.effects.effect import Unknown
+from calib.fitting.rounding import to_digit_of, with_sigma
 from calib.optics.lens_model import COEFFICIENTS
 from calib.session.camera import COEFFICIENT, PINHOLE
 from calib.session.cover import SHAPES
@@ -13,6 +16,8 @@ from calib.session.schema import Number, Quantity
 
 UNITS = {"millimetres": "mm", "degrees": "deg"}
 """As they are shown beside a figure."""
+PREFIXES = {"m": ("mm", 1e3), "rad": ("mrad", 1e3)}
+"""Units of effects' own parameters as people read them, where they are others, and how many make one."""
 CONTRADICTED = 3.0
 """Standard deviations: the farthest of a number that is what it is declared to be, in one of 370."""
 CORRECTED = 3.0
@@ -21,7 +26,7 @@ CORRECTED = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """One number, in the unit that session.yaml writes it in."""
+    """One number, in the unit that session.yaml writes it in: with an effect that is an increment of it, their sum."""
 
     name: str
     unit: str
@@ -30,6 +35,8 @@ class Comparison:
     """Standard deviation of the prior; 0 where it was held."""
     estimate: float
     sigma: float
+    effect: str = ""
+    """The effect that estimates it, or its increment; empty: the fit itself."""
 
     @property
     def held(self) -> bool:
@@ -55,14 +62,81 @@ class Comparison:
         return not self.held and abs(self.estimate - self.declared) > CORRECTED * self.sigma
 
     def __str__(self) -> str:
-        return f"{self.name} {self._with_unit(self.estimate, self.sigma)}, declared as {self._with_unit(self.declared, self.tolerance)}"
+        return f"{self.name} {self.estimated}, declared as {self.stated}"
 
-    def _with_unit(self, value: float, sigma: float) -> str:
-        return f"{value:.5g} ± {sigma:.2g} {self.unit}".rstrip()
+    @property
+    def stated(self) -> str:
+        """What is declared, for people."""
+        tolerance = f" ± {self.tolerance:.2g}" if self.tolerance else ""
+        return f"{self.declared:.6g}{tolerance} {self.unit}".rstrip()
+
+    @property
+    def estimated(self) -> str:
+        """What is estimated, for people."""
+        return f"{with_sigma(self.estimate, self.sigma)} {self.unit}".rstrip()
+
+    @property
+    def summed(self) -> str:
+        """The estimate as what is declared and the effect's increment."""
+        value = to_digit_of(self.estimate, self.sigma) if self.sigma > 0 else f"{self.estimate:.5g}"
+        increment = self.estimate - self.declared
+        sign = "-" if increment < 0 else "+"
+        return (
+            f"{self.name} {f'{value} {self.unit}'.rstrip()} = {self.declared:.6g} declared {sign} {with_sigma(abs(increment), self.sigma)}"
+        )
 
 
 def comparisons(calibration: Calibration) -> Iterator[Comparison]:
     """Every number of the cover and of the intrinsics, in the order in which a session writes them."""
+    increments = {name: added for added in _scalars(calibration) for name in added.unknown.shifts}
+    for one, per_si in _declared(calibration):
+        yield increments[one.name].onto(one, per_si) if one.name in increments else one
+
+
+def own_parameters(calibration: Calibration) -> Iterator[Comparison]:
+    """The effects' scalars that are no increment of a declared number. What they are supposed to be stands for what is declared."""
+    declared = {one.name for one, _ in _declared(calibration)}
+    for added in _scalars(calibration):
+        if not declared & set(added.unknown.shifts):
+            param = added.unknown.param
+            unit, per_si = PREFIXES.get(param.unit, (param.unit, 1.0))
+            supposed, tolerance = added.unknown.begin * per_si, added.unknown.sigma * per_si
+            yield Comparison(param.name, unit, supposed, tolerance, added.value * per_si, added.sigma * per_si, added.effect)
+
+
+@dataclass(frozen=True, slots=True)
+class _Scalar:
+    """A scalar parameter of an effect, in SI units."""
+
+    effect: str
+    unknown: Unknown
+    value: float
+    sigma: float
+
+    def onto(self, one: Comparison, per_si: float) -> Comparison:
+        """A declared number with this increment."""
+        unit = one.estimate if self.unknown.relative else per_si
+        return Comparison(
+            name=one.name,
+            unit=one.unit,
+            declared=one.declared,
+            tolerance=math.hypot(one.tolerance, self.unknown.sigma * abs(unit)),
+            estimate=one.estimate + self.value * unit,
+            sigma=math.hypot(one.sigma, self.sigma * abs(unit)),
+            effect=self.effect,
+        )
+
+
+def _scalars(calibration: Calibration) -> Iterator[_Scalar]:
+    for added in calibration.effects:
+        for unknown in added.effect.unknowns:
+            value, sigma = added.parameters[unknown.param.name]
+            if not value.ndim:
+                yield _Scalar(added.effect.name, unknown, float(value), float(sigma))
+
+
+def _declared(calibration: Calibration) -> Iterator[tuple[Comparison, float]]:
+    """Without effects; and how many of each number's unit make one SI unit."""
     declared, cover, camera = calibration.declared, calibration.cover, calibration.camera.intrinsics
     assert camera
     for quantity in SHAPES[cover.shape]:
@@ -75,7 +149,7 @@ def comparisons(calibration: Calibration) -> Iterator[Comparison]:
             yield _compared(COEFFICIENT, f"camera.{name}", number, found)
 
 
-def _compared(quantity: Quantity, name: str, declared: Number, found: Number) -> Comparison:
+def _compared(quantity: Quantity, name: str, declared: Number, found: Number) -> tuple[Comparison, float]:
     unit, per_si = ("px", 1.0) if quantity in PINHOLE else quantity.unit
-    figures = (declared.value, declared.sigma, found.value, found.sigma)
-    return Comparison(name, UNITS.get(unit, unit), *(figure * per_si for figure in figures))
+    (value, tolerance), (estimate, sigma) = ((number.value * per_si, number.sigma * per_si) for number in (declared, found))
+    return Comparison(name, UNITS.get(unit, unit), value, tolerance, estimate, sigma), per_si

@@ -1,32 +1,38 @@
 """Everything that is needed to make a calibration again."""
 
 import shlex
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from calib.fitting.provenance import KEY
+from calib.fitting.provenance import ASKED, DIAGNOSED, KEY
+from calib.fitting.stages import Settings
 from calib.report.evidence import Evidence
 from calib.report.tables import table
 
 
-def again_html(evidence: Evidence) -> str:
+def again_html(evidence: Evidence, folder: Path) -> str:
+    """Args: folder: where the calibration lies."""
     calibration = evidence.calibration
     settings = calibration.settings
     origin: dict[str, Any] = settings.get(KEY, {})
-    name = Path(str(origin.get("session", "SESSION"))).name
     facts = {
         "refracal": calibration.refracal,
         **{key: value for key, value in origin.items() if key != "session"},
         "gauge": calibration.gauge,
     }
     rest = yaml.safe_dump(
-        {key: value for key, value in settings.items() if key not in (KEY, "diagnosis")}, sort_keys=False, allow_unicode=True, width=100
+        {key: value for key, value in settings.items() if key not in (KEY, ASKED, DIAGNOSED, "diagnosis")},
+        sort_keys=False,
+        allow_unicode=True,
+        width=100,
     )
+    lines = "\n".join(map(pasted, commands(settings, folder)))
     return (
-        f"<pre>{escape(shlex.join(command(settings, name)))}</pre>"
+        f"<pre>{escape(lines)}</pre>"
         + table(("", ""), [(escape(key), f"<code>{escape(str(value))}</code>") for key, value in facts.items()])
         + "<p>calibration.yaml and calibration.npz hold the corners, the poses and all numbers: the fit can be made again from them alone. "
         "session_sha256 is the SHA-256 of what <code>sha256sum</code> prints for the files of the session that the fit read.</p>"
@@ -34,17 +40,42 @@ def again_html(evidence: Evidence) -> str:
     )
 
 
-def command(settings: dict[str, Any], session: str) -> list[str]:
-    """The command line that asks for the same fit."""
-    words = ["calib", "fit", session, "--method", str(settings["method"])]
-    if settings["grid"]:
+def commands(settings: dict[str, Any], folder: Path) -> list[list[str]]:
+    """The command lines that make the calibration of a folder again, in their order: its fit, and what diagnosed it."""
+    diagnoses: list[dict[str, str]] = settings.get(DIAGNOSED, [])
+    places = [*(one["calibration"] for one in diagnoses), str(folder.resolve())]
+    said = [["calib", "fit", str(settings.get(KEY, {}).get("session", "SESSION")), *_options(settings), "-o", places[0]]]
+    for one, out in zip(diagnoses, places[1:], strict=True):
+        holdout = ["--holdout", one["holdout"]] if one["holdout"] else []
+        said.append(["calib", "diagnose", one["calibration"], *holdout, "-o", out])
+    return said
+
+
+def pasted(words: Sequence[str]) -> str:
+    """As a shell takes it. What lies in the person's home is found from there: a report that is passed on does not tell their name."""
+    home = f"{Path('~').expanduser()}/"
+    return " ".join(f"~/{shlex.quote(word.removeprefix(home))}" if word.startswith(home) else shlex.quote(word) for word in words)
+
+
+def _options(settings: dict[str, Any]) -> list[str]:
+    """What was not left at its default."""
+    usual, asked = Settings(), settings.get(ASKED, {})
+    words: list[str] = []
+    if settings["method"] != usual.method:
+        words += ["--method", str(settings["method"])]
+    if settings["grid"] and tuple(settings["grid"]) != usual.grid:
         words += ["--grid", "x".join(str(n) for n in settings["grid"])]
     if settings["free"]:
         words += ["--free", ",".join(settings["free"])]
+    by_library = ["auto"] if "diagnosis" in settings and DIAGNOSED not in settings else []
+    if effects := asked.get("effects") or by_library:
+        words += ["--effects", ",".join(effects)]
     if validation := settings.get("cross_validation"):
         words += ["--folds", str(validation["folds"])]
-    if settings.get("diagnosis"):
-        words += ["--effects", "auto"]
-    if settings["method"] == "paper":
+    if settings["steps"] != usual.steps:
         words += ["--steps", str(settings["steps"])]
-    return words if settings["exact_hit"] else [*words, "--neglect-shift"]
+    if not settings["exact_hit"]:
+        words.append("--neglect-shift")
+    if depths := asked.get("depths", []):
+        words += ["--depth", *(str(depth) for depth in depths)]
+    return words

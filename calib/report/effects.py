@@ -6,6 +6,7 @@ from html import escape
 
 from calib.calibration import Calibration
 from calib.diagnosis.finding import ParameterEstimate
+from calib.diagnosis.found import found
 from calib.report.tables import bar, table
 
 
@@ -21,15 +22,15 @@ class EffectRow:
 
 def effect_rows(calibration: Calibration) -> list[EffectRow]:
     """What a diagnosis found, as the calibration keeps it."""
-    said = calibration.settings.get("diagnosis", {}).get("candidates", [])
+    candidates = calibration.settings.get("diagnosis", {}).get("candidates", [])
     return [
         EffectRow(
             one["effect"],
             one["held_out_px_before"],
             one["held_out_px_after"],
-            "; ".join(f"{name} {ParameterEstimate(**number)}" for name, number in one["parameters"].items()),
+            "; ".join(found(one["effect"], calibration, {name: ParameterEstimate(**said) for name, said in one["parameters"].items()})),
         )
-        for one in said
+        for one in candidates
         if one["accepted"]
     ]
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from html import escape
 
-from calib.fitting.declared import Comparison, comparisons
+from calib.fitting.declared import Comparison, comparisons, own_parameters
 from calib.report.evidence import Evidence
 
 MEANING = {
@@ -15,15 +15,22 @@ MEANING = {
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Cells are HTML already."""
+    """Cells are HTML already; where there is no room, each comes below the other beside its label."""
     first = "".join(f"<th>{escape(cell)}</th>" for cell in head)
-    body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows)
+    body = "".join(f"<tr>{''.join(map(_cell, head, row))}</tr>" for row in rows)
     return f'<div class="wide"><table><thead><tr>{first}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def _cell(label: str, cell: str) -> str:
+    if not cell:
+        return "<td></td>"
+    said = f' data-label="{escape(label)}"' if label else ""
+    return f"<td{said}><div>{cell}</div></td>"
 
 
 def bar(value: float, whole: float) -> str:
     """A number's length beside others of the same whole."""
-    return f'<span class="bar" style="width: {9 * min(1.0, max(0.0, value / whole)) if whole > 0 else 0:.2f}rem"></span>'
+    return f'<span class="bar" style="--part: {min(1.0, max(0.0, value / whole)) if whole > 0 else 0:.3f}"></span>'
 
 
 def stages_html(evidence: Evidence) -> str:
@@ -43,12 +50,17 @@ def stages_html(evidence: Evidence) -> str:
 
 
 def parameters_html(evidence: Evidence) -> str:
-    """Every number as it was declared and as it was estimated."""
-    return table(("", "declared", "estimated", "apart"), [_row(one) for one in comparisons(evidence.calibration)])
+    """Every number as it was declared and as it was estimated, an effect's increment added; then what effects have of their own."""
+    own = list(own_parameters(evidence.calibration))
+    rows = [*map(_row, comparisons(evidence.calibration)), *map(_row, own)]
+    numbers = table(("quantity", "declared ± tolerance", "estimated ± sigma", "apart"), rows)
+    if not own:
+        return numbers
+    return numbers + f"<p>No session declares {escape(', '.join(one.name for one in own))}: what is supposed stands for it.</p>"
 
 
 def _row(one: Comparison) -> tuple[str, str, str, str]:
     if one.held:
-        return escape(one.name), f"{one.declared:.6g} {one.unit}".rstrip(), "held", ""
-    declared, estimated = f"{one.declared:.6g} ± {one.tolerance:.2g}", f"{one.estimate:.6g} ± {one.sigma:.2g}"
-    return escape(one.name), f"{declared} {one.unit}".rstrip(), f"{estimated} {one.unit}".rstrip(), f"{one.apart:.1f} sigma"
+        return escape(one.name), one.stated, "held", ""
+    by = f" <small>by {escape(one.effect)}</small>" if one.effect else ""
+    return escape(one.name), one.stated, one.estimated + by, f"{one.apart:.1f} sigma"

@@ -1,6 +1,5 @@
 """Every view with its picture and what the model leaves of it, the worst first; and the pictures that were not used."""
 
-from base64 import b64encode
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from html import escape
@@ -8,18 +7,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from calib.corners.detect import eight_bits
-from calib.errors import RefracalError
-from calib.io.images import read_grey
 from calib.report.evidence import Evidence
 from calib.report.ink import hues
+from calib.report.pictures import data_url, picture_of, read_small
 
 WIDTH = 300
 """px of a thumbnail."""
-QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 62]
-JPEG = b"\xff\xd8\xff"
 MOST = 60
 """Pictures in one page; further views are listed without."""
 DRAWN = 1 / 30
@@ -34,8 +28,7 @@ def begin_thumbnails(evidence: Evidence, session: Path | None, pool: ThreadPoolE
         return {}
     camera, views = evidence.calibration.camera, evidence.calibration.views
     worst = np.argsort(-evidence.rms_by_view)[:MOST].tolist()
-    frames = session / "frames"
-    return {v: pool.submit(_thumbnail, frames / Path(views[v].name).name, (camera.width, camera.height)) for v in worst}
+    return {v: pool.submit(_thumbnail, picture_of(session, views[v].name), (camera.width, camera.height)) for v in worst}
 
 
 def views_html(evidence: Evidence, thumbnails: Thumbnails) -> str:
@@ -53,22 +46,8 @@ def views_html(evidence: Evidence, thumbnails: Thumbnails) -> str:
 
 def _thumbnail(path: Path, size: tuple[int, int]) -> str | None:
     """A data URL; None where the picture can not be read any more, or is not of this size."""
-    try:
-        pixels, shrunk = _read(path, size[0])
-    except (RefracalError, OSError):
-        return None
-    width, height = (-(-length // shrunk) for length in size)
-    if pixels is None or pixels.shape != (height, width):
-        return None
-    small = cv2.resize(eight_bits(pixels), (WIDTH, round(WIDTH * size[1] / size[0])), interpolation=cv2.INTER_AREA)
-    return "data:image/jpeg;base64," + b64encode(cv2.imencode(".jpg", small, QUALITY)[1].tobytes()).decode()
-
-
-def _read(path: Path, width: int) -> tuple[NDArray | None, int]:
-    """Grey pixels, and by how much they are shrunk: a large JPEG is decoded at an eighth of its size, in a fraction of the time."""
-    if width > 8 * WIDTH and (data := path.read_bytes()).startswith(JPEG):
-        return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_REDUCED_GRAYSCALE_8 | cv2.IMREAD_IGNORE_ORIENTATION), 8
-    return read_grey(path), 1
+    small = read_small(path, size, WIDTH)
+    return None if small is None else data_url(small)
 
 
 def _card(evidence: Evidence, view: int, picture: str | None, magnified: float) -> str:

@@ -20,6 +20,7 @@ from calib.report.glass import glass_surface
 from calib.report.page import PageSection, page
 from calib.report.residual_maps import residual_maps
 from calib.report.sigma import predicted_errors
+from calib.report.straight import straight_html
 from calib.report.summary import summarise
 from calib.report.tables import parameters_html, stages_html
 from calib.report.views import begin_thumbnails, views_html
@@ -41,14 +42,20 @@ def write_report(
     advance = progress.task("Report", len(DRAWINGS) + 2)
     with single_thread(), ThreadPoolExecutor() as pool:
         evidence = gather_evidence(calibration, tuple(depths))
-        thumbnails = begin_thumbnails(evidence, _session(calibration, folder), pool)
+        session = _session(calibration, folder)
+        thumbnails = begin_thumbnails(evidence, session, pool)
         advance(1, "")
         drawn = {}
         for done, drawing in enumerate(DRAWINGS, start=2):
             drawn[drawing] = drawing(evidence)
             advance(done, "")
         sections = _sections(
-            evidence, list(drawn.values()), effect_rows(calibration) if effects is None else effects, views_html(evidence, thumbnails)
+            evidence,
+            straight_html(evidence, session),
+            list(drawn.values()),
+            effect_rows(calibration) if effects is None else effects,
+            views_html(evidence, thumbnails),
+            again_html(evidence, folder),
         )
     path = folder / NAME
     write_atomically(path, page(calibration.camera.model or "A camera", summarise(evidence), sections))
@@ -56,16 +63,19 @@ def write_report(
     return path
 
 
-def _sections(evidence: Evidence, drawings: Sequence[Drawing | None], effects: Sequence[EffectRow], views: str) -> list[PageSection]:
+def _sections(
+    evidence: Evidence, straight: str, drawings: Sequence[Drawing | None], effects: Sequence[EffectRow], views: str, again: str
+) -> list[PageSection]:
     figures = [PageSection(drawing.name, drawing.title, drawing.html()) for drawing in drawings if drawing]
     before_after = [PageSection("effects", "Effects, before and after", effects_html(effects))] if effects else []
     return [
         PageSection("stages", "How the error fell", stages_html(evidence)),
         *before_after,
+        *([PageSection("straight", "Bent lines became straight", straight)] if straight else []),
         *figures,
         PageSection("views", "The views", views),
         PageSection("numbers", "Camera and cover", parameters_html(evidence)),
-        PageSection("again", "To do it again", again_html(evidence)),
+        PageSection("again", "To do it again", again),
     ]
 
 

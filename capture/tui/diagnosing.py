@@ -7,6 +7,8 @@ from calib.progress import Progress
 from capture.tui.fitting import summary
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from calib.diagnosis.finding import Candidate, Diagnosis
 
 
@@ -18,16 +20,24 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
     progress.task("Loading torch", 1)
     from calib.calibration import Calibration
     from calib.diagnosis.diagnose import diagnose
+    from calib.diagnosis.found import found
+    from calib.fitting.provenance import diagnosed
     from calib.io.files import check_writable
 
     calibration = Calibration.load(place)
     check_writable(out)
     better, finding = diagnose(calibration, progress)
-    return summary(better, better.save(out)) | {"accepted": list(finding.accepted), "text": as_text(finding)}
+    better = diagnosed(better, place if place.is_dir() else place.parent, None)
+    numbers = [found(one.effect, better, one.parameters) for one in finding.candidates if one.accepted]
+    return summary(better, better.save(out)) | {"accepted": list(finding.accepted), "text": as_text(finding, numbers)}
 
 
-def as_text(finding: "Diagnosis") -> str:
-    """The finding in lines of at most 78 characters: what was found, the error before and after, and what else was looked into."""
+def as_text(finding: "Diagnosis", numbers: "Sequence[Sequence[str]]" = ()) -> str:
+    """The finding in lines of at most 78 characters: what was found, the error before and after, and what else was looked into.
+
+    Args:
+        numbers: what is to be said of each accepted effect's.
+    """
     before, after = finding.before, finding.after
     found = ", ".join(finding.accepted) or "nothing: no effect that is known here improves held-out views beyond chance"
     lines = [f"Found: {found}.", "", f"{'error (root mean square)':<26}{'before':>12}{'after':>12}"]
@@ -37,9 +47,8 @@ def as_text(finding: "Diagnosis") -> str:
         f"{'held-out views':<26}{before.held_out_px:>9.3f} px{after.held_out_px:>9.3f} px",
         f"{'of which noise':<26}{finding.noise_px:>9.3f} px{finding.noise_px:>9.3f} px",
     ]
-    for one in finding.candidates:
-        if one.accepted:
-            lines += ["", *(f"{name:<26}{number}" for name, number in one.parameters.items())]
+    for each in numbers:
+        lines += ["", *each]
     tried = [one for one in finding.candidates if one.held_out_px_after is not None]
     if tried:
         lines += ["", f"{'fitted':<26}{'held-out views':<24}verdict", *map(_line, tried)]

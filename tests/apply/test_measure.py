@@ -9,12 +9,13 @@ import cv2
 import numpy as np
 import pytest
 
-from calib.apply.measure import BoardPose, Measured, Measurer
+from calib.apply.measure import BoardPose, Measured, Measurer, Reason
 from calib.apply.measure_files import read_points, read_poses
 from calib.calibration import Calibration
 from calib.cli import main
 from calib.corners.view import View
 from calib.errors import InputError, NotEnoughDataError
+from calib.session.schema import Number
 from fixtures.known import known, lens_alone
 from fixtures.synthetic import HEIGHT, WIDTH, Scene, scene
 
@@ -203,6 +204,54 @@ def test_the_command_prints_a_table(folder: Path, capsys: pytest.CaptureFixture[
     assert "camera frame, metres" in out
     assert "0.600000 ±" in " ".join(out.split())
     assert "Pixel noise 0.500 px per axis" in out
+
+
+def test_pixels_outside_the_picture_are_refused_as_data(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The picture is 820x616; its border pixels reach half a pixel beyond their centres."""
+    inside = [(-0.5, -0.5), (819.5, 615.5), (410.0, 308.0)]
+    outside = [(-0.51, 300.0), (819.51, 300.0), (400.0, -0.51), (400.0, 615.51), (5000.0, 300.0)]
+    (folder / "border.csv").write_text("\n".join(["x,y", *(f"{x},{y}" for x, y in inside + outside)]) + "\n")
+    points = said(capsys, folder / "calibration", folder / "border.csv", "--depth", "0.6")["points"]
+    assert [point["reason"] for point in points] == [None] * 3 + ["outside the picture"] * 5
+    assert all(point["m"][2] == pytest.approx(0.6) for point in points[:3])
+    for point in points[3:]:
+        assert point["m"] == point["sigma_m"] == [None] * 3
+        assert point["gap_px"] is None
+    assert main(["measure", str(folder / "calibration"), str(folder / "border.csv"), "--depth", "0.6"]) == 0
+    out = capsys.readouterr().out
+    assert "Not measured: 8: outside the picture." in out
+    assert out.count("Not measured") == 5
+
+
+def test_a_point_with_a_pixel_outside_is_not_triangulated(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "wide.csv").write_text((folder / "points.csv").read_text() + "w,a.png,900,300\nw,b.png,400,300\n")
+    answer = said(capsys, folder / "calibration", folder / "wide.csv", "--triangulate")
+    assert [point["reason"] for point in answer["points"]] == [None, None, None, "outside the picture"]
+    assert answer["distances"][1]["m"] > 0
+    assert answer["distances"][2]["m"] is None
+
+
+def test_every_point_that_is_not_measured_has_its_reason(calibration: Calibration) -> None:
+    """A board that stands behind the camera; and rays that part."""
+    measurer = Measurer(calibration)
+    centre = np.array([[WIDTH / 2, HEIGHT / 2]])
+    behind = measurer.on_planes(centre, [BoardPose.exactly(np.array([0, 0, 0, 0, 0, -1.0]))], [0])
+    assert behind.reasons == (Reason.NO_POINT,)
+    apart = [BoardPose.exactly(np.array([0, 0, 0, shift, 0, 0.6])) for shift in (0.1, -0.1)]
+    pixels = centre + np.array([[500.0, 0.0], [-500.0, 0.0]])
+    parting = [measurer.triangulate(pixels[order], apart, [0, 1], [0, 0]) for order in ([0, 1], [1, 0])]
+    assert sorted(one.reasons[0] for one in parting) == [Reason.MEASURED, Reason.NOWHERE]
+    for one in (behind, *parting):
+        assert np.isnan(one.points).any() == np.isnan(one.sigma).any() == np.isnan(one.gap_px).any() == bool(one.reasons[0])
+
+
+def test_pixels_that_no_ray_leaves_have_their_reason(calibration: Calibration) -> None:
+    """Half a metre behind the camera, the cone is not in the picture."""
+    cone = calibration.cover
+    away = replace(calibration, cover=replace(cone, parameters={**cone.parameters, "axis_offset.z": Number(-0.5)}))
+    measured = Measurer(away).on_planes(np.array([[WIDTH / 2, HEIGHT / 2]]), [BoardPose.facing(1.0)], [0])
+    assert measured.reasons == (Reason.NO_RAY,)
+    assert np.isnan(measured.points).all()
 
 
 @pytest.mark.parametrize(

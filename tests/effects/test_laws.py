@@ -69,6 +69,29 @@ def test_its_parameters_are_read_by_the_path(form: Form) -> None:
 
 
 @each_form
+def test_increments_do_what_the_declared_numbers_would(form: Form) -> None:
+    """What is shown as declared + increment is what the path takes. Turns about different axes add up to first order only: the largest
+    stated tilt, some hundredths of a radian, bounds what is left of them."""
+    values, poses = form.present()
+    for unknown in form.effect.unknowns:
+        if unknown.shifts:
+            name = unknown.param.name
+            other = {**form.there.values, **form.model.neutral(form.effect)}
+            by_effect = land(form, {**other, name: values[name]}, poses)
+            change = values[name]
+            moved = {s: other[s] * (1 + change) if unknown.relative else other[s] + change for s in unknown.shifts}
+            declared = land(form, {**other, **moved}, poses)
+            size = (by_effect - land(form, other, poses)).abs().max()
+            assert size > SMALLEST
+            assert (by_effect - declared).abs().max() < (0.1 * size if form.effect.name == "cover_tilt" else 1e-12), name
+
+
+def test_the_effects_on_declared_numbers_say_so() -> None:
+    saying = {form.effect.name for form in FORMS for unknown in form.effect.unknowns if unknown.shifts}
+    assert saying == {"principal_point", "focal", "cover_tilt", "cover_offset", "cover_radius", "thickness", "refractive_index"}
+
+
+@each_form
 def test_derivatives_agree_with_central_differences(form: Form) -> None:
     """As a fit sees them, by every number of the effect and of the views; and every one of them moves some landing."""
     values, poses = form.present()

@@ -4,13 +4,25 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from html import unescape
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
+from calib.calibration import Calibration
+from calib.corners.view import Rejected
+from calib.diagnosis.named_effects import with_named
+from calib.fitting.fit import fit
+from calib.fitting.stages import Settings
+from calib.progress import Silent
+from calib.report.write import write_report
+from calib.session.session import read_session
+from fixtures.synthetic import scene
 from tests.report.conftest import Reported
+from tests.test_calibration import write_session
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FLAGS = (
@@ -45,8 +57,9 @@ document.getElementById("seen").textContent = JSON.stringify({
       return r.left < s.left - 1 || r.right > s.right + 1 || r.top < s.top - 1 || r.bottom > s.bottom + 1; }).map(e => e.textContent),
     contrast: Math.min(...all(svg, "text").filter(e => /[a-z0-9]/i.test(e.textContent))
       .map(e => contrast(getComputedStyle(e).fill))) }])),
-  pictures: all(document, ".shot").map(e => box(e)),
-  loaded: all(document, ".shot img").map(e => e.naturalWidth),
+  pictures: all(document, ".view .shot").map(e => box(e)),
+  loaded: all(document, ".view .shot img").map(e => e.naturalWidth),
+  pair: all(document, ".pair .shot").map(e => [box(e), e.querySelector("img").naturalWidth, e.querySelectorAll("path").length]),
   words: Math.min(...all(document, "p, h1, h2, td, th, a, li, figcaption, small").map(e => contrast(getComputedStyle(e).color))),
   wide: document.documentElement.scrollWidth - window.innerWidth });
 </script></body>"""
@@ -102,9 +115,83 @@ def test_every_figure_is_drawn_and_readable(reported: Reported, tmp_path: Path, 
     assert len(seen["pictures"]) == 45
     assert min(seen["pictures"]) > 100
     assert seen["loaded"] == [300] * 45
+    assert [pair[1:] for pair in seen["pair"]] == [[640, 3]] * 2
+    assert min(pair[0] for pair in seen["pair"]) > 300
     assert seen["words"] >= READABLE
     assert seen["wide"] <= 0
 
 
-def test_a_narrow_screen_scrolls_figures_not_the_page(reported: Reported, tmp_path: Path) -> None:
-    assert look(reported.html, tmp_path, "--window-size=500,900")["wide"] <= 0
+PHONE = 390
+"""px: of most telephones. Chromium's own window is at least 500 wide, a frame inside it may be narrower."""
+MEASURE = """<body style="margin: 0"><iframe style="width: 390px; height: 844px; border: 0"></iframe><pre id="seen"></pre><script>
+const frame = document.querySelector("iframe"), html = JSON.parse(document.getElementById("html").textContent);
+frame.onload = () => {
+  const page = frame.contentDocument, all = what => [...page.querySelectorAll(what)];
+  const boxed = e => /auto|scroll|hidden/.test(frame.contentWindow.getComputedStyle(e).overflowX);
+  const scrolls = e => e && e !== page.body && (boxed(e) || scrolls(e.parentElement));
+  const out = e => { const r = e.getBoundingClientRect(); return r.right > 390.5 || r.left < -0.5; };
+  document.getElementById("seen").textContent = JSON.stringify({
+    width: frame.contentWindow.innerWidth,
+    page: page.documentElement.scrollWidth,
+    out: all("body *").filter(e => out(e) && !scrolls(e.parentElement)).map(e => e.tagName + " " + e.textContent.slice(0, 40)),
+    tables: all("table").length, cut: all("table").filter(e => out(e) || e.parentElement.scrollWidth > e.parentElement.clientWidth).length,
+    narrow: Math.min(...all("td > div").map(e => e.clientWidth)),
+    commands: all("pre").filter(e => e.scrollWidth > e.clientWidth).length });
+};
+frame.srcdoc = html;
+</script></body>"""
+
+
+def on_a_phone(html: str, folder: Path) -> dict[str, Any]:
+    without_policy = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", html)
+    said = json.dumps(without_policy).replace("</", "<\\/")
+    shown, _ = browse(f'<!doctype html><script id="html" type="application/json">{said}</script>{MEASURE}', folder)
+    found = re.search(r'<pre id="seen">(.+?)</pre>', shown, re.DOTALL)
+    assert found, "the frame was not measured"
+    seen: dict[str, Any] = json.loads(unescape(found[1]))
+    assert seen["width"] == PHONE
+    return seen
+
+
+@pytest.fixture(scope="module")
+def pages(reported: Reported, few: Calibration, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Of a fit, of a diagnosed calibration whose session is gone, and of a camera without a cover."""
+    folder = tmp_path_factory.mktemp("pages")
+    found: list[dict[str, object]] = [
+        {"effect": name, "accepted": True, "held_out_px_before": 0.3, "held_out_px_after": 0.1, "parameters": {}}
+        for name in ("cover_offset", "board_bow")
+    ]
+    fitted = with_named(few, ("cover_offset", "board_bow"), Silent())
+    steps = [{"calibration": "/" + 30 * "far", "holdout": "/held out"}]
+    diagnosed = replace(
+        fitted,
+        settings=fitted.settings | {"diagnosis": {"candidates": found}, "diagnosed": steps},
+        rejected=(Rejected(30 * "name" + ".png", "its board is not whole"),),
+    )
+    lens = scene(7, views=8, noise=0.05)
+    session = write_session(folder / "session", lens)
+    said = yaml.safe_load((session / "session.yaml").read_text())
+    (session / "session.yaml").write_text(yaml.safe_dump(said | {"cover": {"shape": "none"}}))
+    bare = fit(read_session(session), Settings(), Silent())
+    (folder / "bare").mkdir()
+    return {
+        "fit": reported.html,
+        "diagnosed": write_report(diagnosed, folder, Silent()).read_text(),
+        "bare": write_report(bare, folder / "bare", Silent()).read_text(),
+    }
+
+
+@pytest.mark.parametrize("kind", ["fit", "diagnosed", "bare"])
+def test_nothing_is_cut_on_a_phone(pages: dict[str, str], tmp_path: Path, kind: str) -> None:
+    """Tables stand below each other and commands wrap; figures alone scroll, each in its own box."""
+    seen = on_a_phone(pages[kind], tmp_path)
+    assert seen["page"] <= PHONE
+    assert seen["out"] == []
+    assert seen["tables"] >= 3
+    assert seen["cut"] == 0
+    assert seen["commands"] == 0
+    assert seen["narrow"] > 100, "room for a number with its unit"
+
+
+def test_a_table_that_does_not_fit_would_have_been_noticed(pages: dict[str, str], tmp_path: Path) -> None:
+    assert on_a_phone(pages["fit"].replace("(max-width: 40rem)", "(max-width: 1px)"), tmp_path)["cut"] > 0

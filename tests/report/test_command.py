@@ -2,8 +2,13 @@
 
 import argparse
 import json
+import os
+import re
+import shutil
 import subprocess
+import sys
 import webbrowser
+from html import unescape
 from pathlib import Path
 
 import cv2
@@ -17,7 +22,7 @@ from calib.commands import fit_command
 from calib.commands.report_command import has_screen
 from calib.fitting.provenance import session_hash
 from calib.fitting.stages import Settings
-from calib.report.again import command
+from calib.report.again import commands, pasted
 from calib.session.session import read_session
 from fixtures.synthetic import scene
 from tests.test_calibration import write_session
@@ -101,14 +106,61 @@ def test_the_command_asks_for_the_same_fit(settings: Settings) -> None:
         "free": list(settings.free),
         "steps": settings.steps,
         "exact_hit": settings.exact_hit,
+        "made_by": {"session": "/there/my session"},
+        "asked": {"depths": [0.5, 1 / 3], "effects": ["board_bow", "focal"]},
     } | ({"cross_validation": {"folds": settings.folds}} if settings.folds else {})
     parser = argparse.ArgumentParser()
     fit_command.add_arguments(parser)
-    program, verb, *words = command(said, "my session")
+    ((program, verb, *words),) = commands(said, Path("/out"))
     assert (program, verb) == ("calib", "fit")
     args = parser.parse_args(words)
-    assert args.session == Path("my session")
+    assert (args.session, args.output) == (Path("/there/my session"), Path("/out"))
+    assert (args.depth, args.effects) == ([0.5, 1 / 3], ("board_bow", "focal"))
     assert Settings(args.method, args.grid, args.steps, not args.neglect_shift, args.free, args.folds) == settings
+
+
+def test_what_is_left_at_its_default_is_not_said() -> None:
+    said = {"method": "joint", "grid": [12, 12], "free": [], "steps": 1000, "exact_hit": True, "made_by": {"session": "/s"}}
+    assert commands(said, Path("/out")) == [["calib", "fit", "/s", "-o", "/out"]]
+    assert commands(said | {"diagnosis": {}}, Path("/out")) == [["calib", "fit", "/s", "--effects", "auto", "-o", "/out"]]
+
+
+def test_what_lies_at_home_is_found_from_there(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    line = pasted(["echo", str(tmp_path / "my session"), "/elsewhere/it's", "--free"])
+    assert str(tmp_path) not in line
+    out = subprocess.run(["sh", "-c", line], capture_output=True, text=True, check=True).stdout
+    assert out == f"{tmp_path / 'my session'} /elsewhere/it's --free\n"
+
+
+def test_the_printed_commands_make_the_calibration_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Given by relative paths with spaces, diagnosed with a holdout; then pasted into a shell that stands elsewhere."""
+    monkeypatch.chdir(tmp_path)
+    write_session(tmp_path / "my session", scene(7, views=12, amplitude=1e-5, noise=0.05))
+    write_session(tmp_path / "held out", scene(8, views=4, amplitude=1e-5, noise=0.05))
+    fitted = ["fit", "my session", "--grid", "5x4", "--free", "index", "--effects", "board_scale", "--depth", "0.5", "0.8", "-o", "my fit"]
+    assert main(fitted) == 0
+    assert main(["diagnose", "my fit/calibration.yaml", "--holdout", "held out", "-o", "better one"]) == 0
+    before = [Calibration.load(folder) for folder in ("my fit", "better one")]
+    html = (tmp_path / "better one" / "report.html").read_text()
+    found = re.search(r'<section id="again">.*?<pre>(.*?)</pre>', html, re.DOTALL)
+    assert found
+    lines = unescape(found[1])
+    assert [line.split()[1] for line in lines.splitlines()] == ["fit", "diagnose"]
+    for folder in ("my fit", "better one"):
+        shutil.rmtree(folder)
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    subprocess.run(["sh", "-e", "-c", lines], cwd=elsewhere, env=os.environ | {"PATH": path}, check=True, capture_output=True)
+    assert {"map_0.5m.npz", "map_0.8m.npz"} <= {made.name for made in (tmp_path / "my fit").iterdir()}
+    for folder, one in zip(("my fit", "better one"), before, strict=True):
+        other = Calibration.load(folder)
+        for name in ("amplitudes", "poses", "covariance"):
+            assert np.array_equal(getattr(one, name), getattr(other, name)), "on one machine, a fit repeats to the last bit"
+        unlike = {key for key in one.settings if one.settings[key] != other.settings[key]}
+        assert unlike <= {"made_by", "diagnosis"}, "made_by says when"
+        assert (other.camera, other.cover, other.stages) == (one.camera, one.cover, one.stages)
 
 
 def test_the_session_hash_is_what_sha256sum_gives(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ def test_everything_is_in_one_small_file(reported: Reported) -> None:
     assert {link[:5] if link.startswith("data:") else link[:1] for link in links} <= {"data:", "#"}
     assert "<script" not in reported.html
     assert len(reported.calibration.views) == 45
-    assert reported.html.count("<img") == 45
+    assert reported.html.count("<img") == 45 + 2, "a thumbnail of each, and one before and after"
     assert reported.path.stat().st_size < 3e6
 
 
@@ -44,7 +44,7 @@ def test_every_id_is_there_once_and_every_reference_leads_to_one(reported: Repor
 def test_sections(reported: Reported) -> None:
     names = re.findall(r'<section id="([^"]+)"', reported.html)
     figures = ["board-errors", "residuals", "distortion", "by-depth", "glass", "sigma", "coverage"]
-    assert names == ["stages", *figures, "views", "numbers", "again"]
+    assert names == ["stages", "straight", *figures, "views", "numbers", "again"]
 
 
 def test_stages_and_numbers_are_those_of_the_calibration(reported: Reported) -> None:
@@ -56,8 +56,7 @@ def test_stages_and_numbers_are_those_of_the_calibration(reported: Reported) -> 
     origin = reported.calibration.settings["made_by"]
     assert origin["session_sha256"] in said
     assert origin["torch"] in said
-    assert "calib fit session --method joint --grid 6x6 --folds 3" in said
-    assert str(reported.session) not in reported.html, "a shared report does not tell where its author keeps files"
+    assert f"calib fit {reported.session} --grid 6x6 --folds 3 -o {reported.session / 'calibration'}" in said
 
 
 def test_the_worst_view_comes_first(reported: Reported) -> None:
@@ -85,6 +84,7 @@ def test_a_calibration_opened_elsewhere_shows_its_errors_without_pictures(few: C
     origin = {"session": str(tmp_path / "gone" / "session")}
     html = write_report(replace(few, settings=few.settings | {"made_by": origin}), tmp_path, Silent()).read_text()
     assert "<img" not in html
+    assert "only lines and corners are drawn" in html
     assert html.count('<div class="shot"') == len(few.views)
     assert "pictures themselves were not found" in html
 
@@ -98,7 +98,10 @@ def test_a_session_that_moved_with_its_calibration_is_found(few: Calibration, re
     for view, data in zip(few.views, (whole, b"", b"no picture", other, whole), strict=False):
         (tmp_path / "frames" / view.name).write_bytes(data)
     moved = replace(few, settings=few.settings | {"made_by": {"session": "/nowhere/session"}})
-    assert write_report(moved, tmp_path / "calibration", Silent()).read_text().count("<img") == 2
+    assert (
+        write_report(moved, tmp_path / "calibration", Silent()).read_text().count('<div class="shot" style="aspect-ratio: 3280/2464"><img')
+        == 2
+    )
 
 
 def test_effects_have_a_row_each(reported: Reported, few: Calibration, tmp_path: Path) -> None:

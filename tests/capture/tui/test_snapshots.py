@@ -24,7 +24,7 @@ from capture.tui.fit import FitScreen
 from capture.tui.fitting import fit_session
 from capture.tui.results import ResultsScreen
 from tests.capture.tui.driving import SIZES, describe, drive, running, see, shown, until
-from tests.capture.tui.test_effects import FINDING
+from tests.capture.tui.test_effects import FINDING, NUMBERS
 from tests.capture.tui.test_session import FIXTURE
 
 FOLDER = Path(__file__).parent / "snapshots"
@@ -148,7 +148,7 @@ async def effects(pilot: Pilot[None], session: Path) -> None:
     screen = EffectsScreen(session / "missing")
     await pilot.app.push_screen(screen)
     await see(pilot, "Press e to look again")
-    screen.finished({**RESULT, "accepted": ["board_bow"], "text": as_text(FINDING)})
+    screen.finished({**RESULT, "accepted": ["board_bow"], "text": as_text(FINDING, NUMBERS)})
     await see(pilot, "enter Use them")
 
 

@@ -1,0 +1,116 @@
+"""What is declared beside what is estimated: increments of effects as values, every figure to the second digit of its sigma."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.calibration import AddedEffect, Calibration, Stage
+from calib.commands.console import print_fit
+from calib.diagnosis.finding import ParameterEstimate
+from calib.diagnosis.found import found
+from calib.effects.board_bow import BoardBow
+from calib.effects.cover_radius import CoverRadius
+from calib.effects.effect import Effect
+from calib.effects.focal import Focal
+from calib.effects.lens import Lens
+from calib.effects.thickness import Thickness
+from calib.fitting.declared import comparisons, own_parameters
+from calib.fitting.rounding import with_sigma
+from calib.report.effects import effect_rows
+from fixtures.known import known
+from fixtures.synthetic import HEIGHT, WIDTH, scene
+
+
+def with_effect(calibration: Calibration, effect: Effect, **figures: tuple[float, float]) -> Calibration:
+    numbers = {f"{effect.name}.{name}": (np.array(value), np.array(sigma)) for name, (value, sigma) in figures.items()}
+    return replace(calibration, effects=(AddedEffect(effect, numbers),), covariance=np.eye(len(figures)))
+
+
+@pytest.fixture(scope="module")
+def plain() -> Calibration:
+    """A cone with 3 mm of glass of index 1.5 and 41.95 mm of radius, all held."""
+    return known(scene(1, views=1), WIDTH, HEIGHT)
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "said"),
+    [
+        (1.00234, 0.00331, "1.0023 ± 0.0033"),
+        (2.953, 0.0561, "2.953 ± 0.056"),
+        (2.953, 0.0996, "2.95 ± 0.10"),
+        (-0.0004, 0.12, "0.00 ± 0.12"),
+        (2558.361, 1.449, "2558.4 ± 1.4"),
+        (2558.361, 144.9, "2560 ± 140"),
+        (1.5, 0.0, "1.5"),
+        (1.5, math.nan, "1.5"),
+    ],
+)
+def test_both_have_the_digits_that_sigma_says_something_about(value: float, sigma: float, said: str) -> None:
+    assert with_sigma(value, sigma) == said
+
+
+def test_an_increment_is_shown_as_the_value_that_it_makes(plain: Calibration) -> None:
+    diagnosed = with_effect(plain, Thickness(("cover.thickness",)), thickness=(-0.0015, 0.000056))
+    one = {row.name: row for row in comparisons(diagnosed)}["cover.thickness"]
+    assert (one.declared, one.estimate) == pytest.approx((3.0, 1.5))
+    assert (one.tolerance, one.sigma) == pytest.approx((0.5, 0.056))
+    assert one.apart == pytest.approx(1.5 / math.sqrt(0.5**2 - 0.056**2))
+    assert one.summed == "cover.thickness 1.500 mm = 3 declared - 1.500 ± 0.056"
+    assert list(own_parameters(diagnosed)) == []
+    assert [row for row in comparisons(diagnosed) if row.effect] == [one]
+
+
+def test_a_fraction_of_a_declared_number_is_an_increment_of_each(plain: Calibration) -> None:
+    rows = [row for row in comparisons(with_effect(plain, Focal(), change=(0.01, 0.001))) if row.effect == "focal"]
+    assert [row.name for row in rows] == ["camera.fx", "camera.fy"]
+    for row in rows:
+        assert (row.estimate, row.sigma) == pytest.approx((1.01 * row.declared, 0.001 * row.declared))
+
+
+def test_what_no_session_declares_has_its_own_rows(plain: Calibration) -> None:
+    """Brown's terms of the effect act before the lens and the other way: they are no increment of OpenCV's coefficients."""
+    bent = with_effect(plain, BoardBow(0.08, 0.08), x=(1.0023e-3, 3.3e-6), y=(-0.6e-3, 3e-6))
+    assert [(row.name, row.estimated) for row in own_parameters(bent)] == [
+        ("board_bow.x", "1.0023 ± 0.0033 mm"),
+        ("board_bow.y", "-0.6000 ± 0.0030 mm"),
+    ]
+    assert not [row for row in comparisons(bent) if row.effect]
+    lens = with_effect(plain, Lens(), **dict.fromkeys(("k1", "k2", "k3", "p1", "p2"), (0.01, 0.001)))
+    assert [row.name for row in own_parameters(lens)] == ["lens.k1", "lens.k2", "lens.k3", "lens.p1", "lens.p2"]
+
+
+def test_the_slope_of_a_cylinder_is_none_that_was_declared(plain: Calibration) -> None:
+    parameters = {name: number for name, number in plain.cover.parameters.items() if name != "radius_slope"}
+    tube = replace(plain, cover=replace(plain.cover, shape="cylinder", parameters=parameters), stated=None)
+    both = CoverRadius(("cover.inner_radius", "cover.radius_slope"))
+    wider = with_effect(tube, both, inner_radius=(0.001, 0.0001), radius_slope=(0.02, 0.001))
+    assert [row.name for row in comparisons(wider) if row.effect] == ["cover.inner_radius"]
+    assert [row.name for row in own_parameters(wider)] == ["cover_radius.radius_slope"]
+
+
+def test_console_report_and_diagnosis_say_the_same(plain: Calibration, capsys: pytest.CaptureFixture[str]) -> None:
+    """And the contract's JSON keeps the increment."""
+    increment = {"value": -0.0015, "sigma": 0.000056, "unit": "m"}
+    candidate = {
+        "effect": "thickness",
+        "accepted": True,
+        "held_out_px_before": 0.3,
+        "held_out_px_after": 0.1,
+        "parameters": {"thickness.thickness": increment},
+    }
+    diagnosed = with_effect(plain, Thickness(("cover.thickness",)), thickness=(-0.0015, 0.000056))
+    settings = diagnosed.settings | {"diagnosis": {"candidates": [candidate]}}
+    diagnosed = replace(diagnosed, settings=settings, stages=(Stage("pinhole", 1.0, 0.1),))
+    said = "cover.thickness 1.500 mm = 3 declared - 1.500 ± 0.056"
+    print_fit(diagnosed, 1.0, [Path("x")])
+    assert f"Corrected: {said}\n" in capsys.readouterr().out
+    assert found("thickness", diagnosed, {"thickness.thickness": ParameterEstimate(-0.0015, 0.000056, "m")}) == [said]
+    assert [row.parameters for row in effect_rows(diagnosed)] == [said]
+
+
+def test_a_field_says_its_size(plain: Calibration) -> None:
+    size = {"inner_surface.rms": ParameterEstimate(1.23e-5, 2e-6, "m")}
+    assert found("inner_surface", plain, size) == ["inner_surface.rms 0.0123 ± 0.0020 mm"]

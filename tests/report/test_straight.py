@@ -1,0 +1,101 @@
+"""The picture before and after: straight lines in space, through a known cover and undistorted again."""
+
+import re
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from calib.calibration import AddedEffect, Calibration
+from calib.effects.board_bow import BoardBow
+from calib.optics.projection import project
+from calib.report.evidence import gather_evidence
+from calib.report.straight import lines_across, straight_html
+from tests.report.conftest import Reported
+
+Lines = list[np.ndarray]
+
+
+def paths(html: str, kind: str) -> list[Lines]:
+    """Of each panel its lines, (n, 2) px."""
+    found = re.findall(rf'<path class="{kind}" d="([^"]*)"', html)
+    return [[np.array([at.split() for at in line.split("L")], float) for line in path.split("M")[1:]] for path in found]
+
+
+def most_bent(lines: Lines) -> float:
+    """px from the chord between the ends."""
+    worst = []
+    for line in lines:
+        along = (line[-1] - line[0]) / np.linalg.norm(line[-1] - line[0])
+        worst.append(np.abs((line - line[0]) @ [-along[1], along[0]]).max())
+    return float(max(worst))
+
+
+def test_lines_that_bend_become_straight(reported: Reported) -> None:
+    """And the pictures are in the page, small."""
+    html = straight_html(gather_evidence(reported.calibration), reported.session)
+    before, after = paths(html, "bent")
+    assert len(before) == len(after) == 18, "nine rows and nine columns"
+    assert most_bent(before) > 50, "of 3280 px: to be seen"
+    assert most_bent(after) < 0.2, "places are written to a tenth of a pixel"
+    assert re.findall(r'aria-label="([^:"]+)', html) == ["As it was taken", "Undistorted"]
+    assert len(re.findall(r"data:image/jpeg", html)) == 2
+    assert len(html) < 300_000
+
+
+def test_lines_are_where_the_model_sees_straight_lines_of_the_board(few: Calibration) -> None:
+    """Against points that are projected onto each row's and column's continuation in space, 6.4 mm apart: some 15 px."""
+    evidence = gather_evidence(few)
+    turn, at = cv2.Rodrigues(few.poses[0, :3])[0], few.poses[0, 3:]
+    lattice = few.board.points().reshape(9, 9, 2)
+    lines = list(lines_across(evidence, 0))
+    assert len(lines) == 18
+    for line, along in zip(lines, (*lattice, *lattice.swapaxes(0, 1)), strict=True):
+        reach = np.linspace(-8, 8, 401)[:, None] * (along[-1] - along[0]) + along[0]
+        pixels = few.project(np.column_stack([reach, np.zeros(len(reach))]) @ turn.T + at)
+        pixels = pixels[np.isfinite(pixels).all(-1)]
+        for point in line.before:
+            first, second = pixels[np.sort(np.linalg.norm(pixels - point, axis=-1).argsort()[:2])]
+            step = (second - first) / np.linalg.norm(second - first)
+            assert abs((point - first) @ [-step[1], step[0]]) < 0.02, "the field's splines keep 0.002 px"
+        assert np.ptp(line.before, 0).max() > 1500, "across the picture"
+
+
+def test_the_drawn_bend_is_the_real_one_times_the_stated_factor(few: Calibration) -> None:
+    html = straight_html(gather_evidence(few), None)
+    said = re.search(r"bend by up to ([\d.]+) px.*drawn (\d+) times as large", html)
+    assert said
+    bend, factor = float(said[1]), int(said[2])
+    (bent, _), (straight, _) = paths(html, "bent"), paths(html, "straight")
+    worst = 0.0
+    for drawn, ends in zip(bent, straight, strict=True):
+        along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+        worst = max(worst, float(np.abs((drawn - ends[0]) @ [-along[1], along[0]]).max()))
+    assert worst == pytest.approx(factor * bend, rel=0.05), "the bend is said with two digits"
+
+
+def test_corners_lie_on_their_lines(few: Calibration) -> None:
+    """Corners with 0.05 px of noise, undistorted: beside straight lines by about as much, and by more if the cover is forgotten."""
+    left = re.search(r"beside straight lines by ([\d.]+) px", straight_html(gather_evidence(few), None))
+    assert left
+    assert 0.01 < float(left[1]) < 0.06
+    forgot = replace(few, amplitudes=3e-5 * np.random.default_rng(1).normal(size=few.amplitudes.shape))
+    worse = re.search(r"beside straight lines by ([\d.]+) px", straight_html(gather_evidence(forgot), None))
+    assert worse
+    assert float(worse[1]) > 3 * float(left[1])
+
+
+def test_a_bow_that_is_known_does_not_bend_the_lines(few: Calibration) -> None:
+    """Corners of a board with 2 mm of bow, without noise: what the model knows of the board is not the lens's fault."""
+    figures = {"board_bow.x": (np.array(2e-3), np.array(1e-5)), "board_bow.y": (np.array(-1e-3), np.array(1e-5))}
+    known = replace(few, effects=(AddedEffect(BoardBow(0.08, 0.08), figures),), covariance=np.zeros((0, 0)))
+    path, values = known.model()
+    points, poses = torch.from_numpy(few.board.points()), torch.from_numpy(few.poses)
+    corners = [project(path, values, path.place(points, values, pose.expand(len(points), 6))).numpy() for pose in poses]
+    known = replace(known, views=tuple(replace(view, corners=seen) for view, seen in zip(few.views, corners, strict=True)))
+    one, other = (straight_html(gather_evidence(made), None) for made in (replace(known, effects=()), known))
+    one_left, other_left = (float(re.findall(r"lines by ([\d.e-]+) px", html)[0]) for html in (one, other))
+    assert other_left < 0.01, "to first order, as the board's flatness is taken away in undistorted pixels"
+    assert one_left > 0.2
