@@ -53,10 +53,12 @@ class Stage:
 
 @dataclass(frozen=True, slots=True)
 class Declared:
-    """What the session says of the camera and its cover, each number with the standard deviation of its prior; 0 where it was held."""
+    """What the session says of the camera and its cover, each number with its tolerance: its prior's standard deviation; 0 where held."""
 
     intrinsics: Intrinsics
     cover: Cover
+    doubted: tuple[str, ...] = ()
+    """Numbers that the views contradict, as the ray path calls them: the fit widened their prior by calib.estimation.doubt.DOUBT."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,6 +205,7 @@ class Calibration:
             "declared": {
                 "camera": camera_to_yaml(replace(self.camera, intrinsics=self.declared.intrinsics)),
                 "cover": cover_to_yaml(self.declared.cover),
+                "doubted": list(self.declared.doubted),
             },
             "relief": relief,
             "effects": [effect_to_yaml(found.effect, found.parameters) for found in self.effects],
@@ -236,7 +239,9 @@ def _from_mapping(said: dict[str, Any], path: FilePath) -> Calibration:
     arrays, digest = read_arrays(path.with_suffix(".npz"))
     if said["arrays_sha256"] != digest:
         raise InputError(f"{path} and {path.with_suffix('.npz').name} do not belong together: fit the session again.")
-    _, declared, declared_cover = session_from_mapping({"board": said["board"], **said["declared"]}, f"{path}: declared")
+    _, declared, declared_cover = session_from_mapping(
+        {"board": said["board"], "camera": said["declared"]["camera"], "cover": said["declared"]["cover"]}, f"{path}: declared"
+    )
     if not (camera.intrinsics and declared.intrinsics):
         raise ValueError("camera.intrinsics is missing")
     relief = None if said["relief"] is None else relief_from_yaml(said["relief"])
@@ -265,7 +270,7 @@ def _from_mapping(said: dict[str, Any], path: FilePath) -> Calibration:
         settings=dict(said["settings"]),
         gauge=said["gauge"],
         effects=effects,
-        stated=Declared(declared.intrinsics, declared_cover),
+        stated=Declared(declared.intrinsics, declared_cover, tuple(map(str, said["declared"].get("doubted", ())))),
         refracal=said["refracal"],
     )
 

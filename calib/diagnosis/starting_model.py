@@ -7,6 +7,7 @@ from torch import Tensor
 
 from calib.calibration import Calibration
 from calib.estimation.camera_model import CameraModel
+from calib.estimation.doubt import DOUBT
 from calib.estimation.stated_priors import freed
 from calib.session.tolerances import OWN_CENTRE, OWN_COEFFICIENT, OWN_FOCAL
 
@@ -17,6 +18,7 @@ def base_model(calibration: Calibration) -> CameraModel:
     as_declared = replace(calibration, camera=replace(calibration.camera, intrinsics=declared.intrinsics), cover=declared.cover, effects=())
     path, values = as_declared.model()
     free: dict[str, float | Tensor] = dict(freed(declared.intrinsics, declared.cover, path))
+    free |= {name: DOUBT * free[name] for name in declared.doubted}
     if calibration.settings.get("intrinsics_from") == "views":
         focal = OWN_FOCAL.sigma * float(values["camera.fx"])
         own = {"camera.fx": focal, "camera.fy": focal, "camera.cx": OWN_CENTRE.sigma, "camera.cy": OWN_CENTRE.sigma}

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from calib.calibration import Calibration
 from calib.effects.effect import Unknown
+from calib.estimation.doubt import CONTRADICTED, apart
 from calib.fitting.rounding import to_digit_of, with_sigma
 from calib.optics.lens_model import COEFFICIENTS
 from calib.session.camera import COEFFICIENT, PINHOLE
@@ -18,8 +19,6 @@ UNITS = {"millimetres": "mm", "degrees": "deg"}
 """As they are shown beside a figure."""
 PREFIXES = {"m": ("mm", 1e3), "rad": ("mrad", 1e3)}
 """Units of effects' own parameters as people read them, where they are others, and how many make one."""
-CONTRADICTED = 3.0
-"""Standard deviations: the farthest of a number that is what it is declared to be, in one of 370."""
 CORRECTED = 3.0
 """Of the estimate's own standard deviations: nearer, the declared value is as good."""
 
@@ -37,6 +36,8 @@ class Comparison:
     sigma: float
     effect: str = ""
     """The effect that estimates it, or its increment; empty: the fit itself."""
+    doubted: bool = False
+    """Whether the fit gave up the tolerance, since the views contradict it."""
 
     @property
     def held(self) -> bool:
@@ -44,17 +45,15 @@ class Comparison:
 
     @property
     def apart(self) -> float:
-        """How far the estimate is from what is declared, in standard deviations of what the prior lets that distance be.
-
-        If the true number is drawn from the prior, the variance of estimate - declared is the prior's less the posterior's.
-        """
-        variance = self.tolerance**2 - self.sigma**2
-        return abs(self.estimate - self.declared) / variance**0.5 if variance > 0 else 0.0
+        """How far the estimate is from what is declared, in standard deviations of what that distance may be: see
+        `calib.estimation.doubt`. An estimate that owes nothing to what is declared has a variance of its own."""
+        distance = self.estimate - self.declared
+        return abs(distance) / math.hypot(self.tolerance, self.sigma) if self.doubted else apart(distance, self.tolerance, self.sigma)
 
     @property
     def contradicted(self) -> bool:
         """Whether the views and what is declared cannot both be right."""
-        return self.apart > CONTRADICTED
+        return self.doubted or self.apart > CONTRADICTED
 
     @property
     def corrected(self) -> bool:
@@ -124,6 +123,7 @@ class _Scalar:
             estimate=one.estimate + self.value * unit,
             sigma=math.hypot(one.sigma, self.sigma * abs(unit)),
             effect=self.effect,
+            doubted=one.doubted,
         )
 
 
@@ -139,17 +139,17 @@ def _declared(calibration: Calibration) -> Iterator[tuple[Comparison, float]]:
     """Without effects; and how many of each number's unit make one SI unit."""
     declared, cover, camera = calibration.declared, calibration.cover, calibration.camera.intrinsics
     assert camera
+
+    def compared(quantity: Quantity, name: str, said: Number, found: Number) -> tuple[Comparison, float]:
+        unit, per_si = ("px", 1.0) if quantity in PINHOLE else quantity.unit
+        (value, tolerance), (estimate, sigma) = ((number.value * per_si, number.sigma * per_si) for number in (said, found))
+        return Comparison(name, UNITS.get(unit, unit), value, tolerance, estimate, sigma, doubted=name in declared.doubted), per_si
+
     for quantity in SHAPES[cover.shape]:
         for name in quantity.names:
-            yield _compared(quantity, f"cover.{name}", declared.cover.parameters[name], cover.parameters[name])
+            yield compared(quantity, f"cover.{name}", declared.cover.parameters[name], cover.parameters[name])
     for quantity, name in zip(PINHOLE, ("fx", "fy", "cx", "cy"), strict=True):
-        yield _compared(quantity, f"camera.{name}", getattr(declared.intrinsics, name), getattr(camera, name))
+        yield compared(quantity, f"camera.{name}", getattr(declared.intrinsics, name), getattr(camera, name))
     for name, number, found in zip(COEFFICIENTS, declared.intrinsics.distortion, camera.distortion, strict=False):
         if number.value or number.sigma or found.sigma:
-            yield _compared(COEFFICIENT, f"camera.{name}", number, found)
-
-
-def _compared(quantity: Quantity, name: str, declared: Number, found: Number) -> tuple[Comparison, float]:
-    unit, per_si = ("px", 1.0) if quantity in PINHOLE else quantity.unit
-    (value, tolerance), (estimate, sigma) = ((number.value * per_si, number.sigma * per_si) for number in (declared, found))
-    return Comparison(name, UNITS.get(unit, unit), value, tolerance, estimate, sigma), per_si
+            yield compared(COEFFICIENT, f"camera.{name}", number, found)

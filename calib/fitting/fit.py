@@ -87,7 +87,7 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
         | ({"cross_validation": asdict(validation)} if validation else {})
         | (joint.said() if joint else {}),
         gauge=GAUGES[settings.method if fitted.relief else "bare"],
-        stated=Declared(setup.intrinsics, setup.cover),
+        stated=Declared(setup.intrinsics, setup.cover, fitted.doubted),
     )
 
 

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from calib.calibration import Stage
 from calib.errors import NotEnoughDataError
+from calib.estimation.doubt import DOUBT, MOST_DOUBTED, farthest
 from calib.estimation.gradient_fit import descend
 from calib.estimation.joint_fit import ROUGH, JointFit, fit_joint
 from calib.estimation.observations import Observations
@@ -81,6 +82,8 @@ class Fitted:
     residuals: Residuals
     relief: Relief | None = None
     joint: JointFit | None = None
+    doubted: tuple[str, ...] = ()
+    """Declared numbers that the views contradict, by the path's names: their tolerance was widened by DOUBT."""
 
 
 def fit_stages(setup: Setup, observations: Observations, settings: Settings, progress: Progress) -> Fitted:
@@ -114,7 +117,8 @@ def fit_stages(setup: Setup, observations: Observations, settings: Settings, pro
     path = with_relief(path, relief, exact_hit=settings.exact_hit)
     flat = {AMPLITUDES: torch.zeros(along, around, dtype=torch.float64)}
     values = {**values, **flat}
-    joint = None
+    joint: JointFit | None = None
+    doubted: tuple[str, ...] = ()
     if settings.method == "paper":
         values[AMPLITUDES] = _descend(path, values, observations, poses, settings.steps, progress)
     else:
@@ -128,11 +132,15 @@ def fit_stages(setup: Setup, observations: Observations, settings: Settings, pro
             start=start and replace(start, values={**start.values, **flat}),
             progress=lambda spent, rms: advance(min(spent, LINEARISATIONS), f"{rms:.3f} px"),
         )
+        while len(doubted) < MOST_DOUBTED and (name := farthest(joint, doubted)):
+            doubted = (*doubted, name)
+            free = {**free, name: DOUBT * free[name]}
+            joint = fit_joint(path, values, observations, joint.poses, free=free, start=joint.start)
         advance(LINEARISATIONS, "")
         values, poses = joint.values, joint.poses
     missed = residuals(path, values, observations, poses)
     stages.append(Stage("cover+rbf", missed.rms_px, missed.rmse_cm))
-    return Fitted(path, values, poses, tuple(stages), missed, relief, joint)
+    return Fitted(path, values, poses, tuple(stages), missed, relief, joint, doubted)
 
 
 def _descend(path: Path, values: Values, observations: Observations, poses: Tensor, steps: int, progress: Progress) -> Tensor:
