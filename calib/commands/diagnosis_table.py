@@ -1,8 +1,5 @@
 """A diagnosis on the terminal."""
 
-from collections.abc import Sequence
-from pathlib import Path
-
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
@@ -10,7 +7,7 @@ from rich.table import Table
 from calib.diagnosis.finding import Diagnosis
 
 
-def print_diagnosis(finding: Diagnosis, written: Sequence[Path]) -> None:
+def print_diagnosis(finding: Diagnosis) -> None:
     """What was found first, then all that was considered, then what is left."""
     console = Console()
     if finding.accepted:
@@ -24,9 +21,7 @@ def print_diagnosis(finding: Diagnosis, written: Sequence[Path]) -> None:
             console.print(f"{candidate.title}: {parameters or 'parameters of every view'}", highlight=False, soft_wrap=True)
     console.print(_considered(finding))
     for remark in finding.remarks:
-        console.print(f"Take care: {remark}", markup=False, highlight=False, soft_wrap=True)
-    for path in written:
-        console.print(f"Wrote {path}", soft_wrap=True, markup=False, highlight=False)
+        console.print(f"Note: {remark}", markup=False, highlight=False, soft_wrap=True)
 
 
 def _errors(finding: Diagnosis) -> Table:

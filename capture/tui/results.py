@@ -106,11 +106,14 @@ class ResultsScreen(Page):
     def _verdict(self) -> str:
         first, last = (self.result["stages"][place]["rms_px"] for place in (0, -1))
         said = [f"The error fell from {first:.3f} to {last:.3f} px; the corners' own noise is {self.result['noise_px']:.3f} px."]
-        said += [f"Take care: {remark}" for remark in self.result["remarks"]]
+        if sigmas := self.result["sigma_px"]:
+            at = ", ".join(f"{one['px']:.2g} px at {one['depth_m']:g} m" for one in sigmas)
+            said.append(f"One standard deviation of the maps at the corners: {at}.")
+        said.insert(0, self.result["verdict"]["said"])
         if rejected := self.result["rejected"]:
             more = f" and {len(rejected) - 1} more" if len(rejected) > 1 else ""
             said.append(f"Not used: {rejected[0]['file']} ({rejected[0]['reason']}){more}.")
-        effects = "e to look for what the model lacks, " if self.result["remarks"] else ""
+        effects = "" if self.result["verdict"]["word"] == "trusted" else "e to look for what the model lacks, "
         return " ".join([*said, f"Press {effects}x to export maps."])
 
     def _line(self, view: Mapping[str, Any]) -> str:
