@@ -1,5 +1,6 @@
 """What opens a report: the verdict, and three sentences on what the calibration is of, what is left, and where it holds."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,9 +27,10 @@ class Summary:
     verdict: Verdict
 
 
-def summarise(evidence: Evidence) -> Summary:
+def summarise(evidence: Evidence, depths: Sequence[float] = ()) -> Summary:
+    """Args: depths: m, for which maps are wanted."""
     session = Path(evidence.calibration.settings.get(KEY, {}).get("session", "SESSION")).name
-    verdict = judge(evidence.calibration, depths=evidence.depths, folder=HERE, session=Path(session))
+    verdict = judge(evidence.calibration, depths=depths, folder=HERE, session=Path(session))
     return Summary((_subject(evidence), _fit(evidence), _reach(evidence)), verdict)
 
 

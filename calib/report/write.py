@@ -51,7 +51,7 @@ def write_report(
             evidence, list(drawn.values()), effect_rows(calibration) if effects is None else effects, views_html(evidence, thumbnails)
         )
     path = folder / NAME
-    write_atomically(path, page(calibration.camera.model or "A camera", summarise(evidence), sections))
+    write_atomically(path, page(calibration.camera.model or "A camera", summarise(evidence, depths), sections))
     advance(len(DRAWINGS) + 2, "")
     return path
 

@@ -15,6 +15,7 @@ from calib.diagnosis.score_test import Optimum, ScoreTest
 from calib.diagnosis.starting_model import model_of
 from calib.effects.inner_surface import InnerSurface
 from calib.effects.registry import EFFECTS
+from calib.estimation.elimination import eliminated
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.observations import Observations
@@ -121,9 +122,24 @@ class Case:
         if not self.at_optimum:
             return ()
         there = surroundings(self.optimum, self.calibration.board, self.calibration.camera, place=False)
-        return tuple(self.optimum.tests([effect for kind in ASKED for effect in kind.propose(there)]))
+        present = {effect.name for effect in self.optimum.model.effects}
+        asked = [effect for kind in ASKED if kind.name not in present for effect in kind.propose(there)]
+        return tuple(self.optimum.tests(asked))
+
+    @property
+    def from_optimum(self) -> float:
+        """How far the shared parameters are from the optimum, in standard deviations of what they are known to: the root of the Newton
+        decrement."""
+        at = self.optimum
+        views = list(at.equations())
+        off = np.concatenate([eliminated(view.own, view.residual) for view in views])
+        rows = np.concatenate([eliminated(view.own, view.shared) for view in views])
+        precision = at.prior_precision()
+        deviation = at.model.parameters.vector(at.joint.values).numpy()
+        gradient = rows.T @ off + precision @ deviation
+        return float(np.sqrt(gradient @ np.linalg.solve(rows.T @ rows + precision, gradient)))
 
     @property
     def usual_depths(self) -> tuple[float, ...]:
-        """m: those that maps are wanted for, or else the corners' nearest, median and farthest."""
-        return self.depths or tuple(dict.fromkeys(float(f"{depth:.2g}") for depth in np.quantile(self.depth, (0, 0.5, 1))))
+        """m: those that maps are wanted for, or else the corners' median."""
+        return self.depths or (float(f"{np.median(self.depth):.2g}"),)

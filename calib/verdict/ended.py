@@ -6,6 +6,7 @@ import numpy as np
 
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.verdict.case import Case
+from calib.verdict.thresholds import STATIONARY
 from calib.verdict.verdict import Reason, Word
 
 
@@ -17,11 +18,13 @@ def not_finite(case: Case) -> Iterator[Reason]:
 
 
 def not_converged(case: Case) -> Iterator[Reason]:
-    """It is finite, and not the most probable."""
+    """It is finite, and so far from the most probable that it matters; where no more than rounding was left to gain, it does not."""
+    if _outcome(case) == Outcome.CONVERGED.value or case.from_optimum < STATIONARY:
+        return
     if _outcome(case) == Outcome.STEPS_USED_UP.value:
         said = "the fit was still improving when its steps were used up: the views hardly tell some numbers, or the model lacks something."
         yield Reason(said, case.next.diagnose(), word=Word.DO_NOT_USE)
-    elif _outcome(case) == Outcome.STUCK.value:
+    else:
         yield Reason(_uncapitalised(Outcome.STUCK.value), case.next.fit(), word=Word.DO_NOT_USE)
 
 

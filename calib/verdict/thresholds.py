@@ -1,5 +1,9 @@
 """From which size on something is said, and why from there. docs/verdict.md shows them to readers."""
 
+STATIONARY = 0.1
+"""Standard deviations from the optimum, within which a fit that ended early has converged for all that its sigma says. Flat valleys of
+numbers that are hardly known use up its steps 0.01 to 0.04 before the end."""
+
 WORSE_THAN_BARE = 1.5
 """Cover stage over pinhole stage: a cover that is described well lowers the error, and one of thin glass hardly changes it."""
 TAKEN_UP = 10.0
