@@ -23,9 +23,9 @@ def not_converged(case: Case) -> Iterator[Reason]:
         return
     if _outcome(case) == Outcome.STEPS_USED_UP.value:
         said = "the fit was still improving when its steps were used up: the views hardly tell some numbers, or the model lacks something."
-        yield Reason(said, case.next.diagnose(), word=Word.DO_NOT_USE)
     else:
-        yield Reason(_uncapitalised(Outcome.STUCK.value), case.next.fit(), word=Word.DO_NOT_USE)
+        said = _uncapitalised(Outcome.STUCK.value)
+    yield Reason(said, case.next.diagnose(), word=Word.DO_NOT_USE)
 
 
 def _outcome(case: Case) -> str:

@@ -29,10 +29,10 @@ from calib.verdict.verdict import Reason, Verdict
 
 Check = Callable[[Case], Iterable[Reason]]
 CHECKS: tuple[Check, ...] = (
-    not_converged,
     principal_point,
     board_place,
     medium,
+    not_converged,
     residual,
     cover_stage,
     declared_numbers,

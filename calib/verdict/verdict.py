@@ -77,6 +77,16 @@ class Verdict:
             "next": self.next,
         }
 
-    def __str__(self) -> str:
+    @property
+    def sentences(self) -> list[str]:
         """The word and the reasons, without what to type."""
-        return " ".join([self.word.sentence, *(reason.sentence[0].upper() + reason.sentence[1:] for reason in self.reasons)])
+        return [self.word.sentence, *(_capitalised(reason.sentence) for reason in self.reasons)]
+
+    def __str__(self) -> str:
+        return " ".join(self.sentences)
+
+
+def _capitalised(sentence: str) -> str:
+    """Names stay as they are written."""
+    first = sentence.split()[0]
+    return sentence if "." in first else sentence[0].upper() + sentence[1:]

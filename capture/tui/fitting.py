@@ -47,6 +47,6 @@ def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
         "noise_px": calibration.noise_px,
         "views": sorted(views, key=lambda view: -float(str(view["rms_px"]))),
         "rejected": [{"file": r.name, "reason": r.reason} for r in calibration.rejected],
-        "verdict": {"word": verdict.word.value, "said": str(verdict)},
+        "verdict": {"word": verdict.word.value, "sentences": verdict.sentences},
         "sigma_px": [{"depth_m": depth, "px": px} for depth, px in map_sigmas(calibration, (near, usual, far)).items()],
     }

@@ -26,6 +26,7 @@ from capture.tui.page import DOTS, HELP_AND_QUIT, Page
 from capture.tui.picture import Picture
 
 BAR = 12  # columns
+SHOWN = 2  # reasons of the verdict: more do not fit under the picture
 
 
 class ResultsScreen(Page):
@@ -38,7 +39,7 @@ class ResultsScreen(Page):
     ResultsScreen #right { width: 1fr; }
     ResultsScreen Picture { height: 1fr; }
     ResultsScreen #view { height: 2; }
-    ResultsScreen #sentence { height: auto; min-height: 3; max-height: 6; }
+    ResultsScreen #sentence { height: auto; min-height: 3; max-height: 9; }
     """
     BINDINGS: ClassVar = [
         Binding("d", "drop", "Drop"),
@@ -109,10 +110,13 @@ class ResultsScreen(Page):
         if sigmas := self.result["sigma_px"]:
             at = ", ".join(f"{one['px']:.2g} px at {one['depth_m']:g} m" for one in sigmas)
             said.append(f"One standard deviation of the maps at the corners: {at}.")
-        said.insert(0, self.result["verdict"]["said"])
+        word, *reasons = self.result["verdict"]["sentences"]
+        more = len(reasons) - SHOWN
+        told = [*reasons[:SHOWN], *([f"And {more} more reasons, which calib report shows."] if more > 0 else [])]
+        said = [word, *told, *said]
         if rejected := self.result["rejected"]:
-            more = f" and {len(rejected) - 1} more" if len(rejected) > 1 else ""
-            said.append(f"Not used: {rejected[0]['file']} ({rejected[0]['reason']}){more}.")
+            others = f" and {len(rejected) - 1} more" if len(rejected) > 1 else ""
+            said.append(f"Not used: {rejected[0]['file']} ({rejected[0]['reason']}){others}.")
         effects = "" if self.result["verdict"]["word"] == "trusted" else "e to look for what the model lacks, "
         return " ".join([*said, f"Press {effects}x to export maps."])
 
