@@ -41,7 +41,8 @@ def residual(case: Case) -> Iterator[Reason]:
 
 
 def likely_effects(case: Case) -> list[tuple[Effect, float]]:
-    """The few that would surely explain something, those of all views first, each with the fraction by which it would lower the error."""
+    """The few that would surely explain something, each with the fraction by which it would lower the error; one with parameters of every
+    view only where no other would."""
     scores = case.scores
     if not scores:
         return []
@@ -58,8 +59,9 @@ def likely_effects(case: Case) -> list[tuple[Effect, float]]:
     gains = {test: gain(test) for test in scores if sure(test)}
     best = max(gains.values(), default=0.0)
     named = [test for test in gains if gains[test] > max(WORTH_NAMING, NAMED_BESIDE * best)]
-    named.sort(key=lambda test: (test.effect.per_view, -gains[test]))
-    return [(test.effect, gains[test]) for test in named[:MOST_NAMED]]
+    shared = [test for test in named if not test.effect.per_view]
+    likely = sorted(shared or named, key=lambda test: -gains[test])  # parameters of every view can imitate much
+    return [(test.effect, gains[test]) for test in likely[:MOST_NAMED]]
 
 
 def _shares(case: Case) -> list[Share]:
