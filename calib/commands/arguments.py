@@ -38,6 +38,11 @@ def add_calibration(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("calibration", type=Path, metavar="CALIBRATION", help="calibration.yaml, or the folder that holds it")
 
 
+def folder_of(calibration: Path) -> Path:
+    """Where a calibration lies that is given as its file or as its folder."""
+    return calibration if calibration.is_dir() else calibration.parent
+
+
 def add_output(parser: argparse.ArgumentParser, help_text: str, *, required: bool) -> None:
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", required=required, help=help_text)
 

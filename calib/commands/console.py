@@ -1,7 +1,6 @@
 """What a person sees: progress bars on stderr, tables on stdout."""
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from types import TracebackType
 
 from rich.console import Console
@@ -12,7 +11,6 @@ from calib.calibration import Calibration
 from calib.corners.view import Rejected
 from calib.fitting.declared import comparisons, own_parameters
 from calib.fitting.evaluate import Evaluation
-from calib.fitting.remarks import remarks
 from calib.progress import Advance
 
 
@@ -41,8 +39,8 @@ class Bars:
         return lambda done, words: self._progress.update(bar, completed=done, words=words)
 
 
-def print_fit(calibration: Calibration, seconds: float, written: Sequence[Path]) -> None:
-    """The stage table, what was used and what was not, and where the results are."""
+def print_fit(calibration: Calibration, seconds: float) -> None:
+    """The stage table, what was used and what was not."""
     console = Console()
     table = Table("stage", "reprojection error", "on the board", "against the pinhole", title="How the error fell (root mean square)")
     first = calibration.stages[0]
@@ -64,10 +62,6 @@ def print_fit(calibration: Calibration, seconds: float, written: Sequence[Path])
             f"{validation['fitted_px']:.3f} px."
         )
     _list_rejected(console, calibration.rejected)
-    for remark in remarks(calibration):
-        console.print(f"Take care: {remark}", markup=False, highlight=False)
-    for path in written:
-        console.print(f"Wrote {path}", soft_wrap=True, markup=False, highlight=False)
 
 
 def _estimates(calibration: Calibration) -> Iterator[str]:

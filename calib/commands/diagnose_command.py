@@ -7,7 +7,7 @@ turn.
 import argparse
 from pathlib import Path
 
-from calib.commands.arguments import add_output
+from calib.commands.arguments import add_output, folder_of
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,27 +21,31 @@ def run(args: argparse.Namespace) -> None:
     from calib.calibration import Calibration
     from calib.commands.console import Bars
     from calib.commands.diagnosis_table import print_diagnosis
-    from calib.commands.printing import print_json
+    from calib.commands.printing import print_json, told
+    from calib.commands.verdict_lines import print_verdict
     from calib.diagnosis.diagnose import diagnose
     from calib.fitting.provenance import diagnosed
     from calib.io.files import check_writable
     from calib.report.write import write_report
     from calib.session.session import read_session
+    from calib.verdict.judge import judge
 
     calibration = Calibration.load(args.calibration)
     holdout = read_session(args.holdout) if args.holdout else None
-    folder = args.calibration if args.calibration.is_dir() else args.calibration.parent
-    output = args.output or folder / "diagnosed"
+    output = args.output or folder_of(args.calibration) / "diagnosed"
     check_writable(output)
     with Bars() as bars:
         better, finding = diagnose(calibration, bars, holdout)
-        better = diagnosed(better, folder, args.holdout)
-        saved = better.save(output)
-    if args.json:
-        print_json(finding.as_json())
-    else:
-        print_diagnosis(finding, better, [saved])
-    with Bars() as bars:  # last: whatever happens here, the finding is written and told of
-        report = write_report(better, output, bars)
+        better = diagnosed(better, folder_of(args.calibration), args.holdout)
+        written = [better.save(output)]
     if not args.json:
-        print(f"Wrote {report}")
+        print_diagnosis(finding, better)
+    try:
+        with Bars() as bars:
+            written.append(write_report(better, output, bars))
+    finally:  # whatever happens to the report, the finding is written and told of
+        verdict = judge(better, folder=output)
+        if args.json:
+            print_json(finding.as_json() | told(verdict, written))
+        else:
+            print_verdict(verdict, written)

@@ -1,8 +1,5 @@
 """A diagnosis on the terminal."""
 
-from collections.abc import Sequence
-from pathlib import Path
-
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
@@ -12,7 +9,7 @@ from calib.diagnosis.finding import Diagnosis
 from calib.diagnosis.found import found
 
 
-def print_diagnosis(finding: Diagnosis, better: Calibration, written: Sequence[Path]) -> None:
+def print_diagnosis(finding: Diagnosis, better: Calibration) -> None:
     """What was found first and is in the better calibration, then all that was considered, then what is left."""
     console = Console()
     if finding.accepted:
@@ -26,9 +23,7 @@ def print_diagnosis(finding: Diagnosis, better: Calibration, written: Sequence[P
             console.print(f"{candidate.title}: {said}", markup=False, highlight=False, soft_wrap=True)
     console.print(_considered(finding))
     for remark in finding.remarks:
-        console.print(f"Take care: {remark}", markup=False, highlight=False, soft_wrap=True)
-    for path in written:
-        console.print(f"Wrote {path}", soft_wrap=True, markup=False, highlight=False)
+        console.print(f"Note: {remark}", markup=False, highlight=False, soft_wrap=True)
 
 
 def _errors(finding: Diagnosis) -> Table:

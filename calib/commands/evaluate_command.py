@@ -6,7 +6,7 @@ Camera and cover come from CALIBRATION, board and views from SESSION; only each 
 import argparse
 from pathlib import Path
 
-from calib.commands.arguments import add_calibration
+from calib.commands.arguments import add_calibration, folder_of
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,15 +20,19 @@ def run(args: argparse.Namespace) -> None:
 
     from calib.calibration import Calibration
     from calib.commands.console import Bars, print_evaluation
-    from calib.commands.printing import print_json
+    from calib.commands.printing import print_json, told
+    from calib.commands.verdict_lines import print_verdict
     from calib.fitting.evaluate import evaluate
     from calib.session.session import read_session
+    from calib.verdict.judge import judge
 
     calibration = Calibration.load(args.calibration)
     session = read_session(args.session)
     with Bars() as bars:
         evaluation = evaluate(calibration, session, bars)
+    verdict = judge(calibration, folder=folder_of(args.calibration), evaluation=evaluation, holdout=args.session)
     if args.json:
-        print_json({key: value for key, value in asdict(evaluation).items() if key != "rejected"})
+        print_json({key: value for key, value in asdict(evaluation).items() if key != "rejected"} | told(verdict, []))
     else:
         print_evaluation(evaluation)
+        print_verdict(verdict, [])

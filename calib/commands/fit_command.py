@@ -52,7 +52,8 @@ def run(args: argparse.Namespace) -> None:
 
     from calib.commands.console import Bars, print_fit
     from calib.commands.diagnosis_table import print_diagnosis
-    from calib.commands.printing import print_json
+    from calib.commands.printing import print_json, told
+    from calib.commands.verdict_lines import print_verdict
     from calib.diagnosis.diagnose import diagnose
     from calib.diagnosis.named_effects import with_named
     from calib.export.npz import write_npz
@@ -62,6 +63,7 @@ def run(args: argparse.Namespace) -> None:
     from calib.io.files import check_writable
     from calib.report.write import write_report
     from calib.session.session import read_session
+    from calib.verdict.judge import judge
 
     begun = time.monotonic()
     session = read_session(args.session)
@@ -79,16 +81,19 @@ def run(args: argparse.Namespace) -> None:
         saved = calibration.save(output)
         written = [saved, *write_npz(calibration, args.depth, output, bars, replace=True)]
     seconds = time.monotonic() - begun
-    if args.json:
-        print_json(summary(calibration, seconds))
-    else:
-        print_fit(calibration, seconds, written)
-        if finding:
-            print_diagnosis(finding, calibration, [])
-    with Bars() as bars:  # last: whatever happens here, the calibration is written and told of
-        report = write_report(calibration, output, bars, args.depth)
     if not args.json:
-        print(f"Wrote {report}")
+        print_fit(calibration, seconds)
+        if finding:
+            print_diagnosis(finding, calibration)
+    try:
+        with Bars() as bars:
+            written.append(write_report(calibration, output, bars, args.depth))
+    finally:  # whatever happens to the report, the calibration is written and told of
+        verdict = judge(calibration, depths=args.depth, folder=output, session=args.session)
+        if args.json:
+            print_json(summary(calibration, seconds) | told(verdict, written))
+        else:
+            print_verdict(verdict, written)
 
 
 def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:

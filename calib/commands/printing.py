@@ -1,13 +1,25 @@
 """JSON on stdout that every reader takes: a number that is not finite becomes null."""
 
+from __future__ import annotations
+
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from calib.verdict.verdict import Verdict
 
 
 def print_json(mapping: Mapping[str, object]) -> None:
     """One object, on one line."""
     print(json.dumps(_finite(mapping), allow_nan=False))
+
+
+def told(verdict: Verdict, written: Sequence[Path]) -> dict[str, object]:
+    """What every result ends with: what is to be thought of it, and where it is."""
+    return {"verdict": verdict.as_json(), "written": [str(path) for path in written]}
 
 
 def _finite(value: object) -> object:

@@ -6,7 +6,7 @@ The report is one file that needs no network. Over SSH, and where there is no sc
 import argparse
 from collections.abc import Mapping
 
-from calib.commands.arguments import add_calibration, add_depths
+from calib.commands.arguments import add_calibration, add_depths, folder_of
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,9 +25,8 @@ def run(args: argparse.Namespace) -> None:
     from calib.report.write import write_report
 
     calibration = Calibration.load(args.calibration)
-    folder = args.calibration if args.calibration.is_dir() else args.calibration.parent
     with Bars() as bars:
-        path = write_report(calibration, folder, bars, args.depth)
+        path = write_report(calibration, folder_of(args.calibration), bars, args.depth)
     print(path)
     if not args.no_open and has_screen(os.environ, sys.platform):
         webbrowser.open(path.resolve().as_uri())

@@ -71,13 +71,15 @@ def diagnose(calibration: Calibration, progress: Progress = Silent(), holdout: S
             model,
             joint,
             lambda done, words: advance(min(1 + done, ROUNDS + 2 * TRIED - 1), words),
-            lambda model, joint: bool(_organising(_split(calibration, model, joint, observations, _missed(model, joint, observations)))),
+            lambda model, joint: bool(
+                organising_of(split_of(calibration, model, joint, observations, _missed(model, joint, observations)))
+            ),
         )
         first, last = loop.run()
         advance(ROUNDS + 2 * TRIED, "")
         before, after = _missed(model, joint, observations), _missed(loop.model, loop.joint, observations)
-        shares = _split(calibration, model, joint, observations, before)
-        organising = _organising(_split(calibration, loop.model, loop.joint, observations, after))
+        shares = split_of(calibration, model, joint, observations, before)
+        organising = organising_of(split_of(calibration, loop.model, loop.joint, observations, after))
         said = tuple(remarks(loop, organising, timed=are_timed(calibration.views)))
     accepted = tuple(effect.name for effect in loop.model.effects)
     found = with_fit(calibration, loop.model, loop.joint, observations)
@@ -118,7 +120,8 @@ def _missed(model: CameraModel, joint: JointFit, observations: Observations) -> 
     return residuals(model.path, joint.values, observations, joint.poses)
 
 
-def _split(calibration: Calibration, model: CameraModel, joint: JointFit, observations: Observations, left: Residuals) -> list[Share]:
+def split_of(calibration: Calibration, model: CameraModel, joint: JointFit, observations: Observations, left: Residuals) -> list[Share]:
+    """What organises the residual of a fit, by how much each explains."""
     missed = left.image
     seen = torch.isfinite(missed).all(-1)
     kept = observations.kept(seen)
@@ -131,7 +134,8 @@ def _split(calibration: Calibration, model: CameraModel, joint: JointFit, observ
     return scene.split()
 
 
-def _organising(shares: list[Share]) -> list[Share]:
+def organising_of(shares: list[Share]) -> list[Share]:
+    """Those that explain more than noise would."""
     return [s for s in shares if s.p_value < ORGANISED / len(shares) and s.fraction - s.chance > NOTICEABLE]
 
 

@@ -79,24 +79,36 @@ class Optimum:
 
     def test(self, effect: Effect) -> ScoreTest:
         """The score of one effect as it is."""
-        views = list(self.equations((effect,)))
+        return self.tests((effect,))[0]
+
+    def tests(self, effects: Sequence[Effect]) -> list[ScoreTest]:
+        """The scores of effects as they are, each without the others, from one linearisation of them all."""
+        views = list(self.equations(effects))
         own = self.joint.poses.shape[1]
-        if effect.per_view:
-            return self._of_views(effect, views, own)
         residual = [eliminated(view.own[:, :own], view.residual) for view in views]
         off = np.concatenate(residual)  # (2M,)
         rows = np.concatenate([eliminated(view.own[:, :own], view.shared) for view in views])
-        fitted = self.parameters().count
-        known, new = rows[:, :fitted], rows[:, fitted:]
-        precision = self.prior_precision((effect,))
-        imitated = np.linalg.solve(known.T @ known + precision[:fitted, :fitted], known.T @ new)
-        left = new - known @ imitated
-        score = new.T @ off  # the fitted parameters' own score cancels against their prior: the fit has converged
-        chi2 = float(score @ np.linalg.solve(new.T @ left + precision[fitted:, fitted:], score))
-        by_view = np.array([part.sum(0) for part in np.split(left * off[:, None], np.cumsum([len(own) for own in residual])[:-1])])
-        by_view += (score - by_view.sum(0)) / len(by_view)  # the prior's share
-        p_value = _p_value(by_view, chi2, len(score), float(off @ off) / max(1, self._freedom()))
-        return ScoreTest(effect, left, float((new**2).sum()), chi2, len(score), p_value, float(off @ off), new.T @ left, score)
+        fitted, parameters = self.parameters().count, self.parameters(effects)
+        known, precision = rows[:, :fitted], self.prior_precision(effects)
+        imitated = np.linalg.solve(known.T @ known + precision[:fitted, :fitted], known.T @ rows[:, fitted:])
+        left = rows[:, fitted:] - known @ imitated
+        starts = np.cumsum([len(view) for view in residual])[:-1]
+        dispersion = float(off @ off) / max(1, self._freedom())
+
+        def scored(effect: Effect) -> ScoreTest:
+            if effect.per_view:
+                return self._of_views(effect, views, own)
+            columns = parameters.entries(unknown.param.name for unknown in effect.unknowns)
+            new, unlike = rows[:, columns], left[:, columns - fitted]
+            information = new.T @ unlike
+            score = new.T @ off  # the fitted parameters' own score cancels against their prior: the fit has converged
+            chi2 = float(score @ np.linalg.solve(information + precision[np.ix_(columns, columns)], score))
+            by_view = np.array([part.sum(0) for part in np.split(unlike * off[:, None], starts)])
+            by_view += (score - by_view.sum(0)) / len(by_view)  # the prior's share
+            p_value = _p_value(by_view, chi2, len(score), dispersion)
+            return ScoreTest(effect, unlike, float((new**2).sum()), chi2, len(score), p_value, float(off @ off), information, score)
+
+        return [scored(effect) for effect in effects]
 
     def parameters(self, effects: Sequence[Effect] = ()) -> Parameters:
         """The fitted ones, where the fit ended, then those of further effects, where these are not there."""

@@ -45,6 +45,9 @@ class Evaluation:
     frames_used: int
     by_depth: tuple[Band, ...]
     """By each corner's own depth, near to far; bands without corners are left out."""
+    near_m: float
+    """The nearest corner's depth."""
+    far_m: float
     rejected: tuple[Rejected, ...]
     """Pictures in which no board with enough corners was found. No view is dropped for its error."""
 
@@ -83,7 +86,8 @@ def evaluate(calibration: Calibration, session: Session, progress: Progress = Si
         else:
             poses, missed = refit_poses(path, values, observations, poses)
     depth = path.place(observations.corners, observations.with_times(values), poses[observations.view])[:, 2]
-    return Evaluation(missed.rms_px, missed.rmse_cm, len(views), _bands(missed, depth), (*rejected, *few, *lost))
+    near, far = float(depth.min()), float(depth.max())
+    return Evaluation(missed.rms_px, missed.rmse_cm, len(views), _bands(missed, depth), near, far, (*rejected, *few, *lost))
 
 
 def _by_halves(path: Path, values: Values, observations: Observations, poses: Tensor) -> tuple[Tensor, Residuals]:

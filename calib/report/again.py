@@ -65,8 +65,8 @@ def _options(settings: dict[str, Any]) -> list[str]:
         words += ["--method", str(settings["method"])]
     if settings["grid"] and tuple(settings["grid"]) != usual.grid:
         words += ["--grid", "x".join(str(n) for n in settings["grid"])]
-    if settings["free"]:
-        words += ["--free", ",".join(settings["free"])]
+    if tuple(settings["free"]) != usual.free:
+        words += ["--free", ",".join(settings["free"]) or "none"]
     by_library = ["auto"] if "diagnosis" in settings and DIAGNOSED not in settings else []
     if effects := asked.get("effects") or by_library:
         words += ["--effects", ",".join(effects)]

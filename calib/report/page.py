@@ -24,7 +24,8 @@ def page(subject: str, summary: Summary, sections: Sequence[PageSection]) -> str
     style = files("calib.report").joinpath("style.css").read_text(encoding="utf-8")
     contents = "".join(f'<a href="#{section.name}">{escape(section.title)}</a>' for section in sections)
     lead = re.sub(r"(\d) (px|mm|m|%)", r"\1&nbsp;\2", " ".join(escape(sentence) for sentence in summary.sentences))
-    care = "".join(f"<li>{escape(sentence)}</li>" for sentence in summary.care)
+    verdict = summary.verdict
+    reasons = "".join(f"<li>{escape(reason.sentence)}</li>" for reason in verdict.reasons)
     body = "".join(
         f'<section id="{section.name}"><h2 id="{section.name}-title">{escape(section.title)}</h2>{section.html}</section>'
         for section in sections
@@ -42,11 +43,12 @@ def page(subject: str, summary: Summary, sections: Sequence[PageSection]) -> str
 {style}</style>
 </head>
 <body>
-<header class="{"care" if summary.care else "good"}">
+<header class="{"care" if verdict.reasons else "good"}">
 <p class="over">Refracal calibration report</p>
-<h1>{escape(summary.verdict)}</h1>
+<h1>{escape(verdict.word.sentence.removesuffix("."))}</h1>
 <p class="lead">{lead}</p>
-{f"<ul>{care}</ul>" if care else ""}
+{f"<ul>{reasons}</ul>" if reasons else ""}
+<p>Next, where . is the folder of this report: <code>{escape(verdict.next)}</code></p>
 <nav>{contents}</nav>
 </header>
 <main>{body}</main>

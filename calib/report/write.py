@@ -58,7 +58,7 @@ def write_report(
             again_html(evidence, folder),
         )
     path = folder / NAME
-    write_atomically(path, page(calibration.camera.model or "A camera", summarise(evidence), sections))
+    write_atomically(path, page(calibration.camera.model or "A camera", summarise(evidence, depths), sections))
     advance(len(DRAWINGS) + 2, "")
     return path
 

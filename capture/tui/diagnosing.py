@@ -54,7 +54,7 @@ def as_text(finding: "Diagnosis", numbers: "Sequence[Sequence[str]]" = ()) -> st
         lines += ["", f"{'fitted':<26}{'held-out views':<24}verdict", *map(_line, tried)]
     if rest := ", ".join(one.effect for one in finding.candidates if one not in tried):
         lines += ["", f"Scored too low to be fitted: {rest}."]
-    return "\n".join([*lines, *(f"\nTake care: {remark}" for remark in finding.remarks)])
+    return "\n".join([*lines, *(f"\nNote: {remark}" for remark in finding.remarks)])
 
 
 def _line(one: "Candidate") -> str:

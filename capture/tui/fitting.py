@@ -28,10 +28,14 @@ def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
     from torch import from_numpy
 
     from calib.estimation.residuals import residuals
-    from calib.fitting.remarks import remarks
+    from calib.verdict.judge import judge
+    from calib.verdict.sureness import map_sigmas
 
+    verdict = judge(calibration, folder=saved.parent)
     seen = calibration.observations
     path, values = calibration.model()
+    depth = path.place(seen.corners, seen.with_times(values), from_numpy(calibration.poses)[seen.view])[:, 2]
+    near, usual, far = (float(f"{edge:.2g}") for edge in (depth.min(), depth.median(), depth.max()))
     missed = residuals(path, values, seen, from_numpy(calibration.poses))
     views = [
         {"file": view.name, "rms_px": float((own**2).sum(-1).nanmean().sqrt()), "corners": pixels.tolist(), "errors": own.tolist()}
@@ -43,5 +47,6 @@ def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
         "noise_px": calibration.noise_px,
         "views": sorted(views, key=lambda view: -float(str(view["rms_px"]))),
         "rejected": [{"file": r.name, "reason": r.reason} for r in calibration.rejected],
-        "remarks": remarks(calibration),
+        "verdict": {"word": verdict.word.value, "sentences": verdict.sentences},
+        "sigma_px": [{"depth_m": depth, "px": px} for depth, px in map_sigmas(calibration, (near, usual, far)).items()],
     }

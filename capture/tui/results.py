@@ -26,6 +26,7 @@ from capture.tui.page import DOTS, HELP_AND_QUIT, Page
 from capture.tui.picture import Picture
 
 BAR = 12  # columns
+SHOWN = 2  # reasons of the verdict: more do not fit under the picture
 
 
 class ResultsScreen(Page):
@@ -38,7 +39,7 @@ class ResultsScreen(Page):
     ResultsScreen #right { width: 1fr; }
     ResultsScreen Picture { height: 1fr; }
     ResultsScreen #view { height: 2; }
-    ResultsScreen #sentence { height: auto; min-height: 3; max-height: 6; }
+    ResultsScreen #sentence { height: auto; min-height: 3; max-height: 9; }
     """
     BINDINGS: ClassVar = [
         Binding("d", "drop", "Drop"),
@@ -106,11 +107,17 @@ class ResultsScreen(Page):
     def _verdict(self) -> str:
         first, last = (self.result["stages"][place]["rms_px"] for place in (0, -1))
         said = [f"The error fell from {first:.3f} to {last:.3f} px; the corners' own noise is {self.result['noise_px']:.3f} px."]
-        said += [f"Take care: {remark}" for remark in self.result["remarks"]]
+        if sigmas := self.result["sigma_px"]:
+            at = ", ".join(f"{one['px']:.2g} px at {one['depth_m']:g} m" for one in sigmas)
+            said.append(f"One standard deviation of the maps at the corners: {at}.")
+        word, *reasons = self.result["verdict"]["sentences"]
+        more = len(reasons) - SHOWN
+        told = [*reasons[:SHOWN], *([f"And {more} more reasons, which calib report shows."] if more > 0 else [])]
+        said = [word, *told, *said]
         if rejected := self.result["rejected"]:
-            more = f" and {len(rejected) - 1} more" if len(rejected) > 1 else ""
-            said.append(f"Not used: {rejected[0]['file']} ({rejected[0]['reason']}){more}.")
-        effects = "e to look for what the model lacks, " if self.result["remarks"] else ""
+            others = f" and {len(rejected) - 1} more" if len(rejected) > 1 else ""
+            said.append(f"Not used: {rejected[0]['file']} ({rejected[0]['reason']}){others}.")
+        effects = "" if self.result["verdict"]["word"] == "trusted" else "e to look for what the model lacks, "
         return " ".join([*said, f"Press {effects}x to export maps."])
 
     def _line(self, view: Mapping[str, Any]) -> str:

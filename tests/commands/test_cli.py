@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import shlex
 import subprocess
 import sys
 import time
@@ -32,7 +33,7 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, ob
 
 def test_fit_json_keeps_the_contract(fitted: tuple[Path, dict[str, object]]) -> None:
     _, said = fitted
-    assert list(said) == ["frames_used", "frames_rejected", "corners", "noise_px", "seconds", "stages", "effects"]
+    assert list(said) == ["frames_used", "frames_rejected", "corners", "noise_px", "seconds", "stages", "effects", "verdict", "written"]
     assert said["frames_used"] == 6
     assert said["frames_rejected"] == []
     assert said["corners"] == 6 * 81
@@ -41,6 +42,41 @@ def test_fit_json_keeps_the_contract(fitted: tuple[Path, dict[str, object]]) -> 
     assert isinstance(stages, list)
     assert [stage["name"] for stage in stages] == ["pinhole", "cover", "cover+rbf"]
     assert all(set(stage) == {"name", "rms_px", "rmse_cm"} for stage in stages)
+
+
+def test_fit_json_carries_the_verdict_and_what_was_written(fitted: tuple[Path, dict[str, object]]) -> None:
+    folder, said = fitted
+    out = folder / "calibration"
+    names = ("calibration.yaml", "rays.npz", "map_1m.npz", "map_0.5m.npz", "report.html")
+    assert said["written"] == [str(out / name) for name in names]
+    verdict = said["verdict"]
+    assert isinstance(verdict, dict)
+    assert list(verdict) == ["word", "reasons", "suspects", "next"]
+    assert verdict["word"] == "care"
+    assert any("6 poses of the board are few" in reason for reason in verdict["reasons"])
+    assert verdict["next"].endswith(str(folder))
+
+
+def test_the_last_lines_are_the_verdict_and_what_to_type(
+    fitted: tuple[Path, dict[str, object]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = fitted[0] / "calibration"
+    assert main(["evaluate", str(out), str(fitted[0])]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "Take care before you trust it." in lines
+    assert lines[-2].startswith("- ")
+    assert lines[-1] == f"Next: {shlex.join(['capture', str(fitted[0])])}"
+
+
+def test_a_trusted_fit_says_how_to_export_and_that_can_be_typed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_session(tmp_path / "my session", scene(11, views=24, noise=0.05, depths=(0.35, 1.2)))
+    assert main(["fit", str(folder), "--grid", "5x5"]) == 0
+    *_, word, last = capsys.readouterr().out.splitlines()
+    assert word == "To be trusted where it has corners."
+    program, *arguments = shlex.split(last.removeprefix("Next: "))
+    assert program == "calib"
+    assert main(arguments) == 0
+    assert list((folder / "calibration" / "export").glob("map_*.npz"))
 
 
 def test_fit_leaves_calibration_field_and_a_map_for_every_depth(fitted: tuple[Path, dict[str, object]]) -> None:

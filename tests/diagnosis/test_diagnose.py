@@ -1,5 +1,7 @@
 """The loop: it names what is hidden, finds nothing where nothing is, and stands bad views."""
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +10,7 @@ import torch
 
 from calib.apply.map_uncertainty import predicted_sigma
 from calib.calibration import Calibration
+from calib.cli import main
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.finding import Diagnosis
 from calib.diagnosis.held_out import Gain, HeldOut, gain
@@ -52,6 +55,18 @@ def test_a_bowed_board_is_named_with_its_parameters(found: tuple[Calibration, Di
     assert finding.after.held_out_px < 0.2 < finding.before.held_out_px
     assert finding.residual[0].fraction > 2 * finding.residual[0].chance
     assert finding.unexplained < 0.2
+
+
+def test_the_command_s_json_carries_the_verdict(
+    found: tuple[Calibration, Diagnosis], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    better, finding = found
+    better = replace(better, settings=better.settings | {"method": "joint", "grid": [], "free": [], "exact_hit": True})
+    assert main(["diagnose", str(better.save(tmp_path)), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert set(said) == {*finding.as_json(), "verdict", "written"}
+    assert said["written"] == [str(tmp_path / "diagnosed" / name) for name in ("calibration.yaml", "report.html")]
+    assert list(said["verdict"]) == ["word", "reasons", "suspects", "next"]
 
 
 def test_the_contract_s_json_has_its_keys(found: tuple[Calibration, Diagnosis]) -> None:

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -105,7 +104,7 @@ def test_console_report_and_diagnosis_say_the_same(plain: Calibration, capsys: p
     settings = diagnosed.settings | {"diagnosis": {"candidates": [candidate]}}
     diagnosed = replace(diagnosed, settings=settings, stages=(Stage("pinhole", 1.0, 0.1),))
     said = "cover.thickness 1.500 mm = 3 declared - 1.500 ± 0.056"
-    print_fit(diagnosed, 1.0, [Path("x")])
+    print_fit(diagnosed, 1.0)
     assert f"Corrected: {said}\n" in capsys.readouterr().out
     assert found("thickness", diagnosed, {"thickness.thickness": ParameterEstimate(-0.0015, 0.000056, "m")}) == [said]
     assert [row.parameters for row in effect_rows(diagnosed)] == [said]

@@ -22,7 +22,8 @@ def test_json_keeps_the_contract(fitted: Path, tmp_path: Path, capsys: pytest.Ca
     capsys.readouterr()
     assert main(["evaluate", str(fitted / "calibration"), str(other), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
-    assert list(said) == ["rms_px", "rmse_cm", "frames_used", "by_depth"]
+    assert list(said) == ["rms_px", "rmse_cm", "frames_used", "by_depth", "near_m", "far_m", "verdict", "written"]
+    assert said["by_depth"][0]["from_m"] <= said["near_m"] < said["far_m"] <= said["by_depth"][-1]["to_m"]
     assert said["frames_used"] == 6
     assert all(set(band) == {"from_m", "to_m", "rms_px", "rmse_cm", "corners"} for band in said["by_depth"])
     assert sum(band["corners"] for band in said["by_depth"]) == 6 * 81

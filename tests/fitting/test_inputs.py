@@ -21,10 +21,11 @@ from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refit_poses
 from calib.fitting.fit import fit
 from calib.fitting.inputs import read_views
-from calib.fitting.remarks import remarks
 from calib.fitting.stages import Settings, Setup, fit_stages
 from calib.progress import Silent
 from calib.session.session import read_session
+from calib.verdict.judge import judge
+from calib.verdict.verdict import Word
 from fixtures.synthetic import INTRINSICS, Scene, scene
 from tests.session.malformed import write_good_session
 from tests.test_calibration import write_session
@@ -143,10 +144,10 @@ def test_a_cover_through_which_the_board_is_not_seen_is_refused(made: Scene, tmp
 
 
 def test_a_cover_that_makes_things_worse_is_remarked_on(made: Scene, tmp_path: Path) -> None:
-    good = fitted(write_session(tmp_path / "good", made))
-    assert remarks(good) == []
-    worse = fitted(spoiled(tmp_path / "worse", made, cover__outside_index=1.333))
-    assert any("makes the error larger than no cover" in remark for remark in remarks(worse))
+    good = judge(fitted(write_session(tmp_path / "good", made)))
+    assert "larger than no cover" not in str(good)
+    worse = judge(fitted(spoiled(tmp_path / "worse", made, cover__outside_index=1.333)))
+    assert "makes the error larger than no cover" in str(worse)
 
 
 def test_a_number_with_a_sigma_is_estimated(made: Scene, tmp_path: Path) -> None:
@@ -166,10 +167,10 @@ def test_a_fit_that_is_not_finite_is_told_and_keeps_no_covariance(tmp_path: Path
     monkeypatch.setattr(joint_fit, "FIRST_SIGMA", 1e-300)
     free = {"fx": {"value": 2570.0, "sigma": 30.0}, "fy": 2558.36, "cx": 1666.03, "cy": 1273.65}
     result = fitted(spoiled(tmp_path, scene(21, views=10, noise=0.05), camera__intrinsics=free))
-    assert Outcome.NOT_FINITE.value in remarks(result)
+    assert judge(result).word is Word.DO_NOT_USE
     read = Calibration.load(result.save(tmp_path))
     assert read.covariance.size == 0
-    assert Outcome.NOT_FINITE.value in remarks(read)
+    assert Outcome.NOT_FINITE.value in str(judge(read))
     assert read.camera.intrinsics
     assert read.camera.intrinsics.fx.sigma == 30.0, "no better known than was stated"
     with pytest.raises(NotEnoughDataError, match="not finite"):

@@ -14,6 +14,7 @@ from calib.report.patterns import over_board, over_image
 from calib.report.summary import summarise
 from calib.report.write import write_report
 from calib.session.board import Board
+from calib.verdict.verdict import Word
 from fixtures.synthetic import scene
 from tests.optics.shapes import Example, each_shape
 from tests.report.conftest import Reported
@@ -32,8 +33,7 @@ class Misprinted(Board):
 
 def test_a_good_calibration_is_trusted(reported: Reported) -> None:
     summary = summarise(gather_evidence(reported.calibration))
-    assert summary.care == ()
-    assert summary.verdict == "To be trusted where it has corners"
+    assert summary.verdict.word is Word.TRUSTED
     what, left, where = summary.sentences
     assert "3280x2464 px behind a cone, 1.15 mm thick with index 1.5, was calibrated from 45 views of a 9x9 board" in what
     assert "what is left is noise" in left
@@ -48,8 +48,7 @@ def test_overfitting_is_said(reported: Reported) -> None:
         gather_evidence(replace(reported.calibration, settings=reported.calibration.settings | {"cross_validation": worse}))
     )
     assert "held out have 0.200 px, so it overfits" in summary.sentences[1]
-    assert any("overfits" in sentence for sentence in summary.care)
-    assert summary.verdict == "Take care before you trust it"
+    assert "the fit overfits" in [reason.sentence[:16] for reason in summary.verdict.reasons]
 
 
 def test_without_folds_overfitting_is_not_known(reported: Reported) -> None:
@@ -60,7 +59,7 @@ def test_without_folds_overfitting_is_not_known(reported: Reported) -> None:
 def test_a_misprinted_board_leaves_a_pattern_over_it(tmp_path: Path) -> None:
     evidence = gather_evidence(calibrated(scene(5, views=16, noise=0.05, board=Misprinted(9, 9, 0.020)), tmp_path, FAST))
     assert over_board(evidence).is_pattern
-    assert any("pattern over the board" in sentence for sentence in summarise(evidence).care)
+    assert "% of it go with board" in str(summarise(evidence).verdict)
 
 
 def test_noise_leaves_no_pattern(reported: Reported) -> None:
@@ -73,7 +72,7 @@ def test_noise_leaves_no_pattern(reported: Reported) -> None:
 def test_what_is_missing_is_asked_for(tmp_path: Path) -> None:
     """Few views, all at one distance."""
     evidence = gather_evidence(calibrated(scene(5, views=4, noise=0.05, depths=(1.0, 1.05)), tmp_path, FAST))
-    care = " ".join(summarise(evidence).care)
+    care = str(summarise(evidence).verdict).lower()
     assert "of the image has corners" in care
     assert "nearer and farther views" in care
     assert evidence.covered < 0.6

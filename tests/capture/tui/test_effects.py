@@ -48,7 +48,7 @@ def test_what_was_found_with_the_error_before_and_after() -> None:
     assert NUMBERS[0][0] in lines
     assert "board_bow                 0.590 to 0.170 px       found" in lines
     assert "Scored too low to be fitted: focal." in lines
-    assert lines[-1] == "Take care: these views do not tell focal from thickness."
+    assert lines[-1] == "Note: these views do not tell focal from thickness."
     assert max(map(len, lines)) < 79
 
 

@@ -1,0 +1,145 @@
+"""What the checks of a verdict go by: a calibration, what is wanted of it, and its model asked at the training corners, each thing once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from calib.calibration import Calibration
+from calib.diagnosis.fine_surface_search import surroundings
+from calib.diagnosis.score_test import Optimum, ScoreTest
+from calib.diagnosis.starting_model import model_of
+from calib.effects.inner_surface import InnerSurface
+from calib.effects.registry import EFFECTS
+from calib.estimation.elimination import eliminated
+from calib.estimation.joint_fit import JointFit
+from calib.estimation.levenberg_marquardt import Outcome
+from calib.estimation.observations import Observations
+from calib.estimation.surface_prior import Smoothness
+from calib.fitting.evaluate import Evaluation
+from calib.optics.rays import Rays
+from calib.verdict.next_commands import NextCommands
+from calib.verdict.thresholds import CELLS
+
+Array = NDArray[np.float64]
+ASKED = tuple(kind for kind in EFFECTS if kind.judged_by_score and not kind.needs_place and kind is not InnerSurface)
+"""Cheap to ask. The inner surface has many parameters, of which the outer one's relief imitates all but a thousandth."""
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A calibration with M training corners."""
+
+    calibration: Calibration
+    depths: tuple[float, ...]
+    """m, for which maps are wanted; none were asked for."""
+    next: NextCommands
+    evaluation: Evaluation | None
+    """How it did on other views, if that was measured."""
+    holdout: str
+    """The session of these views."""
+
+    @cached_property
+    def observations(self) -> Observations:
+        return self.calibration.observations
+
+    @cached_property
+    def rms_px(self) -> dict[str, float]:
+        """By stage."""
+        return {stage.name: stage.rms_px for stage in self.calibration.stages}
+
+    @property
+    def left_px(self) -> float:
+        """After the last stage."""
+        return self.calibration.stages[-1].rms_px
+
+    @cached_property
+    def rays(self) -> Rays:
+        """(M,) of the corners, where they leave the cover."""
+        path, values = self.calibration.model()
+        return path.trace(self.observations.pixels, self.observations.with_times(values))
+
+    @cached_property
+    def corners(self) -> Array:
+        """(M, 3) m, in the camera frame."""
+        path, values = self.calibration.model()
+        poses = torch.from_numpy(self.calibration.poses)[self.observations.view]
+        return np.asarray(path.place(self.observations.corners, self.observations.with_times(values), poses).numpy())
+
+    @property
+    def depth(self) -> Array:
+        """(M,) m"""
+        return np.asarray(self.corners[:, 2])
+
+    @cached_property
+    def covered(self) -> float:
+        """Of the image's cells, how many have corners."""
+        camera = self.calibration.camera
+        cell = ((self.observations.pixels.numpy() + 0.5) / [camera.width, camera.height] * CELLS).astype(np.int64)
+        return len(np.unique(np.clip(cell, 0, np.array(CELLS) - 1), axis=0)) / (CELLS[0] * CELLS[1])
+
+    @cached_property
+    def height(self) -> Array:
+        """(M,) m, of the relief where the corners' rays leave it; empty without one."""
+        outer = self.calibration.model()[0].cover[-1:]
+        if not outer or not self.calibration.relief:
+            return np.zeros(0)
+        rays, (surface,) = self.rays, outer
+        _, values = self.calibration.model()
+        chart = surface.surface.chart(surface.frame.enter(rays.origin, values))
+        height = self.calibration.relief.height(chart, values)[0].numpy()
+        return np.asarray(height[rays.failure.numpy() == 0])
+
+    @property
+    def at_optimum(self) -> bool:
+        """Whether the fit ended where its parameters are most probable; the paper's method, which has no covariance, does not."""
+        return self.calibration.covariance.size > 0 or not self.calibration.relief
+
+    @cached_property
+    def optimum(self) -> Optimum:
+        """The fit where it ended."""
+        calibration, model = self.calibration, model_of(self.calibration)
+        prior = calibration.settings.get("relief_prior")
+        joint = JointFit(
+            values=calibration.model()[1],
+            poses=torch.from_numpy(calibration.poses),
+            covariance=torch.from_numpy(calibration.covariance),
+            sigma=float(calibration.settings.get("sigma_px", self.left_px / 2**0.5)),
+            smoothness=Smoothness(prior["height_m"], prior["length_of_patch"], prior["figure_m"]) if prior else None,
+            parameters=model.parameters,
+            outcome=Outcome.CONVERGED,
+            iterations=0,
+        )
+        return Optimum(model, self.observations, joint)
+
+    @cached_property
+    def scores(self) -> tuple[ScoreTest, ...]:
+        """Of the effects that are asked; none where the fit did not end at its optimum."""
+        if not self.at_optimum:
+            return ()
+        there = surroundings(self.optimum, self.calibration.board, self.calibration.camera, place=False)
+        present = {effect.name for effect in self.optimum.model.effects}
+        asked = [effect for kind in ASKED if kind.name not in present for effect in kind.propose(there)]
+        return tuple(self.optimum.tests(asked))
+
+    @property
+    def from_optimum(self) -> float:
+        """How far the shared parameters are from the optimum, in standard deviations of what they are known to: the root of the Newton
+        decrement."""
+        at = self.optimum
+        views = list(at.equations())
+        off = np.concatenate([eliminated(view.own, view.residual) for view in views])
+        rows = np.concatenate([eliminated(view.own, view.shared) for view in views])
+        precision = at.prior_precision()
+        deviation = at.model.parameters.vector(at.joint.values).numpy()
+        gradient = rows.T @ off + precision @ deviation
+        return float(np.sqrt(gradient @ np.linalg.solve(rows.T @ rows + precision, gradient)))
+
+    @property
+    def usual_depths(self) -> tuple[float, ...]:
+        """m: those that maps are wanted for, or else the corners' median."""
+        return self.depths or (float(f"{np.median(self.depth):.2g}"),)

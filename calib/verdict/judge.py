@@ -1,0 +1,75 @@
+"""The verdict on a calibration: a pure function over a tuple of checks. A new check is a file of its own, and a line here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from calib.calibration import Calibration
+from calib.fitting.evaluate import Evaluation
+from calib.fitting.provenance import KEY
+from calib.threads import single_thread
+from calib.verdict.board_place import board_place
+from calib.verdict.case import Case
+from calib.verdict.cover_stage import cover_stage
+from calib.verdict.coverage import coverage
+from calib.verdict.declared_numbers import declared_numbers
+from calib.verdict.depths import depths_asked_for, one_depth
+from calib.verdict.ended import not_converged, not_finite
+from calib.verdict.held_out import held_out, overfits
+from calib.verdict.medium import medium
+from calib.verdict.next_commands import NextCommands
+from calib.verdict.principal_point import principal_point
+from calib.verdict.residual import residual
+from calib.verdict.sureness import too_few_views, unsure_maps
+from calib.verdict.unevenness import unevenness
+from calib.verdict.verdict import Reason, Verdict
+
+Check = Callable[[Case], Iterable[Reason]]
+CHECKS: tuple[Check, ...] = (
+    principal_point,
+    board_place,
+    medium,
+    not_converged,
+    residual,
+    cover_stage,
+    declared_numbers,
+    unevenness,
+    overfits,
+    held_out,
+    coverage,
+    one_depth,
+    depths_asked_for,
+    too_few_views,
+    unsure_maps,
+)
+"""In the order in which their reasons stand; of equally grave ones, the first says what to do next. What explains others comes first."""
+
+
+def judge(
+    calibration: Calibration,
+    *,
+    depths: Sequence[float] = (),
+    folder: Path | None = None,
+    session: Path | None = None,
+    evaluation: Evaluation | None = None,
+    holdout: Path | None = None,
+) -> Verdict:
+    """Whether to trust a calibration, why not, and what to do next. It reads no files.
+
+    Args:
+        depths: m, for which maps are wanted.
+        folder: where the calibration lies, for the commands; by default beside its session.
+        session: what was fitted, for the commands; by default as the calibration's provenance has it.
+        evaluation: how it did on other views, those of the session `holdout`.
+    """
+    session = session or Path(calibration.settings.get(KEY, {}).get("session", "SESSION"))
+    commands = NextCommands(session, folder or session / "calibration", calibration.settings)
+    case = Case(calibration, tuple(dict.fromkeys(depths)), commands, evaluation, str(holdout or "HOLDOUT"))
+    with single_thread():
+        if broken := tuple(not_finite(case)):  # then nothing else can be asked
+            return Verdict(broken, commands.fit())
+        reasons = tuple(reason for check in CHECKS for reason in check(case))
+        return Verdict(reasons, commands.export(next(iter(case.depths), float(np.median(case.depth)))))

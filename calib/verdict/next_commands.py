@@ -1,0 +1,52 @@
+"""The commands that a verdict says to type next, with their real paths, quoted for a shell."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from calib.fitting.stages import Settings
+
+
+@dataclass(frozen=True, slots=True)
+class NextCommands:
+    """Commands about one calibration."""
+
+    session: Path
+    folder: Path
+    """Of the calibration."""
+    settings: Mapping[str, Any]
+    """Of its fit."""
+
+    def fit(self, *options: str) -> str:
+        """The same fit again, once its session was corrected, or with other options."""
+        words = ["calib", "fit", str(self.session)]
+        if (method := self.settings.get("method", "joint")) != "joint":
+            words += ["--method", str(method)]
+        grid = tuple(self.settings.get("grid") or Settings().grid or ())
+        if "--grid" not in options and grid != Settings().grid:
+            words += ["--grid", "x".join(map(str, grid))]
+        free = tuple(self.settings.get("free", Settings().free))
+        if "--free" not in options and free != Settings().free:
+            words += ["--free", ",".join(free) or "none"]
+        if self.folder != self.session / "calibration":
+            words += ["-o", str(self.folder)]
+        return shlex.join([*words, *options])
+
+    def capture(self) -> str:
+        """More views for the session."""
+        return shlex.join(["capture", str(self.session)])
+
+    def diagnose(self, *options: str) -> str:
+        return shlex.join(["calib", "diagnose", str(self.folder), *options])
+
+    def report(self) -> str:
+        return shlex.join(["calib", "report", str(self.folder)])
+
+    def export(self, depth: float) -> str:
+        """Maps for a depth (m)."""
+        folder = str(self.folder)
+        return shlex.join(["calib", "export", folder, "--format", "npz", "--depth", f"{depth:.2g}", "-o", str(self.folder / "export")])

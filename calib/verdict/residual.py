@@ -1,0 +1,76 @@
+"""What is left, where noise is all that should be: which effects would explain it, or else what organises it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy import stats
+
+from calib.diagnosis.diagnose import organising_of, split_of
+from calib.diagnosis.score_test import ScoreTest
+from calib.diagnosis.variance_split import Share
+from calib.effects.cover_effect import CoverEffect
+from calib.effects.effect import Effect
+from calib.estimation.residuals import residuals
+from calib.verdict.case import Case
+from calib.verdict.thresholds import AGREED, BEYOND_NOISE, MOST_NAMED, NAMED_BESIDE, SCORED, WORTH_NAMING
+from calib.verdict.verdict import Reason
+
+NUMBERS = {"focal": ("camera.fx", "camera.fy"), "principal_point": ("camera.cx", "camera.cy")}
+
+
+def residual(case: Case) -> Iterator[Reason]:
+    likely = likely_effects(case)
+    noise, organised = case.calibration.noise_px, organising_of(_shares(case))
+    large = case.left_px > BEYOND_NOISE * noise
+    if not (large or organised or likely):
+        return
+    said = f"{case.left_px:.3f} px are left where the corners' noise is about {noise:.3f} px" if large else "what is left is not all noise"
+    if organised:
+        most = organised[0]
+        said += f", and {100 * most.fraction:.0f} % of it go with {most.organised_by} ({100 * most.chance:.0f} % by chance)"
+    if likely:
+        names = (f"{effect.name}, which would lower it by {100 * gain:.0f} %" for effect, gain in likely)
+        said += f": it may be {', or '.join(names)}."
+    else:
+        said += ": the model lacks something, or the board, cover or intrinsics are not as described."
+    diagnosed = "diagnosis" in case.calibration.settings
+    suspects = tuple(dict.fromkeys(name for effect, _ in likely for name in suspects_of(effect)))
+    yield Reason(said, case.next.report() if diagnosed else case.next.diagnose(), suspects)
+
+
+def likely_effects(case: Case) -> list[tuple[Effect, float]]:
+    """The few that would surely explain something, each with the fraction by which it would lower the error; one with parameters of every
+    view only where no other would."""
+    scores = case.scores
+    if not scores:
+        return []
+    dispersion = scores[0].cost / max(1, 2 * len(case.observations.pixels) - case.calibration.poses.size)
+
+    def gain(test: ScoreTest) -> float:
+        """What it promises beyond what as many parameters would lower of noise."""
+        beyond = max(0.0, test.chi2 - test.dof * dispersion)
+        return 1.0 - float(np.sqrt(1.0 - min(1.0, beyond / test.cost)))
+
+    def sure(test: ScoreTest) -> bool:
+        return test.p_value < AGREED and float(stats.chi2.sf(test.chi2 / dispersion, test.dof)) < SCORED / len(scores)
+
+    gains = {test: gain(test) for test in scores if sure(test)}
+    best = max(gains.values(), default=0.0)
+    named = [test for test in gains if gains[test] > max(WORTH_NAMING, NAMED_BESIDE * best)]
+    shared = [test for test in named if not test.effect.per_view]
+    likely = sorted(shared or named, key=lambda test: -gains[test])  # parameters of every view can imitate much
+    return [(test.effect, gains[test]) for test in likely[:MOST_NAMED]]
+
+
+def _shares(case: Case) -> list[Share]:
+    at = case.optimum
+    path, values = case.calibration.model()
+    missed = residuals(path, values, case.observations, at.joint.poses)
+    return split_of(case.calibration, at.model, at.joint, case.observations, missed)
+
+
+def suspects_of(effect: Effect) -> tuple[str, ...]:
+    """The numbers that it is about, or its own name."""
+    return effect.parameters if isinstance(effect, CoverEffect) else NUMBERS.get(effect.name, (effect.name,))

@@ -1,0 +1,48 @@
+"""Whether there are views enough: by their number against that of the unknowns, and by how sure the maps are."""
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from calib.apply.map_uncertainty import ray_errors
+from calib.calibration import Calibration
+from calib.corners.view import board_poses
+from calib.diagnosis.starting_model import base_model
+from calib.verdict.case import Case
+from calib.verdict.thresholds import FIGURE_UNKNOWNS, TELLS, UNSURE
+from calib.verdict.verdict import Reason
+
+SAMPLED = 300
+"""Corners at which the standard deviation is asked."""
+
+
+def too_few_views(case: Case) -> Iterator[Reason]:
+    calibration = case.calibration
+    unknowns = len(base_model(calibration).parameters.free) + (FIGURE_UNKNOWNS if calibration.relief else 0)
+    wanted = math.ceil(unknowns / TELLS)
+    views = int(board_poses(calibration.views).max()) + 1
+    if views < wanted:
+        said = (
+            f"{views} poses of the board are few for {unknowns} unknown numbers of camera and glass: {wanted} are the least that can "
+            "tell them without the help of what is declared."
+        )
+        yield Reason(said, case.next.capture())
+
+
+def unsure_maps(case: Case) -> Iterator[Reason]:
+    unsure = {depth: sigma for depth, sigma in map_sigmas(case.calibration, case.usual_depths).items() if sigma > UNSURE}
+    if unsure:
+        at = ", ".join(f"{sigma:.2g} px at {depth:g} m" for depth, sigma in unsure.items())
+        said = f"the maps are hardly known even at the corners (one standard deviation: {at}): take more views, tilted and near."
+        yield Reason(said, case.next.capture())
+
+
+def map_sigmas(calibration: Calibration, depths: Sequence[float]) -> dict[float, float]:
+    """By depth (m): the maps' predicted standard deviation (px), the median over the corners; empty where the fit has no covariance."""
+    pixels = calibration.observations.pixels.numpy()
+    spread = ray_errors(calibration)(pixels[:: max(1, len(pixels) // SAMPLED)])  # (n, 4, S)
+    if not spread.size:
+        return {}
+    of_map = {depth: spread[:, :2] + spread[:, 2:] / depth for depth in depths}
+    return {depth: float(np.nanmedian(np.sqrt((off**2).sum((1, 2))))) for depth, off in of_map.items()}

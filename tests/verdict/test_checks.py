@@ -1,0 +1,274 @@
+"""Each check: something that triggers it, and something that just does not."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calib.calibration import Calibration, Declared, Stage
+from calib.estimation.levenberg_marquardt import Outcome
+from calib.fitting.evaluate import Evaluation
+from calib.session.board import Board
+from calib.session.camera import Camera, Intrinsics
+from calib.session.schema import Number
+from calib.verdict.board_place import board_place
+from calib.verdict.case import Case
+from calib.verdict.cover_stage import cover_stage
+from calib.verdict.coverage import coverage
+from calib.verdict.declared_numbers import declared_numbers
+from calib.verdict.depths import depths_asked_for, one_depth, trusted_depths
+from calib.verdict.ended import not_converged, not_finite
+from calib.verdict.held_out import held_out, overfits
+from calib.verdict.judge import CHECKS
+from calib.verdict.medium import medium
+from calib.verdict.principal_point import SENSOR_MODES, other_mode, principal_point
+from calib.verdict.residual import residual
+from calib.verdict.sureness import too_few_views, unsure_maps
+from calib.verdict.thresholds import BEYOND_NOISE, TAKEN_UP, WORSE_THAN_BARE
+from calib.verdict.unevenness import unevenness
+from calib.verdict.verdict import Word
+from fixtures.synthetic import paper_cone, scene
+from tests.fitting.test_inputs import spoiled
+from tests.report.made import calibrated
+from tests.test_calibration import write_session
+from tests.verdict.cases import SESSION, asked
+from tests.verdict.conftest import FAST
+
+DIAGNOSE = f"calib diagnose '{SESSION}/calibration'"
+
+
+class Stretched(Board):
+    """Printed longer along x by 0.4 %, as it is in fixtures/stretch."""
+
+    def points(self) -> NDArray[np.float64]:
+        return super().points() * [1.004, 1.0]
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+def test_a_good_calibration_is_not_doubted(check, good: Calibration, freed: Calibration) -> None:  # type: ignore[no-untyped-def]
+    assert asked(check, good) == []
+    assert asked(check, freed) == []
+
+
+def ended_with(calibration: Calibration, outcome: Outcome) -> Calibration:
+    return replace(calibration, settings=calibration.settings | {"outcome": outcome.value})
+
+
+def test_a_fit_that_is_not_finite_is_of_no_use(good: Calibration) -> None:
+    (reason,) = asked(not_finite, ended_with(good, Outcome.NOT_FINITE))
+    assert (reason.word, reason.next) == (Word.DO_NOT_USE, f"calib fit '{SESSION}' --grid 5x5")
+    poses = good.poses.copy()
+    poses[3, 2] = np.nan
+    assert asked(not_finite, replace(good, poses=poses))
+    assert not asked(not_finite, ended_with(good, Outcome.STEPS_USED_UP))
+
+
+@pytest.mark.parametrize("outcome", [Outcome.STEPS_USED_UP, Outcome.STUCK])
+def test_a_fit_that_ended_early_is_judged_by_how_far_that_was(good: Calibration, outcome: Outcome) -> None:
+    assert not asked(not_converged, ended_with(good, outcome)), "it is at its optimum all the same"
+    away = replace(good, amplitudes=good.amplitudes + 1e-6 * np.eye(5))
+    (reason,) = asked(not_converged, ended_with(away, outcome))
+    assert reason.word is Word.DO_NOT_USE
+    assert not asked(not_converged, away), "it says that it has converged"
+
+
+def with_stages(calibration: Calibration, pinhole: float, cover: float, last: float) -> Calibration:
+    errors = {"pinhole": pinhole, "cover": cover, "cover+rbf": last}
+    return replace(calibration, stages=tuple(Stage(name, rms, 0.0) for name, rms in errors.items()))
+
+
+def test_a_cover_that_is_worse_than_none(good: Calibration) -> None:
+    (reason,) = asked(cover_stage, with_stages(good, 1.0, 1.01 * WORSE_THAN_BARE, 1.0))
+    assert "larger than no cover at all" in reason.sentence
+    assert not asked(cover_stage, with_stages(good, 1.0, 0.99 * WORSE_THAN_BARE, 1.0))
+
+
+def test_an_unevenness_that_explains_too_much_with_every_number_held(good: Calibration, freed: Calibration) -> None:
+    much = with_stages(good, 1.0, 1.01 * TAKEN_UP * 0.05, 0.05)
+    (reason,) = asked(cover_stage, much)
+    assert reason.next.endswith("--free all")
+    assert reason.suspects == ("cover.inner_radius", "cover.thickness")
+    assert not asked(cover_stage, with_stages(good, 1.0, 0.99 * TAKEN_UP * 0.05, 0.05))
+    assert not asked(cover_stage, replace(freed, stages=much.stages)), "there the numbers had their say"
+
+
+@pytest.mark.parametrize(("off", "doubted"), [(2.9, False), (3.1, True), (12.0, True)])
+def test_a_number_that_is_far_from_what_is_declared(freed: Calibration, off: float, doubted: bool) -> None:
+    """The estimate ten times surer than what is declared, and so many of the latter's standard deviations away."""
+    declared, estimate = Number(0.003, 1e-4), Number(0.003 + off * 1e-4 * 0.99**0.5, 1e-5)
+    told = replace(freed.cover, parameters={**freed.declared.cover.parameters, "thickness": declared})
+    found = replace(freed.cover, parameters={**freed.cover.parameters, "thickness": estimate})
+    reasons = asked(declared_numbers, replace(freed, cover=found, stated=Declared(freed.declared.intrinsics, told)))
+    assert [reason.suspects for reason in reasons] == [("cover.thickness",)] * doubted
+    assert all("declared as 3 ± 0.1 mm" in reason.sentence and f"{off:.1f} standard" in reason.sentence for reason in reasons)
+
+
+@pytest.mark.parametrize(("uneven", "doubted"), [(29e-6, False), (31e-6, True)])
+def test_glass_that_is_more_uneven_than_glass(good: Calibration, freed: Calibration, uneven: float, doubted: bool) -> None:
+    def bent(calibration: Calibration) -> Calibration:
+        slope = 1e-5 * np.linspace(-1, 1, 5)[:, None] * np.ones(5)
+        height = Case(replace(calibration, amplitudes=slope), (), None, None, "").height  # type: ignore[arg-type]
+        return replace(calibration, amplitudes=slope * uneven / height.std())
+
+    held, free = asked(unevenness, bent(good)), asked(unevenness, bent(freed))
+    assert len(held) == len(free) == doubted
+    if doubted:
+        assert held[0].next.endswith("--free all")
+        assert 0 < len(held[0].suspects) < 6
+        assert free[0].next == DIAGNOSE
+
+
+def test_a_stretched_print_is_named(tmp_path: Path) -> None:
+    made = scene(5, views=24, noise=0.05, depths=(0.35, 1.2), board=Stretched(9, 9, 0.020), cover=paper_cone(0.00115))
+    (reason,) = asked(residual, calibrated(made, tmp_path, FAST))
+    assert "board_scale" in reason.suspects
+    assert reason.next == DIAGNOSE
+
+
+def test_more_than_noise_is_said_whatever_it_is(good: Calibration) -> None:
+    last = good.stages[-1].rms_px
+    assert not asked(residual, replace(good, noise_px=1.01 * last / BEYOND_NOISE))
+    (reason,) = asked(residual, replace(good, noise_px=0.99 * last / BEYOND_NOISE))
+    assert "are left where the corners' noise" in reason.sentence
+    again = replace(good, noise_px=0.01, settings=good.settings | {"diagnosis": {}})
+    assert asked(residual, again)[0].next.startswith("calib report"), "it was diagnosed already"
+
+
+@pytest.mark.parametrize(("held", "doubted"), [(0.124, False), (0.126, True)])
+def test_overfitting(good: Calibration, held: float, doubted: bool) -> None:
+    folds = {"folds": 3, "held_out_px": held, "fitted_px": 0.1}
+    reasons = asked(overfits, replace(good, settings=good.settings | {"cross_validation": folds}))
+    assert [reason.next for reason in reasons] == [f"calib fit '{SESSION}' --grid auto"] * doubted
+
+
+def evaluated(rms: float, near: float, far: float) -> Evaluation:
+    return Evaluation(rms, 0.0, 5, (), near, far, ())
+
+
+def test_an_evaluation_is_judged_too(good: Calibration) -> None:
+    last = good.stages[-1].rms_px
+    assert not asked(held_out, good, evaluation=evaluated(1.49 * last, 0.4, 1.0))
+    (worse,) = asked(held_out, good, evaluation=evaluated(1.51 * last, 0.4, 1.0))
+    assert worse.next == f"{DIAGNOSE} --holdout 'other views'"
+    (near,) = asked(held_out, good, evaluation=evaluated(last, 0.1, 1.0))
+    assert "0.1 to 1 m away" in near.sentence
+
+
+def test_where_the_picture_is_empty(good: Calibration) -> None:
+    left = tuple(replace(view, weight=np.where(view.corners[:, 0] < 1400, 1.0, 0.0)) for view in good.views)
+    enough = np.array([np.count_nonzero(view.weight) > 8 for view in left])
+    half = replace(good, views=tuple(np.array(left)[enough]), poses=good.poses[enough])
+    (reason,) = asked(coverage, half)
+    assert "% of the image has corners" in reason.sentence
+    assert reason.next == f"capture '{SESSION}'"
+
+
+def test_one_distance(good: Calibration) -> None:
+    """Views whose corners lie at nearly one distance, and with one that is farther."""
+    far = np.linalg.norm(good.poses[:, 3:], axis=1)
+    order = np.argsort(far)
+    few = order[10:13]
+    alike = replace(good, views=tuple(good.views[i] for i in few), poses=good.poses[few])
+    assert asked(one_depth, alike)
+    more = np.append(few, order[[0, -1]])
+    assert not asked(one_depth, replace(good, views=tuple(good.views[i] for i in more), poses=good.poses[more]))
+
+
+def test_depths_that_the_views_speak_of() -> None:
+    near, far = trusted_depths(0.5, 1.0)  # 1 to 2 per metre, half of that span to either side
+    assert (near, far) == pytest.approx((1 / 2.5, 1 / 0.5))
+    assert trusted_depths(0.3, 1.2)[1] == np.inf, "to the horizon it is less than half of their span"
+
+
+def test_depths_asked_for_outside_of_those_seen(good: Calibration) -> None:
+    depth = Case(good, (), None, None, "").depth  # type: ignore[arg-type]
+    nearest, _ = trusted_depths(depth.min(), depth.max())
+    assert not asked(depths_asked_for, good, (1.01 * nearest, 1.0))
+    (reason,) = asked(depths_asked_for, good, (0.99 * nearest, 1.0))
+    assert "1 m" not in reason.sentence.split(", and corners")[0].replace("0.1 m", "")
+
+
+def test_views_are_counted_against_the_unknowns(good: Calibration, freed: Calibration) -> None:
+    def first(calibration: Calibration, views: int) -> Calibration:
+        return replace(calibration, views=calibration.views[:views], poses=calibration.poses[:views])
+
+    assert not asked(too_few_views, first(good, 8)), "15 of the glass, two a view"
+    (reason,) = asked(too_few_views, first(good, 7))
+    assert "8 are the least" in reason.sentence
+    assert not asked(too_few_views, first(freed, 14)), "12 numbers of camera and cover beside them"
+    assert asked(too_few_views, first(freed, 13))
+
+
+def test_maps_that_are_hardly_known(good: Calibration) -> None:
+    (reason,) = asked(unsure_maps, replace(good, covariance=1e4 * good.covariance), (0.5,))
+    assert "px at 0.5 m" in reason.sentence
+    assert not asked(unsure_maps, good, (0.5,))
+
+
+def test_a_board_in_centimetres_or_in_metres(good: Calibration) -> None:
+    def scaled(by: float) -> Calibration:
+        return replace(good, poses=good.poses * ([1.0] * 3 + [by] * 3), board=Board(9, 9, 0.02 * by))
+
+    for by in (0.015, 1000.0):
+        (reason,) = asked(board_place, scaled(by))
+        assert (reason.word, reason.suspects) == (Word.DO_NOT_USE, ("board.square_mm",))
+    for by in (0.2, 20.0):
+        assert not asked(board_place, scaled(by))
+
+
+def told(calibration: Calibration, width: int, height: int, f: float, cx: float, cy: float) -> Calibration:
+    k = Intrinsics(Number(f), Number(f), Number(cx), Number(cy))
+    declared = Declared(k, calibration.declared.cover)
+    return replace(calibration, camera=Camera(width, height, intrinsics=k), stated=declared)
+
+
+def test_intrinsics_of_another_mode_are_named(good: Calibration) -> None:
+    (reason,) = asked(principal_point, told(good, 1640, 1232, 2558.36, 1666.03, 1273.65))
+    assert "these look like the intrinsics of 3280x2464" in reason.sentence
+    assert reason.word is Word.DO_NOT_USE
+    (reason,) = asked(principal_point, told(good, 3280, 2464, 1279.18, 832.8, 636.6))
+    assert "1640x1232" in reason.sentence
+    assert not asked(principal_point, told(good, 1640, 1232, 1279.18, 832.8, 636.6))
+
+
+@pytest.mark.parametrize("size", SENSOR_MODES, ids=str)
+def test_no_mode_is_taken_for_another(size: tuple[int, int]) -> None:
+    """Lenses mounted up to 40 px off the middle of 1640, two standard deviations."""
+    for off in (-0.024, 0.024):
+        k = Intrinsics(Number(size[0]), Number(size[0]), Number(size[0] * (0.5 + off)), Number(size[1] / 2 + size[0] * off))
+        assert other_mode(Camera(*size), k) is None
+
+
+def test_a_principal_point_outside_of_the_picture(good: Calibration) -> None:
+    for cx, word in ((1650.0, Word.CARE), (5000.0, Word.DO_NOT_USE)):
+        (reason,) = asked(principal_point, told(good, 1640, 1232, 1279.0, cx, 500.0))
+        assert (reason.word, reason.suspects) == (word, ("camera.cx", "camera.cy"))
+    assert not asked(principal_point, told(good, 1640, 1232, 1279.0, 1600.0, 500.0))
+
+
+def test_water_for_air(tmp_path: Path) -> None:
+    made = scene(21, views=10, noise=0.05)
+    wet = calibrated_from(spoiled(tmp_path / "wet", made, cover__outside_index=1.333))
+    (reason,) = asked(medium, wet)
+    assert "the board was in air" in reason.sentence
+    assert reason.suspects == ("cover.outside_index",)
+    thin = spoiled(tmp_path / "thin", made, cover__thickness_mm=1.0)
+    assert not asked(medium, calibrated_from(thin)), "that is another number"
+
+
+def test_air_for_water(tmp_path: Path) -> None:
+    cover = paper_cone()
+    wet = replace(cover, parameters={**cover.parameters, "outside_index": Number(1.333)})
+    made = scene(21, views=10, noise=0.05, cover=wet)
+    assert not asked(medium, calibrated_from(write_session(tmp_path / "right", made)))
+    (reason,) = asked(medium, calibrated_from(spoiled(tmp_path / "wrong", made, cover__outside_index=1.0)))
+    assert "the board was in water" in reason.sentence
+
+
+def calibrated_from(session: Path) -> Calibration:
+    from calib.fitting.fit import fit
+    from calib.session.session import read_session
+
+    return fit(read_session(session), FAST)

@@ -1,0 +1,27 @@
+"""The data: the worst word stands, and the gravest reason says what to do next."""
+
+from calib.verdict.verdict import Reason, Verdict, Word
+
+CARE = Reason("it is small.", "calib diagnose here", ("cover.thickness", "camera.fx"))
+BAD = Reason("it is wrong.", "calib fit there", ("camera.fx",), Word.DO_NOT_USE)
+
+
+def test_no_reasons_are_trust() -> None:
+    verdict = Verdict((), "calib export it")
+    assert verdict.as_json() == {"word": "trusted", "reasons": [], "suspects": [], "next": "calib export it"}
+    assert str(verdict) == "To be trusted where it has corners."
+
+
+def test_the_gravest_reason_decides() -> None:
+    verdict = Verdict((CARE, BAD), "calib export it")
+    assert verdict.as_json() == {
+        "word": "do_not_use",
+        "reasons": ["it is small.", "it is wrong."],
+        "suspects": ["camera.fx", "cover.thickness"],
+        "next": "calib fit there",
+    }
+    assert str(verdict) == "Do not use it. It is small. It is wrong."
+
+
+def test_of_equally_grave_ones_the_first_is_followed() -> None:
+    assert Verdict((CARE, Reason("later.", "capture it")), "").next == CARE.next
