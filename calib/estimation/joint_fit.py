@@ -22,7 +22,7 @@ from calib.session.schema import Number
 
 FIRST_SIGMA = 0.1
 """px"""
-FIRST_PRIOR = Smoothness(height=1e-7, length=0.4, figure=2e-5)
+FIRST_PRIOR = Smoothness(height=1e-7, length=0.4)
 """Good glass: a relief that starts loose wanders off along what the cover's numbers can do as well."""
 ROUNDS = (3e-3, 3e-4, 1e-5)
 """Tolerances of one fit after another; between them the prior, the noise and the pixel weighting are estimated anew."""
@@ -85,11 +85,7 @@ class JointFit:
 
     def said(self) -> dict[str, object]:
         """What a calibration file keeps of the fit."""
-        prior = self.smoothness and {
-            "height_m": self.smoothness.height,
-            "length_of_patch": self.smoothness.length,
-            "figure_m": self.smoothness.figure,
-        }
+        prior = self.smoothness and {"height_m": self.smoothness.height, "length_of_patch": self.smoothness.length}
         return {"outcome": self.outcome.value, "iterations": self.iterations, "sigma_px": self.sigma, "relief_prior": prior}
 
 

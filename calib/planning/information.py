@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 
 FEWEST_FITTED = 4
 """Views from which on they are fitted; before, the cover is taken to be as described."""
-UNSEEN_GLASS = Smoothness(height=GLASS_FIGURE.sigma, length=0.4, figure=2 * GLASS_FIGURE.sigma)
+UNSEEN_GLASS = Smoothness(height=GLASS_FIGURE.sigma, length=0.4)
 """What a cover's glass may be like before any view has shown it."""
 NEGLIGIBLE = 3e-3
 """px: what modes that are left out may move the maps by, altogether."""

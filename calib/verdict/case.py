@@ -20,6 +20,7 @@ from calib.estimation.joint_fit import JointFit
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.observations import Observations
 from calib.estimation.surface_prior import Smoothness
+from calib.fitting.declared import comparisons
 from calib.fitting.evaluate import Evaluation
 from calib.optics.rays import Rays
 from calib.verdict.next_commands import NextCommands
@@ -109,7 +110,7 @@ class Case:
             poses=torch.from_numpy(calibration.poses),
             covariance=torch.from_numpy(calibration.covariance),
             sigma=float(calibration.settings.get("sigma_px", self.left_px / 2**0.5)),
-            smoothness=Smoothness(prior["height_m"], prior["length_of_patch"], prior["figure_m"]) if prior else None,
+            smoothness=Smoothness(prior["height_m"], prior["length_of_patch"]) if prior else None,
             parameters=model.parameters,
             outcome=Outcome.CONVERGED,
             iterations=0,
@@ -138,6 +139,14 @@ class Case:
         deviation = at.model.parameters.vector(at.joint.values).numpy()
         gradient = rows.T @ off + precision @ deviation
         return float(np.sqrt(gradient @ np.linalg.solve(rows.T @ rows + precision, gradient)))
+
+    @property
+    def corrected(self) -> tuple[str, ...]:
+        """The declared numbers that the views tell from what is declared, the farthest first."""
+        if not self.calibration.covariance.size:
+            return ()
+        found = [one for one in comparisons(self.calibration) if one.corrected]
+        return tuple(one.name for one in sorted(found, key=lambda one: -one.apart))
 
     @property
     def usual_depths(self) -> tuple[float, ...]:

@@ -21,6 +21,7 @@ from calib.verdict.ended import not_converged, not_finite
 from calib.verdict.held_out import held_out, overfits
 from calib.verdict.medium import medium
 from calib.verdict.next_commands import NextCommands
+from calib.verdict.orientation import orientation
 from calib.verdict.principal_point import principal_point
 from calib.verdict.residual import residual
 from calib.verdict.sureness import too_few_views, unsure_maps
@@ -31,6 +32,7 @@ Check = Callable[[Case], Iterable[Reason]]
 CHECKS: tuple[Check, ...] = (
     principal_point,
     board_place,
+    orientation,
     medium,
     not_converged,
     residual,

@@ -188,7 +188,7 @@ def test_evidence_is_the_marginal_likelihood() -> None:
     assert quadratic.cost == pytest.approx(at_zero @ at_zero)
     evidence = MarginalLikelihood(quadratic, relief, np.array([0.5]))
     ours, theirs = [], []
-    for sigma, smoothness in ((0.5, Smoothness(1e-5, 0.4, 3e-4)), (1.3, Smoothness(3e-6, 0.2, 2e-5)), (1.0, Smoothness(4e-5, 1.0, 1e-4))):
+    for sigma, smoothness in ((0.5, Smoothness(1e-5, 0.4)), (1.3, Smoothness(3e-6, 0.2)), (1.0, Smoothness(4e-5, 1.0))):
         ours.append(evidence.log(sigma, smoothness))
         spread = block_diag(np.linalg.inv(smoothness.precision(relief)), np.array([[0.25]]))
         covariance = sigma**2 * np.eye(40) + jacobian @ spread @ jacobian.T
@@ -198,7 +198,7 @@ def test_evidence_is_the_marginal_likelihood() -> None:
 
 def test_the_prior_s_heights_have_the_stated_spread() -> None:
     relief = Relief(*PATCH, (6, 5))
-    smoothness = Smoothness(2e-5, 0.5, 3e-4)
+    smoothness = Smoothness(2e-5, 0.5)
     rows, columns = (torch.linspace(low, high, n, dtype=torch.float64) for low, high, n in zip(*PATCH, (6, 5), strict=True))
     at = torch.cartesian_prod(rows, columns)
     level = torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64).expand(30, 1, 3)
@@ -209,7 +209,7 @@ def test_the_prior_s_heights_have_the_stated_spread() -> None:
         def term(i: int, k: int) -> float:
             return float(np.prod([eval_legendre(i, p[0]) * eval_legendre(k, p[1]) for p in (one, two)]))
 
-        return sum((3e-4 * 0.2 ** max(0, i + k - 4)) ** 2 * term(i, k) for i in range(11) for k in range(11 - i))
+        return sum((1e-4 * 0.2 ** max(0, i + k - 4)) ** 2 * term(i, k) for i in range(11) for k in range(11 - i))
 
     corner, neighbour = (-1.0, -1.0), (-1.0, -0.5)
     assert spread[0, 0] == pytest.approx(4e-10 + figure(corner, corner), rel=1e-4)

@@ -154,7 +154,7 @@ def test_the_bank_knows_what_views_in_its_poses_tell(setup: Setup) -> None:
     views = tuple(View(str(pose), design.corners[pose], np.ones(setup.board.count)) for pose in first)
     taken = estimate(setup, views, GRID).design(setup, some_poses(), CELLS, DEPTHS)
     assert taken.sigma(taken.known()) == pytest.approx(foreseen, rel=0.01)
-    assert foreseen < 0.15 * design.sigma(design.known())
+    assert foreseen < 0.1 * design.sigma(design.known())
 
 
 def test_planned_views_beat_others(setup: Setup) -> None:
@@ -168,7 +168,7 @@ def test_planned_views_beat_others(setup: Setup) -> None:
 
 def test_a_rougher_prior_and_more_noise_make_maps_less_sure(few: PlanningFit, setup: Setup) -> None:
     def sigma(height: float, noise: float) -> float:
-        changed = PlanningFit(few.model, few.poses, few.observations, Smoothness(height, 0.4, few.smoothness.figure), noise)
+        changed = PlanningFit(few.model, few.poses, few.observations, Smoothness(height, 0.4), noise)
         design = changed.design(setup, some_poses()[:3], CELLS, DEPTHS)
         return design.sigma(design.known())
 
@@ -202,7 +202,7 @@ def test_the_process_starts_again_after_it_was_killed(guidance: Guidance) -> Non
     (guide,) = guidance.guides([])
     sigma = guide.progress([]).sigma_px
     assert sigma
-    assert sigma > 15
+    assert sigma > 20
     os.kill(guidance.pid, signal.SIGKILL)
     with pytest.raises(GuidanceError, match=r"has ended .* the next view starts it again"):
         list(guidance.guides([]))
