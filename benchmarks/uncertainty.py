@@ -1,40 +1,112 @@
-"""Whether the maps are as sure as they say: `python -m benchmarks.uncertainty [--repeats 50]`.
+"""Whether the maps are as sure as they say: `python -m benchmarks.uncertainty [--repeats 50] [--sessions 100]`.
 
 Each repeat draws new glass, new board poses and new noise, calibrates, and compares the undistorted position of pixels near the training
 corners with that of the true rays, after the rigid motion of all rays that fits best at the training corners. A ratio of error to
 predicted sigma with a root mean square of 1 is honest; above, the prediction is too small.
+
+The first table's sessions declare the truth, exactly. In the second, every declared number of cover and intrinsics is drawn from its own
+tolerance: the ratio of each session is that of its root mean squares over the depths, and what it has to say is counted.
 """
 
 import argparse
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
 
 import numpy as np
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from calib.fitting.stages import Settings
+from calib.fitting.declared import comparisons
+from calib.fitting.stages import Settings, Setup
 from calib.threads import single_thread
-from fixtures.calibrated import GLASS, calibrate
+from calib.verdict.judge import judge
+from fixtures.calibrated import CAMERA, GLASS, calibrate, calibrated
 from fixtures.map_errors import DEPTHS, errors
-from fixtures.synthetic import scene
+from fixtures.synthetic import INTRINSICS, misdeclared, paper_cone, scene
+
+VIEWS = 20
+NOISE = 0.1
+"""px per axis"""
+FIGURE = 3e-6
+"""m: the bumps' height. They overlap to six times as much: glass that is uneven by 20 um, twice what cheap windows are."""
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--repeats", type=int, default=50)
-    repeats = parser.parse_args().repeats
-    table = Table("glass", *(f"{depth} m: error, predicted px; ratio" for depth in DEPTHS), "ratio in all")
+@dataclass(frozen=True)
+class Outcome:
+    """Of one session that declares wrong numbers."""
+
+    seed: int
+    off: tuple[float, ...]
+    """px RMS, by depth."""
+    predicted: tuple[float, ...]
+    contradicted: tuple[str, ...]
+    word: str
+    reasons: tuple[str, ...]
+
+    @property
+    def ratio(self) -> float:
+        return float(np.sqrt(np.mean(np.square(self.off) / np.square(self.predicted))))
+
+
+def wrongly_declared(seed: int) -> Outcome:
+    cover = paper_cone()
+    made = scene(seed, VIEWS, (4, 4), FIGURE, NOISE, cover=cover)
+    found = calibrated(made, Setup(made.board, CAMERA, *misdeclared(np.random.default_rng(seed), INTRINSICS, cover)), Settings())
+    off, predicted = zip(*((np.sqrt(np.mean(e**2)), np.sqrt(np.mean(s**2))) for e, s in errors(made, found)), strict=True)
+    verdict = judge(found)
+    contradicted = tuple(one.name for one in comparisons(found) if one.contradicted)
+    return Outcome(seed, off, predicted, contradicted, verdict.word.value, tuple(reason.sentence for reason in verdict.reasons))
+
+
+def exactly_declared(repeats: int) -> Table:
+    table = Table("glass", *(f"{depth} m: error, predicted px; ratio" for depth in DEPTHS), "ratio in all", title="The truth, exactly")
     with single_thread():
         for bumps, amplitude in ((4, 1e-5), (10, 1e-5)):
             squares = np.zeros((len(DEPTHS), 3))
             for seed in track(range(100, 100 + repeats), f"{bumps}x{bumps} bumps"):
-                made = scene(seed, 20, (bumps, bumps), amplitude, 0.1, cover=GLASS)
+                made = scene(seed, VIEWS, (bumps, bumps), amplitude, NOISE, cover=GLASS)
                 for row, (error, sigma) in zip(squares, errors(made, calibrate(made, Settings())), strict=True):
                     row += np.mean(error**2), np.mean(sigma**2), np.mean((error / sigma) ** 2)
             roots = np.sqrt(squares / repeats)
             cells = (f"{error:.3f}, {sigma:.3f}; {ratio:.2f}" for error, sigma, ratio in roots)
             table.add_row(f"{bumps}x{bumps}, {amplitude:g} m", *cells, f"{np.sqrt((roots[:, 2] ** 2).mean()):.2f}")
-    Console(width=140).print(table)
+    return table
+
+
+def spread(found: list[Outcome]) -> Table:
+    table = Table("depth", "map error: median, worst", "predicted: median", title=f"{len(found)} sessions, every number drawn")
+    off, predicted = np.array([one.off for one in found]), np.array([one.predicted for one in found])
+    for depth, error, sigma in zip(DEPTHS, off.T, predicted.T, strict=True):
+        table.add_row(f"{depth} m", f"{np.median(error):.3f}, {error.max():.3f} px", f"{np.median(sigma):.3f} px")
+    return table
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--repeats", type=int, default=50)
+    parser.add_argument("--sessions", type=int, default=100)
+    asked = parser.parse_args()
+    console = Console(width=140)
+    if asked.repeats:
+        console.print(exactly_declared(asked.repeats))
+    if not asked.sessions:
+        return
+    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
+        seeds = range(1000, 1000 + asked.sessions)
+        found = list(track(pool.map(wrongly_declared, seeds), "Sessions", total=asked.sessions))
+    console.print(spread(found))
+    ratios = np.array([one.ratio for one in found])
+    console.print(
+        f"Map error over predicted sigma: median {np.median(ratios):.2f}, root mean square {np.sqrt(np.mean(ratios**2)):.2f}, "
+        f"above 2.5 in {100 * np.mean(ratios > 2.5):.0f} %."
+    )
+    console.print(f"Numbers called contradicted: {dict(Counter(name for one in found for name in one.contradicted))}.")
+    console.print(f"Verdicts: {dict(Counter(one.word for one in found))}.")
+    for sentence, count in Counter(reason.split(":")[0][:90] for one in found for reason in one.reasons).most_common():
+        console.print(f"{count}: {sentence}", markup=False)
 
 
 if __name__ == "__main__":

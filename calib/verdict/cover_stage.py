@@ -12,16 +12,19 @@ from calib.verdict.verdict import Reason
 
 
 def cover_stage(case: Case) -> Iterator[Reason]:
+    """Only of numbers that were held: those that are estimated are compared one by one."""
     cover, bare, last = (case.rms_px.get(name, np.nan) for name in ("cover", "pinhole", "cover+rbf"))
     numbers = [one for one in comparisons(case.calibration) if one.name.startswith("cover.")]
     suspects = tuple(one.name for one in numbers if one.name in ("cover.inner_radius", "cover.distance", "cover.thickness"))
+    if not all(one.held for one in comparisons(case.calibration)):
+        return
     if cover > WORSE_THAN_BARE * bare:
         said = (
             f"the cover as it is described makes the error larger than no cover at all, {cover:.3f} for {bare:.3f} px: check its "
             "numbers in session.yaml."
         )
         yield Reason(said, case.next.fit(), suspects)
-    elif cover > TAKEN_UP * last and all(one.held for one in comparisons(case.calibration)) and STAGE not in case.rms_px:
+    elif cover > TAKEN_UP * last and STAGE not in case.rms_px:
         said = (
             f"the cover as it is described leaves {cover:.3f} px, and with every number held its unevenness had to explain all but "
             f"{last:.3f} px: a number of the cover or the camera may be wrong, so let the fit estimate them."

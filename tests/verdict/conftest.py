@@ -7,7 +7,7 @@ from calib.fitting.stages import Settings
 from fixtures.synthetic import paper_cone, scene
 from tests.report.made import calibrated
 
-FAST = Settings(grid=(5, 5))
+FAST = Settings(grid=(5, 5), free=("none",))
 
 
 @pytest.fixture(scope="session")

@@ -58,7 +58,7 @@ def ended_with(calibration: Calibration, outcome: Outcome) -> Calibration:
 
 def test_a_fit_that_is_not_finite_is_of_no_use(good: Calibration) -> None:
     (reason,) = asked(not_finite, ended_with(good, Outcome.NOT_FINITE))
-    assert (reason.word, reason.next) == (Word.DO_NOT_USE, f"calib fit '{SESSION}' --grid 5x5")
+    assert (reason.word, reason.next) == (Word.DO_NOT_USE, f"calib fit '{SESSION}' --grid 5x5 --free none")
     poses = good.poses.copy()
     poses[3, 2] = np.nan
     assert asked(not_finite, replace(good, poses=poses))
@@ -140,7 +140,7 @@ def test_more_than_noise_is_said_whatever_it_is(good: Calibration) -> None:
 def test_overfitting(good: Calibration, held: float, doubted: bool) -> None:
     folds = {"folds": 3, "held_out_px": held, "fitted_px": 0.1}
     reasons = asked(overfits, replace(good, settings=good.settings | {"cross_validation": folds}))
-    assert [reason.next for reason in reasons] == [f"calib fit '{SESSION}' --grid auto"] * doubted
+    assert [reason.next for reason in reasons] == [f"calib fit '{SESSION}' --free none --grid auto"] * doubted
 
 
 def evaluated(rms: float, near: float, far: float) -> Evaluation:
