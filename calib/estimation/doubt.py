@@ -4,6 +4,7 @@ A normal prior holds on to a wrong number: the fit ends between the number and t
 a number that ends too far from what is declared, by the tolerance that it has, is not believed any more.
 """
 
+import math
 from collections.abc import Collection
 
 from calib.estimation.joint_fit import JointFit
@@ -23,6 +24,17 @@ def apart(distance: float, tolerance: float, sigma: float) -> float:
     """
     variance = tolerance**2 - sigma**2
     return abs(distance) / variance**0.5 if variance > 0 else 0.0
+
+
+def apart_without(distance: float, tolerance: float, sigma: float) -> float:
+    """The same of an estimate that owes nothing to what is declared: its variance and the tolerance's add."""
+    return abs(distance) / math.hypot(tolerance, sigma)
+
+
+def still_contradicted(joint: JointFit, name: str, tolerance: float) -> bool:
+    """Whether a number whose prior was widened is told by the views, away from what is declared; or they only let go of it."""
+    distance = float(joint.values[name] - joint.parameters.origin[name])
+    return joint.finite and apart_without(distance, tolerance, float(joint.sigma_of(name))) > CONTRADICTED
 
 
 def farthest(joint: JointFit, but: Collection[str] = ()) -> str:

@@ -3,6 +3,7 @@
 Huber's loss is minimised by iteratively reweighted least squares. Source: P. J. Huber, Robust estimation of a location parameter (1964).
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -38,6 +39,8 @@ class LandingProblem:
 
     def cost(self, shared: Tensor, blocks: Tensor) -> float:
         values = self.parameters.values(shared)
+        if any(bool((values[param.name] < param.least).any()) for param in self.parameters.free):
+            return math.inf
         total = 0.0
         for landing, poses in self._split(blocks):
             residual, lands = landing.residual(values, poses)

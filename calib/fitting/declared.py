@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from calib.calibration import Calibration
 from calib.effects.effect import Unknown
-from calib.estimation.doubt import CONTRADICTED, apart
+from calib.estimation.doubt import CONTRADICTED, apart, apart_without
 from calib.fitting.rounding import to_digit_of, with_sigma
 from calib.optics.lens_model import COEFFICIENTS
 from calib.session.camera import COEFFICIENT, PINHOLE
@@ -48,7 +48,7 @@ class Comparison:
         """How far the estimate is from what is declared, in standard deviations of what that distance may be: see
         `calib.estimation.doubt`. An estimate that owes nothing to what is declared has a variance of its own."""
         distance = self.estimate - self.declared
-        return abs(distance) / math.hypot(self.tolerance, self.sigma) if self.doubted else apart(distance, self.tolerance, self.sigma)
+        return (apart_without if self.doubted else apart)(distance, self.tolerance, self.sigma)
 
     @property
     def contradicted(self) -> bool:

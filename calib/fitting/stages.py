@@ -10,7 +10,7 @@ from torch import Tensor
 
 from calib.calibration import Stage
 from calib.errors import NotEnoughDataError
-from calib.estimation.doubt import DOUBT, MOST_DOUBTED, farthest
+from calib.estimation.doubt import DOUBT, MOST_DOUBTED, farthest, still_contradicted
 from calib.estimation.gradient_fit import descend
 from calib.estimation.joint_fit import ROUGH, JointFit, fit_joint
 from calib.estimation.observations import Observations
@@ -133,9 +133,11 @@ def fit_stages(setup: Setup, observations: Observations, settings: Settings, pro
             progress=lambda spent, rms: advance(min(spent, LINEARISATIONS), f"{rms:.3f} px"),
         )
         while len(doubted) < MOST_DOUBTED and (name := farthest(joint, doubted)):
-            doubted = (*doubted, name)
-            free = {**free, name: DOUBT * free[name]}
-            joint = fit_joint(path, values, observations, joint.poses, free=free, start=joint.start)
+            wider = {**free, name: DOUBT * free[name]}
+            without = fit_joint(path, values, observations, joint.poses, free=wider, start=joint.start)
+            if not still_contradicted(without, name, free[name]):
+                break
+            joint, free, doubted = without, wider, (*doubted, name)
         advance(LINEARISATIONS, "")
         values, poses = joint.values, joint.poses
     missed = residuals(path, values, observations, poses)

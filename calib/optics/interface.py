@@ -22,6 +22,9 @@ RELIEF_STEPS = 2
 """Newton steps onto an uneven surface before the differentiable one. Each about squares the error: from a perfect surface 1e-4 m
 away, over bumps 3 mm wide, 5e-8 m, then 1e-14 m."""
 
+THINNEST = 5e-5
+"""m: session.yaml takes no thinner glass."""
+
 
 @dataclass(frozen=True, slots=True)
 class Interface:
@@ -44,7 +47,7 @@ class Interface:
     def params(self) -> tuple[Param, ...]:
         own = [Param("cover.refractive_index", "", 1e-2)]
         if self.name == "outer":
-            own += [Param("cover.thickness", "m", 1e-3), Param("cover.outside_index", "", 1e-2)]
+            own += [Param("cover.thickness", "m", 1e-3, least=THINNEST), Param("cover.outside_index", "", 1e-2)]
         return (*self.surface.params, *self.frame.params, *own, *(param for relief in self.reliefs for param in relief.params))
 
     def __call__(self, rays: Rays, values: Values) -> Rays:

@@ -4,6 +4,7 @@ A stage of the path (lens, interface, board) declares the parameters that it rea
 rays and the values, so that a fit can differentiate by any of them.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -29,3 +30,5 @@ class Param:
     """The size of a typical change, in the unit."""
     shape: tuple[int, ...] = ()
     """Of the value: () for a scalar."""
+    least: float = -math.inf
+    """Below it there is no such thing."""

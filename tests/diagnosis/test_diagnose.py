@@ -61,7 +61,7 @@ def test_the_command_s_json_carries_the_verdict(
     found: tuple[Calibration, Diagnosis], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     better, finding = found
-    better = replace(better, settings=better.settings | {"method": "joint", "grid": [], "free": [], "exact_hit": True})
+    better = replace(better, settings=better.settings | {"method": "joint", "grid": [], "free": [], "steps": 1000, "exact_hit": True})
     assert main(["diagnose", str(better.save(tmp_path)), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert set(said) == {*finding.as_json(), "verdict", "written"}

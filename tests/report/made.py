@@ -13,7 +13,7 @@ from calib.session.session import read_session
 from fixtures.synthetic import HEIGHT, WIDTH, Scene
 from tests.test_calibration import write_session
 
-SETTINGS = Settings(grid=(6, 6), folds=3)
+SETTINGS = Settings(grid=(6, 6), folds=3, free=("none",))
 
 
 def calibrated(made: Scene, folder: Path, settings: Settings = SETTINGS) -> Calibration:

@@ -56,7 +56,7 @@ def test_stages_and_numbers_are_those_of_the_calibration(reported: Reported) -> 
     origin = reported.calibration.settings["made_by"]
     assert origin["session_sha256"] in said
     assert origin["torch"] in said
-    assert f"calib fit {reported.session} --grid 6x6 --folds 3 -o {reported.session / 'calibration'}" in said
+    assert f"calib fit {reported.session} --grid 6x6 --free none --folds 3 -o {reported.session / 'calibration'}" in said
 
 
 def test_the_worst_view_comes_first(reported: Reported) -> None:

@@ -20,7 +20,7 @@ from tests.optics.shapes import Example, each_shape
 from tests.report.conftest import Reported
 from tests.report.made import calibrated
 
-FAST = Settings(grid=(5, 5))
+FAST = Settings(grid=(5, 5), free=("none",))
 
 
 class Misprinted(Board):
