@@ -28,6 +28,8 @@ ROUNDS = (3e-3, 3e-4, 1e-5)
 """Tolerances of one fit after another; between them the prior, the noise and the pixel weighting are estimated anew."""
 AGAIN = (1e-4,)
 """The same of a fit that starts where one like it ended, and keeps its noise and prior."""
+STEPS = 100
+"""Linearisations of one of them at most: two of a hundred sessions, with every number free, used up 50."""
 ROUGH = (1e-3,)
 """The same of a fit that is the start of another."""
 
@@ -123,7 +125,8 @@ def fit_joint(
         precision = torch.from_numpy(parameters.prior_precision(smoothness)).to(shared)
         weights = pixel_weights(path, parameters.values(shared), observations, poses, sigma)
         views = tuple(landings(path, parameters, observations, weights))
-        solution = minimise(LandingProblem(parameters, views, precision, view_precision(poses)), shared, poses, tolerance=tolerance)
+        problem = LandingProblem(parameters, views, precision, view_precision(poses))
+        solution = minimise(problem, shared, poses, steps=STEPS, tolerance=tolerance)
         shared, poses, spent = solution.shared, solution.blocks, spent + solution.iterations
         if progress:
             progress(spent, sigma * (solution.equations.sum_of_squares / len(observations.pixels)) ** 0.5)
