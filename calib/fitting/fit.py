@@ -25,7 +25,7 @@ FEWEST_VIEWS = 3
 GAUGES = {
     "bare": "camera frame at the pinhole",
     "paper": "camera frame at the pinhole; cover and intrinsics held as stated, or as bare/ gives them; poses as a smooth cover gives them",
-    "joint": "camera frame at the pinhole; cover and intrinsics held as stated, or as bare/ gives them, or near that by their priors; "
+    "joint": "camera frame at the pinhole; cover and intrinsics near what is stated, or what bare/ gives, by their tolerances; "
     "the relief's figure free, what is finer near zero by its prior",
 }
 

@@ -229,6 +229,37 @@ def test_a_cost_that_is_infinite_everywhere_is_not_called_converged() -> None:
     assert torch.equal(solution.shared, start(problem)[0])
 
 
+class Valley:
+    """H. H. Rosenbrock's, An automatic method for finding the greatest or least value of a function (1960): 100 (y - x^2)^2 + (1 - x)^2, y
+    of the one block and x shared."""
+
+    precision = torch.zeros(1, 1, dtype=torch.float64)
+    block_precision = torch.zeros(1, dtype=torch.float64)
+
+    def residual(self, shared: Tensor, blocks: Tensor) -> Tensor:
+        return torch.stack([10 * (blocks[:, 0] - shared**2), 1 - shared], -1)
+
+    def cost(self, shared: Tensor, blocks: Tensor) -> float:
+        return float((self.residual(shared, blocks) ** 2).sum())
+
+    def linearise(self, shared: Tensor, blocks: Tensor) -> list[Linearised]:
+        by_block = torch.tensor([[[10.0], [0.0]]], dtype=torch.float64)
+        by_shared = torch.stack([-20 * shared, -torch.ones_like(shared)], -1).reshape(1, 2, 1)
+        return [Linearised(torch.tensor([0, 1]), self.residual(shared, blocks), by_block, by_shared)]
+
+
+def test_a_curved_valley_is_crossed_over_its_wall() -> None:
+    """The first step lands where the cost is a hundred times as high, the second at the minimum."""
+    begin = torch.tensor([-1.2], dtype=torch.float64), torch.tensor([[1.0]], dtype=torch.float64)
+    there = torch.tensor([1.0], dtype=torch.float64), torch.tensor([[-3.84]], dtype=torch.float64)
+    assert Valley().cost(*there) > 90 * Valley().cost(*begin)
+    solution = minimise(Valley(), *begin)
+    assert solution.outcome is Outcome.CONVERGED
+    assert solution.iterations <= 5
+    assert solution.shared.item() == pytest.approx(1.0)
+    assert solution.blocks.item() == pytest.approx(1.0)
+
+
 class Straight(Curves):
     """Rows that are linear: their Jacobian is kept."""
 

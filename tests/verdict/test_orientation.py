@@ -9,13 +9,14 @@ import torch
 
 from calib.corners.view import View
 from calib.estimation.observations import Observations
-from calib.fitting.stages import Setup
+from calib.fitting.stages import Settings, Setup
 from calib.session.schema import Number
 from calib.verdict.judge import judge
 from calib.verdict.orientation import ALL, Orientation
 from fixtures.calibrated import CAMERA, tolerant
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, Scene, scene
 
+FAST = Settings(grid=(6, 6))
 TURNS = {0: None, 1: cv2.ROTATE_90_CLOCKWISE, 2: cv2.ROTATE_180, 3: cv2.ROTATE_90_COUNTERCLOCKWISE}
 
 
@@ -50,13 +51,15 @@ def turned(made: Scene, quarters: int, mirrored: bool) -> tuple[View, ...]:
 
 @pytest.mark.parametrize(("quarters", "mirrored"), [(2, False), (0, True), (2, True)])
 def test_turned_and_mirrored_pictures_are_named(made: Scene, quarters: int, mirrored: bool) -> None:
-    verdict = judge(tolerant(replace(made, views=turned(made, quarters, mirrored)), Setup(made.board, CAMERA, INTRINSICS, made.cover)))
+    verdict = judge(
+        tolerant(replace(made, views=turned(made, quarters, mirrored)), Setup(made.board, CAMERA, INTRINSICS, made.cover), FAST)
+    )
     (reason,) = [reason for reason in verdict.reasons if "frames" in reason.suspects]
     assert str(Orientation(quarters, mirrored)) in reason.sentence
 
 
 def test_a_wrong_thickness_is_no_orientation(made: Scene) -> None:
     wrong = replace(made.cover, parameters={**made.cover.parameters, "thickness": Number(0.006)})
-    verdict = judge(tolerant(made, Setup(made.board, CAMERA, INTRINSICS, wrong)))
+    verdict = judge(tolerant(made, Setup(made.board, CAMERA, INTRINSICS, wrong), FAST))
     assert "frames" not in verdict.suspects
     assert "cover.thickness" in verdict.suspects
