@@ -1,5 +1,6 @@
 """Which parameters a session states with a standard deviation: these are the free ones of the joint fit, and take its estimates."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 from calib.estimation.joint_fit import JointFit
@@ -23,6 +24,17 @@ def with_estimates(intrinsics: Intrinsics, cover: Cover, joint: JointFit | None)
         found = {
             name: replace(number, sigma=stated.sigma) for name, stated in _stated(intrinsics, cover).items() if (number := found.get(name))
         }
+    return _with(intrinsics, cover, found)
+
+
+def widened(intrinsics: Intrinsics, cover: Cover, name: str, factor: float) -> tuple[Intrinsics, Cover]:
+    """The same description with the standard deviation of one number, as the path calls it, `factor` times as large."""
+    number = _stated(intrinsics, cover)[name]
+    return _with(intrinsics, cover, {name: replace(number, sigma=factor * number.sigma)})
+
+
+def _with(intrinsics: Intrinsics, cover: Cover, found: Mapping[str, Number]) -> tuple[Intrinsics, Cover]:
+    """The description with some numbers, by the path's names, in place of its own."""
     parameters = {name: found.get(f"cover.{name}", number) for name, number in cover.parameters.items()}
     fx, fy, cx, cy, *lens = (found.get(name, number) for name, number in _named(intrinsics).items())
     return Intrinsics(fx, fy, cx, cy, tuple(lens)), replace(cover, parameters=parameters)

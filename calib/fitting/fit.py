@@ -14,6 +14,7 @@ from calib.estimation.residuals import Residuals
 from calib.estimation.robust import outlying
 from calib.estimation.stated_priors import with_estimates
 from calib.fitting.cross_validation import GRID_FOLDS, choose_grid, cross_validate
+from calib.fitting.doubting import doubting
 from calib.fitting.inputs import gather
 from calib.fitting.provenance import KEY, provenance
 from calib.fitting.stages import Settings, Setup, fit_stages
@@ -54,11 +55,14 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
         if not bad:
             break
         rejected = (*rejected, *bad)
+    with single_thread():
+        believed = doubting(fitted, setup, views, settings, progress)
+    fitted = believed.fitted
     intrinsics, cover = with_estimates(setup.intrinsics, setup.cover, fitted.joint)
     validation = None
     if settings.folds:
         _check_enough(views, rejected, for_folds=settings.folds)
-        validation = cross_validate(setup, views, settings, settings.folds, progress)
+        validation = cross_validate(believed.setup, views, settings, settings.folds, progress)
     joint = fitted.joint
     return Calibration(
         board=session.board,
@@ -87,7 +91,7 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
         | ({"cross_validation": asdict(validation)} if validation else {})
         | (joint.said() if joint else {}),
         gauge=GAUGES[settings.method if fitted.relief else "bare"],
-        stated=Declared(setup.intrinsics, setup.cover, fitted.doubted),
+        stated=Declared(setup.intrinsics, setup.cover, believed.doubted),
     )
 
 

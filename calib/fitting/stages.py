@@ -10,7 +10,6 @@ from torch import Tensor
 
 from calib.calibration import Stage
 from calib.errors import NotEnoughDataError
-from calib.estimation.doubt import DOUBT, MOST_DOUBTED, farthest, still_contradicted
 from calib.estimation.gradient_fit import descend
 from calib.estimation.joint_fit import ROUGH, JointFit, fit_joint
 from calib.estimation.observations import Observations
@@ -82,8 +81,6 @@ class Fitted:
     residuals: Residuals
     relief: Relief | None = None
     joint: JointFit | None = None
-    doubted: tuple[str, ...] = ()
-    """Declared numbers that the views contradict, by the path's names: their tolerance was widened by DOUBT."""
 
 
 def fit_stages(setup: Setup, observations: Observations, settings: Settings, progress: Progress) -> Fitted:
@@ -118,7 +115,6 @@ def fit_stages(setup: Setup, observations: Observations, settings: Settings, pro
     flat = {AMPLITUDES: torch.zeros(along, around, dtype=torch.float64)}
     values = {**values, **flat}
     joint: JointFit | None = None
-    doubted: tuple[str, ...] = ()
     if settings.method == "paper":
         values[AMPLITUDES] = _descend(path, values, observations, poses, settings.steps, progress)
     else:
@@ -132,17 +128,11 @@ def fit_stages(setup: Setup, observations: Observations, settings: Settings, pro
             start=start and replace(start, values={**start.values, **flat}),
             progress=lambda spent, rms: advance(min(spent, LINEARISATIONS), f"{rms:.3f} px"),
         )
-        while len(doubted) < MOST_DOUBTED and (name := farthest(joint, doubted)):
-            wider = {**free, name: DOUBT * free[name]}
-            without = fit_joint(path, values, observations, joint.poses, free=wider, start=joint.start)
-            if not still_contradicted(without, name, free[name]):
-                break
-            joint, free, doubted = without, wider, (*doubted, name)
         advance(LINEARISATIONS, "")
         values, poses = joint.values, joint.poses
     missed = residuals(path, values, observations, poses)
     stages.append(Stage("cover+rbf", missed.rms_px, missed.rmse_cm))
-    return Fitted(path, values, poses, tuple(stages), missed, relief, joint, doubted)
+    return Fitted(path, values, poses, tuple(stages), missed, relief, joint)
 
 
 def _descend(path: Path, values: Values, observations: Observations, poses: Tensor, steps: int, progress: Progress) -> Tensor:
