@@ -18,14 +18,16 @@ SAMPLED = 300
 
 
 def too_few_views(case: Case) -> Iterator[Reason]:
+    """A number with a tolerance is no unknown: where it is hardly told, it stays near what is declared, and sigma counts that."""
     calibration = case.calibration
-    unknowns = len(base_model(calibration).parameters.free) + (FIGURE_UNKNOWNS if calibration.relief else 0)
+    own = len(base_model(calibration).parameters.free) if calibration.settings.get("intrinsics_from") == "views" else 0
+    unknowns = own + (FIGURE_UNKNOWNS if calibration.relief else 0)
     wanted = math.ceil(unknowns / TELLS)
     views = int(board_poses(calibration.views).max()) + 1
     if views < wanted:
         said = (
             f"{views} poses of the board are few for {unknowns} unknown numbers of camera and glass: {wanted} are the least that can "
-            "tell them without the help of what is declared."
+            "tell them."
         )
         yield Reason(said, case.next.capture())
 
