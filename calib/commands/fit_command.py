@@ -28,10 +28,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--free",
         type=free,
-        default=("all",),
-        metavar="all|none|NAME,...",
-        help="which declared numbers to estimate, near what the session says (default: all but those it calls exact): radius, slope, "
-        "offset, centre, distance, tilt, thickness, index, intrinsics",
+        default=("auto",),
+        metavar="auto|all|none|NAME,...",
+        help="which declared numbers to estimate, near what the session says: all, none, or some of radius, slope, offset, centre, "
+        "distance, tilt, thickness, index, intrinsics (default: all but those it calls exact, where the views ask for it)",
     )
     parser.add_argument(
         "--effects",

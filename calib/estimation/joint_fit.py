@@ -3,6 +3,7 @@
 Source: D. J. C. MacKay, Bayesian interpolation (1992), for the evidence (the marginal likelihood of the residuals).
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -22,8 +23,10 @@ from calib.session.schema import Number
 
 FIRST_SIGMA = 0.1
 """px"""
-FIRST_PRIOR = Smoothness(height=1e-7, length=0.4)
-"""Good glass: a relief that starts loose wanders off along what the cover's numbers can do as well."""
+GOOD_GLASS = Smoothness(height=1e-7, length=0.4)
+"""Where a fit begins whose numbers are to explain what they can: a relief that starts loose wanders off along what they can do as well."""
+UNEVEN_GLASS = Smoothness(height=1e-5, length=0.4)
+"""Where one begins whose glass is to."""
 ROUNDS = (3e-3, 3e-4, 1e-5)
 """Tolerances of one fit after another; between them the prior, the noise and the pixel weighting are estimated anew."""
 AGAIN = (1e-4,)
@@ -61,6 +64,8 @@ class JointFit:
     outcome: Outcome
     iterations: int
     """Linearisations, of all rounds together."""
+    log_evidence: float
+    """The logarithm of the corners' probability, all parameters integrated out, up to a constant of the corners."""
 
     @property
     def start(self) -> Start:
@@ -118,7 +123,7 @@ def fit_joint(
     observations = observations.kept(path.land(observations.pixels, observations.with_times(begin), poses[observations.view])[1] == 0)
     parameters = Parameters.of(path, values, free or {})
     sigma = start.sigma if start else FIRST_SIGMA
-    smoothness = ((start and start.smoothness) or FIRST_PRIOR) if path.relief else None
+    smoothness = ((start and start.smoothness) or UNEVEN_GLASS) if path.relief else None
     shared = parameters.vector(begin)
     spent = 0
     for tolerance in rounds:
@@ -133,21 +138,21 @@ def fit_joint(
         if solution.outcome is Outcome.NOT_FINITE:
             break
         if tolerance != rounds[-1]:
-            freedom = 2 * len(observations.pixels) - poses.numel()
-            sigma, smoothness = _by_evidence(solution, freedom, sigma, smoothness, parameters)
+            evidence, apparent = _evidence(solution, observations, sigma, parameters)
+            sigma, smoothness = most_probable(evidence, apparent, smoothness)
     hessian, _ = solution.equations.schur_complement()
     covariance = torch.linalg.inv_ex(hessian + precision).inverse if parameters.count else hessian
     finite = solution.outcome is not Outcome.NOT_FINITE and bool(torch.isfinite(covariance).all())
     outcome = solution.outcome if finite else Outcome.NOT_FINITE
     covariance = covariance if finite else torch.full_like(covariance, torch.nan)
-    return JointFit(parameters.values(shared), poses, covariance, sigma, smoothness, parameters, outcome, spent)
+    log_evidence = _evidence(solution, observations, sigma, parameters)[0].log(sigma, smoothness) if finite else -math.inf
+    return JointFit(parameters.values(shared), poses, covariance, sigma, smoothness, parameters, outcome, spent, log_evidence)
 
 
-def _by_evidence(
-    solution: Solution, freedom: int, sigma: float, smoothness: Smoothness | None, parameters: Parameters
-) -> tuple[float, Smoothness | None]:
-    """The noise (px) and the smoothness that are most probable, from where a fit with the noise `sigma` ended."""
+def _evidence(solution: Solution, observations: Observations, sigma: float, parameters: Parameters) -> tuple[MarginalLikelihood, float]:
+    """Of any noise and smoothness, from where a fit with the noise `sigma` ended; and what is left there, px per axis."""
+    freedom = 2 * len(observations.pixels) - solution.blocks.numel()
     hessian, gradient = (part.cpu().numpy() * sigma**2 for part in solution.equations.schur_complement())
     square = solution.equations.sum_of_squares * sigma**2
     quadratic = Quadratic.around(hessian, gradient, square, freedom, solution.shared.cpu().numpy())
-    return most_probable(MarginalLikelihood(quadratic, parameters.relief, parameters.prior_sigmas()), (square / freedom) ** 0.5, smoothness)
+    return MarginalLikelihood(quadratic, parameters.relief, parameters.prior_sigmas()), (square / freedom) ** 0.5

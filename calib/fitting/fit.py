@@ -13,8 +13,8 @@ from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals
 from calib.estimation.robust import outlying
 from calib.estimation.stated_priors import with_estimates
+from calib.fitting.believing import believing
 from calib.fitting.cross_validation import GRID_FOLDS, choose_grid, cross_validate
-from calib.fitting.doubting import doubting
 from calib.fitting.inputs import gather
 from calib.fitting.provenance import KEY, provenance
 from calib.fitting.stages import Settings, Setup, fit_stages
@@ -40,7 +40,8 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
     """
     start = gather(session, progress)
     views, rejected = start.views, start.rejected
-    setup = Setup(session.board, session.camera, start.intrinsics, session.cover).freed(settings)
+    told = Setup(session.board, session.camera, start.intrinsics, session.cover)
+    setup = told.freed(settings)
     grids: dict[str, float] = {}
     if settings.grid is None:
         _check_enough(views, rejected, for_folds=GRID_FOLDS)
@@ -56,13 +57,13 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
             break
         rejected = (*rejected, *bad)
     with single_thread():
-        believed = doubting(fitted, setup, views, settings, progress)
-    fitted = believed.fitted
+        believed = believing(fitted, setup, told, views, settings, progress)
+    fitted, setup = believed.fitted, believed.setup
     intrinsics, cover = with_estimates(setup.intrinsics, setup.cover, fitted.joint)
     validation = None
     if settings.folds:
         _check_enough(views, rejected, for_folds=settings.folds)
-        validation = cross_validate(believed.setup, views, settings, settings.folds, progress)
+        validation = cross_validate(setup, views, settings, settings.folds, progress)
     joint = fitted.joint
     return Calibration(
         board=session.board,
@@ -91,7 +92,7 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
         | ({"cross_validation": asdict(validation)} if validation else {})
         | (joint.said() if joint else {}),
         gauge=GAUGES[settings.method if fitted.relief else "bare"],
-        stated=Declared(setup.intrinsics, setup.cover, believed.doubted),
+        stated=Declared(believed.declared.intrinsics, believed.declared.cover, believed.doubted),
     )
 
 

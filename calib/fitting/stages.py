@@ -11,7 +11,7 @@ from torch import Tensor
 from calib.calibration import Stage
 from calib.errors import NotEnoughDataError
 from calib.estimation.gradient_fit import descend
-from calib.estimation.joint_fit import ROUGH, JointFit, fit_joint
+from calib.estimation.joint_fit import GOOD_GLASS, ROUGH, JointFit, fit_joint
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import Residuals, residuals
@@ -24,7 +24,7 @@ from calib.progress import Progress
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
 from calib.session.cover import Cover
-from calib.session.freeing import ALL, with_free
+from calib.session.freeing import AUTO, with_free
 
 MOST_LOST = 0.2
 """Of the corners: more cannot be seen through the cover as it is described."""
@@ -43,7 +43,7 @@ class Settings:
     """Gradient steps of the paper's procedure."""
     exact_hit: bool = True
     """False neglects that the relief moves the hit point, as the paper does."""
-    free: tuple[str, ...] = (ALL,)
+    free: tuple[str, ...] = (AUTO,)
     """Of calib.session.freeing.NAMES: which declared numbers are estimated, by the joint method, near what is declared."""
     folds: int = 0
     """Of the cross-validation; 0 for none."""
@@ -106,7 +106,7 @@ def fit_stages(setup: Setup, observations: Observations, settings: Settings, pro
     if free and settings.method == "joint":
         # What a wrong number explains is explained by it before there is a relief that could.
         rough = fit_joint(path, values, observations, poses, free=free, rounds=ROUGH)
-        start, poses = rough.start, rough.poses
+        start, poses = replace(rough.start, smoothness=GOOD_GLASS), rough.poses
     low, high = footprint(path, start.values if start else values, setup.camera.width, setup.camera.height)
     assert settings.grid, "to be chosen before"
     around, along = settings.grid
@@ -119,13 +119,15 @@ def fit_stages(setup: Setup, observations: Observations, settings: Settings, pro
         values[AMPLITUDES] = _descend(path, values, observations, poses, settings.steps, progress)
     else:
         advance = progress.task("Joint fit", LINEARISATIONS)
+        if start:
+            start = replace(start, values={**start.values, **flat})
         joint = fit_joint(
             path,
             values,
             observations,
             poses,
             free=free,
-            start=start and replace(start, values={**start.values, **flat}),
+            start=start,
             progress=lambda spent, rms: advance(min(spent, LINEARISATIONS), f"{rms:.3f} px"),
         )
         advance(LINEARISATIONS, "")

@@ -48,9 +48,11 @@ TANGENTIAL_PLACES = (2, 3)
 """Of p1 and p2 among OpenCV's coefficients."""
 ALL = "all"
 """Every number that has a tolerance, those aside that the session calls exact."""
+AUTO = "auto"
+"""The same where the fit finds it more probable than that all of them are exact."""
 NONE = "none"
 """Only what the session states with a sigma."""
-NAMES = (*(freeable.name for freeable in COVER), INTRINSICS, ALL, NONE)
+NAMES = (*(freeable.name for freeable in COVER), INTRINSICS, AUTO, ALL, NONE)
 
 
 def with_free(intrinsics: Intrinsics, cover: Cover, names: Sequence[str]) -> tuple[Intrinsics, Cover]:
@@ -59,7 +61,7 @@ def with_free(intrinsics: Intrinsics, cover: Cover, names: Sequence[str]) -> tup
     Raises:
         InputError: the cover has no such number.
     """
-    if ALL in names:
+    if ALL in names or AUTO in names:
         intrinsics, cover = _all_free(intrinsics, cover)
     parameters = dict(cover.parameters)
     for freeable in COVER:

@@ -114,6 +114,7 @@ class Case:
             parameters=model.parameters,
             outcome=Outcome.CONVERGED,
             iterations=0,
+            log_evidence=np.nan,
         )
         return Optimum(model, self.observations, joint)
 

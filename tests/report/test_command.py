@@ -120,7 +120,7 @@ def test_the_command_asks_for_the_same_fit(settings: Settings) -> None:
 
 
 def test_what_is_left_at_its_default_is_not_said() -> None:
-    said = {"method": "joint", "grid": [12, 12], "free": ["all"], "steps": 1000, "exact_hit": True, "made_by": {"session": "/s"}}
+    said = {"method": "joint", "grid": [12, 12], "free": ["auto"], "steps": 1000, "exact_hit": True, "made_by": {"session": "/s"}}
     assert commands(said, Path("/out")) == [["calib", "fit", "/s", "-o", "/out"]]
     assert commands(said | {"diagnosis": {}}, Path("/out")) == [["calib", "fit", "/s", "--effects", "auto", "-o", "/out"]]
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from calib.verdict.next_commands import NextCommands
 
-SETTINGS = {"method": "joint", "grid": [12, 12], "free": ["all"]}
+SETTINGS = {"method": "joint", "grid": [12, 12], "free": ["auto"]}
 
 
 def test_paths_are_quoted_and_usual_options_left_out() -> None:

@@ -1,7 +1,11 @@
-"""A fit that gives up the tolerance of declared numbers that the views contradict."""
+"""What of that which a session declares a fit believes: that it is exact, that it is within its tolerances, or that a number is wrong.
+
+The views decide: between the first two by the probability that they have under each (the evidence, as in calib.estimation.joint_fit).
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -12,6 +16,7 @@ from calib.estimation.observations import Observations
 from calib.estimation.stated_priors import widened
 from calib.fitting.stages import Fitted, Settings, Setup, fit_stages
 from calib.progress import Progress
+from calib.session.freeing import AUTO
 
 AT_NOISE = 1.3
 """Of the corners' noise: a fit that leaves more lacks something else, which may be what pulls a number away."""
@@ -24,13 +29,22 @@ class Believed:
     fitted: Fitted
     setup: Setup
     """With the tolerances that it was fitted with."""
-    doubted: tuple[str, ...]
+    declared: Setup
+    """With those that its numbers were declared with."""
+    doubted: tuple[str, ...] = ()
     """The numbers whose tolerance was widened, as the ray path calls them."""
 
 
-def doubting(fitted: Fitted, setup: Setup, views: Sequence[View], settings: Settings, progress: Progress) -> Believed:
-    """The fit, or one after it in which the numbers that are contradicted most have DOUBT times their tolerance: one after the other, as
-    long as the views then tell the number, away from what is declared."""
+def believing(fitted: Fitted, setup: Setup, told: Setup, views: Sequence[View], settings: Settings, progress: Progress) -> Believed:
+    """The more probable of a fit with tolerances (`setup`) and one in which what has none of its own is exact (`told`); of the first, the
+    numbers that the views contradict get DOUBT times their tolerance, one after the other, as long as the views then tell the number, away
+    from what is declared."""
+    observations = Observations.of(views, setup.board)
+    if AUTO in settings.free and setup != told:
+        exact = fit_stages(told, observations, settings, progress)
+        if _evidence(exact) > _evidence(fitted):
+            return Believed(exact, told, told)
+    declared = setup
     doubted: tuple[str, ...] = ()
     while fitted.joint and len(doubted) < MOST_DOUBTED and _at_noise(fitted, views, setup):
         name = farthest(fitted.joint, doubted)
@@ -38,11 +52,15 @@ def doubting(fitted: Fitted, setup: Setup, views: Sequence[View], settings: Sett
             break
         intrinsics, cover = widened(setup.intrinsics, setup.cover, name, DOUBT)
         wider = replace(setup, intrinsics=intrinsics, cover=cover)
-        again = fit_stages(wider, Observations.of(views, setup.board), settings, progress)
+        again = fit_stages(wider, observations, settings, progress)
         if not (again.joint and still_contradicted(again.joint, name, float(fitted.joint.parameters.sigmas[name]))):
             break
         fitted, setup, doubted = again, wider, (*doubted, name)
-    return Believed(fitted, setup, doubted)
+    return Believed(fitted, setup, declared, doubted)
+
+
+def _evidence(fitted: Fitted) -> float:
+    return fitted.joint.log_evidence if fitted.joint else -math.inf
 
 
 def _at_noise(fitted: Fitted, views: Sequence[View], setup: Setup) -> bool:
