@@ -1,7 +1,7 @@
 """What wrong numbers in session.yaml do to the maps: `python -m benchmarks.declared`.
 
-`fixtures/clean` with one number made wrong at a time, or with its pictures turned, fitted with every number held, and as by default: each
-near what is declared, by the tolerance of its kind. Map errors are against the renderer's rays, turned as the pictures are.
+`fixtures/clean` with one number made wrong at a time, or with its pictures turned, fitted with every number held, and as by default, where each may be
+estimated near what is declared, by the tolerance of its kind. Map errors are against the renderer's rays, turned as the pictures are.
 
 Then what freeing costs where all that is declared is true: synthetic views at 0.6-1.2 m through 1.15 mm of uneven glass, 0.1 px of noise
 per axis, tested on 20 other views over more depths, and on 20 nearer than any that was fitted, with poses refitted.
@@ -27,7 +27,7 @@ from calib.fitting.declared import comparisons
 from calib.fitting.fit import fit
 from calib.fitting.stages import Settings, Setup, fit_stages
 from calib.progress import Silent
-from calib.session.freeing import ALL, NONE
+from calib.session.freeing import ALL, AUTO, NONE
 from calib.session.session import read_session
 from calib.threads import single_thread
 from calib.verdict.judge import judge
@@ -74,7 +74,7 @@ TURNED = {"pictures turned by 180 degrees": (-1.0, -1.0), "pictures mirrored": (
 """The sign of x and y in what the driver gives."""
 
 
-def fitted(said: Described, folder: Path, free: str = ALL) -> Calibration:
+def fitted(said: Described, folder: Path, free: str = AUTO) -> Calibration:
     (folder / "session.yaml").write_text(yaml.safe_dump(said))
     return fit(read_session(folder), Settings(free=(free,)), Silent())
 
@@ -145,7 +145,7 @@ def cost(seed: int, views: int) -> Iterator[list[str]]:
 
 
 def main() -> None:
-    table = Table("told", "cover stage, px", "final, px", "held: map error", "sigma", "estimated: map error", "sigma", "said")
+    table = Table("told", "cover stage, px", "final, px", "held: map error", "sigma", "by default: map error", "sigma", "said")
     for row in rows():
         table.add_row(*row)
     Console(width=170).print(table)
