@@ -1,7 +1,8 @@
 """What wrong numbers in session.yaml do to the maps: `python -m benchmarks.declared`.
 
-`fixtures/clean` with one number made wrong at a time, or with its pictures turned, fitted with every number held, and as by default, where each may be
-estimated near what is declared, by the tolerance of its kind. Map errors are against the renderer's rays, turned as the pictures are.
+`fixtures/clean` with one number made wrong at a time, or with its pictures turned, fitted with every number held, and as by default, where
+each may be estimated near what is declared, by the tolerance of its kind. Map errors are against the renderer's rays, turned as the
+pictures are.
 
 Then what freeing costs where all that is declared is true: synthetic views at 0.6-1.2 m through 1.15 mm of uneven glass, 0.1 px of noise
 per axis, tested on 20 other views over more depths, and on 20 nearer than any that was fitted, with poses refitted.
