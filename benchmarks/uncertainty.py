@@ -1,17 +1,19 @@
-"""Whether the maps are as sure as they say: `python -m benchmarks.uncertainty [--repeats 50] [--sessions 100]`.
+"""Whether the maps are as sure as they say: `python -m benchmarks.uncertainty [--repeats 50] [--sessions 100] [--clean 40]`.
 
 Each repeat draws new glass, new board poses and new noise, calibrates, and compares the undistorted position of pixels near the training
 corners with that of the true rays, after the rigid motion of all rays that fits best at the training corners. A ratio of error to
 predicted sigma with a root mean square of 1 is honest; above, the prediction is too small.
 
 The first table's sessions declare the truth, exactly. In the second, every declared number of cover and intrinsics is drawn from its own
-tolerance: the ratio of each session is that of its root mean squares over the depths, and what it has to say is counted.
+tolerance: the ratio of each session is that of its root mean squares over the depths, and what it has to say is counted. In the third,
+again the truth: what it has to say is a false alarm.
 """
 
 import argparse
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import get_context
 
 import numpy as np
@@ -28,8 +30,6 @@ from fixtures.map_errors import DEPTHS, errors
 from fixtures.synthetic import INTRINSICS, misdeclared, paper_cone, scene
 
 VIEWS = 20
-SPREAD_VIEWS = 30
-"""So many fill the picture at random."""
 NOISE = 0.1
 """px per axis"""
 FIGURE = 3e-6
@@ -38,7 +38,7 @@ FIGURE = 3e-6
 
 @dataclass(frozen=True)
 class Outcome:
-    """Of one session that declares wrong numbers."""
+    """Of one session, fitted as by default."""
 
     seed: int
     off: tuple[float, ...]
@@ -53,10 +53,11 @@ class Outcome:
         return float(np.sqrt(np.mean(np.square(self.off) / np.square(self.predicted))))
 
 
-def wrongly_declared(seed: int) -> Outcome:
+def outcome(seed: int, views: int, wrong: bool) -> Outcome:
     cover = paper_cone()
-    made = scene(seed, SPREAD_VIEWS, (4, 4), FIGURE, NOISE, cover=cover)
-    found = calibrated(made, Setup(made.board, CAMERA, *misdeclared(np.random.default_rng(seed), INTRINSICS, cover)), Settings())
+    made = scene(seed, views, (4, 4), FIGURE, NOISE, cover=cover)
+    said = misdeclared(np.random.default_rng(seed), INTRINSICS, cover) if wrong else (INTRINSICS, cover)
+    found = calibrated(made, Setup(made.board, CAMERA, *said), Settings())
     off, predicted = zip(*((np.sqrt(np.mean(e**2)), np.sqrt(np.mean(s**2))) for e, s in errors(made, found)), strict=True)
     verdict = judge(found)
     contradicted = tuple(one.name for one in comparisons(found) if one.contradicted)
@@ -78,28 +79,16 @@ def exactly_declared(repeats: int) -> Table:
     return table
 
 
-def spread(found: list[Outcome]) -> Table:
-    table = Table("depth", "map error: median, worst", "predicted: median", title=f"{len(found)} sessions, every number drawn")
+def spread(found: list[Outcome], title: str) -> Table:
+    table = Table("depth", "map error: median, worst", "predicted: median", title=f"{len(found)} sessions, {title}")
     off, predicted = np.array([one.off for one in found]), np.array([one.predicted for one in found])
     for depth, error, sigma in zip(DEPTHS, off.T, predicted.T, strict=True):
         table.add_row(f"{depth} m", f"{np.median(error):.3f}, {error.max():.3f} px", f"{np.median(sigma):.3f} px")
     return table
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--repeats", type=int, default=50)
-    parser.add_argument("--sessions", type=int, default=100)
-    asked = parser.parse_args()
-    console = Console(width=140)
-    if asked.repeats:
-        console.print(exactly_declared(asked.repeats))
-    if not asked.sessions:
-        return
-    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
-        seeds = range(2000, 2000 + asked.sessions)
-        found = list(track(pool.map(wrongly_declared, seeds), "Sessions", total=asked.sessions))
-    console.print(spread(found))
+def said(console: Console, found: list[Outcome], title: str) -> None:
+    console.print(spread(found, title))
     ratios = np.array([one.ratio for one in found])
     console.print(
         f"Map error over predicted sigma: median {np.median(ratios):.2f}, root mean square {np.sqrt(np.mean(ratios**2)):.2f}, "
@@ -109,6 +98,26 @@ def main() -> None:
     console.print(f"Verdicts: {dict(Counter(one.word for one in found))}.")
     for sentence, count in Counter(reason.split(":")[0][:90] for one in found for reason in one.reasons).most_common():
         console.print(f"{count}: {sentence}", markup=False)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--repeats", type=int, default=50)
+    parser.add_argument("--sessions", type=int, default=100)
+    parser.add_argument("--clean", type=int, default=40)
+    parser.add_argument("--views", type=int, default=30, help="of those sessions: so many fill the picture at random")
+    parser.add_argument("--first", type=int, default=2000, help="their first seed")
+    asked = parser.parse_args()
+    console = Console(width=140)
+    if asked.repeats:
+        console.print(exactly_declared(asked.repeats))
+    for count, wrong, title in ((asked.sessions, True, "every number drawn"), (asked.clean, False, "every number true")):
+        if not count:
+            continue
+        seeds = range(asked.first, asked.first + count)
+        with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
+            one = partial(outcome, views=asked.views, wrong=wrong)
+            said(console, list(track(pool.map(one, seeds), "Sessions", total=count)), title)
 
 
 if __name__ == "__main__":

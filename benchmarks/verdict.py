@@ -16,6 +16,7 @@ from calib.corners.corners_file import write_corners
 from calib.fitting.fit import fit
 from calib.fitting.stages import Settings
 from calib.session.camera import Camera
+from calib.session.freeing import ALL, AUTO
 from calib.session.session import read_session, session_to_yaml
 from calib.threads import single_thread
 from calib.verdict.judge import judge
@@ -27,10 +28,10 @@ SEEDS = range(100, 114)
 
 
 def rows(name: str, folder: Path) -> Iterator[str]:
-    """A session's, with its numbers held and free."""
+    """A session's, as by default and with all numbers free."""
     session = read_session(folder)
-    for free, said in (((), "held"), (("all",), "free")):
-        calibration = fit(session, Settings(free=free))
+    for free, said in ((AUTO, "as by default"), (ALL, "all free")):
+        calibration = fit(session, Settings(free=(free,)))
         with single_thread():
             begun = time.process_time()
             verdict = judge(calibration)

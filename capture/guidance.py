@@ -136,7 +136,7 @@ def answers(request: Request) -> Iterator[Answer]:
     from calib.threads import single_thread
 
     views = [View(f"{number:04d}", corners, np.ones(len(corners))) for number, corners in enumerate(request.views)]
-    setup = Setup(request.board, request.camera, request.camera.intrinsics, request.cover).freed(Settings())
+    setup = Setup(request.board, request.camera, request.camera.intrinsics, request.cover)
     poses = bank(request.board, request.camera, request.reach).poses
     with single_thread():
         design = estimate(setup, views, GRID).design(setup, poses, CELLS, request.reach.levels())

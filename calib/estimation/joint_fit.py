@@ -44,7 +44,7 @@ class Start:
     values: Values
     sigma: float
     """px"""
-    smoothness: Smoothness | None = None
+    smoothness: Smoothness | None
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,10 +27,10 @@ FIGURE_FREE = 4
 """The highest degree that is free."""
 FIGURE_FALL = 0.2
 """From one degree above that to the next."""
-FIGURE_HEIGHT = 1e-4
-"""m: standard deviation of a free Legendre polynomial's coefficient, ten times what glass does (`GLASS_FIGURE`), so that it is free: with
-a fifth of it, or chosen by evidence down to there, maps through 60 um of figure were off by 1.35 times their sigma, with this by 0.99, with
-three times as much by 0.90 (twelve sessions, every number held)."""
+FIGURE_HEIGHT = 3e-4
+"""m: standard deviation of a free Legendre polynomial's coefficient, thirty times what glass does (`GLASS_FIGURE`), so that it is free:
+with a fifteenth of it, or chosen by evidence down to there, maps through 60 um of figure were off by 1.35 times their sigma, with a third
+by 0.99, with this by 0.90 (twelve sessions, every number held)."""
 LEAST_HEIGHT = 1e-9
 """m: what is left independent from centre to centre, so that the covariance can be inverted."""
 SIGMA_BOUNDS = (1e-4, 1e2)

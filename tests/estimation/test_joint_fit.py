@@ -209,7 +209,7 @@ def test_the_prior_s_heights_have_the_stated_spread() -> None:
         def term(i: int, k: int) -> float:
             return float(np.prod([eval_legendre(i, p[0]) * eval_legendre(k, p[1]) for p in (one, two)]))
 
-        return sum((1e-4 * 0.2 ** max(0, i + k - 4)) ** 2 * term(i, k) for i in range(11) for k in range(11 - i))
+        return sum((3e-4 * 0.2 ** max(0, i + k - 4)) ** 2 * term(i, k) for i in range(11) for k in range(11 - i))
 
     corner, neighbour = (-1.0, -1.0), (-1.0, -0.5)
     assert spread[0, 0] == pytest.approx(4e-10 + figure(corner, corner), rel=1e-4)
