@@ -1,8 +1,9 @@
 """Metric measurement with one calibrated camera: points on a known plane, or triangulated from several views of a still board. In metres,
 with sigma.
 
-Sigma counts the noise of the pixels, the uncertainty of the calibration's rays, which pixels and boards share, and the noise of the
-corners of boards that say where a plane is. It does not count a board that is not as declared, nor glass that the fit cannot follow.
+Sigma counts the noise of the pixels, the uncertainty of the calibration's rays, which pixels and boards share, the noise of the corners of
+boards that say where a plane is, and how well the side of their squares is known. It does not count a board of another shape, nor glass
+that the fit cannot follow.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ class BoardPose:
     noise: Array
     """(6, 6) errors for each of six independent errors of unit variance, from the noise of the corners."""
     rays: Array
-    """(6, S) errors for each independent error of the calibration's rays."""
+    """(6, S + 1) errors for each independent error of the calibration's rays, and for that of the squares' side."""
 
     @staticmethod
     def exactly(pose: Array) -> BoardPose:
@@ -141,7 +142,9 @@ class Measurer:
         by_line = central_differences(lambda lines: intersect(*self._rays(lines), each), self._lines(pixels), LINE_STEPS)  # (M, 3, 4)
         on_board = turns(pose[None])[0].T[:2] @ by_line @ self._errors(pixels)  # (M, 2, S)
         by_map = (weights.numpy() @ on_board).reshape(len(by_pose), -1)  # (2M, S)
-        return BoardPose(pose, noise, -noise @ noise.T @ by_pose.T @ by_map)
+        by_rays = -noise @ noise.T @ by_pose.T @ by_map
+        by_size = self.calibration.board.relative_sigma * np.concatenate([np.zeros(3), pose[3:]])
+        return BoardPose(pose, noise, np.column_stack([by_rays, by_size]))
 
     def on_planes(self, pixels: Array, planes: Sequence[BoardPose], plane: Sequence[int]) -> Measured:
         """Where pixels look on planes, in the camera frame.
@@ -235,7 +238,9 @@ class Measurer:
         return np.asarray(by_pixel @ by_pixel.swapaxes(1, 2))
 
     def _shared(self, planes: Sequence[BoardPose], of: Indices, by_pose: Array, by_rays: Array) -> Array:
-        """(N, 3, S + 6 V) errors that points share: of the rays, directly and through the boards, then of each board's corners."""
+        """(N, 3, S + 1 + 6 V) errors that points share: of the rays, directly and through the boards, of the squares' side, then of each
+        board's corners."""
+        by_rays = np.concatenate([by_rays, np.zeros((len(of), 3, 1))], -1)
         noise = np.zeros((len(of), 3, len(planes), 6))
         for row, plane in enumerate(of):
             noise[row, :, plane] = by_pose[row] @ planes[plane].noise

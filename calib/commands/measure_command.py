@@ -5,8 +5,9 @@ across the optical axis (--depth), on the board that their own picture shows (--
 more pictures of one still board (--triangulate). Pictures are sought beside POINTS. A
 point outside its picture, or without a ray, is not measured; the table and the JSON say why.
 
-Sigma counts the pixels' noise, the uncertainty of the calibrated rays, and the corner noise of the boards; not a board that is
-otherwise than declared, nor glass that the fit cannot follow.
+Sigma counts the pixels' noise, the uncertainty of the calibrated rays, the corner noise of the boards, and how well the side of their
+squares is known (board.square_mm, by 0.2 % where session.yaml says nothing of it); not a board of another shape, nor glass that the fit
+cannot follow.
 """
 
 import argparse

@@ -79,7 +79,7 @@ def session_from_mapping(mapping: Mapping[str, object], where: str) -> tuple[Boa
 def session_to_yaml(board: Board, camera: Camera, cover: Cover) -> dict[str, object]:
     """The mapping that `session_from_mapping` reads as the same numbers."""
     return {
-        "board": {"columns": board.columns, "rows": board.rows, "square_mm": SQUARE.to_yaml(Number(board.square))},
+        "board": {"columns": board.columns, "rows": board.rows, "square_mm": _square_to_yaml(board)},
         "camera": camera_to_yaml(camera),
         "cover": cover_to_yaml(cover),
     }
@@ -124,9 +124,11 @@ def _read_board(section: Section) -> Board:
     section.only(("columns", "rows", "square_mm"))
     columns, rows = (section.whole(key, 3, 1000) for key in ("columns", "rows"))
     square = section.read(SQUARE)["square"]
-    if square.sigma:
-        raise section.wrong(SQUARE.key, section.values[SQUARE.key], SQUARE.expected)
-    return Board(columns, rows, square.value)
+    return Board(columns, rows, square.value, square.sigma if square.sigma or square.exact else None)
+
+
+def _square_to_yaml(board: Board) -> object:
+    return SQUARE.to_yaml(Number(board.square, board.square_sigma or 0.0, exact=board.square_sigma == 0))
 
 
 def _corners(section: Section, folder: Path) -> Path | None:

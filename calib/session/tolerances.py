@@ -36,6 +36,7 @@ RADIAL = Tolerance(0.1, "", 1e-3, "lenses that are called free of distortion hav
 TANGENTIAL = Tolerance(0.01, "", 1e-3, "a lens tilted by half a degree")
 
 BOARD_BOW = Tolerance(3e-3, "m", 1e-3, "boards of makers are bent by 0.3 to 2.5 mm (ten of seventeen measured sets)")
+SQUARE_SIDE = Tolerance(2e-3, "", 1e-3, "of the side: a ruler's half millimetre over a board of 25 cm")
 PRINT_STRETCH = Tolerance(0.01, "", 1e-3, "desktop printers stretch paper by some tenths of a per cent along its feed")
 DETECTOR = Tolerance(0.1, "px", 0.01, "the largest pull towards pixels' middles that corner detectors are known for")
 BOARD_SPIN = Tolerance(0.05, "rad", 1e-2, "a board that a hand turns at 1.5 rad/s, over a readout of 33 ms")

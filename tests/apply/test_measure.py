@@ -121,6 +121,28 @@ def test_sigma_is_what_repeated_noise_shows(how: str) -> None:
     assert np.sqrt(np.mean(np.square(apart))) / np.mean(said_apart) == pytest.approx(1, abs=0.4)
 
 
+@pytest.mark.parametrize("how", ["boards", "views"])
+def test_doubt_of_the_squares_is_doubt_of_all_that_is_measured(calibration: Calibration, how: str) -> None:
+    """Sigma is how much points and distances change with the side of the squares."""
+    board = calibration.board
+    points = np.array([[0.02, 0.03, 0.0], [-0.06, 0.04, 0.0]])
+    pixels = np.concatenate([seen(calibration, pose, points) for pose in POSES])
+    views = [view_of(calibration, pose) for pose in POSES]
+    larger, doubted = replace(board, square=1.001 * board.square), replace(board, square_sigma=0.001 * board.square)
+    found = []
+    for one in (board, larger, doubted):
+        measurer = Measurer(replace(calibration, board=replace(one, square_sigma=one.square_sigma or 0.0), noise_px=1e-6))
+        poses = [measurer.board_pose(view) for view in views]
+        if how == "views":
+            found.append(measurer.triangulate(pixels, poses, [0, 0, 1, 1], [0, 1, 0, 1]))
+        else:
+            found.append(measurer.on_planes(pixels, poses, [0, 0, 1, 1]))
+    still, moved, said = found
+    change = np.abs(moved.points - still.points)
+    assert said.sigma == pytest.approx(change, abs=0.02 * change.max())  # rays that do not start at one point: 1 %
+    assert said.distance(0, 1)[1] == pytest.approx(0.001 * still.distance(0, 1)[0], rel=0.02)
+
+
 def test_uncertain_glass_shows_in_sigma(made: Scene) -> None:
     """With doubt of one amplitude alone, the sigma of a distance between two boards is how much it changes with that amplitude: the boards'
     poses are refitted, and a motion of all rays moves both boards alike."""

@@ -165,7 +165,11 @@ MALFORMED: tuple[Malformed, ...] = (
     Malformed("model is a number", _yaml("model: drawn", "model: 2.1"), ("camera.model is 2.1", "in quotes")),
     Malformed("square negative", _yaml("square_mm: 20.0", "square_mm: -20.0"), ("board.square_mm is -20.0", "millimetres")),
     Malformed("square in metres", _yaml("square_mm: 20.0", "square_mm: 0.02"), ("board.square_mm is 0.02", "metres were meant, is 20")),
-    Malformed("square uncertain", _yaml("square_mm: 20.0", "square_mm: {value: 20.0, sigma: 1.0}"), ("board.square_mm is a mapping",)),
+    Malformed(
+        "square less than sure",
+        _yaml("square_mm: 20.0", "square_mm: {value: 20.0, sigma: -1.0}"),
+        ("board.square_mm.sigma is -1.0", "a number above 0"),
+    ),
     Malformed("thickness in metres", _yaml("thickness_mm: 3.0", "thickness_mm: 0.003"), ("cover.thickness_mm is 0.003", "millimetres")),
     Malformed("index below one", _yaml("refractive_index: 1.5", "refractive_index: 0.9"), ("cover.refractive_index is 0.9", "from 1 to 3")),
     Malformed(

@@ -72,6 +72,20 @@ def test_yaml_numbers_are_read_as_people_write_them(folder: Path) -> None:
     assert session.board.square == 0.02
 
 
+@pytest.mark.parametrize(
+    ("written", "sigma", "relative"),
+    [("20.0", None, 0.002), ("{value: 20.0, sigma: 0.05}", 5e-5, 0.0025), ("{value: 20.0, exact: true}", 0.0, 0.0)],
+)
+def test_how_well_a_square_is_known(folder: Path, written: str, sigma: float | None, relative: float) -> None:
+    (folder / "session.yaml").write_text(SESSION.replace("square_mm: 20.0", f"square_mm: {written}"))
+    session = read_session(folder)
+    board = session.board
+    assert board.square_sigma == sigma
+    assert board.relative_sigma == pytest.approx(relative)
+    again, *_ = session_from_mapping(session_to_yaml(board, session.camera, session.cover), "here")
+    assert again.square_sigma == sigma
+
+
 @pytest.mark.parametrize("digits", [15, 17])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_written_setup_reads_as_the_same_numbers(shape: str, digits: int) -> None:
