@@ -88,6 +88,7 @@ def test_rays_of_the_clean_session_are_the_renderer_s(fitted: dict[str, Calibrat
     measured = (
         ("clean", fitted["clean"], (0.0163, 0.0133, 0.0275), (0.786, 1.153, 1.192)),
         ("clean", by_the_paper, (0.1201, 0.1010, 0.1962), ()),
+        ("covered-bare", fitted["covered-bare"], (0.0391, 0.0386, 0.0598), (0.816, 1.607, 1.365)),
         ("bumps", fitted["bumps"], (0.0263, 0.0187, 0.0484), (1.220, 1.579, 2.103)),
     )
     for name, result, px, over_expected in measured:

@@ -177,21 +177,22 @@ def test_a_freed_focal_length_mends_what_a_wrong_one_spoils(made: Scene) -> None
 
 
 def test_evidence_is_the_marginal_likelihood() -> None:
-    """Brute force: with amplitudes and a free number integrated out, the residuals are normal with covariance
+    """Brute force: with amplitudes and two correlated numbers integrated out, the residuals are normal with covariance
     sigma^2 I + J P^-1 J^T."""
     relief = Relief(*PATCH, (3, 4))
     rng = np.random.default_rng(0)
-    jacobian = rng.normal(size=(40, 13)) * np.array([1e5] * 12 + [0.7])
+    jacobian = rng.normal(size=(40, 14)) * np.array([1e5] * 12 + [0.7, 2.0])
     residual = rng.normal(size=40)
-    here = rng.normal(size=13) * np.array([1e-6] * 12 + [0.5])
+    here = rng.normal(size=14) * np.array([1e-6] * 12 + [0.5, 0.3])
+    of_two = np.array([[0.25, -0.14], [-0.14, 0.09]])  # correlated by -0.93
     quadratic = Quadratic.around(jacobian.T @ jacobian, jacobian.T @ residual, float(residual @ residual), 40, here)
     at_zero = residual - jacobian @ here  # linear: the residuals of the flat relief
     assert quadratic.cost == pytest.approx(at_zero @ at_zero)
-    evidence = MarginalLikelihood(quadratic, relief, np.array([0.5]))
+    evidence = MarginalLikelihood(quadratic, relief, np.linalg.cholesky(of_two))
     ours, theirs = [], []
     for sigma, smoothness in ((0.5, Smoothness(1e-5, 0.4)), (1.3, Smoothness(3e-6, 0.2)), (1.0, Smoothness(4e-5, 1.0))):
         ours.append(evidence.log(sigma, smoothness))
-        spread = block_diag(np.linalg.inv(smoothness.precision(relief)), np.array([[0.25]]))
+        spread = block_diag(np.linalg.inv(smoothness.precision(relief)), of_two)
         covariance = sigma**2 * np.eye(40) + jacobian @ spread @ jacobian.T
         theirs.append(multivariate_normal(np.zeros(40), covariance).logpdf(at_zero))
     assert np.diff(ours) == pytest.approx(np.diff(theirs), rel=1e-5)
