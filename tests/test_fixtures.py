@@ -88,7 +88,6 @@ def test_rays_of_the_clean_session_are_the_renderer_s(fitted: dict[str, Calibrat
     measured = (
         ("clean", fitted["clean"], (0.0163, 0.0133, 0.0275), (0.786, 1.153, 1.192)),
         ("clean", by_the_paper, (0.1201, 0.1010, 0.1962), ()),
-        ("covered-bare", fitted["covered-bare"], (0.0391, 0.0386, 0.0598), (0.816, 1.607, 1.365)),
         ("bumps", fitted["bumps"], (0.0263, 0.0187, 0.0484), (1.220, 1.579, 2.103)),
     )
     for name, result, px, over_expected in measured:
@@ -99,6 +98,16 @@ def test_rays_of_the_clean_session_are_the_renderer_s(fitted: dict[str, Calibrat
         ratios = [error.by_depth[depth] / sigma for depth, sigma in error.predicted.items()]
         assert len(ratios) == len(over_expected)
         assert all(0.8 < ratio / usual < 9 / 8 for ratio, usual in zip(ratios, over_expected, strict=True))
+
+
+def test_rays_behind_a_bare_calibration_are_the_renderer_s(fitted: dict[str, Calibration]) -> None:
+    """As those of the clean session, from twelve views of a quarter of its pixels: an eighth more than was measured is allowed."""
+    error = map_error(fitted["covered-bare"], FIXTURES / "covered-bare" / "truth.npz", near=40.0)
+    assert error.pixels > 900
+    print(f"covered-bare: map error, px RMS by depth: {error.by_depth}, expected: {error.predicted}")
+    assert (np.array(list(error.by_depth.values())) / (0.0391, 0.0386, 0.0598) < 9 / 8).all()
+    ratios = [error.by_depth[depth] / sigma for depth, sigma in error.predicted.items()]
+    assert all(0.8 < ratio / usual < 9 / 8 for ratio, usual in zip(ratios, (0.816, 1.604, 1.364), strict=True))
 
 
 @pytest.mark.parametrize("name", ["clean", "bumps"])
