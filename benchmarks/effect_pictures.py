@@ -25,6 +25,7 @@ from calib.effects.registry import EFFECTS
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.poses import refit_poses
+from calib.estimation.priors import NONE, Priors
 from calib.optics.build import covered_path, footprint, with_relief
 from calib.optics.params import LINE, TIME
 from calib.optics.projection import project
@@ -129,9 +130,9 @@ def base(cover: Cover) -> CameraModel:
     """The model without effects; behind a cover with a relief, which is even."""
     path, values = covered_path(CAMERA, cover)
     if cover.shape == "none":
-        return CameraModel(path, values, {})
+        return CameraModel(path, values, NONE)
     path = with_relief(path, Relief(*footprint(path, values, WIDTH, HEIGHT), GRID))
-    return CameraModel(path, values | {"relief.amplitudes": torch.zeros(GRID, dtype=torch.float64)}, {})
+    return CameraModel(path, values | {"relief.amplitudes": torch.zeros(GRID, dtype=torch.float64)}, NONE)
 
 
 def proposed(kinds: tuple[type[Effect], ...], model: CameraModel) -> list[Effect]:
@@ -336,7 +337,7 @@ def _print_alike() -> None:
     for cover in (BARE, CONE):
         model = base(cover)
         if cover is BARE:  # as a fit whose intrinsics come from the same views
-            model = replace(model, free={"camera.fx": 60.0, "camera.fy": 60.0, "camera.cx": 100.0, "camera.cy": 100.0})
+            model = replace(model, priors=Priors({"camera.fx": 60.0, "camera.fy": 60.0, "camera.cx": 100.0, "camera.cy": 100.0}))
         poses = poses_of(model)
         observations = seen(model, dict(model.means), poses)
         noise = torch.from_numpy(np.random.default_rng(1).normal(0, 0.1, observations.pixels.shape))

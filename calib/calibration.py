@@ -23,7 +23,7 @@ from calib.effects.serialise import effect_from_yaml, effect_to_yaml
 from calib.errors import InputError
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
-from calib.estimation.stated_priors import freed
+from calib.estimation.stated_priors import priors_of
 from calib.io.files import make_folder, reading, save_npz, write_atomically
 from calib.io.yaml_reader import read_yaml
 from calib.optics.build import covered_path, with_relief
@@ -131,9 +131,9 @@ class Calibration:
         """The ray path at the calibration's values, with the priors of what its fit estimated, the effects' parameters among them."""
         assert self.camera.intrinsics
         path, values = self.model()
-        free: dict[str, float | Tensor] = dict(freed(self.camera.intrinsics, self.cover, path))
-        free |= {unknown.param.name: unknown.sigma for found in self.effects for unknown in found.effect.unknowns}
-        return CameraModel(path, values, free, tuple(found.effect for found in self.effects))
+        priors = priors_of(self.camera.intrinsics, self.cover, path)
+        priors = priors.beside({unknown.param.name: unknown.sigma for found in self.effects for unknown in found.effect.unknowns})
+        return CameraModel(path, values, priors, tuple(found.effect for found in self.effects))
 
     def rays(self, pixels: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The rays along which pixels see.

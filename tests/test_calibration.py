@@ -10,18 +10,22 @@ import numpy as np
 import pytest
 import yaml
 
-from calib.calibration import Calibration
+from calib.calibration import Calibration, Declared
 from calib.corners.corners_file import write_corners
 from calib.corners.view import View
+from calib.diagnosis.starting_model import base_model
 from calib.errors import InputError, NotEnoughDataError
 from calib.fitting.fit import fit
 from calib.fitting.stages import Settings
 from calib.progress import Silent
-from calib.session.camera import Camera
+from calib.session.camera import Camera, Intrinsics
+from calib.session.schema import Number
 from calib.session.session import read_session, session_to_yaml
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, Scene, scene
 
 SHORT = Settings(grid=(5, 5), steps=60)
+CORRELATIONS = ((0.99,), (0.5, 0.55), (0.0, 0.0, 0.2))
+BARE = Intrinsics(Number(2560, 3.0), Number(2559, 2.9), Number(1666, 1.5), Number(1274, 1.2), (), CORRELATIONS)
 
 
 def write_session(folder: Path, made: Scene, views: tuple[View, ...] | None = None) -> Path:
@@ -81,6 +85,28 @@ def test_a_saved_calibration_can_be_fitted_again_from_itself(calibration: Calibr
     pixels = np.random.default_rng(2).uniform(0, [WIDTH, HEIGHT], (200, 2))
     for first, second in zip(calibration.rays(pixels), again.rays(pixels), strict=True):
         assert np.abs(first - second).max() < 1e-9
+
+
+def test_the_priors_of_a_bare_calibration_come_back(calibration: Calibration, tmp_path: Path) -> None:
+    """With their correlations, a doubted number's among them; a diagnosis starts from the same ones. A file from before there were any has
+    none."""
+    replace(calibration, stated=Declared(BARE, calibration.declared.cover, ("camera.fy",))).save(tmp_path)
+    back = Calibration.load(tmp_path)
+    assert back.declared.intrinsics == BARE
+    priors = base_model(back).priors
+    assert priors.sigmas["camera.fy"] == pytest.approx(29.0)
+    assert priors.correlations["camera.fy", "camera.fx"] == pytest.approx(0.099)
+    assert priors.correlations["camera.cx", "camera.fx"] == 0.5
+    edit_yaml(tmp_path, lambda said: said["declared"]["camera"]["intrinsics"].pop("correlations"))
+    assert Calibration.load(tmp_path).declared.intrinsics == replace(BARE, correlations=())
+
+
+def test_views_that_gave_the_intrinsics_count_once(calibration: Calibration) -> None:
+    """What they said of them is no prior for them."""
+    made = replace(calibration, stated=Declared(BARE, calibration.declared.cover), settings={"intrinsics_from": "views"})
+    priors = base_model(made).priors
+    assert priors.correlations == {}
+    assert priors.sigmas["camera.fx"] == pytest.approx(128.0)
 
 
 def test_settings_come_back_equal(calibration: Calibration, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from calib.diagnosis.score_test import Optimum
 from calib.effects.effect import Surroundings
 from calib.estimation.elimination import eliminated, view_equations
 from calib.estimation.parameters import Parameters
+from calib.estimation.priors import NONE
 from calib.optics.relief import AMPLITUDES, Relief
 from calib.session.board import Board
 from calib.session.camera import Camera
@@ -33,7 +34,7 @@ def suspected_place(at: Optimum) -> Tensor | None:
     zero = torch.zeros(fine.grid, dtype=torch.float64)
     values = {**joint.values, "coarse.amplitudes": joint.values[AMPLITUDES], AMPLITUDES: zero}
     scores, squares = np.zeros(rows * columns), np.zeros(rows * columns)
-    for view in view_equations(finer, Parameters(values, fine, (), {}), at.observations, joint.poses, joint.sigma):
+    for view in view_equations(finer, Parameters(values, fine, (), NONE), at.observations, joint.poses, joint.sigma):
         bells = eliminated(view.own, view.shared)
         scores += bells.T @ view.residual
         squares += (bells**2).sum(0)
@@ -45,5 +46,5 @@ def suspected_place(at: Optimum) -> Tensor | None:
 
 def surroundings(at: Optimum, board: Board, camera: Camera, *, place: bool) -> Surroundings:
     """What effects may go by there; the place on the glass only if it is asked for, as it takes a while."""
-    free = frozenset(at.model.free)
+    free = frozenset(at.model.priors.sigmas)
     return Surroundings(board, camera.width, camera.height, at.model.path, at.joint.values, free, suspected_place(at) if place else None)

@@ -114,7 +114,7 @@ class Optimum:
         """The fitted ones, where the fit ended, then those of further effects, where these are not there."""
         wider = self.model.with_effects(effects)
         neutral = {name: value for effect in effects for name, value in self.model.neutral(effect).items()}
-        return Parameters.of(wider.path, {**self.joint.values, **neutral}, wider.free, last=neutral)
+        return Parameters.of(wider.path, {**self.joint.values, **neutral}, wider.priors, last=neutral)
 
     def equations(self, effects: Sequence[Effect] = ()) -> Iterator[ViewEquations]:
         """Every view's, in `parameters(effects)`."""

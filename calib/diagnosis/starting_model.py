@@ -3,12 +3,12 @@
 from dataclasses import replace
 
 import torch
-from torch import Tensor
 
 from calib.calibration import Calibration
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.doubt import DOUBT
-from calib.estimation.stated_priors import freed
+from calib.estimation.priors import Priors
+from calib.estimation.stated_priors import priors_of, widened
 from calib.session.tolerances import OWN_CENTRE, OWN_COEFFICIENT, OWN_FOCAL
 
 
@@ -17,15 +17,18 @@ def base_model(calibration: Calibration) -> CameraModel:
     declared = calibration.declared
     as_declared = replace(calibration, camera=replace(calibration.camera, intrinsics=declared.intrinsics), cover=declared.cover, effects=())
     path, values = as_declared.model()
-    free: dict[str, float | Tensor] = dict(freed(declared.intrinsics, declared.cover, path))
-    free |= {name: DOUBT * free[name] for name in declared.doubted}
+    intrinsics, cover = declared.intrinsics, declared.cover
+    for name in declared.doubted:
+        intrinsics, cover = widened(intrinsics, cover, name, DOUBT)
+    priors = priors_of(intrinsics, cover, path)
     if calibration.settings.get("intrinsics_from") == "views":
         focal = OWN_FOCAL.sigma * float(values["camera.fx"])
         own = {"camera.fx": focal, "camera.fy": focal, "camera.cx": OWN_CENTRE.sigma, "camera.cy": OWN_CENTRE.sigma}
-        free |= {param.name: own.get(param.name, OWN_COEFFICIENT.sigma) for param in path.lens.params}
+        own = {param.name: own.get(param.name, OWN_COEFFICIENT.sigma) for param in path.lens.params}
+        priors = Priors({**priors.sigmas, **own})
     if calibration.relief:
         values["relief.amplitudes"] = torch.zeros_like(values["relief.amplitudes"])
-    return CameraModel(path, values, free)
+    return CameraModel(path, values, priors)
 
 
 def model_of(calibration: Calibration) -> CameraModel:

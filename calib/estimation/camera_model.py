@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import reduce
 
@@ -14,6 +14,7 @@ from calib.estimation.joint_fit import AGAIN, ROUNDS, JointFit, Start, fit_joint
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.poses import refine_poses_in_image
+from calib.estimation.priors import Priors
 from calib.optics.params import Values
 from calib.optics.path import Path
 
@@ -28,20 +29,20 @@ class CameraModel:
     path: Path
     means: Values
     """Every value of the path: where it is held, or its prior's mean."""
-    free: Mapping[str, float | Tensor]
-    """The priors' standard deviations of what is estimated beside the relief."""
+    priors: Priors
+    """Of what is estimated beside the relief."""
     effects: tuple[Effect, ...] = ()
 
     @property
     def parameters(self) -> Parameters:
         """What a fit of it estimates, beside the views' own parameters."""
-        return Parameters.of(self.path, self.means, self.free)
+        return Parameters.of(self.path, self.means, self.priors)
 
     def with_effect(self, effect: Effect) -> CameraModel:
         """The model with one effect more, at the start of its parameters."""
         values = {u.param.name: torch.full(u.param.shape, u.begin, dtype=torch.float64) for u in effect.unknowns}
         sigmas = {u.param.name: u.sigma for u in effect.unknowns}
-        return CameraModel(effect.apply(self.path), {**self.means, **values}, {**self.free, **sigmas}, (*self.effects, effect))
+        return CameraModel(effect.apply(self.path), {**self.means, **values}, self.priors.beside(sigmas), (*self.effects, effect))
 
     def with_effects(self, effects: Iterable[Effect]) -> CameraModel:
         """The model with some effects more."""
@@ -56,7 +57,7 @@ class CameraModel:
         if start:
             start = replace(start, values={name: start.values.get(name, mean) for name, mean in self.means.items()})
         rounds = AGAIN if start else ROUNDS
-        return fit_joint(self.path, self.means, observations, self.padded(poses), free=self.free, start=start, rounds=rounds)
+        return fit_joint(self.path, self.means, observations, self.padded(poses), priors=self.priors, start=start, rounds=rounds)
 
     def padded(self, poses: Tensor) -> Tensor:
         """(V, 6 or 12) parameters of views as this model has them: motions begin at rest, or are dropped."""

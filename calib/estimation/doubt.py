@@ -49,4 +49,4 @@ def farthest(joint: JointFit, but: Collection[str] = ()) -> str:
 
 def _apart(joint: JointFit, name: str) -> float:
     distance = float(joint.values[name] - joint.parameters.origin[name])
-    return apart(distance, float(joint.parameters.sigmas[name]), float(joint.sigma_of(name)))
+    return apart(distance, float(joint.parameters.priors.sigmas[name]), float(joint.sigma_of(name)))

@@ -4,7 +4,7 @@ Source: D. J. C. MacKay, Bayesian interpolation (1992), for the evidence (the ma
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,7 @@ from calib.estimation.levenberg_marquardt import Outcome, Solution, minimise
 from calib.estimation.objective import LandingProblem, view_precision
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
+from calib.estimation.priors import NONE, Priors
 from calib.estimation.residual_blocks import landings, pixel_weights
 from calib.estimation.surface_prior import MarginalLikelihood, Quadratic, Smoothness, most_probable
 from calib.optics.params import Values
@@ -102,7 +103,7 @@ def fit_joint(
     observations: Observations,
     poses: Tensor,
     *,
-    free: Mapping[str, float | Tensor] | None = None,
+    priors: Priors = NONE,
     start: Start | None = None,
     rounds: Sequence[float] = ROUNDS,
     progress: Callable[[int, float], None] | None = None,
@@ -113,7 +114,7 @@ def fit_joint(
         path: with or without a relief.
         values: the start; free parameters have their prior's mean here.
         poses: (V, 6) to start from, or (V, 12) where boards move during the readout.
-        free: standard deviation of each free parameter's prior, by name; `values` hold its mean.
+        priors: of the free parameters; `values` hold their means.
         start: where to start instead.
         rounds: tolerances of one fit after another; noise and prior are estimated between them, so that one round keeps the start's.
         progress: called with the number of linearisations so far and the RMS px.
@@ -121,7 +122,7 @@ def fit_joint(
     # A corner whose ray does not get through the cover at the start says nothing, and must not forbid every step.
     begin = start.values if start else values
     observations = observations.kept(path.land(observations.pixels, observations.with_times(begin), poses[observations.view])[1] == 0)
-    parameters = Parameters.of(path, values, free or {})
+    parameters = Parameters.of(path, values, priors)
     sigma = start.sigma if start else FIRST_SIGMA
     smoothness = ((start and start.smoothness) or UNEVEN_GLASS) if path.relief else None
     shared = parameters.vector(begin)
@@ -155,4 +156,4 @@ def _evidence(solution: Solution, observations: Observations, sigma: float, para
     hessian, gradient = (part.cpu().numpy() * sigma**2 for part in solution.equations.schur_complement())
     square = solution.equations.sum_of_squares * sigma**2
     quadratic = Quadratic.around(hessian, gradient, square, freedom, solution.shared.cpu().numpy())
-    return MarginalLikelihood(quadratic, parameters.relief, parameters.prior_sigmas()), (square / freedom) ** 0.5
+    return MarginalLikelihood(quadratic, parameters.relief, parameters.free_root()), (square / freedom) ** 0.5

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, cholesky, solve_triangular
 from torch import Tensor
 
+from calib.estimation.priors import NONE, Priors
 from calib.estimation.surface_prior import Smoothness, basis
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
@@ -33,19 +34,19 @@ class Parameters:
     """Whose amplitudes are estimated."""
     free: tuple[Param, ...]
     """The others that are estimated, in the vector's order."""
-    sigmas: Mapping[str, float | Tensor]
-    """The standard deviation of each free parameter's prior, in its unit; of one with several entries, one for all or one each."""
+    priors: Priors
+    """Of the free parameters."""
 
     @staticmethod
-    def of(path: Path, origin: Values, sigmas: Mapping[str, float | Tensor], last: Iterable[str] = ()) -> Parameters:
+    def of(path: Path, origin: Values, priors: Priors, last: Iterable[str] = ()) -> Parameters:
         """Of a path's relief and of those of its parameters that have a prior, in the path's order, but the `last` ones last."""
-        free = [param for param in path.params if param.name in sigmas]
-        return Parameters(origin, path.relief, tuple(sorted(free, key=lambda param: param.name in last)), sigmas)
+        free = [param for param in path.params if param.name in priors.sigmas]
+        return Parameters(origin, path.relief, tuple(sorted(free, key=lambda param: param.name in last)), priors)
 
     @staticmethod
     def none(origin: Values) -> Parameters:
         """Nothing is shared: only the views' own parameters are estimated."""
-        return Parameters(origin, None, (), {})
+        return Parameters(origin, None, (), NONE)
 
     @property
     def amplitudes(self) -> int:
@@ -93,17 +94,26 @@ class Parameters:
     def prior_precision(self, smoothness: Smoothness | None) -> Array:
         """(S, S) inverse covariance of the vector beforehand."""
         amplitudes = smoothness.precision(self.relief) if self.relief and smoothness else np.zeros((0, 0))
-        return np.asarray(block_diag(amplitudes, np.diag(self.prior_sigmas() ** -2)))
+        free = self.free_root()
+        whitened = solve_triangular(free, np.eye(len(free)), lower=True)
+        return np.asarray(block_diag(amplitudes, whitened.T @ whitened))
 
     def prior_root(self, smoothness: Smoothness) -> Array:
         """(S, S) R with R R^T the covariance of the vector beforehand."""
         amplitudes = np.linalg.solve(basis(self.relief), smoothness.root(self.relief)) if self.relief else np.zeros((0, 0))
-        return np.asarray(block_diag(amplitudes, np.diag(self.prior_sigmas())))
+        return np.asarray(block_diag(amplitudes, self.free_root()))
 
-    def prior_sigmas(self) -> Array:
-        """(F,) standard deviations of the free parameters' entries beforehand, over their scales."""
-        each = (np.broadcast_to(np.asarray(self.sigmas[p.name]) / p.scale, self.origin[p.name].shape).ravel() for p in self.free)
-        return np.concatenate([np.zeros(0), *each])
+    def free_root(self) -> Array:
+        """(F, F) the lower Cholesky factor of the covariance of the free parameters' entries beforehand, over their scales."""
+        sigmas = self.priors.sigmas
+        each = (np.broadcast_to(np.asarray(sigmas[p.name]) / p.scale, self.origin[p.name].shape).ravel() for p in self.free)
+        spread = np.concatenate([np.zeros(0), *each])
+        places = {name: place.start - self.amplitudes for name, place in self.slices().items()}
+        correlation = np.eye(len(spread))
+        for (one, other), value in self.priors.correlations.items():
+            if one in places and other in places:
+                correlation[places[one], places[other]] = correlation[places[other], places[one]] = value
+        return np.asarray(spread[:, None] * cholesky(correlation, lower=True))
 
     def sigma(self, name: str, covariance: Tensor) -> Tensor:
         """The standard deviation of a free parameter, shaped as it is and in its unit, from the vector's (S, S) covariance."""

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from calib.estimation.joint_fit import JointFit
+from calib.estimation.priors import Priors
 from calib.optics.lens_model import COEFFICIENTS
 from calib.optics.path import Path
 from calib.session.camera import Intrinsics
@@ -11,14 +12,16 @@ from calib.session.cover import Cover
 from calib.session.schema import Number
 
 
-def freed(intrinsics: Intrinsics, cover: Cover, path: Path) -> dict[str, float]:
-    """The prior's standard deviation of each parameter of the path that is described with one (SI units)."""
+def priors_of(intrinsics: Intrinsics, cover: Cover, path: Path) -> Priors:
+    """Of each parameter of the path that is described with a standard deviation (SI units)."""
     known = {param.name for param in path.params}
-    return {name: number.sigma for name, number in _stated(intrinsics, cover).items() if number.sigma > 0 and name in known}
+    sigmas = {name: number.sigma for name, number in _stated(intrinsics, cover).items() if number.sigma > 0 and name in known}
+    return Priors(sigmas, _correlations(intrinsics))
 
 
 def with_estimates(intrinsics: Intrinsics, cover: Cover, joint: JointFit | None) -> tuple[Intrinsics, Cover]:
-    """The same description with the estimates and their standard deviations; parameters of a fit that is not finite stay as stated."""
+    """The same description with the estimates and their standard deviations; parameters of a fit that is not finite stay as stated. How the
+    estimates are correlated the fit's covariance says."""
     found = joint.estimates() if joint else {}
     if joint and not joint.finite:
         found = {
@@ -28,9 +31,18 @@ def with_estimates(intrinsics: Intrinsics, cover: Cover, joint: JointFit | None)
 
 
 def widened(intrinsics: Intrinsics, cover: Cover, name: str, factor: float) -> tuple[Intrinsics, Cover]:
-    """The same description with the standard deviation of one number, as the path calls it, `factor` times as large."""
+    """The same description with the standard deviation of one number, as the path calls it, `factor` times as large.
+
+    It keeps its covariances, as if an error that owes nothing to the others were added to it: so the prior is looser in every direction. If
+    it kept its correlations instead, or lost them, the prior would grow tighter in some, without a reason.
+    """
     number = _stated(intrinsics, cover)[name]
-    return _with(intrinsics, cover, {name: replace(number, sigma=factor * number.sigma)})
+    wider, cover = _with(intrinsics, cover, {name: replace(number, sigma=factor * number.sigma)})
+    correlations = tuple(
+        tuple(value / factor if name in (one, other) else value for other, value in row.items())
+        for one, row in _rows_of(intrinsics).items()
+    )
+    return replace(wider, correlations=correlations), cover
 
 
 def _with(intrinsics: Intrinsics, cover: Cover, found: Mapping[str, Number]) -> tuple[Intrinsics, Cover]:
@@ -38,6 +50,17 @@ def _with(intrinsics: Intrinsics, cover: Cover, found: Mapping[str, Number]) -> 
     parameters = {name: found.get(f"cover.{name}", number) for name, number in cover.parameters.items()}
     fx, fy, cx, cy, *lens = (found.get(name, number) for name, number in _named(intrinsics).items())
     return Intrinsics(fx, fy, cx, cy, tuple(lens)), replace(cover, parameters=parameters)
+
+
+def _correlations(intrinsics: Intrinsics) -> dict[tuple[str, str], float]:
+    return {(one, other): value for one, row in _rows_of(intrinsics).items() for other, value in row.items()}
+
+
+def _rows_of(intrinsics: Intrinsics) -> dict[str, dict[str, float]]:
+    """The correlations of each number with those before it; empty where they are independent."""
+    names = tuple(_named(intrinsics))
+    rows = zip(names[1:], intrinsics.correlations, strict=False)
+    return {one: dict(zip(names, row, strict=False)) for one, row in rows}
 
 
 def _stated(intrinsics: Intrinsics, cover: Cover) -> dict[str, Number]:

@@ -112,16 +112,17 @@ class Quadratic:
 class MarginalLikelihood:
     """The probability of the corners, the shared parameters integrated out, for any noise and smoothness: the evidence."""
 
-    def __init__(self, quadratic: Quadratic, relief: Relief | None, sigmas: Array) -> None:
+    def __init__(self, quadratic: Quadratic, relief: Relief | None, free_root: Array) -> None:
         """
         Args:
             quadratic: of the amplitudes, then the free parameters over their scales.
             relief: whose amplitudes are estimated; None without one.
-            sigmas: (F,) of the free parameters' priors, over their scales.
+            free_root: (F, F) R with R R^T the prior covariance of the free parameters, over their scales.
         """
         self._relief, self._freedom, self._cost = relief, quadratic.freedom, quadratic.cost
-        amplitudes = len(quadratic.score) - len(sigmas)
-        to_x = np.diag(np.concatenate([np.ones(amplitudes), sigmas]))  # free parameters over their priors' sigmas
+        amplitudes = len(quadratic.score) - len(free_root)
+        to_x = np.eye(len(quadratic.score))
+        to_x[amplitudes:, amplitudes:] = free_root  # free parameters, whitened by their prior
         if relief:
             to_x[:amplitudes, :amplitudes] = np.linalg.inv(basis(relief))  # heights at the centres
         self._hessian, self._score = to_x.T @ quadratic.hessian @ to_x, to_x.T @ quadratic.score

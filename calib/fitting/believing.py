@@ -58,7 +58,7 @@ def believing(fitted: Fitted, setup: Setup, told: Setup, views: Sequence[View], 
         intrinsics, cover = widened(setup.intrinsics, setup.cover, name, DOUBT)
         wider = replace(setup, intrinsics=intrinsics, cover=cover)
         again = fit_stages(wider, observations, settings, progress)
-        if not (again.joint and still_contradicted(again.joint, name, float(fitted.joint.parameters.sigmas[name]))):
+        if not (again.joint and still_contradicted(again.joint, name, float(fitted.joint.parameters.priors.sigmas[name]))):
             break
         fitted, setup, doubted = again, wider, (*doubted, name)
     return Believed(fitted, setup, declared, doubted)

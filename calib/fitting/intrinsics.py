@@ -15,6 +15,7 @@ from calib.corners.view import Rejected, View, board_poses
 from calib.errors import NotEnoughDataError
 from calib.estimation.model_choice import simplest
 from calib.estimation.robust import outlying
+from calib.fitting.bare_covariance import intrinsics_covariance
 from calib.progress import Progress
 from calib.session.board import Board
 from calib.session.camera import COEFFICIENTS, Camera, Intrinsics
@@ -43,7 +44,7 @@ class BareFit:
     """A plain camera calibration."""
 
     intrinsics: Intrinsics
-    """Each number with its standard deviation."""
+    """Each number with its standard deviation, and how they are correlated."""
     rms_px: float
     views: tuple[View, ...]
     rejected: tuple[Rejected, ...]
@@ -55,9 +56,8 @@ class BareFit:
 class _Solved:
     camera: NDArray[np.float64]  # (3, 3)
     coefficients: NDArray[np.float64]  # (count,)
-    sigmas: NDArray[np.float64]  # (4 + count,) fx, fy, cx, cy, then the coefficients
     per_view: NDArray[np.float64]  # (V,) px
-    normals: NDArray[np.float64]  # (V, 3) unit, of the board in the camera frame
+    poses: NDArray[np.float64]  # (V, 6) rotation vector and translation of the board
     rms: float
 
 
@@ -88,14 +88,14 @@ def calibrate_bare(views: Sequence[View], board: Board, camera: Camera, progress
         ]
         kept = [view for view, out in zip(kept, bad, strict=True) if not out]
         _check_enough(kept)
-    spread = _spread_deg(solved.normals)
+    spread = _spread_deg(np.array([cv2.Rodrigues(pose[:3])[0][:, 2] for pose in solved.poses]))
     if spread < LEAST_SPREAD_DEG:
         raise NotEnoughDataError(
             f"All views without the cover show the board at the same angle, within {spread:.1f} degrees, and no focal length follows: "
             "take more pictures, with the board tilted in different directions."
         )
     advance(1, f"{solved.rms:.3f} px")
-    return BareFit(_intrinsics(solved), solved.rms, tuple(kept), tuple(rejected), held_out)
+    return BareFit(_intrinsics(solved, kept, board), solved.rms, tuple(kept), tuple(rejected), held_out)
 
 
 def _choose_count(views: Sequence[View], board: Board, size: tuple[int, int], progress: Progress) -> tuple[int, dict[int, float]]:
@@ -146,7 +146,7 @@ def _step(views: Sequence[View], board: Board, size: tuple[int, int], count: int
     camera = start.camera.copy() if start else np.array([[width, 0, (width - 1) / 2], [0, width, (height - 1) / 2], [0, 0, 1.0]])
     guess = cv2.CALIB_USE_INTRINSIC_GUESS if start else 0
     try:
-        rms, found, bent, rotvecs, _, sigmas, _, per_view = cv2.calibrateCameraExtended(
+        rms, found, bent, rotvecs, translations, _, _, per_view = cv2.calibrateCameraExtended(
             objects, pixels, size, camera, coefficients, flags=FLAGS[count] | guess, criteria=CRITERIA
         )
     except cv2.error as error:
@@ -158,9 +158,8 @@ def _step(views: Sequence[View], board: Board, size: tuple[int, int], count: int
     return _Solved(
         found.astype(np.float64),
         lens,
-        np.ravel(sigmas)[: 4 + count].astype(np.float64),
         np.ravel(per_view).astype(np.float64),
-        np.array([cv2.Rodrigues(rotvec)[0][:, 2] for rotvec in rotvecs]),
+        np.concatenate([np.squeeze(rotvecs, -1), np.squeeze(translations, -1)], 1),
         float(rms),
     )
 
@@ -175,10 +174,13 @@ def _held_out_rms(view: View, board: Board, solved: _Solved) -> float:
     return float(np.sqrt(((seen.reshape(-1, 2) - pixels) ** 2).sum(-1).mean()))
 
 
-def _intrinsics(solved: _Solved) -> Intrinsics:
+def _intrinsics(solved: _Solved, views: Sequence[View], board: Board) -> Intrinsics:
+    covariance = intrinsics_covariance(views, board, solved.camera, solved.coefficients, solved.poses)
+    sigmas = np.sqrt(covariance.diagonal())
+    correlation = covariance / np.outer(sigmas, sigmas)
     parameters = (solved.camera[0, 0], solved.camera[1, 1], solved.camera[0, 2], solved.camera[1, 2], *solved.coefficients)
-    fx, fy, cx, cy, *lens = (Number(float(v), float(s)) for v, s in zip(parameters, solved.sigmas, strict=True))
-    return Intrinsics(fx, fy, cx, cy, tuple(lens))
+    fx, fy, cx, cy, *lens = (Number(float(v), float(s)) for v, s in zip(parameters, sigmas, strict=True))
+    return Intrinsics(fx, fy, cx, cy, tuple(lens), tuple(tuple(row[:i].tolist()) for i, row in enumerate(correlation) if i))
 
 
 def _spread_deg(normals: NDArray[np.float64]) -> float:

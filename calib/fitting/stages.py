@@ -15,7 +15,7 @@ from calib.estimation.joint_fit import GOOD_GLASS, ROUGH, JointFit, fit_joint
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import Residuals, residuals
-from calib.estimation.stated_priors import freed
+from calib.estimation.stated_priors import priors_of
 from calib.optics.build import covered_path, footprint, pinhole_path, with_relief
 from calib.optics.params import Values
 from calib.optics.path import Path
@@ -101,11 +101,11 @@ def fit_stages(setup: Setup, observations: Observations, settings: Settings, pro
     missed = residuals(path, values, observations, poses)
     _check_cover(missed)
     stages.append(Stage("cover", missed.rms_px, missed.rmse_cm))
-    free = freed(setup.intrinsics, setup.cover, path)
+    priors = priors_of(setup.intrinsics, setup.cover, path)
     start = None
-    if free and settings.method == "joint":
+    if priors.sigmas and settings.method == "joint":
         # What a wrong number explains is explained by it before there is a relief that could.
-        rough = fit_joint(path, values, observations, poses, free=free, rounds=ROUGH)
+        rough = fit_joint(path, values, observations, poses, priors=priors, rounds=ROUGH)
         start, poses = replace(rough.start, smoothness=GOOD_GLASS), rough.poses
     low, high = footprint(path, start.values if start else values, setup.camera.width, setup.camera.height)
     assert settings.grid, "to be chosen before"
@@ -126,7 +126,7 @@ def fit_stages(setup: Setup, observations: Observations, settings: Settings, pro
             values,
             observations,
             poses,
-            free=free,
+            priors=priors,
             start=start,
             progress=lambda spent, rms: advance(min(spent, LINEARISATIONS), f"{rms:.3f} px"),
         )

@@ -19,7 +19,7 @@ from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.joint_fit import FIRST_SIGMA
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refine_poses
-from calib.estimation.stated_priors import freed
+from calib.estimation.stated_priors import priors_of
 from calib.estimation.surface_prior import Smoothness
 from calib.fitting.stages import Settings, Setup, fit_stages
 from calib.optics.build import covered_path, footprint, with_relief
@@ -153,7 +153,7 @@ def estimate(setup: Setup, views: Sequence[View], grid: tuple[int, int]) -> Plan
         fitted = fit_stages(setup, observations, Settings(grid=grid), Silent())
         assert fitted.joint
         assert fitted.joint.smoothness
-        model = CameraModel(fitted.path, fitted.values, freed(setup.intrinsics, setup.cover, fitted.path))
+        model = CameraModel(fitted.path, fitted.values, priors_of(setup.intrinsics, setup.cover, fitted.path))
         return PlanningFit(model, fitted.poses, observations, fitted.joint.smoothness, fitted.joint.sigma)
     path, values = covered_path(setup.intrinsics, setup.cover)
     relief = Relief(*footprint(path, values, setup.camera.width, setup.camera.height), grid)
@@ -162,5 +162,5 @@ def estimate(setup: Setup, views: Sequence[View], grid: tuple[int, int]) -> Plan
         poses = refine_poses(path, values, observations, poses).blocks
     path = with_relief(path, relief)
     values["relief.amplitudes"] = torch.zeros(grid, dtype=torch.float64)
-    model = CameraModel(path, values, freed(setup.intrinsics, setup.cover, path))
+    model = CameraModel(path, values, priors_of(setup.intrinsics, setup.cover, path))
     return PlanningFit(model, poses, observations, UNSEEN_GLASS, FIRST_SIGMA)

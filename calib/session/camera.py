@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from calib.session.schema import Number, Quantity, Section
 
 COEFFICIENTS = (0, 4, 5, 8, 12, 14)
@@ -9,6 +11,7 @@ COEFFICIENTS = (0, 4, 5, 8, 12, 14)
 
 PINHOLE = (Quantity("fx", low=1, high=1e7), Quantity("fy", low=1, high=1e7), Quantity("cx"), Quantity("cy"))
 COEFFICIENT = Quantity("distortion")
+CORRELATION = Quantity("correlations", low=-1, high=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +24,8 @@ class Intrinsics:
     cy: Number
     distortion: tuple[Number, ...] = ()
     """In OpenCV's order: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, tau_x, tau_y."""
+    correlations: tuple[tuple[float, ...], ...] = ()
+    """Of each number but the first, in the order of these fields, with every one before it. Empty: they are independent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,9 +60,12 @@ def camera_to_yaml(camera: Camera) -> dict[str, object]:
         written["model"] = camera.model
     if camera.intrinsics:
         k = camera.intrinsics
-        written["intrinsics"] = {q.key: q.to_yaml(n) for q, n in zip(PINHOLE, (k.fx, k.fy, k.cx, k.cy), strict=True)} | {
+        intrinsics: dict[str, object] = {q.key: q.to_yaml(n) for q, n in zip(PINHOLE, (k.fx, k.fy, k.cx, k.cy), strict=True)} | {
             "distortion": [COEFFICIENT.to_yaml(number) for number in k.distortion]
         }
+        if k.correlations:
+            intrinsics["correlations"] = [list(row) for row in k.correlations]
+        written["intrinsics"] = intrinsics
     if camera.lens_coefficients is not None:
         written["lens_coefficients"] = camera.lens_coefficients
     return written
@@ -65,11 +73,31 @@ def camera_to_yaml(camera: Camera) -> dict[str, object]:
 
 def _read_intrinsics(camera: Section) -> Intrinsics:
     section = camera.section("intrinsics", "{fx: 1279.2, fy: 1279.2, cx: 832.8, cy: 636.6, distortion: [0, 0, 0, 0, 0]}")
-    section.only((*(quantity.key for quantity in PINHOLE), "distortion"))
+    section.only((*(quantity.key for quantity in PINHOLE), "distortion", "correlations"))
     fx, fy, cx, cy = (section.read(quantity)[quantity.key] for quantity in PINHOLE)
     expected = f"a list of {', '.join(map(str, COEFFICIENTS))} numbers in OpenCV's order"
     written = section.values.get("distortion", [])
     if not isinstance(written, list) or len(written) not in COEFFICIENTS:
         raise section.wrong("distortion", written, expected)
     distortion = (section.number(f"distortion[{i}]", entry, COEFFICIENT) for i, entry in enumerate(written))
-    return Intrinsics(fx, fy, cx, cy, tuple(distortion))
+    return Intrinsics(fx, fy, cx, cy, tuple(distortion), _read_correlations(section, 3 + len(written)))
+
+
+def _read_correlations(section: Section, count: int) -> tuple[tuple[float, ...], ...]:
+    """`count` rows, of one number, of two and so on; none where the key is missing."""
+    if "correlations" not in section.values:
+        return ()
+    written = section.values["correlations"]
+    if not isinstance(written, list) or [isinstance(row, list) and len(row) for row in written] != list(range(1, count + 1)):
+        raise section.wrong("correlations", written, f"{count} rows: of fy, cx, cy and each coefficient, with every number before it")
+    rows = tuple(
+        tuple(section.number(f"correlations[{i}][{j}]", entry, CORRELATION).value for j, entry in enumerate(row))
+        for i, row in enumerate(written)
+    )
+    lower = np.eye(count + 1)
+    lower[np.tril_indices(count + 1, -1)] = [value for row in rows for value in row]
+    try:
+        np.linalg.cholesky(lower)  # which reads what is below the diagonal
+    except np.linalg.LinAlgError:
+        raise section.wrong("correlations", written, "numbers that all can be correlated by, a positive definite matrix") from None
+    return rows

@@ -93,7 +93,7 @@ def _map_intrinsics(intrinsics: Intrinsics, change: Callable[[Number, float], Nu
     cx, cy = (change(number, PRINCIPAL_POINT.sigma) for number in (intrinsics.cx, intrinsics.cy))
     lens = intrinsics.distortion if any(number.value or number.sigma for number in intrinsics.distortion) else ()
     sigmas = [(TANGENTIAL if place in TANGENTIAL_PLACES else RADIAL).sigma for place in range(len(lens))]
-    return Intrinsics(fx, fy, cx, cy, tuple(map(change, lens, sigmas)))
+    return Intrinsics(fx, fy, cx, cy, tuple(map(change, lens, sigmas)), intrinsics.correlations[: 3 + len(lens)])
 
 
 def _freed(number: Number, sigma: float) -> Number:

@@ -16,6 +16,7 @@ from calib.effects.effect import Effect, Surroundings
 from calib.effects.registry import KINDS
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
+from calib.estimation.priors import NONE
 from calib.optics.build import covered_path, with_relief
 from calib.optics.path import Path
 from calib.optics.relief import Relief
@@ -62,7 +63,7 @@ class Situation:
 
     @property
     def model(self) -> CameraModel:
-        return CameraModel(self.path, self.values, {})
+        return CameraModel(self.path, self.values, NONE)
 
     def surroundings(self, estimated: Sequence[str] = (), placed: bool = True) -> Surroundings:
         place = torch.tensor([sum(ends) / 2 for ends in zip(self.relief.low, self.relief.high, strict=True)]) if self.relief else None

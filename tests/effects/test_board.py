@@ -9,6 +9,7 @@ from calib.effects.board_scale import BoardScale
 from calib.effects.effect import Effect, Surroundings
 from calib.effects.free_field import FreeField
 from calib.estimation.camera_model import CameraModel
+from calib.estimation.priors import NONE
 from calib.optics.build import pinhole_path
 from calib.session.board import Board
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH
@@ -27,7 +28,7 @@ def proposed(kind: type[Effect]) -> Effect:
 def land(effect: Effect, pixels: Array, parameters: dict[str, float | Array]) -> Array:
     """(N, 2) m where pixels land on the board at POSE."""
     path, values = pinhole_path(INTRINSICS)
-    model = CameraModel(path, values, {}).with_effect(effect)
+    model = CameraModel(path, values, NONE).with_effect(effect)
     given = {name: torch.as_tensor(value, dtype=torch.float64) for name, value in parameters.items()}
     assert given.keys() <= model.means.keys()
     landed, failure = model.path.land(torch.from_numpy(pixels), {**model.means, **given}, torch.from_numpy(POSE).expand(len(pixels), 6))
@@ -57,7 +58,7 @@ def test_board_bow_is_where_rays_meet_the_dish() -> None:
 def test_a_positive_bow_takes_the_middle_away_from_the_camera() -> None:
     """A board seen square on: what is farther away lands nearer to the optical axis."""
     path, values = pinhole_path(INTRINSICS)
-    model = CameraModel(path, values, {}).with_effect(proposed(BoardBow))
+    model = CameraModel(path, values, NONE).with_effect(proposed(BoardBow))
     corner = torch.tensor([[0.0, 0.0], [0.08, 0.06]], dtype=torch.float64)
     pose = torch.tensor([0, 0, 0, 0, 0, 0.5], dtype=torch.float64).expand(2, 6)
     bowed = {**model.means, "board_bow.x": torch.tensor(1e-3, dtype=torch.float64), "board_bow.y": torch.tensor(2e-3, dtype=torch.float64)}

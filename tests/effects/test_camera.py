@@ -16,6 +16,7 @@ from calib.effects.principal_point import PrincipalPoint
 from calib.effects.rolling_shutter import RollingShutter
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
+from calib.estimation.priors import NONE
 from calib.optics.build import pinhole_path
 from calib.session.board import Board
 from calib.session.camera import Intrinsics
@@ -33,7 +34,7 @@ PIXELS = np.random.default_rng(0).uniform([0, 0], [WIDTH - 1, HEIGHT - 1], (200,
 def directions(effect: Effect | None, intrinsics: Intrinsics, pixels: Array, **parameters: float) -> Array:
     """(N, 2) x / z and y / z of the rays."""
     path, values = pinhole_path(intrinsics)
-    base = CameraModel(path, values, {})
+    base = CameraModel(path, values, NONE)
     model = base.with_effect(effect) if effect else base
     given = {name.replace("__", "."): torch.tensor(value, dtype=torch.float64) for name, value in parameters.items()}
     assert given.keys() <= model.means.keys()
@@ -45,7 +46,7 @@ def directions(effect: Effect | None, intrinsics: Intrinsics, pixels: Array, **p
 def landed(effect: Effect, seen: list[Array], poses: Array, times: list[float], **parameters: float) -> Array:
     """(V, N, 2) m: where the pixels of each view land, less where its corners are."""
     path, values = pinhole_path(INTRINSICS)
-    model = CameraModel(path, values, {}).with_effect(effect)
+    model = CameraModel(path, values, NONE).with_effect(effect)
     views = [View(f"{view}.png", pixels, np.ones(BOARD.count)) for view, pixels in enumerate(seen)]
     observations = Observations.of(views, BOARD).timed(times, HEIGHT)
     given = {name.replace("__", "."): torch.tensor(value, dtype=torch.float64) for name, value in parameters.items()}
@@ -142,7 +143,7 @@ def test_free_field_over_the_image_is_a_cosine_transform_of_shifts() -> None:
     path, values = pinhole_path(INTRINSICS)
     rng = np.random.default_rng(1)
     parameters = {f"free_field.image.{axis}": rng.normal(0, 0.3, 81) for axis in "xy"}
-    model = CameraModel(path, values, {}).with_effect(FreeField("image", (-0.5, -0.5), (WIDTH - 0.5, HEIGHT - 0.5), 0.5, 2.0))
+    model = CameraModel(path, values, NONE).with_effect(FreeField("image", (-0.5, -0.5), (WIDTH - 0.5, HEIGHT - 0.5), 0.5, 2.0))
     columns, rows = ((np.arange(9) + 0.5) / 9 * size - 0.5 for size in (WIDTH, HEIGHT))
     pixels = np.stack(np.meshgrid(columns, rows, indexing="ij"), -1).reshape(-1, 2)
     shifts = np.column_stack([waves(parameters[f"free_field.image.{axis}"]).ravel() for axis in "xy"])

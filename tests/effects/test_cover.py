@@ -18,6 +18,7 @@ from calib.effects.refractive_index import RefractiveIndex
 from calib.effects.thickness import Thickness
 from calib.effects.wedge import Wedge
 from calib.estimation.camera_model import CameraModel
+from calib.estimation.priors import NONE
 from calib.optics.build import covered_path, pinhole_path, with_relief
 from calib.optics.relief import Relief
 from calib.session.board import Board
@@ -36,7 +37,7 @@ def model(example: Example) -> CameraModel:
     """Off-centre, tilted, under water and uneven outside."""
     path, values = covered_path(INTRINSICS, example.changed(example.moved))
     relief = Relief(*example.patch, GRID)
-    return CameraModel(with_relief(path, relief), values | {"relief.amplitudes": torch.from_numpy(AMPLITUDES)}, {})
+    return CameraModel(with_relief(path, relief), values | {"relief.amplitudes": torch.from_numpy(AMPLITUDES)}, NONE)
 
 
 def proposed(kind: type[Effect], model: CameraModel, place: Tensor | None = None) -> Effect:
@@ -114,7 +115,7 @@ def test_wedge_is_two_surfaces_each_turned_by_itself(example: Example) -> None:
 def test_a_wedge_in_a_window_turns_light_towards_its_thick_side() -> None:
     """A thin prism of index n and angle a in air: (n - 1) a."""
     path, values = covered_path(INTRINSICS, FLAT.cover)
-    base = CameraModel(path, values, {})
+    base = CameraModel(path, values, NONE)
     wider = base.with_effect(proposed(Wedge, base))
     axis = torch.tensor([[INTRINSICS.cx.value, INTRINSICS.cy.value]], dtype=torch.float64)
     angle = 1e-3
@@ -138,7 +139,7 @@ def test_cover_radius_is_another_cover(example: Example) -> None:
 
 def test_a_cylinder_that_tapers_is_a_cone() -> None:
     path, values = covered_path(INTRINSICS, CYLINDER.cover)
-    base = CameraModel(path, values, {})
+    base = CameraModel(path, values, NONE)
     parameters = {name: number.value for name, number in CYLINDER.cover.parameters.items()} | {"radius_slope": -0.03}
     given = {"cover_radius.radius_slope": -0.03}
     agrees(proposed(CoverRadius, base), base, given, Glass(CONE, parameters).rays(PIXELS), moves=1e-5)
@@ -181,7 +182,7 @@ def test_fine_surface_adds_narrower_gaussians_outside(example: Example) -> None:
 def test_flat_port_is_snell_through_parallel_plates(behind: str, outside: float) -> None:
     """In closed form: along the normal by distance over cosine in air, then in the wall; tangential sines keep their product."""
     path, values = pinhole_path(INTRINSICS)
-    base = CameraModel(path, values, {})
+    base = CameraModel(path, values, NONE)
     there = Surroundings(Board(9, 9, 0.02), WIDTH, HEIGHT, path, values)
     (effect,) = (e for e in FlatPort.propose(there) if e.behind == behind)
     distance, wall, tilt = 0.03 if behind == "water" else 0.0, 0.008, {"x": 0.05, "y": -0.08}

@@ -19,6 +19,7 @@ from calib.effects.principal_point import PrincipalPoint
 from calib.effects.registry import KINDS
 from calib.effects.serialise import Estimated, effect_from_yaml, effect_to_yaml
 from calib.estimation.parameters import Parameters
+from calib.estimation.priors import NONE
 from calib.estimation.residual_blocks import Landing, landings
 from tests.effects.forms import FORMS, SITUATIONS, Form, Situation, each_form
 
@@ -194,7 +195,7 @@ def _landing(form: Form, values: dict[str, Tensor], poses: Tensor, *, relief_mov
     seen = form.there.observations
     weights = torch.eye(2, dtype=torch.float64).expand(len(seen.pixels), 2, 2)
     relief = form.model.path.relief if relief_moves else None
-    parameters = Parameters(values, relief, tuple(u.param for u in form.effect.unknowns), {})
+    parameters = Parameters(values, relief, tuple(u.param for u in form.effect.unknowns), NONE)
     (landing,) = landings(form.model.path, parameters, seen, weights)
     assert landing.residual(values, poses)[1].all()
     return landing

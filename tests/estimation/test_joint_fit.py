@@ -15,6 +15,7 @@ from calib.estimation.objective import LandingProblem, view_precision
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.poses import pinhole_poses, refine_poses, refit_poses
+from calib.estimation.priors import Priors
 from calib.estimation.residual_blocks import landings, pixel_weights
 from calib.estimation.residuals import residuals
 from calib.estimation.surface_prior import MarginalLikelihood, Quadratic, Smoothness
@@ -63,7 +64,7 @@ def held_out(path: Path, values: dict[str, torch.Tensor], other: Scene) -> float
 def test_derivatives_agree_with_central_differences() -> None:
     made = scene(1, views=3, grid=(4, 5), amplitude=2e-5, noise=0.1)
     names = ("cover.thickness", "cover.refractive_index", "cover.axis_offset.z", "camera.fx", "camera.cy")
-    parameters = Parameters.of(made.path, made.values, dict.fromkeys(names, 1.0))
+    parameters = Parameters.of(made.path, made.values, Priors(dict.fromkeys(names, 1.0)))
     weights = pixel_weights(made.path, made.values, made.observations, made.poses, 1.0)
     views = tuple(landings(made.path, parameters, made.observations, weights))
     nothing = torch.zeros(parameters.count, parameters.count, dtype=torch.float64)
@@ -168,7 +169,7 @@ def test_a_freed_focal_length_mends_what_a_wrong_one_spoils(made: Scene) -> None
     path, values, poses = start(made)
     wrong = {**values, "camera.fx": values["camera.fx"] * 1.01, "camera.fy": values["camera.fy"] * 0.99}
     held = fit_joint(path, wrong, made.observations, poses)
-    freed = fit_joint(path, wrong, made.observations, poses, free={"camera.fx": 30.0, "camera.fy": 30.0})
+    freed = fit_joint(path, wrong, made.observations, poses, priors=Priors({"camera.fx": 30.0, "camera.fy": 30.0}))
     near = others((0.17, 0.3))
     assert set(freed.estimates()) == {"camera.fx", "camera.fy"}
     assert all(0 < number.sigma < 30 for number in freed.estimates().values()), "the corners say more than the prior"
@@ -176,21 +177,22 @@ def test_a_freed_focal_length_mends_what_a_wrong_one_spoils(made: Scene) -> None
 
 
 def test_evidence_is_the_marginal_likelihood() -> None:
-    """Brute force: with amplitudes and a free number integrated out, the residuals are normal with covariance
+    """Brute force: with amplitudes and two correlated numbers integrated out, the residuals are normal with covariance
     sigma^2 I + J P^-1 J^T."""
     relief = Relief(*PATCH, (3, 4))
     rng = np.random.default_rng(0)
-    jacobian = rng.normal(size=(40, 13)) * np.array([1e5] * 12 + [0.7])
+    jacobian = rng.normal(size=(40, 14)) * np.array([1e5] * 12 + [0.7, 2.0])
     residual = rng.normal(size=40)
-    here = rng.normal(size=13) * np.array([1e-6] * 12 + [0.5])
+    here = rng.normal(size=14) * np.array([1e-6] * 12 + [0.5, 0.3])
+    of_two = np.array([[0.25, -0.14], [-0.14, 0.09]])  # correlated by -0.93
     quadratic = Quadratic.around(jacobian.T @ jacobian, jacobian.T @ residual, float(residual @ residual), 40, here)
     at_zero = residual - jacobian @ here  # linear: the residuals of the flat relief
     assert quadratic.cost == pytest.approx(at_zero @ at_zero)
-    evidence = MarginalLikelihood(quadratic, relief, np.array([0.5]))
+    evidence = MarginalLikelihood(quadratic, relief, np.linalg.cholesky(of_two))
     ours, theirs = [], []
     for sigma, smoothness in ((0.5, Smoothness(1e-5, 0.4)), (1.3, Smoothness(3e-6, 0.2)), (1.0, Smoothness(4e-5, 1.0))):
         ours.append(evidence.log(sigma, smoothness))
-        spread = block_diag(np.linalg.inv(smoothness.precision(relief)), np.array([[0.25]]))
+        spread = block_diag(np.linalg.inv(smoothness.precision(relief)), of_two)
         covariance = sigma**2 * np.eye(40) + jacobian @ spread @ jacobian.T
         theirs.append(multivariate_normal(np.zeros(40), covariance).logpdf(at_zero))
     assert np.diff(ours) == pytest.approx(np.diff(theirs), rel=1e-5)

@@ -14,7 +14,7 @@ from calib.corners.view import View
 from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.levenberg_marquardt import normal_equations
 from calib.estimation.residual_blocks import landings, pixel_weights
-from calib.estimation.stated_priors import freed
+from calib.estimation.stated_priors import priors_of
 from calib.estimation.surface_prior import Smoothness
 from calib.fitting.stages import Settings, Setup
 from calib.planning.information import PlanningFit, estimate, view_information
@@ -120,7 +120,7 @@ def test_modes_that_are_left_out_change_nothing(few: PlanningFit, setup: Setup) 
     surveyed_design = few.design(setup, some_poses(), CELLS, DEPTHS)
     model = few.model
     information = view_information(model, few.observations, few.poses).sum(0) / few.sigma**2
-    fixed = [(param.scale / float(model.free[param.name])) ** 2 for param in model.parameters.free]
+    fixed = [(param.scale / float(model.priors.sigmas[param.name])) ** 2 for param in model.parameters.free]
     precision = np.zeros_like(information)
     assert model.path.relief
     amplitudes = GRID[0] * GRID[1]
@@ -187,7 +187,7 @@ def test_parameters_without_a_sigma_are_not_estimated(made: Scene, setup: Setup)
     known = estimate(Setup(made.board, CAMERA, INTRINSICS, GLASS), (), GRID)
     assert known.model.parameters.free == ()
     assert {param.name for param in estimate(setup, (), GRID).model.parameters.free} == set(
-        freed(setup.intrinsics, setup.cover, known.model.path)
+        priors_of(setup.intrinsics, setup.cover, known.model.path).sigmas
     )
 
 

@@ -128,6 +128,11 @@ def _bare(session: str | None) -> Callable[[Path], None]:
     return spoil
 
 
+def _correlated(rows: str) -> Callable[[Path], None]:
+    return _yaml("distortion: [0, 0, 0, 0, 0]}", f"distortion: [0, 0, 0, 0, 0], correlations: {rows}}}")
+
+
+UNCORRELATED = str([[0] * row for row in range(1, 9)])
 UNSEEN = "# filename x y level\na - - -\nb - - -\n"
 FIRST_CORNER = "0000.png 109.5 89.5 0"
 
@@ -196,6 +201,18 @@ MALFORMED: tuple[Malformed, ...] = (
     Malformed("lens_coefficients", _yaml("  width", "  lens_coefficients: 6\n  width"), ("camera.lens_coefficients is 6", "4, 5, 8")),
     Malformed("camera outside the cone", _yaml("-30.0", "-42.0"), ("cover.axis_offset_mm", "outside the cone", "41.95 mm")),
     Malformed("camera outside the dome", _yaml(CONE, DOME), ("cover.centre_mm", "outside the dome", "50 mm")),
+    Malformed("correlations of others", _correlated("[[0.9], [0, 0]]"), ("camera.intrinsics.correlations is a list of 2", "8 rows")),
+    Malformed("correlations a number", _correlated("0.9"), ("camera.intrinsics.correlations is 0.9", "8 rows")),
+    Malformed(
+        "correlation above one",
+        _correlated(UNCORRELATED.replace("[0]", "[1.5]")),
+        ("camera.intrinsics.correlations[0][0] is 1.5", "from -1 to 1"),
+    ),
+    Malformed(
+        "correlations that cannot be",
+        _correlated(UNCORRELATED.replace("[0], [0, 0]", "[0.9], [0.9, -0.9]")),
+        ("camera.intrinsics.correlations is a list of 8", "positive definite"),
+    ),
     Malformed("no intrinsics, no bare", _yaml(INTRINSICS, ""), ("camera.intrinsics is missing", "bare")),
     Malformed("bare is empty", _bare(None), ("bare has neither pictures nor a session.yaml",)),
     Malformed("bare has a cover", _bare(SESSION), ("cover.shape is cone: write none",)),

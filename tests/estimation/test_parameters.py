@@ -1,0 +1,64 @@
+"""The prior of the shared parameters, against their covariance built by hand."""
+
+import numpy as np
+import pytest
+import torch
+
+from calib.estimation.parameters import Parameters
+from calib.estimation.priors import Priors
+from calib.estimation.surface_prior import Smoothness
+from calib.optics.params import Param, Values
+from calib.optics.path import Path
+from fixtures.synthetic import scene
+
+SMOOTH = Smoothness(2e-5, 0.4)
+NAMES = ("cover.thickness", "camera.fx", "camera.cy", "camera.fy")
+SIGMAS = np.array([2e-4, 3.0, 0.5, 7.0])
+CORRELATIONS = {("camera.fy", "camera.fx"): 0.99, ("camera.cy", "camera.fx"): -0.3, ("camera.fy", "camera.cy"): -0.2}
+
+
+@pytest.fixture(scope="module")
+def model() -> tuple[Path, Values]:
+    made = scene(1, views=1, grid=(3, 4))
+    return made.path, made.values
+
+
+def covariance_of(parameters: Parameters) -> np.ndarray:
+    """Of the free parameters, over their scales."""
+    at = {name: i for i, name in enumerate(NAMES)}
+    correlation = np.eye(len(NAMES))
+    for (one, other), value in CORRELATIONS.items():
+        correlation[at[one], at[other]] = correlation[at[other], at[one]] = value
+    order = [at[param.name] for param in parameters.free]
+    spread = np.array([SIGMAS[at[param.name]] / param.scale for param in parameters.free])
+    return correlation[np.ix_(order, order)] * np.outer(spread, spread)
+
+
+@pytest.mark.parametrize("names", [NAMES, NAMES[:2], NAMES[1:], ("camera.fy", "camera.fx")], ids=len)
+def test_the_precision_is_the_inverse_of_the_covariance(model: tuple[Path, Values], names: tuple[str, ...]) -> None:
+    """Pairs of which one is held say nothing of the other."""
+    sigmas = {name: float(sigma) for name, sigma in zip(NAMES, SIGMAS, strict=True) if name in names}
+    parameters = Parameters.of(*model, Priors(sigmas, CORRELATIONS))
+    covariance = covariance_of(parameters)
+    free = parameters.amplitudes
+    precision, root = parameters.prior_precision(SMOOTH), parameters.prior_root(SMOOTH)
+    assert {param.name for param in parameters.free} == set(names)
+    assert np.abs(precision[free:, free:] @ covariance - np.eye(len(names))).max() < 1e-10  # of a condition number of 1e4
+    assert not precision[free:, :free].any()
+    assert np.allclose(root[free:, free:] @ root[free:, free:].T, covariance, rtol=1e-12)
+    relief = root[:free, :free] @ root[:free, :free].T @ precision[:free, :free]
+    assert np.abs(relief - np.eye(free)).max() < 1e-3, "heights of 1e-4 m with 1e-9 m of their own lose ten digits"
+
+
+def test_parameters_of_effects_stand_beside_it(model: tuple[Path, Values]) -> None:
+    """They are independent, each entry for itself, wherever they stand."""
+    path, values = model
+    sigmas = {name: float(sigma) for name, sigma in zip(NAMES, SIGMAS, strict=True)}
+    priors = Priors(sigmas, CORRELATIONS).beside({"more": torch.tensor([1.0, 2.0])})
+    alone = Parameters.of(path, values, Priors(sigmas, CORRELATIONS))
+    more = Param("more", "", 0.5, (2,))
+    parameters = Parameters({**values, "more": torch.zeros(2)}, None, (more, *alone.free), priors)
+    precision = parameters.prior_precision(None)
+    assert np.diag(precision)[:2] == pytest.approx([0.25, 0.0625])
+    assert not precision[:2, 2:].any()
+    assert np.allclose(precision[2:, 2:] @ covariance_of(alone), np.eye(4), atol=1e-10)
