@@ -49,7 +49,7 @@ TANGENTIAL_PLACES = (2, 3)
 ALL = "all"
 """Every number that has a tolerance, those aside that the session calls exact."""
 AUTO = "auto"
-"""The same where the fit finds it more probable than that all of them are exact."""
+"""The same as long as the estimates keep to their tolerances, or are decisively more probable than exact numbers."""
 NONE = "none"
 """Only what the session states with a sigma."""
 NAMES = (*(freeable.name for freeable in COVER), INTRINSICS, AUTO, ALL, NONE)
