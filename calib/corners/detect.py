@@ -16,10 +16,11 @@ import numpy as np
 from cv2.typing import MatLike
 from numpy.typing import NDArray
 
+from calib.corners.measure import measure
 from calib.corners.ordering import canonical_order
 from calib.session.board import Board
 
-VERSION = 2
+VERSION = 3
 """To be raised with every change that moves corners: kept detections are then made again."""
 
 COARSE = 800  # px, longer side of the picture in which the board is looked for
@@ -39,7 +40,9 @@ class Detection:
     """A board in a picture."""
 
     corners: NDArray[np.float64]
-    """(count, 2) px, row by row, columns fastest, in the order of `canonical_order`."""
+    """(count, 2) px, row by row, columns fastest, in the order of `canonical_order`; NaN where one was found, but cannot be measured."""
+    covariances: NDArray[np.float64]
+    """(count, 2, 2) px^2, NaN likewise."""
     detector: Literal["sb", "classic"]
 
 
@@ -55,14 +58,15 @@ class Grid:
 
 def find_corners(grey: NDArray, board: Board) -> Detection | None:
     """The board's corners in a (H, W) uint8 or uint16 picture; None where it is not wholly and clearly there."""
-    grey = eight_bits(grey)
+    grey, every_bit = eight_bits(grey), grey
     searches: tuple[tuple[Literal["sb", "classic"], _Search], ...] = (("sb", _sighted), ("sb", _by_sectors), ("classic", _by_quads))
     for detector, search in searches:
         rough = search(grey, board)
         if rough is not None and _is_inside(rough, grey.shape):  # SB's corners may be pixels off: only refined ones are judged
             corners = refine(grey, rough, board)
             if is_regular(corners, board, grey.shape):
-                return Detection(canonical_order(grey, corners, board), detector)
+                measured = measure(every_bit, canonical_order(grey, corners, board), board)
+                return Detection(measured.corners, measured.covariances, detector)
     return None
 
 
