@@ -69,7 +69,6 @@ def _along(lines: Floats) -> tuple[Floats, Floats]:
     return steps, bends
 
 
-
 def _smoothed(bends: Floats) -> Floats:
     """(rows, columns, 2) means of each and its neighbours by the weights 1, 2, 1, both ways: a corner's own error would else come back
     to it, larger by a sixth, in its bend."""

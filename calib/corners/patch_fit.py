@@ -6,7 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.corners.lattice import Lattice
-from calib.corners.patch_model import CONTRAST, FIRST_ANGLE, FIRST_BLUR, MIDDLE, PARAMETERS, SECOND_ANGLE, SECOND_BLUR, predicted
+from calib.corners.patch_model import (
+    CONTRAST,
+    FIRST_ANGLE,
+    FIRST_BLUR,
+    HALO_STRENGTH,
+    MIDDLE,
+    PARAMETERS,
+    SECOND_ANGLE,
+    SECOND_BLUR,
+    predicted,
+)
 from calib.corners.patch_noise import inflation
 from calib.corners.patches import Patches
 from calib.session.board import Board
@@ -14,11 +24,13 @@ from calib.session.board import Board
 Floats = NDArray[np.float64]
 
 HALF_WIDTHS = (3, 5, 9)  # px to both sides of an edge; the first is tried first
+FEW, MANY = 24, 96  # places along an edge, where pixels are taken: a few to come near, then all but of the largest squares
 WIDEST_BLUR = 0.4  # of a half-width, that it can hold
 BLUR = 0.8  # px, to start with
-BLURS = (np.log(0.45), np.log(6.0))  # of px
+BLURS = [FIRST_BLUR, SECOND_BLUR]
+BLUR_LIMITS = (np.log(0.45), np.log(6.0))  # of px
 STEPS = 10  # at most
-SETTLED = 7e-4  # px, a step after which the next would be far below any noise
+SETTLED = 0.01  # px: after a step this short, the next would be of its square
 DAMPING = 1e-3
 OUTLYING = 3.0  # standard deviations of a pixel's noise, from which on it weighs less
 LEAST_NOISE = 0.29  # grey levels: rounding's own
@@ -48,12 +60,15 @@ def fit_patches(grey: NDArray, corners: Floats, board: Board) -> Fit:
         board: its columns and rows.
     """
     lattice = Lattice.of(corners, board)
-    parameters = None
+    brightest = float(np.iinfo(grey.dtype).max)
     for half_width in HALF_WIDTHS:
-        descent = _Descent(Patches.of(grey, lattice, half_width), lattice, board, float(np.iinfo(grey.dtype).max), parameters)
+        coarse, fine = (Patches.of(grey, lattice, half_width, places) for places in (FEW, MANY))
+        near = _Descent(coarse, lattice.curvatures, brightest, _start(coarse, lattice))
+        near.run()
+        curvatures = Lattice.of(corners + near.parameters[:, :2], board).curvatures
+        descent = _Descent(fine, curvatures, brightest, near.parameters)
         descent.run()
-        parameters = descent.parameters
-        if np.exp(np.median(parameters[:, [FIRST_BLUR, SECOND_BLUR]])) <= WIDEST_BLUR * half_width:
+        if np.exp(np.median(descent.parameters[:, BLURS])) <= WIDEST_BLUR * half_width:
             break
     return descent.result()
 
@@ -61,11 +76,10 @@ def fit_patches(grey: NDArray, corners: Floats, board: Board) -> Fit:
 class _Descent:
     """Levenberg's and Marquardt's steps, of all corners at once, each with a damping of its own."""
 
-    def __init__(self, patches: Patches, lattice: Lattice, board: Board, brightest: float, start: Floats | None) -> None:
-        self._patches, self._lattice, self._board = patches, lattice, board
+    def __init__(self, patches: Patches, curvatures: Floats, brightest: float, start: Floats) -> None:
+        self._patches, self._curvatures = patches, curvatures
         self._clipped = (0.0, brightest)
-        self._curvatures = lattice.curvatures
-        self.parameters = _start(patches, lattice) if start is None else start
+        self.parameters = start
         self._damping = np.full(len(self.parameters), DAMPING)
         self._evaluate()
 
@@ -74,15 +88,9 @@ class _Descent:
         self._residuals = (self._patches.light - light) * self._patches.used
 
     def run(self) -> None:
-        bent = False
         for _ in range(STEPS):
-            size = self._step()
-            if size < SETTLED and bent:
+            if self._step() < SETTLED:
                 return
-            if size < 0.2 and not bent:
-                bent = True
-                self._curvatures = Lattice.of(self._lattice.corners + self.parameters[:, :2], self._board).curvatures
-                self._evaluate()
 
     def _step(self) -> float:
         """One step of every corner that gains by it; px, of the longest."""
@@ -91,15 +99,22 @@ class _Descent:
         weighted = self._jacobian * weight[:, None]
         normal = np.matmul(weighted, self._jacobian.swapaxes(1, 2)).astype(np.float64)
         gradient = np.matmul(weighted, self._residuals[..., None]).astype(np.float64)
+        blurring = (self.parameters[:, HALO_STRENGTH] <= 0) & (gradient[:, HALO_STRENGTH, 0] <= 0)
+        normal[blurring, HALO_STRENGTH], normal[blurring, :, HALO_STRENGTH], gradient[blurring, HALO_STRENGTH] = 0, 0, 0
         diagonal = np.arange(len(PARAMETERS))
         normal[:, diagonal, diagonal] *= 1 + self._damping[:, None]
         normal[:, diagonal, diagonal] += 1e-6
         step = np.linalg.solve(normal, gradient)[..., 0]
+        size = float(np.abs(step[:, :2]).max())
+        if size < SETTLED:
+            self.parameters = self.parameters + step
+            self._residuals -= np.matmul(step[:, None].astype(np.float32), self._jacobian)[:, 0]
+            return size
         before = self.parameters, self._residuals, self._jacobian
         cost = _cost(self._residuals, OUTLYING * noise)
         self.parameters = before[0] + step
-        blurs = self.parameters[:, [FIRST_BLUR, SECOND_BLUR]]
-        self.parameters[:, [FIRST_BLUR, SECOND_BLUR]] = np.clip(blurs, *BLURS)
+        self.parameters[:, BLURS] = np.clip(self.parameters[:, BLURS], *BLUR_LIMITS)
+        self.parameters[:, HALO_STRENGTH] = np.maximum(self.parameters[:, HALO_STRENGTH], 0)  # the blur has a parameter of its own
         self._evaluate()
         better = _cost(self._residuals, OUTLYING * noise) <= cost * (1 + 1e-6)
         self._damping = np.where(better, self._damping / 10, self._damping * 10)
@@ -107,7 +122,7 @@ class _Descent:
             self.parameters = np.where(better[:, None], self.parameters, before[0])
             self._residuals = np.where(better[:, None], self._residuals, before[1])
             self._jacobian = np.where(better[:, None, None], self._jacobian, before[2])
-        return float(np.abs(step[:, :2]).max())
+        return size
 
     def noise(self) -> float:
         """Grey levels, of the bulk of the pixels."""
@@ -133,7 +148,7 @@ def _start(patches: Patches, lattice: Lattice) -> Floats:
     pattern = np.sign(above * left) * patches.used
     parameters = np.zeros((len(pixels), len(PARAMETERS)))
     parameters[:, [FIRST_ANGLE, SECOND_ANGLE]] = lattice.angles
-    parameters[:, [FIRST_BLUR, SECOND_BLUR]] = np.log(BLUR)
+    parameters[:, BLURS] = np.log(BLUR * patches.half_width / HALF_WIDTHS[0])
     parameters[:, MIDDLE] = middle
     parameters[:, CONTRAST] = ((patches.light - middle[:, None]) * pattern).sum(1) / pixels
     return parameters

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 CHUNK = 12  # places along an edge, half of them to either side of the corner
+FEWEST = 6  # chunks: what is summed over a whole patch, the fit has made zero
 
 
 def inflation(jacobian: NDArray[np.float32], residuals: NDArray[np.float32], inverse: NDArray[np.float64], half_width: int) -> float:
@@ -21,7 +22,7 @@ def inflation(jacobian: NDArray[np.float32], residuals: NDArray[np.float32], inv
         half_width: px to both sides of an edge.
     """
     count, parameters, pixels = jacobian.shape
-    size = CHUNK * (2 * half_width + 1)
+    size = min(CHUNK * (2 * half_width + 1), -(-pixels // FEWEST))
     chunks = -(-pixels // size)
     padding = chunks * size - pixels
     by_chunk = np.pad(jacobian, ((0, 0), (0, 0), (0, padding))).reshape(count, parameters, chunks, size).swapaxes(1, 2)  # (N, C, k, size)

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from calib.corners.lattice import Lattice
 
 REACH = 0.5  # of the way to the neighbours
-MOST = 96  # places along an edge
 
 Floats = NDArray[np.float32]
 
@@ -36,11 +35,11 @@ class Patches:
     """px to both sides of an edge."""
 
     @staticmethod
-    def of(grey: NDArray, lattice: Lattice, half_width: int) -> "Patches":
-        """From a (H, W) picture."""
+    def of(grey: NDArray, lattice: Lattice, half_width: int, most: int) -> "Patches":
+        """From a (H, W) picture, at no more than `most` places along an edge."""
         whole = np.rint(lattice.corners)
         shift = (whole - lattice.corners).astype(np.float32)
-        first, second = (_Band.of(lattice.steps[:, edge], shift, half_width) for edge in (0, 1))
+        first, second = (_Band.of(lattice.steps[:, edge], shift, half_width, most) for edge in (0, 1))
         first_pixels, second_pixels = first.pixels(), second.pixels()
         pixels = np.concatenate([first_pixels, second_pixels], 1)
         again = np.concatenate([np.zeros(first_pixels.shape[:2], bool), first.holds(second_pixels)], 1)
@@ -56,6 +55,10 @@ class Patches:
         size = REACH * np.linalg.norm(lattice.steps, axis=-1).mean(-1, keepdims=True)
         light = grey[at[..., 1], at[..., 0]].astype(np.float32)
         return Patches(light, x, y, used.astype(np.float32), size.astype(np.float32), half_width)
+
+    def some(self, corners: slice) -> "Patches":
+        """Those of a few corners."""
+        return Patches(*(part[corners] for part in (self.light, self.x, self.y, self.used, self.size)), self.half_width)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,11 +76,11 @@ class _Band:
     half_width: int
 
     @staticmethod
-    def of(steps: NDArray[np.float64], shift: Floats, half_width: int) -> "_Band":
+    def of(steps: NDArray[np.float64], shift: Floats, half_width: int, most: int) -> "_Band":
         flat = np.abs(steps[:, 0]) >= np.abs(steps[:, 1])
         run, climb = np.where(flat, steps.T, steps.T[::-1])
         ends = int(np.ceil(REACH * np.abs(run).max()))
-        stride = -(-(2 * ends + 1) // MOST)
+        stride = -(-(2 * ends + 1) // most)
         along = np.array(sorted(range(-(ends // stride), ends // stride + 1), key=abs)) * stride
         own = np.where(flat[:, None], shift, shift[:, ::-1])
         return _Band(flat, (climb / run).astype(np.float32), own, along.astype(np.float32), half_width)

@@ -22,7 +22,9 @@ def weighted(views: Sequence[View]) -> tuple[View, ...]:
         return tuple(views)
     median = float(np.median(known))
     return tuple(
-        view if view.covariance is None else replace(view, weight=np.where(view.seen, np.minimum(1, median / np.maximum(spread, 1e-9)), 0.0))
+        view
+        if view.covariance is None
+        else replace(view, weight=np.where(view.seen, np.minimum(1, median / np.maximum(spread, 1e-9)), 0.0))
         for view, spread in zip(views, spreads, strict=True)
     )
 
