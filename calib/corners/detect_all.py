@@ -89,7 +89,7 @@ def detect(
 
 
 def _view(name: str, hit: Detection) -> View:
-    return View(name, hit.corners, np.isfinite(hit.corners).all(1).astype(np.float64), covariance=hit.covariances)
+    return View(name, hit.corners, np.isfinite(hit.corners[:, 0]).astype(np.float64), covariance=hit.covariances)
 
 
 def _in_threads(paths: Sequence[Path], stores: dict[Path, "_Store"]) -> Iterator[Detection | None]:
@@ -174,7 +174,7 @@ def _kept(found: Detection | None) -> dict[str, Any]:
     """What an entry says of a detection: x and y of every corner, and the variances of x, of both, and of y; null where not measured."""
     if found is None:
         return {"corners": None, "covariances": None, "detector": None}
-    seen = np.isfinite(found.corners).all(1)
+    seen = np.isfinite(found.corners[:, 0])
     rows = {"corners": found.corners, "covariances": found.covariances.reshape(-1, 4)[:, [0, 1, 3]]}
     lists = {key: [row.tolist() if one else None for row, one in zip(part, seen, strict=True)] for key, part in rows.items()}
     return {**lists, "detector": found.detector}

@@ -39,13 +39,13 @@ class Lattice:
     @property
     def angles(self) -> Floats:
         """(N, 2 edges) rad, of the edges' directions."""
-        return np.arctan2(self.steps[..., 1], self.steps[..., 0])
+        return np.asarray(np.arctan2(self.steps[..., 1], self.steps[..., 0]))
 
     @property
     def heights(self) -> Floats:
         """(N, 2 edges) px, from each edge to the parallel one through the next corner."""
         (ax, ay), (bx, by) = np.moveaxis(self.steps, 0, -1)
-        return np.abs(ax * by - ay * bx)[:, None] / np.linalg.norm(self.steps, axis=-1)
+        return np.asarray(np.abs(ax * by - ay * bx)[:, None] / np.linalg.norm(self.steps, axis=-1))
 
 
 def normals(steps: Floats) -> Floats:

@@ -40,7 +40,8 @@ def measure(grey: NDArray, corners: Floats, board: Board) -> Measured:
     fit = fit_patches(grey, corners, board)
     shown = _looks_like_corners(fit, corners, board)
     places = np.where(shown[:, None], corners + fit.parameters[:, :2], np.nan)
-    return Measured(places, np.where(shown[:, None, None], fit.unit_covariances * fit.inflation, np.nan))
+    covariances = fit.inflation * (fit.unit_covariances + fit.unit_covariances.swapaxes(1, 2)) / 2  # symmetric to the last digit
+    return Measured(places, np.where(shown[:, None, None], covariances, np.nan))
 
 
 def _looks_like_corners(fit: Fit, corners: Floats, board: Board) -> NDArray[np.bool_]:

@@ -9,6 +9,7 @@ Sharpening, a curve of tones, and the rounder foot of a real blur are not in the
 is turned by 180 degrees, as the model is: so they can widen what the fit expects of itself, and not move it to a side.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,10 +26,10 @@ X, Y, FIRST_ANGLE, SECOND_ANGLE, FIRST_BLUR, SECOND_BLUR, MIDDLE, CONTRAST, LIGH
 Floats = NDArray[np.float32]
 
 TOGETHER = 32  # corners: what they need stays in a processor's cache
-HALO = np.float32(1.2)  # px from an edge, where sharpening's overshoot is largest
-_PEAK = np.float32((2 / np.pi) ** 0.5)
-_STEP = np.array([0.254829592, -0.284496736, 1.421413741, -1.453152027, 1.061405429], np.float32)
-_STEP_AT = np.float32(0.3275911 / 2**0.5)
+HALO = 1.2  # px from an edge, where sharpening's overshoot is largest
+_PEAK = (2 / math.pi) ** 0.5
+_STEP = (0.254829592, -0.284496736, 1.421413741, -1.453152027, 1.061405429)
+_STEP_AT = 0.3275911 / 2**0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,12 +57,12 @@ class _Edge:
     @staticmethod
     def of(x: Floats, y: Floats, angle: Floats, log_blur: Floats, curvature: Floats, halo: Floats) -> "_Edge":
         cosine, sine, sharpness = np.cos(angle), np.sin(angle), np.exp(-log_blur)
-        along = cosine * x + sine * y
-        distance = cosine * y - sine * x - curvature / 2 * along * along
-        beyond, ring = distance * sharpness, distance / HALO
-        fading = np.exp(ring * ring / -2)
-        own_halo, steep = ring * fading, (1 - ring * ring) * fading / HALO
-        falling = np.exp(beyond * beyond / -2)
+        along = np.asarray(cosine * x + sine * y, np.float32)
+        distance = np.asarray(cosine * y - sine * x - 0.5 * curvature * along * along, np.float32)
+        beyond, ring = distance * sharpness, distance * (1 / HALO)
+        fading = np.exp(-0.5 * ring * ring)
+        own_halo, steep = ring * fading, np.asarray((1 - ring * ring) * fading * (1 / HALO), np.float32)
+        falling = np.exp(-0.5 * beyond * beyond)
         side = _blurred_step(beyond, falling) + halo * own_halo
         return _Edge(along, beyond, side, _PEAK * falling, own_halo, halo * steep, sharpness, cosine, sine)
 
@@ -114,8 +115,9 @@ def _fill(jacobian: Floats, own: Floats, patches: Patches, bent: Floats, clipped
     by_px_two = by_two * two.sharpness + lit * two.halo_change * one.side
     jacobian[:, X] = one.sine * by_px_one + two.sine * by_px_two
     jacobian[:, Y] = -one.cosine * by_px_one - two.cosine * by_px_two
-    jacobian[:, FIRST_ANGLE] = -one.along * by_px_one
-    jacobian[:, SECOND_ANGLE] = -two.along * by_px_two
+    closing = lit * one.change * two.change * (one.cosine * two.sine - one.sine * two.cosine)  # of the angle between them
+    jacobian[:, FIRST_ANGLE] = closing - one.along * by_px_one
+    jacobian[:, SECOND_ANGLE] = -closing - two.along * by_px_two
     jacobian[:, FIRST_BLUR] = -one.beyond * by_one
     jacobian[:, SECOND_BLUR] = -two.beyond * by_two
     jacobian[:, MIDDLE] = seen * uneven
@@ -128,6 +130,6 @@ def _fill(jacobian: Floats, own: Floats, patches: Patches, bent: Floats, clipped
 
 def _blurred_step(beyond: Floats, falling: Floats) -> Floats:
     """erf(beyond / sqrt 2), to 2e-7 (Abramowitz and Stegun 7.1.26), by the exponential that is known already."""
-    near = 1 / (1 + _STEP_AT * np.abs(beyond))
+    near = np.reciprocal(1 + _STEP_AT * np.abs(beyond))
     rest = near * (_STEP[0] + near * (_STEP[1] + near * (_STEP[2] + near * (_STEP[3] + near * _STEP[4]))))
-    return np.copysign(1 - rest * falling, beyond)
+    return np.asarray(np.copysign(1 - rest * falling, beyond))

@@ -18,7 +18,7 @@ Floats = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patches:
-    """P pixels around each of N corners, first those about one edge, then the other's, each from the corner outwards to both sides alike; the
+    """P pixels around each of N corners: those about one edge, then the other's, each from the corner outwards, to both sides alike. The
     fullest patch sets P."""
 
     light: Floats
@@ -58,7 +58,8 @@ class Patches:
 
     def some(self, corners: slice) -> "Patches":
         """Those of a few corners."""
-        return Patches(*(part[corners] for part in (self.light, self.x, self.y, self.used, self.size)), self.half_width)
+        light, x, y, used, size = (part[corners] for part in (self.light, self.x, self.y, self.used, self.size))
+        return Patches(light, x, y, used, size, self.half_width)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,4 +101,4 @@ class _Band:
 
     def _middle(self, along: Floats) -> Floats:
         """(N, P) whole px, where the edge is across its axis, of (N or 1, P) px."""
-        return np.rint((along + self.shift[:, :1]) * self.rise[:, None] - self.shift[:, 1:])
+        return np.asarray(np.rint((along + self.shift[:, :1]) * self.rise[:, None] - self.shift[:, 1:]))

@@ -14,7 +14,7 @@ from calib.corners.view import View
 
 
 def weighted(views: Sequence[View]) -> tuple[View, ...]:
-    """The same, each corner's weight the median standard deviation of all over its own, at most 1. Views without covariances weigh as before."""
+    """The same, each corner's weight the median standard deviation of all over its own, at most 1. Views without covariances stay."""
     spreads = [np.full(len(view.weight), np.nan) if view.covariance is None else _spread(view.covariance) for view in views]
     known = np.concatenate([*spreads, np.empty(0)])
     known = known[np.isfinite(known)]
