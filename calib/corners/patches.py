@@ -41,19 +41,19 @@ class Patches:
         shift = (whole - lattice.corners).astype(np.float32)
         first, second = (_Band.of(lattice.steps[:, edge], shift, half_width, most) for edge in (0, 1))
         first_pixels, second_pixels = first.pixels(), second.pixels()
-        pixels = np.concatenate([first_pixels, second_pixels], 1)
-        again = np.concatenate([np.zeros(first_pixels.shape[:2], bool), first.holds(second_pixels)], 1)
-        places = pixels + shift[:, None]  # (N, all, 2) px from the corner
-        parts = np.abs(np.matmul(places, np.linalg.inv(lattice.steps).astype(np.float32)))
-        at = pixels.astype(np.int32) + whole.astype(np.int32)[:, None]
-        inside = ((at >= 0) & (at < (grey.shape[1], grey.shape[0]))).all(-1)
-        used = inside & ~again & (parts.max(-1) <= REACH)
+        again = np.concatenate([np.zeros(first_pixels[0].shape, bool), first.holds(*second_pixels)], 1)
+        across, down = (np.concatenate(both, 1) for both in zip(first_pixels, second_pixels, strict=True))
+        x, y = across + shift[:, :1], down + shift[:, 1:]
+        along_row, along_column = np.moveaxis(np.linalg.inv(lattice.steps).astype(np.float32)[:, :, None], -1, 0)  # (N, 2, 1) each
+        near = np.abs(x * along_row[:, 0] + y * along_row[:, 1]) <= REACH
+        near &= np.abs(x * along_column[:, 0] + y * along_column[:, 1]) <= REACH
+        column, row = (pixels.astype(np.int32) + own.astype(np.int32)[:, None] for pixels, own in zip((across, down), whole.T, strict=True))
+        used = near & ~again & (column >= 0) & (column < grey.shape[1]) & (row >= 0) & (row < grey.shape[0])
         order = np.argsort(~used, 1, kind="stable")[:, : max(int(used.sum(1).max()), 1)]
-        used = np.take_along_axis(used, order, 1)
-        at = np.where(used[..., None], np.take_along_axis(at, order[..., None], 1), 0)
-        x, y = (np.take_along_axis(places[..., axis], order, 1) for axis in (0, 1))
+        order += np.arange(len(used))[:, None] * used.shape[1]
+        used, x, y, column, row = (part.ravel()[order] for part in (used, x, y, column, row))
+        light = grey[np.where(used, row, 0), np.where(used, column, 0)].astype(np.float32)
         size = REACH * np.linalg.norm(lattice.steps, axis=-1).mean(-1, keepdims=True)
-        light = grey[at[..., 1], at[..., 0]].astype(np.float32)
         return Patches(light, x, y, used.astype(np.float32), size.astype(np.float32), half_width)
 
     def some(self, corners: slice) -> "Patches":
@@ -86,18 +86,20 @@ class _Band:
         own = np.where(flat[:, None], shift, shift[:, ::-1])
         return _Band(flat, (climb / run).astype(np.float32), own, along.astype(np.float32), half_width)
 
-    def pixels(self) -> Floats:
-        """(N, T * width, 2) whole px."""
+    def pixels(self) -> tuple[Floats, Floats]:
+        """(N, T * width) whole px along x, and along y."""
         across = np.arange(-self.half_width, self.half_width + 1, dtype=np.float32)
         other = self._middle(self.along[None])[..., None] + across  # (N, T, width)
         along = np.broadcast_to(self.along[:, None], other.shape)
-        pairs = np.stack([along, other], -1).reshape(len(self.flat), -1, 2)
-        return np.where(self.flat[:, None, None], pairs, pairs[..., ::-1])
+        flat = self.flat[:, None]
+        along, other = (part.reshape(len(flat), -1) for part in (along, other))
+        return np.where(flat, along, other), np.where(flat, other, along)
 
-    def holds(self, pixels: Floats) -> NDArray[np.bool_]:
-        """(N, P) whether (N, P, 2) whole px are in it."""
-        own = np.where(self.flat[:, None, None], pixels, pixels[..., ::-1])
-        return np.asarray(np.abs(own[..., 1] - self._middle(own[..., 0])) <= self.half_width)
+    def holds(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
+        """(N, P) whether (N, P) whole px are in it."""
+        flat = self.flat[:, None]
+        along, other = np.where(flat, x, y), np.where(flat, y, x)
+        return np.asarray(np.abs(other - self._middle(along)) <= self.half_width)
 
     def _middle(self, along: Floats) -> Floats:
         """(N, P) whole px, where the edge is across its axis, of (N or 1, P) px."""
