@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 HALF_WIDTHS = (3, 5, 9)  # px to both sides of an edge; the first is tried first
 FEW, MANY = 16, 96  # places along an edge, where pixels are taken: a few to come near, then all but of the largest squares
-WIDEST_BLUR = 0.4  # of a half-width, that it can hold
+WIDEST_BLUR = 0.33  # of a half-width, that it can hold
 BLUR = 0.8  # px, to start with
 BLURS = [FIRST_BLUR, SECOND_BLUR]
 BLUR_LIMITS = (np.log(0.45), np.log(6.0))  # of px
