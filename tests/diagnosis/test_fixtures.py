@@ -49,7 +49,7 @@ def detector_error(name: str, folder: Path) -> float:
 def test_what_is_hidden_is_found(finding: tuple[str, Calibration, Diagnosis], tmp_path: Path) -> None:
     """Held out, the error ends within a tenth of the detector's own, against the true corners of the same pictures: 0.986 to 1.064
     times it was measured, as six numbers of a pose take up 2 % of it and what the fit does not know adds a little more. Of a moving board,
-    half of the corners tell twelve numbers for the other half: 1.57 was measured (0.026 px), which the 7 % that noise adds do not explain."""
+    half of the corners tell twelve numbers for the other half: 1.57 was measured (0.026 px), of which noise explains 7 %."""
     name, better, said = finding
     print(name, said.accepted, said.before.held_out_px, said.after.held_out_px)
     assert said.accepted == HIDDEN[name]
