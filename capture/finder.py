@@ -70,7 +70,7 @@ class Finder:
         return partial
 
     def refine(self, frame: Frame, sighting: Sighting) -> NDArray[np.float64] | None:
-        """(count, 2) px, as `calib.corners` measures them; only the board's area is touched. None where they are no regular board."""
+        """(count, 2) px, to some hundredths, as `calib.corners` starts from; only the board's area is touched. None: no regular board."""
         if sighting.corners is None:
             return None
         grey = _grey(frame.pixels)

@@ -59,8 +59,9 @@ def test_every_view_is_used_and_the_cover_explains_most_of_the_error(fitted: dic
 
 @pytest.mark.parametrize("name", [*SESSIONS, "clean/holdout", "bumps/holdout", "covered-bare/bare", *HIDING])
 def test_detected_corners_are_the_renderer_s(name: str, tmp_path: Path) -> None:
-    """Against the exact pixel of every true corner: 0.031 to 0.039 px were measured, worst corners 0.14 px, means 0.002 px. A seventh more
-    is allowed, for another version of OpenCV, and the worst of thousands half as much again."""
+    """Against the exact pixel of every true corner: 0.012 to 0.017 px were measured, 0.022 where a bump of the glass is smaller than a
+    square, means 0.001 px. An eighth more is allowed, and of the worst of thousands, 0.08 and 0.15 px, a quarter."""
+    bumpy = name.startswith("bump/") or name == "bump"
     top, _, inner = name.partition("/")
     session = read_session(copied(FIXTURES / top, tmp_path / "s"))
     if inner == "bare":
@@ -73,22 +74,19 @@ def test_detected_corners_are_the_renderer_s(name: str, tmp_path: Path) -> None:
         truth = file["corners"]
     off = detected_off(views, truth)
     print(f"{name}: corners {np.sqrt((off**2).sum(-1).mean()):.3f} px RMS, mean {off.mean(0).round(3)}, worst {np.hypot(*off.T).max():.2f}")
-    assert np.sqrt((off**2).sum(-1).mean()) < 0.045
-    assert np.hypot(*off.T).max() < 0.21
-    assert (
-        np.abs(off.mean(0)).max() < 0.004
-    )  # 648 corners and more of 0.028 px: three standard deviations of a mean, and the detector's own
+    assert np.sqrt((off**2).sum(-1).mean()) < (0.025 if bumpy else 0.0195)
+    assert np.hypot(*off.T).max() < (0.19 if bumpy else 0.10)
+    assert np.abs(off.mean(0)).max() < 0.002  # 648 corners and more of 0.016 px each way: three standard deviations of a mean
 
 
 def test_rays_of_the_clean_session_are_the_renderer_s(fitted: dict[str, Calibration], by_the_paper: Calibration) -> None:
     """At 0.3, 0.5 and 1 m, as measured: an eighth more is allowed, and a fifth less of what the calibration expects. With every corner
     moved by a tenth of its noise, six seeds gave up to 7 % more and 15 % less, through the bumps up to 10 % more, and by the paper's
-    procedure 0.1 %. From the bumps' true corners with noise of the same size, seven seeds gave 0.46 to 1.53 times what is expected, so
-    the 1.93 from their pictures is more than chance."""
+    procedure 0.1 %. From the bumps' true corners with noise of one size, seven seeds gave 0.46 to 1.53 times what is expected."""
     measured = (
-        ("clean", fitted["clean"], (0.0163, 0.0133, 0.0275), (0.773, 1.128, 1.172)),
-        ("clean", by_the_paper, (0.1201, 0.1010, 0.1962), ()),
-        ("bumps", fitted["bumps"], (0.0244, 0.0172, 0.0445), (1.131, 1.452, 1.934)),
+        ("clean", fitted["clean"], (0.0029, 0.0028, 0.0037), (0.396, 0.665, 0.451)),
+        ("clean", by_the_paper, (0.1200, 0.1009, 0.1962), ()),
+        ("bumps", fitted["bumps"], (0.0057, 0.0053, 0.0091), (0.699, 1.128, 1.056)),
     )
     for name, result, px, over_expected in measured:
         error = map_error(result, FIXTURES / name / "truth.npz", near=40.0)
@@ -146,6 +144,7 @@ def test_undistorting_a_held_out_view_straightens_its_board(fitted: dict[str, Ca
         straight = field.undistorted(view.corners, float(depth))
         before.append(_bend(view.corners))
         after.append(_bend(straight))
+    print(f"bends {np.mean(before):.4f} px, straightened {np.mean(after):.4f} px")
     assert np.mean(after) < 0.036
     assert np.mean(before) > 0.17
 
@@ -162,7 +161,7 @@ def test_blind_c_is_fitted(tmp_path: Path) -> None:
     folder = copied(MEASURED / "blind-c", tmp_path / "s")
     result = fit(read_session(folder), Settings(), Silent())
     assert len(result.views) == 20
-    assert evaluate(result, read_session(folder / "holdout"), Silent()).rms_px < 0.11
+    assert evaluate(result, read_session(folder / "holdout"), Silent()).rms_px < 0.046  # measured: 0.041
     assert result.stages[2].rms_px < result.stages[1].rms_px < result.stages[0].rms_px
 
 
@@ -177,7 +176,7 @@ def test_pi_wide_is_calibrated_as_by_opencv(tmp_path: Path) -> None:
     theirs, *_ = cv2.calibrateCamera([points] * len(pixels), pixels, (640, 480), None, None, flags=flags)
     assert len(result.views) == 49
     assert result.stages[0].rms_px < 1.02 * theirs
-    assert result.stages[0].rms_px < 0.12
+    assert result.stages[0].rms_px < 0.094  # measured: 0.084
 
 
 def test_alpha7_asks_for_eight_coefficients(tmp_path: Path) -> None:

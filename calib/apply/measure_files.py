@@ -122,7 +122,7 @@ def _view(calibration: Calibration, path: Path) -> View:
     found = find_corners(grey, board)
     if found is None:
         raise NotEnoughDataError(f"{path} does not show the whole {board} board: take another picture, or give the pose with --poses.")
-    return View(path.name, found.corners, np.ones(board.count))
+    return View(path.name, found.corners, np.isfinite(found.corners[:, 0]).astype(np.float64))
 
 
 def _pixels(points: Sequence[Point]) -> Array:

@@ -1,7 +1,8 @@
 """mrcal's corners file, a vnlog: "# filename x y level", then a line for each corner.
 
 Corners come row by row, columns fastest. Level k weighs 2^-k; "-" for x and y, for the level, or a negative level, marks a corner
-that was not seen. A picture with a single line of "-" shows no board.
+that was not seen. A picture with a single line of "-" shows no board. Three more columns may give each corner's covariance,
+"xx xy yy", px^2; programs that read columns by their names pass them over.
 """
 
 import math
@@ -19,6 +20,8 @@ from calib.io.files import write_atomically
 from calib.session.board import Board
 
 LEGEND = "# filename x y level"
+COVARIANCE = ("xx", "xy", "yy")
+UNKNOWN = (math.nan, math.nan, math.nan)
 
 
 class _Row(NamedTuple):
@@ -27,6 +30,8 @@ class _Row(NamedTuple):
     x: float
     y: float
     weight: float
+    covariance: tuple[float, ...]
+    """xx, xy, yy; NaN where not given."""
 
 
 def read_corners(path: Path, board: Board) -> tuple[View, ...]:
@@ -44,7 +49,7 @@ def read_corners(path: Path, board: Board) -> tuple[View, ...]:
                 f"{where}: {name} has {len(block)} of the {board.count} lines that a {board} board needs: "
                 'write one for each inner corner ("-" if not seen), or correct board in session.yaml.'
             )
-        views[name] = View(name, np.array([row[2:4] for row in block]), np.array([row.weight for row in block])) if seen else None
+        views[name] = _view(name, block) if seen else None
     if not views:
         raise InputError(f'{path} has no corners: below "{LEGEND}", write one line for each corner of each picture.')
     if not any(views.values()):
@@ -54,12 +59,29 @@ def read_corners(path: Path, board: Board) -> tuple[View, ...]:
 
 def write_corners(path: Path, views: Sequence[View]) -> None:
     """Write views so that `read_corners` gives back the same numbers."""
-    lines = [LEGEND]
+    known = any(view.covariance is not None for view in views)
+    lines = [" ".join((LEGEND, *COVARIANCE)) if known else LEGEND]
     for view in views:
         if view.name.startswith("#") or view.name.split() != [view.name]:
             raise InputError(f'{path} cannot name a picture "{view.name}": rename it without spaces and without a leading "#".')
-        lines += [f"{view.name} {_corner(xy, weight)}" for xy, weight in zip(view.corners, view.weight, strict=True)]
+        corners = [f"{view.name} {_corner(xy, weight)}" for xy, weight in zip(view.corners, view.weight, strict=True)]
+        lines += [f"{corner} {_spread(own)}" for corner, own in zip(corners, _covariances(view), strict=True)] if known else corners
     write_atomically(path, "\n".join(lines) + "\n")
+
+
+def _view(name: str, block: Sequence[_Row]) -> View:
+    given = np.array([row.covariance for row in block])
+    covariance = given[:, [0, 1, 1, 2]].reshape(-1, 2, 2) if np.isfinite(given).any() else None
+    return View(name, np.array([row[2:4] for row in block]), np.array([row.weight for row in block]), covariance=covariance)
+
+
+def _covariances(view: View) -> NDArray[np.float64]:
+    return np.full((len(view.weight), 2, 2), np.nan) if view.covariance is None else view.covariance
+
+
+def _spread(covariance: NDArray[np.float64]) -> str:
+    xx, xy, _, yy = (float(entry) for entry in covariance.ravel())
+    return f"{xx!r} {xy!r} {yy!r}" if math.isfinite(xx + xy + yy) else "- - -"
 
 
 def _corner(xy: NDArray[np.float64], weight: float) -> str:
@@ -103,8 +125,13 @@ def _row(fields: dict[str, str], number: int, where: str) -> _Row:
         raise InputError(f'{where}: only one of x and y is "-": write both numbers, or "-" for both if the corner was not seen.')
     weight = 0.5**level if level is not None and level >= 0 else 0.0
     if x is None or y is None or weight == 0:
-        return _Row(number, fields["filename"], math.nan, math.nan, 0.0)
-    return _Row(number, fields["filename"], x, y, weight)
+        return _Row(number, fields["filename"], math.nan, math.nan, 0.0, UNKNOWN)
+    xx, xy, yy = (_number(fields.get(column, "-"), column, where) for column in COVARIANCE)
+    if xx is None or xy is None or yy is None:
+        return _Row(number, fields["filename"], x, y, weight, UNKNOWN)
+    if xx <= 0 or xx * yy <= xy**2:
+        raise InputError(f'{where}: xx, xy and yy are {xx:g}, {xy:g} and {yy:g}, which is no covariance: correct them, or write "- - -".')
+    return _Row(number, fields["filename"], x, y, weight, (xx, xy, yy))
 
 
 def _number(text: str, column: str, where: str) -> float | None:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from calib.corners import detect as detector
 from calib.corners.detect import Detection, eight_bits, has_grid, largest_grid
 from calib.corners.view import Rejected, View
+from calib.corners.weights import weighted
 from calib.errors import InputError, NotEnoughDataError
 from calib.io.files import write_atomically
 from calib.io.images import read_grey
@@ -40,7 +41,7 @@ class Detections:
     """What was seen in the pictures of one folder; every picture is in one of the two."""
 
     views: tuple[View, ...]
-    """In the order of the pictures, each with all corners of the board."""
+    """In the order of the pictures, each with the corners of the board that could be measured."""
     rejected: tuple[Rejected, ...]
 
 
@@ -82,9 +83,13 @@ def detect(
             _refuse_other_board([paths[i] for i in (*sample, *rest) if found[i] is None][:PROBED], board)
         raise NotEnoughDataError(f"the {board} board was found in {hits} of {len(paths)} pictures: {ADVICE}, or take more of them.")
     every = [(path.name, found[index]) for index, path in enumerate(paths)]
-    views = tuple(View(name, hit.corners, np.ones(board.count)) for name, hit in every if hit is not None)
+    views = weighted([_view(name, hit) for name, hit in every if hit is not None])
     reason = f"no {board} board found: {ADVICE}"
     return Detections(views, tuple(Rejected(name, reason) for name, hit in every if hit is None))
+
+
+def _view(name: str, hit: Detection) -> View:
+    return View(name, hit.corners, np.isfinite(hit.corners[:, 0]).astype(np.float64), covariance=hit.covariances)
 
 
 def _in_threads(paths: Sequence[Path], stores: dict[Path, "_Store"]) -> Iterator[Detection | None]:
@@ -148,8 +153,7 @@ class _Store:
         height, width = grey.shape
         self._check(path, (width, height))
         found = detector.find_corners(grey, self._board)
-        corners = None if found is None else found.corners.tolist()
-        self._files[path.name] = {"sha256": digest, "size": [width, height], "corners": corners, "detector": found and found.detector}
+        self._files[path.name] = {"sha256": digest, "size": [width, height], **_kept(found)}
         self._changed = True
         return found
 
@@ -166,6 +170,16 @@ class _Store:
                 write_atomically(self._path, json.dumps({"settings": self._settings, "files": dict(sorted(self._files.items()))}))
 
 
+def _kept(found: Detection | None) -> dict[str, Any]:
+    """What an entry says of a detection: x and y of every corner, and the variances of x, of both, and of y; null where not measured."""
+    if found is None:
+        return {"corners": None, "covariances": None, "detector": None}
+    seen = np.isfinite(found.corners[:, 0])
+    rows = {"corners": found.corners, "covariances": found.covariances.reshape(-1, 4)[:, [0, 1, 3]]}
+    lists = {key: [row.tolist() if one else None for row, one in zip(part, seen, strict=True)] for key, part in rows.items()}
+    return {**lists, "detector": found.detector}
+
+
 def _recalled(entry: Any, digest: str, board: Board) -> tuple[Detection | None, tuple[int, int]]:
     """An entry's result and the picture's width and height.
 
@@ -177,7 +191,21 @@ def _recalled(entry: Any, digest: str, board: Board) -> tuple[Detection | None, 
     width, height = map(int, entry["size"])
     if entry["corners"] is None:
         return None, (width, height)
-    corners = np.array(entry["corners"], np.float64)
-    if corners.shape != (board.count, 2) or not np.isfinite(corners).all() or entry["detector"] not in ("sb", "classic"):
+    seen = np.array([row is not None for row in entry["corners"]])
+    corners, variances = (_rows(entry[key], seen, width) for key, width in (("corners", 2), ("covariances", 3)))
+    if len(seen) != board.count or entry["detector"] not in ("sb", "classic"):
         raise ValueError("not a detection")
-    return Detection(corners, entry["detector"]), (width, height)
+    return Detection(corners, variances[:, [0, 1, 1, 2]].reshape(-1, 2, 2), entry["detector"]), (width, height)
+
+
+def _rows(rows: list[list[float] | None], seen: NDArray[np.bool_], width: int) -> NDArray[np.float64]:
+    """(count, width), NaN where not seen.
+
+    Raises:
+        ValueError, TypeError, OverflowError: there is something else in them.
+    """
+    table = np.full((len(seen), width), np.nan)
+    table[seen] = np.array([row for row in rows if row is not None], np.float64).reshape(-1, width)
+    if not np.isfinite(table[seen]).all():
+        raise ValueError("not a number")
+    return table

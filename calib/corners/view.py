@@ -21,6 +21,8 @@ class View:
     """When it was taken, s from any origin that the session's views share. None: not recorded."""
     pose_id: str | None = None
     """The label of the board's pose that it shows: pictures of one burst share it. None: not recorded, so a pose of its own."""
+    covariance: NDArray[np.float64] | None = None
+    """(corners of the board, 2, 2) px^2, by the picture's own noise; NaN where not seen. None: not known."""
 
     @property
     def seen(self) -> NDArray[np.bool_]:

@@ -1,5 +1,6 @@
 """mrcal's corners file."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,25 @@ def test_written_views_read_as_the_same_numbers(tmp_path: Path) -> None:
         np.testing.assert_array_equal(got.weight, expected.weight)
         assert got.count == 9
         np.testing.assert_array_equal(got.seen, ~np.isnan(got.corners).any(-1))
+
+
+def test_covariances_are_three_more_columns(tmp_path: Path) -> None:
+    plain, known = random_view("a.png", 1), random_view("b.png", 2)
+    half = np.random.default_rng(3).normal(size=(BOARD.count, 2, 2))
+    covariance = np.where(known.seen[:, None, None], half @ half.swapaxes(1, 2) + np.eye(2), np.nan)
+    write_corners(tmp_path / "c.vnl", [plain, replace(known, covariance=covariance)])
+    assert (tmp_path / "c.vnl").read_text().startswith("# filename x y level xx xy yy\n")
+    first, second = read_corners(tmp_path / "c.vnl", BOARD)
+    assert first.covariance is None
+    np.testing.assert_array_equal(second.covariance, covariance)
+    np.testing.assert_array_equal(second.corners, known.corners)
+
+
+@pytest.mark.parametrize("wrong", ["-1 0 1", "1 2 1", "0 0 0"])
+def test_what_is_no_covariance_is_refused(wrong: str, tmp_path: Path) -> None:
+    (tmp_path / "c.vnl").write_text("# filename x y xx xy yy\n" + f"a 1 2 {wrong}\n" * BOARD.count)
+    with pytest.raises(InputError, match=r"line 2: xx, xy and yy are .* no covariance"):
+        read_corners(tmp_path / "c.vnl", BOARD)
 
 
 def test_mrcal_s_own_notation(tmp_path: Path) -> None:

@@ -49,7 +49,10 @@ def looks(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 def same(one: Detections, other: Detections) -> bool:
     return one.rejected == other.rejected and all(
-        a.name == b.name and np.array_equal(a.corners, b.corners) and np.array_equal(a.weight, b.weight)
+        a.name == b.name
+        and np.array_equal(a.corners, b.corners, equal_nan=True)
+        and np.array_equal(a.weight, b.weight)
+        and np.array_equal(np.asarray(a.covariance), np.asarray(b.covariance), equal_nan=True)
         for a, b in zip(one.views, other.views, strict=True)
     )
 
@@ -65,7 +68,9 @@ def test_every_picture_is_found_or_rejected_in_order(tmp_path: Path) -> None:
     assert reported[-1] == (5, 4)
     for view, scene in zip(result.views, (s for s in scenes if s is not None), strict=True):
         assert rms(view.corners, scene.draw()[1]) < 0.08
-        assert (view.weight == 1).all()
+        assert view.covariance is not None
+        assert np.linalg.eigvalsh(view.covariance).min() > 0
+        assert view.weight.min() > 0.5
 
 
 def test_a_second_run_looks_at_nothing_and_says_the_same(tmp_path: Path, looks: list[int]) -> None:
@@ -83,6 +88,21 @@ def test_the_order_of_the_pictures_and_the_number_of_threads_change_nothing(tmp_
     monkeypatch.setattr("os.cpu_count", lambda: 1)
     again = detect(paths[::-1], BOARD)
     assert same(Detections(again.views[::-1], again.rejected), first)
+
+
+def test_a_corner_that_cannot_be_measured_is_kept_as_such(tmp_path: Path, looks: list[int]) -> None:
+    """A pen lies beside the corner: the board is found, this corner's edges are not."""
+    paths = write(tmp_path, views(3))
+    picture, truth = Scene(roll=0.1, tilt=(0.3, 0.3), seed=1).draw()
+    spot = tuple(np.rint(truth[30] + 3).astype(int).tolist())
+    cv2.circle(picture, spot, 4, 130, -1)
+    assert cv2.imwrite(str(paths[1]), picture)
+    first = detect(paths, BOARD)
+    assert first.views[1].seen.sum() == BOARD.count - 1
+    assert not first.views[1].seen[30]
+    assert np.isnan(first.views[1].corners[30]).all()
+    assert same(detect(paths, BOARD), first)
+    assert len(looks) == 3
 
 
 def test_only_a_changed_picture_is_looked_at_again(tmp_path: Path, looks: list[int]) -> None:
@@ -125,6 +145,8 @@ CORRUPTIONS: dict[str, Callable[[bytes], bytes]] = {
     "short corners": lambda data: data.replace(b'"corners": [', b'"corners": [[1.0, 2.0]], "rest": ['),
     "undefined corners": lambda data: data.replace(b'"corners": [[', b'"corners": [[NaN, 1.0], ['),
     "an endless number": lambda data: data.replace(b'"corners": [[', b'"corners": [[1' + b"0" * 400 + b", 1.0], ["),
+    "no covariances": lambda data: data.replace(b'"covariances"', b'"variances"'),
+    "undefined covariances": lambda data: data.replace(b'"covariances": [[', b'"covariances": [[NaN, '),
     "no detector": lambda data: data.replace(b'"sb"', b'"guess"'),
 }
 

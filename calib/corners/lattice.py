@@ -1,0 +1,79 @@
+"""A grid of corners as its neighbours see it: where each corner's two edges lead, and how they bend.
+
+An edge that bends by one pixel over a square looks, to a straight line through the half of it that is measured, like a corner moved by
+some hundredths of a pixel: so the bend is taken from the neighbours.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.session.board import Board
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lattice:
+    """N corners of one picture and the two edges through each, the row's first."""
+
+    corners: Floats
+    """(N, 2) px."""
+    steps: Floats
+    """(N, 2 edges, 2) px, along each edge to the next corner, in the mean of both sides."""
+    curvatures: Floats
+    """(N, 2 edges) 1/px, of each edge, towards its normal."""
+
+    @staticmethod
+    def of(corners: Floats, board: Board) -> "Lattice":
+        """From (count, 2) px, row by row, columns fastest."""
+        grid = corners.reshape(board.rows, board.columns, 2)
+        row_steps, row_bends = _along(grid)
+        column_steps, column_bends = (part.swapaxes(0, 1) for part in _along(grid.swapaxes(0, 1)))
+        steps = np.stack([row_steps, column_steps], 2).reshape(-1, 2, 2)
+        bends = np.stack([_smoothed(row_bends), _smoothed(column_bends)], 2).reshape(-1, 2, 2)
+        normal_bends = (normals(steps) * bends).sum(-1)
+        return Lattice(np.array(corners, np.float64), steps, normal_bends / (steps**2).sum(-1))
+
+    @property
+    def angles(self) -> Floats:
+        """(N, 2 edges) rad, of the edges' directions."""
+        return np.asarray(np.arctan2(self.steps[..., 1], self.steps[..., 0]))
+
+    @property
+    def heights(self) -> Floats:
+        """(N, 2 edges) px, from each edge to the parallel one through the next corner."""
+        (ax, ay), (bx, by) = np.moveaxis(self.steps, 0, -1)
+        return np.asarray(np.abs(ax * by - ay * bx)[:, None] / np.linalg.norm(self.steps, axis=-1))
+
+
+def normals(steps: Floats) -> Floats:
+    """(..., 2) unit, 90 degrees clockwise, as seen in the picture, of (..., 2)."""
+    turned = np.stack([-steps[..., 1], steps[..., 0]], -1)
+    return np.asarray(turned / np.linalg.norm(steps, axis=-1, keepdims=True))
+
+
+def _along(lines: Floats) -> tuple[Floats, Floats]:
+    """(lines, corners, 2) px -> of the same shape, the step and the second difference at each corner; the ends take their neighbours'."""
+    bends = lines[:, 2:] - 2 * lines[:, 1:-1] + lines[:, :-2]
+    bends = np.concatenate([bends[:, :1], bends, bends[:, -1:]], 1)
+    steps = np.concatenate(
+        [
+            lines[:, 1:2] - lines[:, :1] - bends[:, :1] / 2,
+            (lines[:, 2:] - lines[:, :-2]) / 2,
+            lines[:, -1:] - lines[:, -2:-1] + bends[:, -1:] / 2,
+        ],
+        1,
+    )
+    return steps, bends
+
+
+def _smoothed(bends: Floats) -> Floats:
+    """(rows, columns, 2) means of each and its neighbours by the weights 1, 2, 1, both ways: a corner's own error would else come back
+    to it, larger by a sixth, in its bend."""
+    for axis in (0, 1):
+        padded = np.concatenate([np.take(bends, [0], axis), bends, np.take(bends, [-1], axis)], axis)
+        before, here, after = (np.take(padded, np.arange(bends.shape[axis]) + shift, axis) for shift in (0, 1, 2))
+        bends = (before + 2 * here + after) / 4
+    return bends

@@ -1,0 +1,59 @@
+"""Corners that were found -> where they are, how sure that is, and which of them do not look like corners after all."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.corners.lattice import Lattice
+from calib.corners.patch_fit import Fit, fit_patches
+from calib.corners.patch_model import CONTRAST
+from calib.session.board import Board
+
+FARTHEST = 0.15  # of the square's height, and at least a pixel: what was found is nearer than that to the corner
+FAINTEST = 0.2  # of the median contrast
+STRANGEST = 3.0  # times the median misfit
+ALWAYS_ALIKE = 0.1  # of the contrast: a misfit that is no reason for doubt
+VAGUEST = 0.5  # px
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """The corners of one board in a picture."""
+
+    corners: Floats
+    """(count, 2) px, NaN where the picture, though a corner was found, shows none of this board's: it is covered, or saturated."""
+    covariances: Floats
+    """(count, 2, 2) px^2, NaN likewise."""
+
+
+def measure(grey: NDArray, corners: Floats, board: Board) -> Measured:
+    """Measure what was found.
+
+    Args:
+        grey: (H, W) uint8 or uint16.
+        corners: (count, 2) px, a regular grid, each off by less than a blur.
+        board: its columns and rows.
+    """
+    fit = fit_patches(grey, corners, board)
+    shown = _looks_like_corners(fit, corners, board)
+    places = np.where(shown[:, None], corners + fit.parameters[:, :2], np.nan)
+    covariances = fit.inflation * (fit.unit_covariances + fit.unit_covariances.swapaxes(1, 2)) / 2  # symmetric to the last digit
+    return Measured(places, np.where(shown[:, None, None], covariances, np.nan))
+
+
+def _looks_like_corners(fit: Fit, corners: Floats, board: Board) -> NDArray[np.bool_]:
+    """(count,)"""
+    row, column = np.divmod(np.arange(board.count), board.columns)
+    contrast = fit.parameters[:, CONTRAST] * np.where((row + column) % 2, -1, 1)
+    usual = np.median(contrast)
+    moved = np.linalg.norm(fit.parameters[:, :2], axis=1)
+    spread = np.linalg.eigvalsh(fit.unit_covariances * fit.inflation)[:, 1]
+    return np.asarray(
+        (moved <= np.maximum(FARTHEST * Lattice.of(corners, board).heights.min(1), 1))
+        & (contrast * np.sign(usual) >= FAINTEST * abs(usual))
+        & (fit.misfit <= max(STRANGEST * float(np.median(fit.misfit)), ALWAYS_ALIKE))
+        & (spread <= VAGUEST**2)
+    )
