@@ -97,5 +97,5 @@ def _refusal(pattern: Pattern, papers: tuple[Paper, ...], side: float | None) ->
     most, wide = _largest(pattern, papers, NARROW), _largest(pattern, papers, WIDE)
     if most is None:
         return f"{asked} have no room on {papers[0].name} beside rulers and words: take a larger --paper, or fewer corners."
-    and_wide = f", of up to {wide:g} mm with a white margin as wide as they are" if wide else ""
+    and_wide = f", of up to {wide:g} mm with a white margin as wide as they are" if wide not in (None, most) else ""
     return f"{asked} have no room on {papers[0].name} beside rulers and words: squares of up to {most:g} mm do{and_wide}."
