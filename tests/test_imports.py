@@ -80,6 +80,7 @@ LOADS = {
     "calib.importing.from_pictures": {"cv2", "numpy"},
     "calib.sheet.layout": set(),
     "calib.sheet.pdf": set(),
+    "calib.sheet.charuco": {"cv2", "numpy"},
     "capture.cli": set(),
     "capture.frames": {"numpy"},
     "capture.finder": {"cv2", "numpy", "scipy"},

@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> None:
 def _as_mapping(kind: str, pattern: "Checkerboard", sheet: "Sheet") -> dict[str, object]:
     return {
         "type": kind,
-        "board": pattern.to_yaml(sheet.side),
+        "board": pattern.to_yaml(sheet.side, sheet.side),
         "paper_mm": [sheet.paper.width, sheet.paper.height],
         "rulers_mm": list(sheet.rulers),
         "corners_mm": [list(corner) for corner in sheet.corners],

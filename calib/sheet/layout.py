@@ -93,9 +93,9 @@ def _within(value: float, low: float, high: float) -> float:
 
 
 def _refusal(pattern: Pattern, papers: tuple[Paper, ...], side: float | None) -> str:
-    asked = f"{pattern} with squares of {side:g} mm" if side else f"{pattern}"
+    asked = f"{pattern} with {pattern.part}s of {side:g} mm" if side else f"{pattern}"
     most, wide = _largest(pattern, papers, NARROW), _largest(pattern, papers, WIDE)
     if most is None:
         return f"{asked} have no room on {papers[0].name} beside rulers and words: take a larger --paper, or fewer corners."
     and_wide = f", of up to {wide:g} mm with a white margin as wide as they are" if wide not in (None, most) else ""
-    return f"{asked} have no room on {papers[0].name} beside rulers and words: squares of up to {most:g} mm do{and_wide}."
+    return f"{asked} have no room on {papers[0].name} beside rulers and words: {pattern.part}s of up to {most:g} mm do{and_wide}."

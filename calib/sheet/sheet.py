@@ -36,7 +36,7 @@ class Sheet:
     title: str
     paper: Paper
     side: float
-    """mm, of a square."""
+    """mm, of a square or a tag."""
     white: float
     """mm, the least that is left free around the board."""
     rulers: tuple[int, int]

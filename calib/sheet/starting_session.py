@@ -9,7 +9,7 @@ from calib.sheet.target import Pattern
 def starting_session(pattern: Pattern, sheet: Sheet, size: tuple[int, int]) -> str:
     """The file's text. `size` is that of the camera's pictures, px."""
     a, b = sheet.rulers
-    board = ", ".join(f"{key}: {json.dumps(value)}" for key, value in pattern.to_yaml(sheet.side).items())
+    board = ", ".join(f"{key}: {json.dumps(value)}" for key, value in pattern.to_yaml(sheet.side, sheet.side).items())
     return f"""\
 # Made by calib board, for the sheet of board.pdf. After printing, measure its rulers a and b (mm), and write in place of {sheet.side:g}
 # {{value: VALUE, sigma: SIGMA}}, with VALUE = {sheet.side:g} * (a / {a} + b / {b}) / 2 and SIGMA = {sheet.side:g} * D / 2 / {min(a, b)},

@@ -21,7 +21,7 @@ class Target:
 
 
 class Pattern(Protocol):
-    """A target of any size: a kind of board, and all that is said of it but the side of its squares."""
+    """A target of any size: a kind of board, and all that is said of it but the side of its parts."""
 
     @property
     def extent(self) -> tuple[float, float]:
@@ -31,13 +31,17 @@ class Pattern(Protocol):
     def title(self) -> str:
         """What it is, in words."""
 
+    @property
+    def part(self) -> str:
+        """What has the side: a square, a tag."""
+
     def draw(self, side: float) -> Target:
-        """With squares of this side, mm."""
+        """With squares or tags of this side, mm."""
 
-    def to_yaml(self, side: object) -> Mapping[str, object]:
-        """The section `board` of session.yaml, whose side is written as given."""
+    def to_yaml(self, side: float, entry: object) -> Mapping[str, object]:
+        """The section `board` of session.yaml for a side in mm, with `entry` in the place of the side."""
 
 
-def square(x: float, y: float, side: float) -> Polygon:
+def rectangle(x: float, y: float, width: float, height: float) -> Polygon:
     """Clockwise from its upper left, mm."""
-    return (x, y), (x + side, y), (x + side, y + side), (x, y + side)
+    return (x, y), (x + width, y), (x + width, y + height), (x, y + height)

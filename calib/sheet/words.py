@@ -22,13 +22,14 @@ def sentences(pattern: Pattern, paper: Paper, side: float, rulers: tuple[int, in
     shorter = min(rulers)
     size = f"{paper.width:g} × {paper.height:g} mm"
     named = size if paper.name == size else f"{paper.name}, {size}"
-    entry = ", ".join(f"{key}: {value}" for key, value in pattern.to_yaml("{value: VALUE, sigma: SIGMA}").items())
+    board = pattern.to_yaml(side, "{value: VALUE, sigma: SIGMA}")
+    entry = ", ".join(f"{key}: {str(value).lower() if isinstance(value, bool) else value}" for key, value in board.items())
     return (
-        f"{pattern.title}, squares of {side:g} mm. Paper: {named}. Print at 100 %, no scaling.",
+        f"{pattern.title}, {pattern.part}s of {side:g} mm. Paper: {named}. Print at 100 %, no scaling.",
         "1. Glue the sheet onto something flat and stiff. Then measure the rulers a and b between their end ticks, in mm, with a steel "
         "ruler or a calliper.",
-        f"2. The side of a square is VALUE = {side:g} * (a / {a} + b / {b}) / 2 with SIGMA = {side:g} * D / 2 / {shorter}, where D is your "
-        f"ruler's smallest division (for 1 mm {side / 2 / shorter:.2g}). In session.yaml, write board: {{{entry}}}",
+        f"2. The side of a {pattern.part} is VALUE = {side:g} * (a / {a} + b / {b}) / 2 with SIGMA = {side:g} * D / 2 / {shorter}, "
+        f"where D is your ruler's smallest division (for 1 mm {side / 2 / shorter:.2g}). In session.yaml, write board: {{{entry}}}",
         f"3. If a / {a} and b / {b} differ by more than {100 * STRETCH:g} %, the printer stretched the sheet: calib diagnose estimates "
         "by how much (board_scale).",
     )

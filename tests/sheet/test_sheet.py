@@ -116,8 +116,9 @@ def test_both_files_say_the_same() -> None:
 
 @each_sheet
 def test_rulers_are_as_long_as_they_say(paper: str, columns: int, rows: int, side: float | None) -> None:
-    """Along each ruler: a tick every millimetre from 0 to its length, all off the board."""
+    """Along each ruler: a tick every millimetre from 0 to its length, all off the board, and each number at its tick."""
     sheet = made(paper, columns, rows, side)
+    stretches = [(words.split()[0], box.reshape(2, 2).mean(0)) for words, box in words_of(to_pdf(sheet)) if re.fullmatch(r"\d+\s*", words)]
     lines = ElementTree.fromstring(to_svg(sheet)).iter(f"{SVG}line")
     ends = np.array([[[float(line.attrib[f"{axis}{end}"]) for axis in "xy"] for end in (1, 2)] for line in lines])  # (lines, 2, 2)
     left, _, _, bottom = _edges(sheet)
@@ -128,6 +129,12 @@ def test_rulers_are_as_long_as_they_say(paper: str, columns: int, rows: int, sid
         places = np.sort(ours[:, 0, axis])
         assert len(places) == length + 1
         assert np.abs(places - places[0] - np.arange(length + 1)).max() < 1.1e-4  # twice what the last digit rounds
+        outward = 1 if axis == 0 else -1
+        beside = ours[0, 0, 1 - axis]
+        numbers = {int(words): at[axis] for words, at in stretches if 0 < outward * (at[1 - axis] - beside) < 6}
+        assert set(numbers) >= set(range(0, length, 10))  # the last has its unit with it
+        zero = places[0] if axis == 0 else places[-1]
+        assert all(abs(at - zero - outward * number) < 0.3 for number, at in numbers.items()), "a digit is 1 mm wide"
 
 
 @pytest.mark.parametrize("paper", ["A4", "A3", "Letter", "600x400", "160x120"])
