@@ -7,6 +7,7 @@ data.
 from collections.abc import Sequence
 
 from calib.commands import (
+    board_command,
     diagnose_command,
     evaluate_command,
     export_command,
@@ -27,6 +28,7 @@ COMMANDS = (
     measure_command,
     export_command,
     import_command,
+    board_command,
 )
 """In the order of the help."""
 

@@ -28,6 +28,25 @@ def positive(text: str) -> float:
     return number
 
 
+def whole_size(text: str) -> tuple[int, int]:
+    """Of a board or a picture, such as 9x6."""
+    first, _, second = text.partition("x")
+    if not (first.isdecimal() and second.isdecimal() and int(first) > 2 and int(second) > 2):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a size: write two whole numbers of 3 or more, such as 9x6")
+    return int(first), int(second)
+
+
+def millimetres(text: str) -> float:
+    """The side of a square."""
+    try:
+        side = float(text)
+    except ValueError:
+        side = 0.0
+    if not 0.05 <= side <= 1e5:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a side of a square: write millimetres from 0.05 to 100000, such as 25")
+    return side
+
+
 def add_depths(parser: argparse.ArgumentParser, *, required: bool) -> None:
     parser.add_argument(
         "--depth", type=depth, nargs="+", action="extend", default=[], required=required, metavar="M", help="depth of a map, in metres"

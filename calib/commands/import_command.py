@@ -7,7 +7,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calib.commands.arguments import add_output
+from calib.commands.arguments import add_output, millimetres, whole_size
 from calib.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,14 +28,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         own.add_argument("path", type=Path, metavar=metavar)
         if name != "mrcal":
             required = name != "kalibr"
-            own.add_argument("--board", type=_size, required=required, metavar="AxB", help="inner corners, columns x rows")
-            own.add_argument("--square-mm", type=_millimetres, required=required, metavar="S", help="side of a square")
+            own.add_argument("--board", type=whole_size, required=required, metavar="AxB", help="inner corners, columns x rows")
+            own.add_argument("--square-mm", type=millimetres, required=required, metavar="S", help="side of a square")
         if name == "ros":
             own.add_argument("--camera", choices=("left", "right"), help="which one of a stereo pair")
         if name == "kalibr":
             own.add_argument("--camera", metavar="camN", help="which one, where camchain.yaml describes several")
         if name == "mrcal-corners":
-            own.add_argument("--size", type=_size, required=True, metavar="WxH", help="of the pictures, in px")
+            own.add_argument("--size", type=whole_size, required=True, metavar="WxH", help="of the pictures, in px")
         add_output(own, "the new session folder", required=True)
 
 
@@ -74,20 +74,3 @@ def _board(args: argparse.Namespace) -> "Board | None":
         return None
     columns, rows = args.board
     return Board(columns, rows, args.square_mm / 1000)
-
-
-def _size(text: str) -> tuple[int, int]:
-    first, _, second = text.partition("x")
-    if not (first.isdecimal() and second.isdecimal() and int(first) > 2 and int(second) > 2):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a size: write two whole numbers of 3 or more, such as 9x6")
-    return int(first), int(second)
-
-
-def _millimetres(text: str) -> float:
-    try:
-        side = float(text)
-    except ValueError:
-        side = 0.0
-    if not 0.05 <= side <= 1e5:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a side of a square: write millimetres from 0.05 to 100000, such as 25")
-    return side

@@ -1,0 +1,166 @@
+"""`calib board` as a person runs it, and the session that grows from it."""
+
+import json
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from calib.calibration import Calibration
+from calib.cli import main
+from calib.io.yaml_reader import read_yaml
+from calib.session.board import Board
+from calib.session.camera import Camera
+from calib.session.cover import SHAPES
+from calib.session.session import session_from_mapping
+from tests.sheet.reading import made, pdf_polygons, rasterise, svg_polygons
+
+FOCAL = 900.0  # px, of the camera that sees the print
+SIZE = 800, 600
+
+
+def run(folder: Path, *options: str) -> int:
+    return main(["board", "-o", str(folder), *options])
+
+
+def read_setup(file: Path) -> tuple[Board, Camera, object]:
+    written = dict(read_yaml(file))
+    assert written.pop("format") == 1
+    return session_from_mapping(written, str(file))
+
+
+@pytest.fixture
+def printed(tmp_path: Path) -> Path:
+    """The folder of a 9x6 board for A4."""
+    assert run(tmp_path / "session", "--type", "checkerboard", "--columns", "9", "--rows", "6", "--paper", "A4", "--size", "800x600") == 0
+    return tmp_path / "session"
+
+
+def test_three_files_of_one_board(printed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(tmp_path) == 0
+    assert capsys.readouterr().out.split() == [str(tmp_path / name) for name in ("board.pdf", "board.svg", "session.yaml")]
+    polygons = svg_polygons((printed / "board.svg").read_text(encoding="utf-8"))
+    assert np.array_equal(polygons, pdf_polygons((printed / "board.pdf").read_bytes()))
+    assert np.array_equal(polygons, np.round(made("A4").polygons, 4))
+    board, camera, _ = read_setup(printed / "session.yaml")
+    assert (board, board.square_sigma) == (Board(9, 6, 0.02), None)
+    assert (camera.width, camera.height) == SIZE
+
+
+@pytest.mark.parametrize("shape", [shape for shape in SHAPES if shape != "none"])
+def test_every_cover_that_it_offers_can_be_used(shape: str, printed: Path) -> None:
+    file = printed / "session.yaml"
+    (line,) = [line for line in file.read_text().splitlines() if line.startswith(f"# cover: {{shape: {shape},")]
+    mapping = {key: value for key, value in read_yaml(file).items() if key != "format"} | yaml.safe_load(line.removeprefix("# "))
+    session_from_mapping(mapping, "session.yaml")
+
+
+def test_the_measured_lengths_go_where_the_sheet_says(printed: Path) -> None:
+    """A print 1 % too large, read with a ruler in mm: its square is known to 0.5 mm of the shorter ruler."""
+    file = printed / "session.yaml"
+    text = file.read_text()
+    assert "VALUE = 20 * (a / 250 + b / 150) / 2 and SIGMA = 20 * D / 2 / 150" in text
+    a, b, d = 252.5, 151.5, 1.0
+    value, sigma = 20 * (a / 250 + b / 150) / 2, 20 * d / 2 / 150
+    file.write_text(text.replace("square_mm: 20.0", f"square_mm: {{value: {value}, sigma: {sigma}}}"))
+    board, _, _ = read_setup(file)
+    assert board.square == pytest.approx(0.0202)
+    assert board.relative_sigma == pytest.approx(0.5 / 151.5)
+
+
+def test_pictures_of_the_print_become_a_calibration(printed: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A pinhole's pictures of the rasterised page give its focal length and, in mm, where the board was: to a thousandth, where 0.03 px
+    on a board of 300 px are a tenth of that."""
+    raster = rasterise((printed / "board.pdf").read_bytes(), dpi=200)
+    middle = np.mean(made("A4").corners, axis=0)
+    metres = np.diag([*raster.mm / 1000, 1.0])  # from px of the page to the board's own
+    metres[:2, 2] = (raster.mm / 2 - middle) / 1000
+    camera = np.array([[FOCAL, 0, (SIZE[0] - 1) / 2], [0, FOCAL, (SIZE[1] - 1) / 2], [0, 0, 1]])
+    finer = np.array([[3.0, 0, 1], [0, 3, 1], [0, 0, 1]])  # pixel centres stay centres
+    rng = np.random.default_rng(3)
+    (printed / "frames").mkdir()
+    shifts = rng.uniform([-0.03, -0.03, 0.42], [0.03, 0.03, 0.6], (8, 3))
+    for number, shift in enumerate(shifts):
+        onto = finer @ camera @ np.column_stack([cv2.Rodrigues(rng.uniform(-0.5, 0.5, 3))[0][:, :2], shift]) @ metres
+        large = cv2.warpPerspective(raster.grey, onto, (3 * SIZE[0], 3 * SIZE[1]), flags=cv2.INTER_LINEAR, borderValue=90)
+        cv2.imwrite(str(printed / "frames" / f"{number}.png"), cv2.resize(large, SIZE, interpolation=cv2.INTER_AREA))
+    capsys.readouterr()
+    assert main(["fit", str(printed), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["frames_used"] == 8
+    calibration = Calibration.load(printed / "calibration")
+    intrinsics = calibration.camera.intrinsics
+    assert intrinsics
+    assert (intrinsics.fx.value, intrinsics.fy.value) == pytest.approx((FOCAL, FOCAL), rel=1e-3)
+    assert np.linalg.norm(calibration.poses[:, 3:], axis=1) == pytest.approx(np.linalg.norm(shifts, axis=1), rel=1e-3)
+
+
+def test_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(tmp_path, "--json", "--paper", "letter", "--square-mm", "15.5") == 0
+    said = json.loads(capsys.readouterr().out)
+    assert list(said) == ["type", "board", "paper_mm", "rulers_mm", "corners_mm", "written"]
+    assert said["type"] == "checkerboard"
+    assert said["board"] == {"columns": 9, "rows": 6, "square_mm": 15.5}
+    assert sorted(said["paper_mm"]) == [215.9, 279.4]
+    assert np.array(said["corners_mm"]).shape == (54, 2)
+    assert said["written"] == [str(tmp_path / name) for name in ("board.pdf", "board.svg", "session.yaml")]
+
+
+def test_the_same_board_is_the_same_file(printed: Path, tmp_path: Path) -> None:
+    assert run(tmp_path / "again", "--size", "800x600") == 0
+    for name in ("board.pdf", "board.svg", "session.yaml"):
+        assert (printed / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
+
+
+def test_no_session_is_overwritten(printed: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = shutil.copytree(printed, printed.with_name("before"))
+    capsys.readouterr()
+    assert run(printed, "--rows", "7") == 2
+    file = printed / "session.yaml"
+    assert capsys.readouterr().err == (f"calib: {file} is there already, and no session is overwritten: give another folder with -o.\n")
+    assert all((before / path.name).read_bytes() == path.read_bytes() for path in printed.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--paper", "A9"], "'A9' is not a paper: write A4, A3, Letter, or width x height from 50 to 5000 mm, such as 600x400"),
+        (["--paper", "20x30"], "'20x30' is not a paper"),
+        (["--paper", "nanx100"], "'nanx100' is not a paper"),
+        (["--columns", "2"], "'2' is not a number of corners: write a whole number from 3 to 1000, such as 9"),
+        (["--square-mm", "-1"], "'-1' is not a side of a square"),
+        (["--size", "0x600"], "'0x600' is not a size"),
+        (["--type", "circles"], "invalid choice: 'circles'"),
+    ],
+)
+def test_wrong_usage(options: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        run(tmp_path / "s", *options)
+    assert ended.value.code == 2
+    assert says in capsys.readouterr().err
+    assert not (tmp_path / "s").exists()
+
+
+def test_what_does_not_fit_leaves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(tmp_path / "s", "--square-mm", "40") == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("calib: 9x6 corners with squares of 40 mm have no room on A4")
+    assert said.err.count("\n") == 1
+    assert not (tmp_path / "s").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--square-mm", "25"], "The white margin is 6.1 mm, narrower than a square"),
+        (["--columns", "7", "--rows", "7"], "A board of 7x7 corners looks the same upside down"),
+    ],
+)
+def test_remarks_go_to_stderr(options: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(tmp_path / "s", *options) == 0
+    assert capsys.readouterr().err.startswith(says)
+    assert run(tmp_path / "none") == 0
+    assert capsys.readouterr().err == ""
