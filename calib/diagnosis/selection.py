@@ -30,6 +30,8 @@ ALPHA = 0.05
 """Chance of a false acceptance in a whole round, over all the candidates that are tried."""
 LEAST_GAIN = 0.01
 """Of the held-out error: less is not worth an effect."""
+LEAST_EXPLAINED = 0.003
+"""px of the held-out error, nor is less than this: all corners of a picture may be off by 0.0013 px (docs/corners.md)."""
 WORTH_TRYING = 0.05
 """p-value of the score."""
 TRIED = 4
@@ -37,6 +39,11 @@ TRIED = 4
 ROUNDS = 6
 CONFOUNDED = 0.9
 """Squared correlation from which two effects count as the same to these views."""
+
+
+def worth(found: Gain) -> bool:
+    """Whether it is large enough for an effect."""
+    return found.relative > LEAST_GAIN and found.explained > LEAST_EXPLAINED
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +67,7 @@ class Trial:
     @property
     def large(self) -> bool:
         """Whether its gain is confirmed, and worth it."""
-        return self.confirmed and self.gain is not None and self.gain.relative > LEAST_GAIN
+        return self.confirmed and self.gain is not None and worth(self.gain)
 
     @property
     def passes(self) -> bool:
@@ -127,9 +134,9 @@ class Loop:
             if key not in self.trials or (not self.trials[key].gain and test.p_value < self.trials[key].test.p_value):
                 self.trials[key] = Trial(test)
         self._note_confounded(scores)
-        worth = (c for c in scores if c.effect.judged_by_score and c.p_value < WORTH_TRYING and c.promises > LEAST_GAIN)
+        promising = (c for c in scores if c.effect.judged_by_score and c.p_value < WORTH_TRYING and c.promises > LEAST_GAIN)
         always = [c for c in scores if not c.effect.judged_by_score]
-        chosen = always + sorted(worth, key=lambda c: 2 * c.dof - c.chi2)[:TRIED]
+        chosen = always + sorted(promising, key=lambda c: 2 * c.dof - c.chi2)[:TRIED]
         tried = [self._try(test, among + len(scores)) for test in chosen]
         passing = [trial for trial in tried if trial.passes]
         return max(passing, key=lambda trial: trial.gain.relative if trial.gain else 0.0, default=None)
@@ -174,7 +181,7 @@ class Loop:
             half = any(e.per_view for e in beside)
             left = self._left() if len(beside) == len(self.model.effects) else self._fresh(self.base.with_effects(beside), half=half)
             lost = gain(self._fresh(fewer, half=half), left)
-            if lost.p_value > NEEDED or lost.relative < LEAST_GAIN:
+            if lost.p_value > NEEDED or not worth(lost):
                 model = self.base.with_effects(e for e in self.model.effects if e is not effect)
                 joint = model.fitted(self.observations, self.joint.poses)
                 if joint.finite:

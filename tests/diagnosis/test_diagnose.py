@@ -147,6 +147,14 @@ def test_what_helps_at_the_fitted_depths_only_is_not_taken() -> None:
     assert verdict(failed, taken=False) == "fails at other depths"
 
 
+def test_what_corners_may_be_off_by_is_no_effect() -> None:
+    """1 % of 0.013 px is the root of two times that squared, 0.0019 px; the same share of 0.13 px is an effect."""
+    test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
+    assert not Trial(test, Gain(0.0133, 0.01315, (1e-4, 2e-4), 1e-4)).passes
+    assert Trial(test, Gain(0.133, 0.1315, (1e-3, 2e-3), 1e-4)).passes
+    assert Gain(0.1, 0.2, (-0.1, -0.1), 1.0).explained == 0
+
+
 def test_a_candidate_whose_fit_is_not_finite_is_not_taken() -> None:
     test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
     nothing = torch.zeros(0, 0, dtype=torch.float64)
