@@ -83,18 +83,6 @@ class Case:
         cell = ((self.observations.pixels.numpy() + 0.5) / [camera.width, camera.height] * CELLS).astype(np.int64)
         return len(np.unique(np.clip(cell, 0, np.array(CELLS) - 1), axis=0)) / (CELLS[0] * CELLS[1])
 
-    @cached_property
-    def height(self) -> Array:
-        """(M,) m, of the relief where the corners' rays leave it; empty without one."""
-        outer = self.calibration.model()[0].cover[-1:]
-        if not outer or not self.calibration.relief:
-            return np.zeros(0)
-        rays, (surface,) = self.rays, outer
-        _, values = self.calibration.model()
-        chart = surface.surface.chart(surface.frame.enter(rays.origin, values))
-        height = self.calibration.relief.height(chart, values)[0].numpy()
-        return np.asarray(height[rays.failure.numpy() == 0])
-
     @property
     def at_optimum(self) -> bool:
         """Whether the fit ended where its parameters are most probable; the paper's method, which has no covariance, does not."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
+from calib.estimation.relief_heights import unevenness as standard_deviation
 from calib.fitting.declared import comparisons
 from calib.session.tolerances import GLASS_FIGURE
 from calib.verdict.case import Case
@@ -14,9 +15,7 @@ LIKELIEST = 2
 
 
 def unevenness(case: Case) -> Iterator[Reason]:
-    if not case.height.size:
-        return
-    uneven = float(case.height.std())  # an even layer is thickness
+    uneven = standard_deviation(*case.calibration.model(), case.observations)
     if uneven <= GLASS_FIGURES * GLASS_FIGURE.sigma:
         return
     held = [one.name for one in comparisons(case.calibration) if one.held and one.name != "cover.outside_index"]

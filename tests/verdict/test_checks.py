@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration, Declared, Stage
 from calib.estimation.levenberg_marquardt import Outcome
+from calib.estimation.relief_heights import unevenness as standard_deviation
 from calib.fitting.evaluate import Evaluation
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
@@ -109,8 +110,8 @@ def test_a_number_that_is_far_from_what_is_declared(freed: Calibration, off: flo
 def test_glass_that_is_more_uneven_than_glass(good: Calibration, freed: Calibration, uneven: float, doubted: bool) -> None:
     def bent(calibration: Calibration) -> Calibration:
         slope = 1e-5 * np.linspace(-1, 1, 5)[:, None] * np.ones(5)
-        height = Case(replace(calibration, amplitudes=slope), (), None, None, "").height  # type: ignore[arg-type]
-        return replace(calibration, amplitudes=slope * uneven / height.std())
+        found = standard_deviation(*replace(calibration, amplitudes=slope).model(), calibration.observations)
+        return replace(calibration, amplitudes=slope * uneven / found)
 
     held, free = asked(unevenness, bent(good)), asked(unevenness, bent(freed))
     assert len(held) == len(free) == doubted
