@@ -53,12 +53,15 @@ def believing(fitted: Fitted, setup: Setup, told: Setup, views: Sequence[View], 
     believed = Believed(fitted, setup, setup)
     if _credible(fitted):
         return believed
-    believed = _doubting(believed, observations, views, settings, progress)
-    if AUTO in settings.free and setup != told:
-        exact = fit_stages(told, observations, settings, progress)
-        if not (_credible(believed.fitted) and _better(believed.fitted, exact, observations)):
-            return Believed(exact, told, told)
-    return believed
+    if AUTO not in settings.free or setup == told:
+        return _doubting(believed, observations, views, settings, progress)
+    exact = fit_stages(told, observations, settings, progress)
+    if _decisive(fitted, exact):
+        believed = _doubting(believed, observations, views, settings, progress)
+        ours, theirs = (unevenness(one.path, one.values, observations) for one in (believed.fitted, exact))
+        if _credible(believed.fitted) and _decisive(believed.fitted, exact) and ours < SMOOTHER * theirs:
+            return believed
+    return Believed(exact, told, told)
 
 
 def _doubting(believed: Believed, observations: Observations, views: Sequence[View], settings: Settings, progress: Progress) -> Believed:
@@ -83,12 +86,8 @@ def _credible(fitted: Fitted) -> bool:
     return not joint or (joint.outcome is Outcome.CONVERGED and not farthest(joint))
 
 
-def _better(doubting: Fitted, exact: Fitted, observations: Observations) -> bool:
-    """Whether numbers other than declared explain what the glass would have to."""
-    if _evidence(doubting) < _evidence(exact) + DECISIVE:
-        return False
-    ours, theirs = (unevenness(fitted.path, fitted.values, observations) for fitted in (doubting, exact))
-    return ours < SMOOTHER * theirs
+def _decisive(doubting: Fitted, exact: Fitted) -> bool:
+    return _evidence(doubting) > _evidence(exact) + DECISIVE
 
 
 def _evidence(fitted: Fitted) -> float:
