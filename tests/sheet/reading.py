@@ -42,6 +42,11 @@ def rasterise(pdf: bytes, dpi: float = 300) -> Raster:
     return Raster(grey, np.array(page.get_size()) * MM / grey.shape[::-1])
 
 
+def exposed(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """As a camera would, that cuts off neither black nor white: what is cut off says nothing of a corner."""
+    return np.asarray(25 + 0.8 * grey, np.uint8)
+
+
 def words_of(pdf: bytes) -> list[tuple[str, NDArray[np.float64]]]:
     """Each stretch of text, and (4,) mm its left, upper, right and lower edge, as the reader finds them."""
     page = pypdfium2.PdfDocument(pdf)[0]

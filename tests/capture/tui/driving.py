@@ -44,12 +44,12 @@ def shown(pilot: Pilot[None]) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
-async def see(pilot: Pilot[None], words: str, within_s: float = 180) -> None:
+async def see(pilot: Pilot[None], words: str, within_s: float = 900) -> None:
     """Wait until these words stand on the screen, wherever its lines break."""
     await until(pilot, lambda: words in " ".join(shown(pilot).split()), within_s)
 
 
-async def until(pilot: Pilot[None], holds: Callable[[], bool], within_s: float = 180) -> None:
+async def until(pilot: Pilot[None], holds: Callable[[], bool], within_s: float = 900) -> None:
     begun = time.monotonic()
     while not holds():
         assert time.monotonic() - begun < within_s, f"it never came:\n{shown(pilot)}"

@@ -35,7 +35,7 @@ class Tmux:
     def shown(self) -> str:
         return self._do("capture-pane", "-p")
 
-    def see(self, words: str, within_s: float = 180) -> None:
+    def see(self, words: str, within_s: float = 900) -> None:
         begun = time.monotonic()
         while words not in " ".join(self.shown().split()):
             assert time.monotonic() - begun < within_s, f"{words!r} never came:\n{self.shown()}"
