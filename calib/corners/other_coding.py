@@ -1,0 +1,70 @@
+"""Pictures in which a declared board with markers is not -> which one is, as far as its markers tell."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.corners.coded import one_board
+from calib.corners.detection import NotFound
+from calib.corners.markers import Markers, border_of, read_markers
+from calib.session.board import Board
+from calib.session.coding import DICTIONARIES, AprilGrid, Charuco
+
+FEWEST = 3
+"""Markers in a picture that are no accident."""
+MOST_COLUMNS = 40
+
+Pictures = Sequence[NDArray[np.uint8]]
+
+
+def other_coding(pictures: Pictures, board: Board) -> str:
+    """A sentence with what to write or do, or nothing."""
+    coding = board.coding
+    assert coding
+    border = border_of(coding)
+    read = [read_markers(picture, coding.dictionary, border) for picture in pictures]
+    if _most(read, lambda markers: len(markers.numbers) >= FEWEST):
+        return _other_places(read, board)
+    flipped = [read_markers(np.ascontiguousarray(picture[:, ::-1]), coding.dictionary, border) for picture in pictures]
+    if _most(flipped, lambda markers: len(markers.numbers) >= FEWEST):
+        return f"the markers of the {board} board can be read in a mirror alone: turn the pictures' mirroring off, or print the board anew."
+    counts = {}
+    for name in DICTIONARIES:  # of one family, the smallest first
+        for cells in (1, 2):
+            own = [read_markers(picture, name, cells) for picture in pictures]
+            if _most(own, lambda markers: len(markers.numbers) >= FEWEST):
+                counts[name, cells] = sum(len(markers.numbers) for markers in own)
+    if not counts:
+        return ""
+    name, cells = max(counts, key=counts.__getitem__)
+    seen = f"the pictures show markers of {name} with a black border of {'one cell' if cells == 1 else 'two cells'}"
+    return f"{seen}, where the declared {board} board has those of {coding.dictionary}: correct board in session.yaml."
+
+
+def _other_places(read: Sequence[Markers], board: Board) -> str:
+    """The markers can be read, but lie not as declared."""
+    if isinstance(board.coding, Charuco) and board.rows % 2:
+        legacy = board.coding.legacy_pattern
+        if _fit(read, replace(board, coding=replace(board.coding, legacy_pattern=not legacy))):
+            kind, write = ("new", "false") if legacy else ("legacy", "true")
+            return f"the markers lie as on a board of the {kind} pattern: write board.legacy_pattern: {write} in session.yaml."
+    corners = 2 if isinstance(board.coding, AprilGrid) else 1
+    for columns in range(2, MOST_COLUMNS):
+        if _fit(read, replace(board, columns=corners * columns)):
+            return (
+                f"the markers lie as on a board with {columns} columns, not as on {board}: write board.columns: {columns} in session.yaml."
+            )
+    return ""
+
+
+def _fit(read: Sequence[Markers], board: Board) -> bool:
+    """Whether most lie as on this board, or on one with more rows."""
+    most = 1 + max(int(markers.numbers.max(initial=0)) for markers in read)
+    taller = replace(board, rows=board.rows + 2 * most)
+    return _most(read, lambda markers: not isinstance(one_board(markers, taller), NotFound))
+
+
+def _most(read: Sequence[Markers], holds: Callable[[Markers], bool]) -> bool:
+    return 2 * sum(map(holds, read)) >= len(read)
