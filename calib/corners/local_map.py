@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-REACH = 1.5  # units: standard deviation of the weights
+REACH = 1.1  # units: standard deviation of the weights
 STIFF = 0.1  # of a unit's length in the picture: how far a line bends over one
 
 

@@ -15,6 +15,8 @@ from calib.session.coding import DICTIONARIES, AprilGrid, Charuco
 FEWEST = 3
 """Markers in a picture that are no accident."""
 MOST_COLUMNS = 40
+PARTS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4)
+"""Of a square: markers, which are linked if they are declared to a tenth."""
 
 Pictures = Sequence[NDArray[np.uint8]]
 
@@ -23,33 +25,34 @@ def other_coding(pictures: Pictures, board: Board) -> str:
     """A sentence with what to write or do, or nothing."""
     coding = board.coding
     assert coding
-    border = border_of(coding)
-    read = [read_markers(picture, coding.dictionary, border) for picture in pictures]
-    if _most(read, lambda markers: len(markers.numbers) >= FEWEST):
-        return _other_places(read, board)
-    flipped = [read_markers(np.ascontiguousarray(picture[:, ::-1]), coding.dictionary, border) for picture in pictures]
-    if _most(flipped, lambda markers: len(markers.numbers) >= FEWEST):
+    read = [read_markers(picture, coding.dictionary, border_of(coding)) for picture in pictures]
+    if said := _other_places(read, board):
+        return said
+    flipped = [read_markers(np.ascontiguousarray(picture[:, ::-1]), coding.dictionary, border_of(coding)) for picture in pictures]
+    if _fit(flipped, board):
         return f"the markers of the {board} board can be read in a mirror alone: turn the pictures' mirroring off, or print the board anew."
-    counts = {}
-    for name in DICTIONARIES:  # of one family, the smallest first
-        for cells in (1, 2):
-            own = [read_markers(picture, name, cells) for picture in pictures]
-            if _most(own, lambda markers: len(markers.numbers) >= FEWEST):
-                counts[name, cells] = sum(len(markers.numbers) for markers in own)
-    if not counts:
+    counts = {(name, cells): _count(pictures, name, cells) for name in DICTIONARIES for cells in (1, 2)}
+    name, cells = max(counts, key=counts.__getitem__)  # of one family, the smallest
+    if counts[name, cells] <= max(FEWEST * len(pictures) / 2, 2 * sum(len(markers.numbers) for markers in read)):
         return ""
-    name, cells = max(counts, key=counts.__getitem__)
     seen = f"the pictures show markers of {name} with a black border of {'one cell' if cells == 1 else 'two cells'}"
     return f"{seen}, where the declared {board} board has those of {coding.dictionary}: correct board in session.yaml."
 
 
+def _count(pictures: Pictures, dictionary: str, border: int) -> int:
+    return sum(len(read_markers(picture, dictionary, border).numbers) for picture in pictures)
+
+
 def _other_places(read: Sequence[Markers], board: Board) -> str:
     """The markers can be read, but lie not as declared."""
-    if isinstance(board.coding, Charuco) and board.rows % 2:
+    if isinstance(board.coding, Charuco):
         legacy = board.coding.legacy_pattern
-        if _fit(read, replace(board, coding=replace(board.coding, legacy_pattern=not legacy))):
+        if board.rows % 2 and _fit(read, replace(board, coding=replace(board.coding, legacy_pattern=not legacy))):
             kind, write = ("new", "false") if legacy else ("legacy", "true")
             return f"the markers lie as on a board of the {kind} pattern: write board.legacy_pattern: {write} in session.yaml."
+        for part in PARTS:
+            if _fit(read, replace(board, coding=replace(board.coding, marker=part * board.square))):
+                return f"the markers are of about {part:.1f} of a square: correct board.marker_mm in session.yaml."
     corners = 2 if isinstance(board.coding, AprilGrid) else 1
     for columns in range(2, MOST_COLUMNS):
         if _fit(read, replace(board, columns=corners * columns)):
