@@ -43,8 +43,8 @@ def board_of(session: Path, asked: Board | None, like: Setup | None = None) -> B
     board, _, cover = read_setup(file)
     if board.coding:
         raise InputError(
-            f"{file} describes a {board} board, which capture cannot see yet: take the pictures with another program, put them into frames/ "
-            "or bare/ and run calib fit, or record a checkerboard elsewhere."
+            f"{file} describes a {board} board, which capture cannot see yet: take its pictures with another program, put them into "
+            "frames/ and run calib fit, or record a checkerboard elsewhere."
         )
     if asked not in (None, board):
         raise InputError(

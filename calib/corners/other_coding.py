@@ -12,6 +12,14 @@ from calib.corners.markers import Markers, border_of, read_markers
 from calib.session.board import Board
 from calib.session.coding import DICTIONARIES, AprilGrid, Charuco
 
+KALIBR = AprilGrid(0.3)
+FAMILIES = (
+    *((name, 1) for name, count in DICTIONARIES.items() if count == 1000 or not name.startswith(tuple(f"DICT_{n}X" for n in "4567"))),
+    (KALIBR.dictionary, border_of(KALIBR)),
+)
+"""Dictionaries that begin alike with the largest alone, and how wide their markers' borders are, cells."""
+ALL_BUT_ERRORS = 0.9
+"""Of the numbers."""
 FEWEST = 3
 """Markers in a picture that are no accident."""
 MOST_COLUMNS = 40
@@ -31,16 +39,21 @@ def other_coding(pictures: Pictures, board: Board) -> str:
     flipped = [read_markers(np.ascontiguousarray(picture[:, ::-1]), coding.dictionary, border_of(coding)) for picture in pictures]
     if _fit(flipped, board):
         return f"the markers of the {board} board can be read in a mirror alone: turn the pictures' mirroring off, or print the board anew."
-    counts = {(name, cells): _count(pictures, name, cells) for name in DICTIONARIES for cells in (1, 2)}
-    name, cells = max(counts, key=counts.__getitem__)  # of one family, the smallest
-    if counts[name, cells] <= max(FEWEST * len(pictures) / 2, 2 * sum(len(markers.numbers) for markers in read)):
+    seen = {family: _numbers(pictures, *family) for family in FAMILIES}
+    name, cells = max(seen, key=lambda family: len(seen[family]))
+    numbers = seen[name, cells]
+    if len(numbers) <= max(FEWEST * len(pictures) / 2, 2 * sum(len(markers.numbers) for markers in read)):
         return ""
-    seen = f"the pictures show markers of {name} with a black border of {'one cell' if cells == 1 else 'two cells'}"
-    return f"{seen}, where the declared {board} board has those of {coding.dictionary}: correct board in session.yaml."
+    alike = [other for other in DICTIONARIES if other.rpartition("_")[0] == name.rpartition("_")[0] and name.endswith("_1000")] or [name]
+    smallest = next(other for other in alike if other == name or np.mean(numbers < DICTIONARIES[other]) > ALL_BUT_ERRORS)
+    border = "one cell" if cells == 1 else "two cells"
+    said = f"the pictures show markers of {smallest} with a black border of {border}, where the declared {board} board has those of"
+    return f"{said} {coding.dictionary}: correct board in session.yaml."
 
 
-def _count(pictures: Pictures, dictionary: str, border: int) -> int:
-    return sum(len(read_markers(picture, dictionary, border).numbers) for picture in pictures)
+def _numbers(pictures: Pictures, dictionary: str, border: int) -> NDArray[np.int64]:
+    """(N,) of all that were read."""
+    return np.concatenate([read_markers(picture, dictionary, border).numbers for picture in pictures])
 
 
 def _other_places(read: Sequence[Markers], board: Board) -> str:

@@ -148,7 +148,7 @@ def _start(patches: Patches, lattice: Lattice) -> Floats:
     (first, second) = lattice.angles.T.astype(np.float32)[:, :, None]
     above = patches.y * np.cos(first) - patches.x * np.sin(first)
     left = patches.y * np.cos(second) - patches.x * np.sin(second)
-    pixels = patches.used.sum(1)
+    pixels = np.maximum(patches.used.sum(1), 1)
     middle = (patches.light * patches.used).sum(1) / pixels
     pattern = np.sign(above * left) * patches.used
     parameters = np.zeros((len(pixels), len(PARAMETERS)))

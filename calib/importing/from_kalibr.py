@@ -70,8 +70,8 @@ def _board(folder: Path, files: Iterable[Section]) -> Board:
         return Board(2 * columns, 2 * rows, section.read(TAG)[TAG.key].value, coding=AprilGrid(spacing))
     if kind != "checkerboard":
         raise InputError(
-            f"{section.file}: target_type is {kind}, which calib cannot detect: take pictures of a checkerboard or an aprilgrid, or detect its corners "
-            "with another program and use calib import mrcal-corners."
+            f"{section.file}: target_type is {kind}, which calib cannot detect: take pictures of a checkerboard or an aprilgrid, or detect "
+            "its corners with another program and use calib import mrcal-corners."
         )
     columns, rows = (section.whole(key, 3, 1000) for key in ("targetCols", "targetRows"))
     across, down = (section.read(quantity)[quantity.key].value for quantity in SPACING)

@@ -66,7 +66,7 @@ def test_corners_are_measured_where_they_are(kind: Kind, pose: NDArray) -> None:
     seen = np.isfinite(found.corners[:, 0])
     assert seen[inside(drawn.corners)].mean() > 0.9
     assert inside(drawn.corners[seen], margin=0).all()
-    assert seen.all() == (pose is WHOLE)
+    assert (seen.mean() > 0.97) == (pose is WHOLE)
     off = found.corners[seen] - drawn.corners[seen]
     assert np.sqrt((off**2).sum(-1).mean()) < 0.02
     assert np.linalg.norm(off, axis=-1).max() < 0.1
