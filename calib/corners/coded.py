@@ -34,6 +34,8 @@ FEWEST = 4
 ROUNDED = 1.0  # px, that a marker's side comes out shorter, as its outline goes through the middles of its outermost pixels
 OTHER_SIZE = 0.1  # of a marker, which is seen to some hundredths
 OTHER_SPACING = 0.02  # of a tag: measured corners tell it to thousandths, a lens bends it by one or two
+OUTLINE = (3, 3)  # px, cornerSubPix's half-size around the corners of a tag's outline
+ROUGH_SPACING = 0.06  # of a tag: what these tell
 
 
 def find_coded(grey: NDArray[np.uint8], every_bit: NDArray, board: Board) -> Detection | NotFound:
@@ -43,13 +45,13 @@ def find_coded(grey: NDArray[np.uint8], every_bit: NDArray, board: Board) -> Det
     own = one_board(read, board)
     if isinstance(own, NotFound):
         return own
-    if isinstance(board.coding, Charuco) and (wrong := _other_size(own, board, board.coding)):
+    if wrong := _misprint(own, board, grey):
         return NotFound(wrong)
     found = _own(own, board, grey)
     if np.isfinite(found[:, 0]).sum() < FEWEST:
         return NotFound(f"hardly any corner of the {board} board can be seen: {ADVICE}")
     measured = _measured(every_bit, _further(found, board, grey), board)
-    if isinstance(board.coding, AprilGrid) and (wrong := _other_spacing(measured.corners, board, board.coding)):
+    if isinstance(board.coding, AprilGrid) and (wrong := _other_spacing(measured.corners, board, board.coding, OTHER_SPACING)):
         return NotFound(wrong)
     if np.isfinite(measured.corners[:, 0]).sum() < FEWEST:
         return NotFound(f"hardly any corner of the {board} board can be measured: {ADVICE}")
@@ -109,8 +111,19 @@ def _twice(markers: Markers) -> int | None:
     return None
 
 
+def _misprint(markers: Markers, board: Board, grey: NDArray[np.uint8]) -> str:
+    """A sentence, if the markers' outlines tell of another print than the declared one."""
+    match board.coding:
+        case Charuco():
+            return _other_size(markers, board, board.coding)
+        case AprilGrid():
+            return _other_spacing(_tags(markers, board, grey), board, board.coding, ROUGH_SPACING)
+        case None:
+            return ""
+
+
 def _other_size(markers: Markers, board: Board, coding: Charuco) -> str:
-    """A sentence, if the markers are larger or smaller than declared; nothing where they are not, or too few."""
+    """A sentence, if the markers are larger or smaller, for their distance, than declared; nothing where they are not, or too few."""
     if len(markers.numbers) < FEWEST:
         return ""
     places = marker_places(board)[markers.numbers] / board.square
@@ -124,16 +137,26 @@ def _other_size(markers: Markers, board: Board, coding: Charuco) -> str:
     return f"{seen}, where {1e3 * coding.marker:g} is declared: correct board.marker_mm in session.yaml"
 
 
-def _other_spacing(corners: Floats, board: Board, coding: AprilGrid) -> str:
-    """The same of the distance between the tags."""
+def _tags(markers: Markers, board: Board, grey: NDArray[np.uint8]) -> Floats:
+    """(count, 2) px, the corners of an AprilGrid near the outlines of its tags, NaN where no tag was read."""
+    places = marker_places(board)[markers.numbers].reshape(-1, 1, 2)
+    corners = np.full((board.count, 2), np.nan)
+    start = markers.corners.reshape(-1, 1, 2).astype(np.float32)
+    moved = cv2.cornerSubPix(grey, start, OUTLINE, (-1, -1), STOP)
+    corners[np.linalg.norm(board.points() - places, axis=-1).argmin(1)] = np.asarray(moved, np.float64).reshape(-1, 2)
+    return corners
+
+
+def _other_spacing(corners: Floats, board: Board, coding: AprilGrid, tolerance: float) -> str:
+    """The same of the distance between tags."""
     grid = corners.reshape(board.rows, board.columns, 2)
     found = []
     for lines in (grid, grid.swapaxes(0, 1)):
-        lengths = np.linalg.norm(np.diff(lines, axis=1), axis=-1)  # tag, gap, tag, ...
+        lengths = np.linalg.norm(np.diff(lines, axis=1), axis=-1)  # px of a tag, a gap, a tag, ...
         found.append((2 * lengths[:, 1::2] / (lengths[:, :-1:2] + lengths[:, 2::2])).ravel())
     parts = np.concatenate(found)
     parts = parts[np.isfinite(parts)]
-    if len(parts) < FEWEST or abs(np.median(parts) - coding.spacing) <= OTHER_SPACING:
+    if len(parts) < FEWEST or abs(np.median(parts) - coding.spacing) <= tolerance:
         return ""
     seen = f"the tags are {np.median(parts):.2f} of their side apart, where {coding.spacing:g} is declared"
     return f"{seen}: correct board.spacing in session.yaml"

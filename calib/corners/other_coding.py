@@ -34,6 +34,8 @@ def other_coding(pictures: Pictures, board: Board) -> str:
     coding = board.coding
     assert coding
     read = [read_markers(picture, coding.dictionary, border_of(coding)) for picture in pictures]
+    if _fit(read, board):
+        return ""
     if said := _other_places(read, board):
         return said
     flipped = [read_markers(np.ascontiguousarray(picture[:, ::-1]), coding.dictionary, border_of(coding)) for picture in pictures]
