@@ -7,7 +7,7 @@ import numpy as np
 
 from calib.corners.detection import Detection
 from calib.corners.find import find_board
-from tests.corners.coded_scenes import KINDS, LENS, PARTIAL, WHOLE, poses
+from fixtures.coded_boards import KINDS, LENS, PARTIAL, WHOLE, poses
 
 BLURS = (0.7, 1.2)  # px
 INSIDE = 6.0  # px from the border
@@ -27,9 +27,8 @@ def main() -> None:
                     errors.append(off[np.isfinite(off)])
             every = np.concatenate(errors)
             rms, median = np.sqrt((every**2).mean()), np.median(every)
-            print(
-                f"{name:12} blur {blur} px: {rms:.4f} px RMS, {median:.4f} median, {every.max():.3f} most; {len(every)} found, {inside} inside"
-            )
+            said = f"{rms:.4f} px RMS, {median:.4f} median, {every.max():.3f} most; {len(every)} found, {inside} inside"
+            print(f"{name:12} blur {blur} px: {said}")
 
 
 if __name__ == "__main__":

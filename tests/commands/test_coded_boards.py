@@ -14,7 +14,7 @@ from calib.cli import main
 from calib.corners.corners_file import read_corners, write_corners
 from calib.session.board_section import board_to_yaml
 from calib.session.session import read_session
-from tests.corners.coded_scenes import CHARUCO, GRID, LENS, Kind, poses
+from fixtures.coded_boards import CHARUCO, GRID, LENS, Kind, poses
 
 VIEWS, HELD_OUT = 12, 4
 

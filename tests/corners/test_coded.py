@@ -14,8 +14,8 @@ from calib.corners.markers import check_aruco, marker_places, read_markers
 from calib.errors import InputError
 from calib.session.board import Board
 from calib.session.coding import Charuco
+from fixtures.coded_boards import CHARUCO, GRID, KINDS, LENS, PARTIAL, WHOLE, Kind
 from fixtures.coded_pictures import Lens
-from tests.corners.coded_scenes import CHARUCO, GRID, KINDS, LENS, PARTIAL, WHOLE, Kind
 
 each_kind = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS.keys())
 

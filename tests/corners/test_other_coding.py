@@ -14,7 +14,7 @@ from calib.corners.detect_all import KEPT, detect
 from calib.errors import NotEnoughDataError
 from calib.session.board import Board
 from calib.session.coding import AprilGrid, Charuco
-from tests.corners.coded_scenes import CHARUCO, GRID, LEGACY, WHOLE, Kind
+from fixtures.coded_boards import CHARUCO, GRID, LEGACY, WHOLE, Kind
 
 
 @cache
