@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_output, millimetres, whole_size
 from calib.errors import InputError
-from calib.session.board_section import SPACING, TYPES
-from calib.session.coding import DICTIONARIES
+from calib.session.coding import DICTIONARIES, SPACING_LIMITS, TYPES
 
 if TYPE_CHECKING:
     from calib.sheet.paper import Paper
@@ -130,7 +129,7 @@ def _part(text: str) -> float:
 
 
 def _spacing(text: str) -> float:
-    return _between(text, SPACING.low, SPACING.high, "a part of a tag")
+    return _between(text, *SPACING_LIMITS, "a part of a tag")
 
 
 def _between(text: str, low: float, high: float, kind: str) -> float:

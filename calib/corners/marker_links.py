@@ -9,8 +9,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from calib.corners.markers import Markers
 
@@ -38,10 +36,11 @@ class Links:
         sides = np.minimum(markers.sides[:, None], markers.sides[None])
         near = np.linalg.norm(middles[:, None] - middles[None], axis=-1) <= NEIGHBOURS * pitch
         agree = near & (off <= APART * sides) & (APART * sides >= off.T)
-        first, second = np.nonzero(agree & ~np.eye(count, dtype=bool))
-        graph = coo_matrix((np.ones(len(first)), (first, second)), shape=(count, count))
-        number, labels = connected_components(graph, directed=False)
-        groups = sorted((np.flatnonzero(labels == label) for label in range(number)), key=len, reverse=True)
+        agree |= np.eye(count, dtype=bool)
+        labels = np.arange(count)
+        while not np.array_equal(labels, least := np.where(agree, labels, count).min(1)):
+            labels = least
+        groups = sorted((np.flatnonzero(labels == label) for label in np.unique(labels)), key=len, reverse=True)
         return Links(_joined(groups, markers, places))
 
 

@@ -2,12 +2,11 @@
 
 from calib.errors import InputError
 from calib.session.board import Board
-from calib.session.coding import DICTIONARIES, AprilGrid, Charuco
+from calib.session.coding import DICTIONARIES, SPACING_LIMITS, TYPES, AprilGrid, Charuco
 from calib.session.schema import Number, Quantity, Section
 
 SQUARE, TAG, MARKER = (Quantity(key, low=0.05, high=1e5) for key in ("square_mm", "tag_mm", "marker_mm"))
-SPACING = Quantity("spacing", low=0.05, high=1.0)
-TYPES = ("checkerboard", "charuco", "aprilgrid")
+SPACING = Quantity("spacing", low=SPACING_LIMITS[0], high=SPACING_LIMITS[1])
 KEYS = {
     "checkerboard": ("type", "columns", "rows", "square_mm"),
     "charuco": ("type", "columns", "rows", "square_mm", "marker_mm", "dictionary", "legacy_pattern"),

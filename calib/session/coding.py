@@ -13,6 +13,11 @@ DICTIONARIES = {
 }
 """OpenCV's names, and how many markers each has."""
 
+TYPES = ("checkerboard", "charuco", "aprilgrid")
+"""As session.yaml and the command line call them."""
+SPACING_LIMITS = (0.05, 1.0)
+"""Of an AprilGrid, in sides of a tag."""
+
 
 @dataclass(frozen=True, slots=True)
 class Charuco:
