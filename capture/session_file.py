@@ -41,6 +41,11 @@ def board_of(session: Path, asked: Board | None, like: Setup | None = None) -> B
             f"{file} names a corners file, so calib would not look at new pictures: drop the key corners, or record elsewhere."
         )
     board, _, cover = read_setup(file)
+    if board.coding:
+        raise InputError(
+            f"{file} describes a {board} board, which capture cannot see yet: take its pictures with another program, put them into "
+            "frames/ and run calib fit, or record a checkerboard elsewhere."
+        )
     if asked not in (None, board):
         raise InputError(
             f"{file} describes a board of {_described(board)} where {_described(asked)} were asked for: "

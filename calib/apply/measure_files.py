@@ -14,7 +14,8 @@ import numpy as np
 
 from calib.apply.measure import BoardPose, Measured, Measurer
 from calib.calibration import Calibration
-from calib.corners.detect import find_corners
+from calib.corners.detection import NotFound
+from calib.corners.find import find_board
 from calib.corners.view import View
 from calib.errors import InputError, NotEnoughDataError
 from calib.io.images import read_grey
@@ -92,6 +93,8 @@ def _alike(measurer: Measurer, points: Sequence[Point], folder: Path, boards: di
 def _turned(view: View, calibration: Calibration) -> list[View]:
     """The orders of its corners that the board's pattern allows."""
     board = calibration.board
+    if board.coding:
+        return [view]
     lattice = view.corners.reshape(board.rows, board.columns, 2)
     quarters = range(4) if board.rows == board.columns else (0, 2)
     return [View(view.name, np.rot90(lattice, quarter).reshape(-1, 2), view.weight) for quarter in quarters]
@@ -119,9 +122,9 @@ def _view(calibration: Calibration, path: Path) -> View:
     grey, camera, board = read_grey(path), calibration.camera, calibration.board
     if grey.shape != (camera.height, camera.width):
         raise InputError(f"{path} is {grey.shape[1]}x{grey.shape[0]} px where the calibration is for {camera.width}x{camera.height}.")
-    found = find_corners(grey, board)
-    if found is None:
-        raise NotEnoughDataError(f"{path} does not show the whole {board} board: take another picture, or give the pose with --poses.")
+    found = find_board(grey, board)
+    if isinstance(found, NotFound):
+        raise NotEnoughDataError(f"{path}: {found.reason}; or take another picture, or give the pose with --poses.")
     return View(path.name, found.corners, np.isfinite(found.corners[:, 0]).astype(np.float64))
 
 

@@ -1,27 +1,37 @@
 """Write a board to print: board.pdf and board.svg at true scale, and a session.yaml to start from.
 
-The sheet has two rulers, and says what to measure after printing and where to enter it. Without --square-mm, squares are of the most whole
+A checkerboard, a ChArUco board, or Kalibr's AprilGrid: with markers, part of a board in a picture is enough. The sheet has two rulers, and
+says what to measure after printing and where to enter it. Without --square-mm or --tag-mm, squares or tags are of the most whole
 millimetres that leave a white margin as wide as they are.
 """
 
 import argparse
+import math
 import sys
 from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_output, millimetres, whole_size
 from calib.errors import InputError
+from calib.session.coding import DICTIONARIES, SPACING_LIMITS, TYPES
 
 if TYPE_CHECKING:
-    from calib.sheet.checkerboard import Checkerboard
     from calib.sheet.paper import Paper
     from calib.sheet.sheet import Sheet
+    from calib.sheet.target import Pattern
+
+OPTIONS = ("square_mm", "tag_mm", "spacing", "marker", "dictionary")
+BY_TYPE = {"checkerboard": ("square_mm",), "charuco": ("square_mm", "marker", "dictionary"), "aprilgrid": ("tag_mm", "spacing")}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--type", choices=("checkerboard",), default="checkerboard", help="the kind of board")
-    parser.add_argument("--columns", type=_count, default=9, metavar="N", help="inner corners along x, by default 9")
-    parser.add_argument("--rows", type=_count, default=6, metavar="N", help="inner corners along y, by default 6")
+    parser.add_argument("--type", choices=TYPES, default=TYPES[0], help="the kind of board")
+    parser.add_argument("--columns", type=_count, metavar="N", help="inner corners along x, by default 9; an aprilgrid's tags, 6")
+    parser.add_argument("--rows", type=_count, metavar="N", help="the same along y, by default 6")
     parser.add_argument("--square-mm", type=millimetres, metavar="S", help="side of a square")
+    parser.add_argument("--tag-mm", type=millimetres, metavar="S", help="side of an aprilgrid's tag")
+    parser.add_argument("--spacing", type=_spacing, metavar="PART", help="between an aprilgrid's tags, in sides of one, by default 0.3")
+    parser.add_argument("--marker", type=_part, metavar="PART", help="side of a charuco's marker, in sides of a square, by default 0.75")
+    parser.add_argument("--dictionary", choices=tuple(DICTIONARIES), metavar="NAME", help="of a charuco's markers, by default DICT_4X4_250")
     parser.add_argument(
         "--paper",
         type=_papers,
@@ -38,7 +48,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     from calib.commands.printing import print_json
     from calib.io.files import check_writable, reading, write_atomically
-    from calib.sheet.checkerboard import Checkerboard
     from calib.sheet.layout import lay_out
     from calib.sheet.pdf import to_pdf
     from calib.sheet.starting_session import starting_session
@@ -48,8 +57,8 @@ def run(args: argparse.Namespace) -> None:
     with reading(session):
         if session.exists():
             raise InputError(f"{session} is there already, and no session is overwritten: give another folder with -o.")
-    pattern = Checkerboard(args.columns, args.rows)
-    sheet = lay_out(pattern, args.paper, args.square_mm)
+    pattern = _pattern(args)
+    sheet = lay_out(pattern, args.paper, args.square_mm or args.tag_mm)
     check_writable(args.output)
     written = (args.output / "board.pdf", args.output / "board.svg", session)
     write_atomically(written[0], to_pdf(sheet))
@@ -63,7 +72,26 @@ def run(args: argparse.Namespace) -> None:
         print(remark, file=sys.stderr)
 
 
-def _as_mapping(kind: str, pattern: "Checkerboard", sheet: "Sheet") -> dict[str, object]:
+def _pattern(args: argparse.Namespace) -> "Pattern":
+    from calib.sheet.aprilgrid import AprilGrid
+    from calib.sheet.charuco import Charuco
+    from calib.sheet.checkerboard import Checkerboard
+
+    for option in OPTIONS:
+        if getattr(args, option) is not None and option not in BY_TYPE[args.type]:
+            raise InputError(f"--{option.replace('_', '-')} says nothing of a board of --type {args.type}: leave it out.")
+    shape = {option: given for option in ("spacing", "marker", "dictionary") if (given := getattr(args, option)) is not None}
+    columns, rows = args.columns or (6 if args.type == "aprilgrid" else 9), args.rows or 6
+    if args.type == "aprilgrid":
+        return AprilGrid(columns, rows, **shape)
+    if min(columns, rows) < 3:
+        raise InputError(f"a board of --type {args.type} has 3 corners or more in each direction: write --columns 9 --rows 6, say.")
+    if args.type == "charuco":
+        return Charuco(columns, rows, **shape)
+    return Checkerboard(columns, rows)
+
+
+def _as_mapping(kind: str, pattern: "Pattern", sheet: "Sheet") -> dict[str, object]:
     return {
         "type": kind,
         "board": pattern.to_yaml(sheet.side, sheet.side),
@@ -73,14 +101,16 @@ def _as_mapping(kind: str, pattern: "Checkerboard", sheet: "Sheet") -> dict[str,
     }
 
 
-def _remarks(pattern: "Checkerboard", sheet: "Sheet") -> list[str]:
+def _remarks(pattern: "Pattern", sheet: "Sheet") -> list[str]:
+    from calib.sheet.checkerboard import Checkerboard
+
     remarks = []
     if sheet.white < sheet.side:
         remarks.append(
-            f"The white margin is {sheet.white:.1f} mm, narrower than a square: calib finds this board on black all the same, "
-            "other programs may not; smaller squares or a larger --paper leave more."
+            f"The white margin is {sheet.white:.1f} mm, narrower than a {pattern.part}: calib finds this board on black all the same, "
+            f"other programs may not; smaller {pattern.part}s or a larger --paper leave more."
         )
-    if pattern.looks_the_same_upside_down:
+    if isinstance(pattern, Checkerboard) and pattern.looks_the_same_upside_down:
         remarks.append(
             f"A board of {pattern} looks the same upside down, so it must keep the same side up in all views: "
             "one odd and one even number, such as 9x6, leave no doubt."
@@ -89,9 +119,27 @@ def _remarks(pattern: "Checkerboard", sheet: "Sheet") -> list[str]:
 
 
 def _count(text: str) -> int:
-    if not text.isdecimal() or not 3 <= int(text) <= 1000:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of corners: write a whole number from 3 to 1000, such as 9")
+    if not text.isdecimal() or not 2 <= int(text) <= 1000:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of corners or tags: write a whole number from 2 to 1000, such as 9")
     return int(text)
+
+
+def _part(text: str) -> float:
+    return _between(text, 0.3, 0.9, "a marker's part of a square")
+
+
+def _spacing(text: str) -> float:
+    return _between(text, *SPACING_LIMITS, "a part of a tag")
+
+
+def _between(text: str, low: float, high: float, kind: str) -> float:
+    try:
+        part = float(text)
+    except ValueError:
+        part = math.nan
+    if not low <= part <= high:
+        raise argparse.ArgumentTypeError(f"{text!r} is not {kind}: write a number from {low:g} to {high:g}")
+    return part
 
 
 def _papers(text: str) -> "tuple[Paper, ...]":

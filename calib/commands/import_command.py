@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("mrcal", "FILE.cameramodel", "a camera model with its optimization inputs"),
         ("mrcal-corners", "CORNERS.vnl", "corners found by mrgingham or another detector"),
         ("ros", "FILE.tar.gz", "the archive of ROS's camera_calibration"),
-        ("kalibr", "FOLDER", "camchain.yaml, target.yaml and the pictures in cam0/, cam1/, ...; checkerboards only"),
+        ("kalibr", "FOLDER", "camchain.yaml, target.yaml and the pictures in cam0/, cam1/, ...; checkerboards and aprilgrids"),
         ("images", "FOLDER", "pictures of a checkerboard"),
     ):
         own = sources.add_parser(name, help=words, description=words[0].upper() + words[1:] + ".")

@@ -17,6 +17,7 @@ import numpy as np
 from cv2.typing import MatLike
 from numpy.typing import NDArray
 
+from calib.corners.detection import Detection
 from calib.corners.measure import measure
 from calib.corners.ordering import canonical_order
 from calib.session.board import Board
@@ -34,17 +35,6 @@ QUADS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
 FINER = 2
 """cornerSubPix interpolates linearly, which pulls corners towards pixel borders by 0.01 to 0.02 px; on a picture enlarged by cubic
 splines it does not."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Detection:
-    """A board in a picture."""
-
-    corners: NDArray[np.float64]
-    """(count, 2) px, row by row, columns fastest, in the order of `canonical_order`; NaN where one was found, but cannot be measured."""
-    covariances: NDArray[np.float64]
-    """(count, 2, 2) px^2, NaN likewise."""
-    detector: Literal["sb", "classic"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

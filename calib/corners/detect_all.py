@@ -16,13 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.corners import detect as detector
-from calib.corners.detect import Detection, eight_bits, has_grid, largest_grid
+from calib.corners.detect import eight_bits, has_grid, largest_grid
+from calib.corners.detection import Detection, NotFound
+from calib.corners.find import ADVICE, find_board
+from calib.corners.other_coding import other_coding
 from calib.corners.view import Rejected, View
 from calib.corners.weights import weighted
 from calib.errors import InputError, NotEnoughDataError
 from calib.io.files import write_atomically
 from calib.io.images import read_grey
 from calib.session.board import Board
+from calib.session.board_section import board_to_yaml
 
 KEPT = ".detections.json"
 FEWEST = 3
@@ -33,7 +37,6 @@ PROBED = 6
 """Views, spread over the session, that are looked at first, and once more for other boards if the declared one is in none of them."""
 COMMON = ((11, 8), (10, 7), (9, 9), (9, 7), (9, 6), (8, 8), (8, 6), (8, 5), (7, 7), (7, 6), (7, 5), (6, 5), (6, 4))
 """Boards that people have, the larger first: part of a larger one can pass for a smaller one."""
-ADVICE = "show the whole board with its white margin, sharp and evenly lit"
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,13 +67,13 @@ def detect(
     sample = sorted({round(index) for index in np.linspace(0, len(paths) - 1, PROBED)})
     rest = [index for index in range(len(paths)) if index not in sample]
     stores = {folder: _Store(folder, board, size) for folder in {path.parent for path in paths}}
-    found: dict[int, Detection | None] = {}
+    found: dict[int, Detection | NotFound] = {}
     hits = 0
     try:
         for batch in (sample, rest):
             for index, result in zip(batch, _in_threads([paths[i] for i in batch], stores), strict=True):
                 found[index] = result
-                hits += result is not None
+                hits += isinstance(result, Detection)
                 if progress is not None:
                     progress(len(found), hits)
             if batch is sample and not hits:
@@ -80,19 +83,20 @@ def detect(
             store.save()
     if hits < min(FEWEST, len(paths)) or hits < SMALLEST_PART * len(paths):
         if hits:
-            _refuse_other_board([paths[i] for i in (*sample, *rest) if found[i] is None][:PROBED], board)
-        raise NotEnoughDataError(f"the {board} board was found in {hits} of {len(paths)} pictures: {ADVICE}, or take more of them.")
+            _refuse_other_board([paths[i] for i in (*sample, *rest) if isinstance(found[i], NotFound)][:PROBED], board)
+        reasons = Counter(hit.reason for hit in found.values() if isinstance(hit, NotFound))
+        advice = reasons.most_common(1)[0][0] if board.coding else ADVICE
+        raise NotEnoughDataError(f"the {board} board was found in {hits} of {len(paths)} pictures: {advice}, or take more of them.")
     every = [(path.name, found[index]) for index, path in enumerate(paths)]
-    views = weighted([_view(name, hit) for name, hit in every if hit is not None])
-    reason = f"no {board} board found: {ADVICE}"
-    return Detections(views, tuple(Rejected(name, reason) for name, hit in every if hit is None))
+    views = weighted([_view(name, hit) for name, hit in every if isinstance(hit, Detection)])
+    return Detections(views, tuple(Rejected(name, hit.reason) for name, hit in every if isinstance(hit, NotFound)))
 
 
 def _view(name: str, hit: Detection) -> View:
     return View(name, hit.corners, np.isfinite(hit.corners[:, 0]).astype(np.float64), covariance=hit.covariances)
 
 
-def _in_threads(paths: Sequence[Path], stores: dict[Path, "_Store"]) -> Iterator[Detection | None]:
+def _in_threads(paths: Sequence[Path], stores: dict[Path, "_Store"]) -> Iterator[Detection | NotFound]:
     """In the order of the paths. OpenCV lets other threads run while it works, and processes would each import it anew."""
     pool = ThreadPoolExecutor(os.cpu_count())
     try:
@@ -104,6 +108,10 @@ def _in_threads(paths: Sequence[Path], stores: dict[Path, "_Store"]) -> Iterator
 def _refuse_other_board(paths: Sequence[Path], board: Board) -> None:
     """Raise NotEnoughDataError if at least half of the pictures show one board, and not the declared one."""
     pictures = [eight_bits(read_grey(path)) for path in paths]
+    if board.coding:
+        if said := other_coding(pictures, board):
+            raise NotEnoughDataError(said)
+        return
     size, count = _shown(pictures, board.square)
     if 2 * count >= len(paths) and count >= min(2, len(paths)) and set(size) != {board.columns, board.rows}:
         raise NotEnoughDataError(
@@ -127,7 +135,9 @@ class _Store:
     def __init__(self, folder: Path, board: Board, size: tuple[int, int] | None) -> None:
         self._path, self._board, self._size = folder / KEPT, board, size
         opencv = int(cv2.__version__.split(".")[0])
-        self._settings = {"columns": board.columns, "rows": board.rows, "detector": detector.VERSION, "opencv": opencv}
+        self._settings: dict[str, object] = {"columns": board.columns, "rows": board.rows, "detector": detector.VERSION, "opencv": opencv}
+        if board.coding:
+            self._settings["board"] = board_to_yaml(board)
         self._files: dict[str, Any] = {}
         self._changed = False
         with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
@@ -135,7 +145,7 @@ class _Store:
             if kept["settings"] == self._settings and isinstance(kept["files"], dict):
                 self._files = kept["files"]
 
-    def look(self, path: Path) -> Detection | None:
+    def look(self, path: Path) -> Detection | NotFound:
         """The kept result, or a new one, for which the picture is decoded. Safe in several threads.
 
         Raises:
@@ -152,7 +162,7 @@ class _Store:
         grey = read_grey(path)
         height, width = grey.shape
         self._check(path, (width, height))
-        found = detector.find_corners(grey, self._board)
+        found = find_board(grey, self._board)
         self._files[path.name] = {"sha256": digest, "size": [width, height], **_kept(found)}
         self._changed = True
         return found
@@ -170,17 +180,17 @@ class _Store:
                 write_atomically(self._path, json.dumps({"settings": self._settings, "files": dict(sorted(self._files.items()))}))
 
 
-def _kept(found: Detection | None) -> dict[str, Any]:
+def _kept(found: Detection | NotFound) -> dict[str, Any]:
     """What an entry says of a detection: x and y of every corner, and the variances of x, of both, and of y; null where not measured."""
-    if found is None:
-        return {"corners": None, "covariances": None, "detector": None}
+    if isinstance(found, NotFound):
+        return {"corners": None, "covariances": None, "detector": None, "reason": found.reason}
     seen = np.isfinite(found.corners[:, 0])
     rows = {"corners": found.corners, "covariances": found.covariances.reshape(-1, 4)[:, [0, 1, 3]]}
     lists = {key: [row.tolist() if one else None for row, one in zip(part, seen, strict=True)] for key, part in rows.items()}
     return {**lists, "detector": found.detector}
 
 
-def _recalled(entry: Any, digest: str, board: Board) -> tuple[Detection | None, tuple[int, int]]:
+def _recalled(entry: Any, digest: str, board: Board) -> tuple[Detection | NotFound, tuple[int, int]]:
     """An entry's result and the picture's width and height.
 
     Raises:
@@ -190,10 +200,10 @@ def _recalled(entry: Any, digest: str, board: Board) -> tuple[Detection | None, 
         raise ValueError("another picture")
     width, height = map(int, entry["size"])
     if entry["corners"] is None:
-        return None, (width, height)
+        return NotFound(str(entry["reason"])), (width, height)
     seen = np.array([row is not None for row in entry["corners"]])
     corners, variances = (_rows(entry[key], seen, width) for key, width in (("corners", 2), ("covariances", 3)))
-    if len(seen) != board.count or entry["detector"] not in ("sb", "classic"):
+    if len(seen) != board.count or entry["detector"] not in ("sb", "classic", "coded"):
         raise ValueError("not a detection")
     return Detection(corners, variances[:, [0, 1, 1, 2]].reshape(-1, 2, 2), entry["detector"]), (width, height)
 

@@ -1,5 +1,8 @@
 """A grid of corners as its neighbours see it: where each corner's two edges lead, and how they bend.
 
+A checkerboard's corners are all there, at equal distances. Of a board with markers, some may be missing, and a corner's edges end, or
+something else begins beside them, before the next corner.
+
 An edge that bends by one pixel over a square looks, to a straight line through the half of it that is measured, like a corner moved by
 some hundredths of a pixel: so the bend is taken from the neighbours.
 """
@@ -9,9 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.corners.local_map import LocalMap
 from calib.session.board import Board
+from calib.session.coding import AprilGrid, Charuco
 
 Floats = NDArray[np.float64]
+
+BORDER = 0.2  # of a tag's side: its black border
+FREE = 0.83  # of the small square's side
+FARTHEST = 0.4  # of a tag's side
+CLEAR = 0.8  # of what lies between an edge and the next one beside it
+NOISE = 0.1  # px, of corners that were found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,13 +32,36 @@ class Lattice:
     corners: Floats
     """(N, 2) px."""
     steps: Floats
-    """(N, 2 edges, 2) px, along each edge to the next corner, in the mean of both sides."""
+    """(N, 2 edges, 2) px, along each edge to the next corner, in the mean of both sides; of an AprilGrid, twice what is free of others."""
     curvatures: Floats
     """(N, 2 edges) 1/px, of each edge, towards its normal."""
+    clear: float = np.inf
+    """Steps: beside an edge, only so much shows nothing but that edge."""
 
     @staticmethod
     def of(corners: Floats, board: Board) -> "Lattice":
-        """From (count, 2) px, row by row, columns fastest."""
+        """From (count, 2) px, row by row, columns fastest. Of a board with markers, those that are not NaN."""
+        match board.coding:
+            case None:
+                return Lattice._whole(corners, board)
+            case Charuco(marker):
+                return Lattice._some(corners, board, board.square, CLEAR * (1 - marker / board.square) / 2)
+            case AprilGrid(spacing):
+                reach = min(FREE * spacing, FARTHEST)
+                return Lattice._some(corners, board, 2 * reach * board.square, CLEAR * BORDER / (2 * reach))
+
+    @staticmethod
+    def _some(corners: Floats, board: Board, step: float, clear: float) -> "Lattice":
+        """`step` in m."""
+        seen = np.isfinite(corners[:, 0])
+        unit = 2 * board.half[0] / (board.columns - 1)
+        points = board.points()[seen] / unit
+        near = LocalMap.of(points, corners[seen], points, NOISE)
+        bends = (normals(near.steps) * near.bends).sum(-1)
+        return Lattice(corners[seen], near.steps * (step / unit), bends / (near.steps**2).sum(-1), clear)
+
+    @staticmethod
+    def _whole(corners: Floats, board: Board) -> "Lattice":
         grid = corners.reshape(board.rows, board.columns, 2)
         row_steps, row_bends = _along(grid)
         column_steps, column_bends = (part.swapaxes(0, 1) for part in _along(grid.swapaxes(0, 1)))

@@ -34,19 +34,22 @@ def measure(grey: NDArray, corners: Floats, board: Board) -> Measured:
 
     Args:
         grey: (H, W) uint8 or uint16.
-        corners: (count, 2) px, a regular grid, each off by less than a blur.
+        corners: (count, 2) px, a regular grid, each off by less than a blur. Of a board with markers, some may be NaN.
         board: its columns and rows.
     """
     fit = fit_patches(grey, corners, board)
     shown = _looks_like_corners(fit, corners, board)
-    places = np.where(shown[:, None], corners + fit.parameters[:, :2], np.nan)
-    covariances = fit.inflation * (fit.unit_covariances + fit.unit_covariances.swapaxes(1, 2)) / 2  # symmetric to the last digit
-    return Measured(places, np.where(shown[:, None, None], covariances, np.nan))
+    seen = np.flatnonzero(np.isfinite(corners[:, 0]))[shown]
+    places, covariances = np.full((board.count, 2), np.nan), np.full((board.count, 2, 2), np.nan)
+    places[seen] = corners[seen] + fit.parameters[shown, :2]
+    unit = fit.unit_covariances[shown]
+    covariances[seen] = fit.inflation * (unit + unit.swapaxes(1, 2)) / 2  # symmetric to the last digit
+    return Measured(places, covariances)
 
 
 def _looks_like_corners(fit: Fit, corners: Floats, board: Board) -> NDArray[np.bool_]:
-    """(count,)"""
-    row, column = np.divmod(np.arange(board.count), board.columns)
+    """(N,) of the corners that are not NaN."""
+    row, column = np.divmod(np.flatnonzero(np.isfinite(corners[:, 0])), board.columns)
     contrast = fit.parameters[:, CONTRAST] * np.where((row + column) % 2, -1, 1)
     usual = np.median(contrast)
     moved = np.linalg.norm(fit.parameters[:, :2], axis=1)

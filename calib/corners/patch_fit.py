@@ -56,8 +56,11 @@ def fit_patches(grey: NDArray, corners: Floats, board: Board) -> Fit:
 
     Args:
         grey: (H, W) uint8 or uint16.
-        corners: (count, 2) px, a regular grid, each off by less than a blur.
+        corners: (count, 2) px, a regular grid, each off by less than a blur. Of a board with markers, some may be NaN.
         board: its columns and rows.
+
+    Returns:
+        Of the N corners that are not NaN.
     """
     lattice = Lattice.of(corners, board)
     brightest = float(np.iinfo(grey.dtype).max)
@@ -65,7 +68,9 @@ def fit_patches(grey: NDArray, corners: Floats, board: Board) -> Fit:
         coarse, fine = (Patches.of(grey, lattice, half_width, places) for places in (FEW, MANY))
         near = _Descent(coarse, lattice.curvatures, brightest, _start(coarse, lattice))
         near.run()
-        curvatures = Lattice.of(corners + near.parameters[:, :2], board).curvatures
+        moved = corners.copy()
+        moved[np.isfinite(corners[:, 0])] += near.parameters[:, :2]
+        curvatures = Lattice.of(moved, board).curvatures
         descent = _Descent(fine, curvatures, brightest, near.parameters)
         descent.run()
         if np.exp(np.median(descent.parameters[:, BLURS])) <= WIDEST_BLUR * half_width:
@@ -143,7 +148,7 @@ def _start(patches: Patches, lattice: Lattice) -> Floats:
     (first, second) = lattice.angles.T.astype(np.float32)[:, :, None]
     above = patches.y * np.cos(first) - patches.x * np.sin(first)
     left = patches.y * np.cos(second) - patches.x * np.sin(second)
-    pixels = patches.used.sum(1)
+    pixels = np.maximum(patches.used.sum(1), 1)
     middle = (patches.light * patches.used).sum(1) / pixels
     pattern = np.sign(above * left) * patches.used
     parameters = np.zeros((len(pixels), len(PARAMETERS)))

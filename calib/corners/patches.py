@@ -45,8 +45,8 @@ class Patches:
         across, down = (np.concatenate(both, 1) for both in zip(first_pixels, second_pixels, strict=True))
         x, y = across + shift[:, :1], down + shift[:, 1:]
         along_row, along_column = np.moveaxis(np.linalg.inv(lattice.steps).astype(np.float32)[:, :, None], -1, 0)  # (N, 2, 1) each
-        near = np.abs(x * along_row[:, 0] + y * along_row[:, 1]) <= REACH
-        near &= np.abs(x * along_column[:, 0] + y * along_column[:, 1]) <= REACH
+        by_row, by_column = (np.abs(x * along[:, 0] + y * along[:, 1]) for along in (along_row, along_column))
+        near = (np.maximum(by_row, by_column) <= REACH) & (np.minimum(by_row, by_column) <= lattice.clear)
         column, row = (pixels.astype(np.int32) + own.astype(np.int32)[:, None] for pixels, own in zip((across, down), whole.T, strict=True))
         used = near & ~again & (column >= 0) & (column < grey.shape[1]) & (row >= 0) & (row < grey.shape[0])
         order = np.argsort(~used, 1, kind="stable")[:, : max(int(used.sum(1).max()), 1)]

@@ -30,8 +30,7 @@ class BoardBow(Effect):
 
     @classmethod
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:
-        board = there.board
-        return (cls((board.columns - 1) / 2 * board.square, (board.rows - 1) / 2 * board.square),)
+        return (cls(*there.board.half),)
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:

@@ -43,7 +43,7 @@ class FreeField(Effect):
     @classmethod
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:
         board = there.board
-        half = board.columns / 2 * board.square, board.rows / 2 * board.square
+        half = board.half[0] + board.square / 2, board.half[1] + board.square / 2
         return (
             cls("board", (-half[0], -half[1]), half, FIRST_SIZES["board"], FIRST_KNEE),
             cls("image", (-0.5, -0.5), (there.width - 0.5, there.height - 0.5), FIRST_SIZES["image"], FIRST_KNEE),

@@ -14,8 +14,9 @@ from calib.session.board import Board
 def short_scale_noise(residuals: NDArray[np.float64], board: Board) -> float:
     """The noise floor of a fit from its own residuals.
 
-    Second differences between a corner and its two neighbours in a row or a column cancel what varies slowly over the board; for
-    independent noise of variance s^2 theirs is 6 s^2. The median absolute value keeps single bad corners out.
+    What a corner is off the line through its two neighbours in a row or a column cancels what varies slowly over the board; with
+    neighbours at equal distances, independent noise of variance s^2 gives that 1.5 s^2. The median absolute value keeps single bad
+    corners out.
 
     Args:
         residuals: (V, corners of the board, 2) px, NaN where not seen.
@@ -24,13 +25,19 @@ def short_scale_noise(residuals: NDArray[np.float64], board: Board) -> float:
         px, root mean square of the two-dimensional error that noise alone would leave; NaN with too few corners.
     """
     grid = residuals.reshape(-1, board.rows, board.columns, 2)
-    along = grid[:, :, :-2] - 2 * grid[:, :, 1:-1] + grid[:, :, 2:]
-    down = grid[:, :-2] - 2 * grid[:, 1:-1] + grid[:, 2:]
-    bends = np.concatenate([along.ravel(), down.ravel()])
+    places = board.points().reshape(board.rows, board.columns, 2)
+    bends = np.concatenate([_bends(grid, places[0, :, 0]).ravel(), _bends(grid.swapaxes(1, 2), places[:, 0, 1]).ravel()])
     bends = bends[np.isfinite(bends)]
     if bends.size < 20:
         return float("nan")
-    return float(2**0.5 * SIGMA * np.median(np.abs(bends)) / 6**0.5)
+    return float(2**0.5 * SIGMA * np.median(np.abs(bends)))
+
+
+def _bends(lines: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(V, lines, corners - 2, 2) of (V, lines, corners, 2): as far off the neighbours' line as noise of one unit would leave by one."""
+    towards_last = ((places[1:-1] - places[:-2]) / (places[2:] - places[:-2]))[:, None]
+    off = lines[:, :, 1:-1] - (1 - towards_last) * lines[:, :, :-2] - towards_last * lines[:, :, 2:]
+    return np.asarray(off / np.sqrt(1 + towards_last**2 + (1 - towards_last) ** 2))
 
 
 def burst_noise(residuals: NDArray[np.float64], poses: Sequence[int] | NDArray[np.int64]) -> float:

@@ -1,6 +1,6 @@
 """Kalibr: a folder with camchain.yaml, the target's yaml and each camera's pictures in cam0/, cam1/, ...
 
-Kalibr's bag is to be unpacked first (kalibr_bagextractor). Only checkerboards: calib does not detect Kalibr's aprilgrid.
+Kalibr's bag is to be unpacked first (kalibr_bagextractor). Checkerboards and aprilgrids; calib does not detect Kalibr's circlegrid.
 """
 
 import re
@@ -14,10 +14,14 @@ from calib.io.files import reading
 from calib.io.images import list_images
 from calib.io.yaml_reader import read_yaml
 from calib.session.board import Board
+from calib.session.board_section import SPACING as SPACING_OF_TAGS
 from calib.session.camera import Camera
+from calib.session.coding import AprilGrid
 from calib.session.schema import Quantity, Section
 
 CAMERA = re.compile("cam[0-9]+")
+TAG = Quantity("tagSize", low=5e-5, high=100.0)
+TAG_SPACING = Quantity("tagSpacing", low=SPACING_OF_TAGS.low, high=SPACING_OF_TAGS.high)
 SPACING = tuple(Quantity(key, low=1e-4, high=100.0) for key in ("colSpacingMeters", "rowSpacingMeters"))
 
 
@@ -60,10 +64,14 @@ def _board(folder: Path, files: Iterable[Section]) -> Board:
     if section is None:
         raise InputError(f"{folder} has no target.yaml that describes the board: add --board and --square-mm, such as --board 9x6.")
     kind = section.text("target_type", "checkerboard")
+    if kind == "aprilgrid":
+        columns, rows = (section.whole(key, 2, 500) for key in ("tagCols", "tagRows"))
+        spacing = section.read(TAG_SPACING)[TAG_SPACING.key].value
+        return Board(2 * columns, 2 * rows, section.read(TAG)[TAG.key].value, coding=AprilGrid(spacing))
     if kind != "checkerboard":
         raise InputError(
-            f"{section.file}: target_type is {kind}, which calib cannot detect: take pictures of a checkerboard, or detect its corners "
-            "with another program and use calib import mrcal-corners."
+            f"{section.file}: target_type is {kind}, which calib cannot detect: take pictures of a checkerboard or an aprilgrid, or detect "
+            "its corners with another program and use calib import mrcal-corners."
         )
     columns, rows = (section.whole(key, 3, 1000) for key in ("targetCols", "targetRows"))
     across, down = (section.read(quantity)[quantity.key].value for quantity in SPACING)

@@ -40,7 +40,7 @@ class Reach:
     @staticmethod
     def of(board: Board, camera: Camera) -> "Reach":
         """What a board of this size allows: it fills most of the picture, or a quarter."""
-        side = (max(board.columns, board.rows) - 1) * board.square
+        side = 2 * max(board.half)
         whole = matrix(camera)[0, 0] * side / min(camera.width, camera.height)  # m, where it fills the shorter side
         return Reach(whole / LARGEST, whole / SMALLEST)
 
@@ -62,8 +62,8 @@ def bank(board: Board, camera: Camera, reach: Reach) -> Bank:
         InputError: there is none.
     """
     low, high = _borders(camera)
-    half = np.array([board.columns - 1, board.rows - 1]) / 2 + AROUND
-    rim = np.array([[x, y, 0] for x, y in product((-1, 1), repeat=2)]) * [*half * board.square, 0]
+    half = np.array(board.half) + AROUND * board.square
+    rim = np.array([[x, y, 0] for x, y in product((-1, 1), repeat=2)]) * [*half, 0]
     poses = []
     for level, depth in enumerate(reach.levels()):
         for tilt in product((-TILT, 0, TILT), repeat=2):

@@ -25,7 +25,7 @@ def residual_maps(evidence: Evidence) -> Drawing:
         image_axes(left, camera.width, camera.height)
         _arrows(left, in_image, np.stack(np.meshgrid(x, y), -1).reshape(-1, 2), typical / (1.1 * camera.width / CELLS[0]))
         left.set_title(f"over the image; longest {np.nanmax(in_image.length):.2g} px")
-        span = 1e3 * board.square * (max(board.columns, board.rows) / 2 + 0.5)
+        span = 1e3 * (max(board.half) + board.square)
         centre.set(xlim=(-span, span), ylim=(span, -span), xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
         _arrows(centre, on_board, 1e3 * board.points(), typical / (2.2 * span / max(board.columns, board.rows, 8)))
         centre.set_title(f"over the board; longest {np.nanmax(on_board.length):.2g} px")

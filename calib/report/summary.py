@@ -45,7 +45,7 @@ def _subject(evidence: Evidence) -> str:
     camera = c.camera.model if size in c.camera.model else f"{c.camera.model or 'A camera'} with {size} px"
     return (
         f"{camera}{behind} was calibrated from {len(c.views)} views of a "
-        f"{c.board} board with {1e3 * c.board.square:g} mm squares: {len(evidence.depth)} corners, {near:.2g} to {far:.2g} m away."
+        f"{c.board} board with {1e3 * c.board.square:g} mm {c.board.part}s: {len(evidence.depth)} corners, {near:.2g} to {far:.2g} m away."
     )
 
 

@@ -8,9 +8,10 @@ from calib.errors import InputError
 from calib.io.images import image_size, list_images
 from calib.io.yaml_reader import read_yaml
 from calib.session.board import Board
+from calib.session.board_section import board_to_yaml, read_board
 from calib.session.camera import Camera, Intrinsics, camera_to_yaml, read_camera
 from calib.session.cover import Cover, cover_to_yaml, read_cover
-from calib.session.schema import Number, Quantity, Section
+from calib.session.schema import Number, Section
 
 __all__ = [
     "Board",
@@ -27,7 +28,6 @@ __all__ = [
 
 FORMAT = 1
 MINIMAL = "{format: 1, board: {columns: 9, rows: 6, square_mm: 25.0}, camera: {width: 1640, height: 1232}, cover: {shape: none}}"
-SQUARE = Quantity("square_mm", low=0.05, high=1e5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ def session_from_mapping(mapping: Mapping[str, object], where: str) -> tuple[Boa
 def session_to_yaml(board: Board, camera: Camera, cover: Cover) -> dict[str, object]:
     """The mapping that `session_from_mapping` reads as the same numbers."""
     return {
-        "board": {"columns": board.columns, "rows": board.rows, "square_mm": _square_to_yaml(board)},
+        "board": board_to_yaml(board),
         "camera": camera_to_yaml(camera),
         "cover": cover_to_yaml(cover),
     }
@@ -117,18 +117,7 @@ def _read_setup(section: Section) -> tuple[Board, Camera, Cover]:
     board = section.section("board", "{columns: 9, rows: 6, square_mm: 25.0}")
     camera = section.section("camera", "{width: 1640, height: 1232}")
     cover = section.section("cover", "{shape: none}")
-    return _read_board(board), read_camera(camera), read_cover(cover)
-
-
-def _read_board(section: Section) -> Board:
-    section.only(("columns", "rows", "square_mm"))
-    columns, rows = (section.whole(key, 3, 1000) for key in ("columns", "rows"))
-    square = section.read(SQUARE)["square"]
-    return Board(columns, rows, square.value, square.sigma if square.sigma or square.exact else None)
-
-
-def _square_to_yaml(board: Board) -> object:
-    return SQUARE.to_yaml(Number(board.square, board.square_sigma or 0.0, exact=board.square_sigma == 0))
+    return read_board(board), read_camera(camera), read_cover(cover)
 
 
 def _corners(section: Section, folder: Path) -> Path | None:

@@ -74,8 +74,8 @@ def run(args: argparse.Namespace) -> None:
 def _asked_board(args: argparse.Namespace) -> "Board | None":
     from calib.errors import InputError
     from calib.session.board import Board
+    from calib.session.board_section import SQUARE
     from calib.session.schema import Section
-    from calib.session.session import SQUARE
 
     if (args.board is None) != (args.square_mm is None):
         raise InputError("--board and --square-mm belong together: write both, such as --board 9x6 --square-mm 25.")

@@ -306,7 +306,7 @@ def test_files_that_cannot_be_read_get_their_sentence(tmp_path: Path) -> None:
         ("x,y\n1,2\n", ["--on-boards"], "add a column `image`", 2),
         ("name,image,x,y\np,a.png,1,2\n", ["--triangulate"], "p is in one picture only", 3),
         ("image,x,y\nnone.png,1,2\n", ["--on-boards"], "none.png cannot be read", 2),
-        ("image,x,y\nblank.png,1,2\n", ["--on-boards"], "does not show the whole 9x9 board", 3),
+        ("image,x,y\nblank.png,1,2\n", ["--on-boards"], "no 9x9 board found", 3),
         ("image,x,y\nsmall.png,1,2\n", ["--on-boards"], "is 50x40 px where the calibration is for 820x616", 2),
         ("image,x,y\nc.png,1,2\n", ["--on-boards", "--poses", "poses.csv"], "the poses do not name c.png", 2),
     ],

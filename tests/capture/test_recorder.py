@@ -191,6 +191,14 @@ def test_the_board_is_described_once(tmp_path: Path) -> None:
         board_of(tmp_path, None)
 
 
+def test_a_board_with_markers_is_not_recorded(tmp_path: Path) -> None:
+    grid = {"type": "aprilgrid", "columns": 6, "rows": 6, "tag_mm": 24.0, "spacing": 0.3}
+    described = {"format": 1, "board": grid, "camera": {"width": 800, "height": 600}, "cover": {"shape": "none"}}
+    (tmp_path / "session.yaml").write_text(yaml.safe_dump(described))
+    with pytest.raises(InputError, match="describes a 6x6 AprilGrid board, which capture cannot see yet"):
+        board_of(tmp_path, None)
+
+
 def test_a_table_that_is_none_is_refused(tmp_path: Path) -> None:
     keep(tmp_path, PICTURES[:1])
     for content in (b"\xff\xfe\n1\n", b"a,b\n1,2\n", b"file,time_s\n0000.png,1,2\n", b"file,time_s\n0000.png,1\n0001.png,1,2\n"):

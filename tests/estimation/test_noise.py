@@ -5,26 +5,29 @@ import pytest
 
 from calib.estimation.noise import burst_noise, short_scale_noise
 from calib.session.board import Board
+from calib.session.coding import AprilGrid
 
 BOARD = Board(9, 7, 0.02)
+GRID = Board(8, 8, 0.015, coding=AprilGrid(0.3))
 SIGMA = 0.1
 """px per axis"""
 
 
-def smooth(views: int) -> np.ndarray:
+def smooth(views: int, board: Board = BOARD) -> np.ndarray:
     """(V, N, 2) px: an error over the board, other in every view: far above the noise, but it bends by less from corner to corner."""
-    at = BOARD.points()[:, :2] / 0.08
+    at = board.points()[:, :2] / 0.08
     rng = np.random.default_rng(2)
     terms = np.stack([np.ones(len(at)), at[:, 0], at[:, 1], at[:, 0] ** 2, at[:, 0] * at[:, 1]], -1)
     return np.asarray(np.einsum("nk,vkc->vnc", terms * [1, 1, 1, 0.1, 0.1], rng.normal(0, 1.0, (views, 5, 2))))
 
 
-def noise(views: int) -> np.ndarray:
-    return np.random.default_rng(3).normal(0, SIGMA, (views, BOARD.count, 2))
+def noise(views: int, board: Board = BOARD) -> np.ndarray:
+    return np.random.default_rng(3).normal(0, SIGMA, (views, board.count, 2))
 
 
-def test_the_short_scale_part_is_the_noise_whatever_is_smooth() -> None:
-    found = short_scale_noise(smooth(20) + noise(20), BOARD)
+@pytest.mark.parametrize("board", [BOARD, GRID], ids=str)
+def test_the_short_scale_part_is_the_noise_whatever_is_smooth(board: Board) -> None:
+    found = short_scale_noise(smooth(20, board) + noise(20, board), board)
     assert found == pytest.approx(2**0.5 * SIGMA, rel=0.06)  # three sigma of what 2000 differences tell
 
 

@@ -10,6 +10,8 @@ import pytest
 from calib.cli import main
 from calib.corners.corners_file import read_corners, write_corners
 from calib.corners.view import View
+from calib.session.board import Board
+from calib.session.coding import AprilGrid
 from calib.session.session import Session, read_session
 from tests.importing import recordings
 from tests.importing.recordings import BOARD, CAMCHAIN, MATRIX, SECOND, SIZE
@@ -76,6 +78,13 @@ def test_pictures(source: str, tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert [path.name for path in session.frames] == [f"left-{i:04d}.png" if source == "ros" else f"shot {i}.png" for i in range(8)]
     said = check_fit(session, 2.0, capsys)
     assert said["frames_used"] == 8
+
+
+def test_kalibr_s_aprilgrid(tmp_path: Path) -> None:
+    folder = recordings.kalibr(tmp_path / "k", target="target_type: 'aprilgrid'\ntagCols: 6\ntagRows: 5\ntagSize: 0.088\ntagSpacing: 0.3\n")
+    session = imported(["kalibr", str(folder)], tmp_path / "s")
+    assert session.board == Board(12, 10, 0.088, coding=AprilGrid(0.3))
+    assert np.ptp(session.board.points(), axis=0) == pytest.approx([0.088 * (6 + 5 * 0.3), 0.088 * (5 + 4 * 0.3)])
 
 
 def test_a_board_given_wins_over_kalibr_s_target(tmp_path: Path) -> None:

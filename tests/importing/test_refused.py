@@ -127,10 +127,10 @@ REFUSED = (
     Refused("kalibr without target", "kalibr", kalibr(target=""), "add --board and --square-mm", ()),
     Refused("kalibr half a board", "kalibr", kalibr(target=""), "belong together: give both", ("--board", "7x6")),
     Refused(
-        "kalibr aprilgrid",
+        "kalibr circlegrid",
         "kalibr",
-        kalibr(target="target_type: 'aprilgrid'\ntagCols: 6\ntagRows: 6\ntagSize: 0.088\ntagSpacing: 0.3\n"),
-        "target_type is aprilgrid, which calib cannot detect: take pictures of a checkerboard",
+        kalibr(target="target_type: 'circlegrid'\ntargetCols: 6\ntargetRows: 6\nspacingMeters: 0.02\n"),
+        "target_type is circlegrid, which calib cannot detect: take pictures of a checkerboard or an aprilgrid",
         (),
     ),
     Refused("kalibr oblong", "kalibr", kalibr(target=TARGET.replace("colSpacingMeters: 0.025", "colSpacingMeters: 1")), "only square", ()),

@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 
 from calib.errors import InputError
 from calib.io.yaml_reader import read_yaml
+from calib.session.board_section import SQUARE
 from calib.session.camera import COEFFICIENT, PINHOLE
 from calib.session.cover import SHAPES
 from calib.session.schema import Number, Quantity, Section
-from calib.session.session import SQUARE, session_from_mapping, session_to_yaml
+from calib.session.session import session_from_mapping, session_to_yaml
 from tests.session.malformed import CONE, DOME, FLAT, SESSION
 
 QUANTITIES = [SQUARE, *PINHOLE, COEFFICIENT, *{quantity.key: quantity for shape in SHAPES.values() for quantity in shape}.values()]

@@ -11,9 +11,12 @@ import yaml
 
 from calib.calibration import Calibration
 from calib.cli import main
+from calib.corners.detection import Detection
+from calib.corners.find import find_board
 from calib.io.yaml_reader import read_yaml
 from calib.session.board import Board
 from calib.session.camera import Camera
+from calib.session.coding import AprilGrid, Charuco
 from calib.session.cover import SHAPES
 from calib.session.session import session_from_mapping
 from tests.sheet.reading import made, pdf_polygons, rasterise, svg_polygons
@@ -129,7 +132,9 @@ def test_no_session_is_overwritten(printed: Path, capsys: pytest.CaptureFixture[
         (["--paper", "A9"], "'A9' is not a paper: write A4, A3, Letter, or width x height from 50 to 5000 mm, such as 600x400"),
         (["--paper", "20x30"], "'20x30' is not a paper"),
         (["--paper", "nanx100"], "'nanx100' is not a paper"),
-        (["--columns", "2"], "'2' is not a number of corners: write a whole number from 3 to 1000, such as 9"),
+        (["--columns", "1"], "'1' is not a number of corners or tags: write a whole number from 2 to 1000, such as 9"),
+        (["--type", "charuco", "--marker", "1"], "'1' is not a marker's part of a square: write a number from 0.3 to 0.9"),
+        (["--type", "aprilgrid", "--spacing", "wide"], "'wide' is not a part of a tag: write a number from 0.05 to 1"),
         (["--square-mm", "-1"], "'-1' is not a side of a square"),
         (["--size", "0x600"], "'0x600' is not a size"),
         (["--type", "circles"], "invalid choice: 'circles'"),
@@ -164,3 +169,51 @@ def test_remarks_go_to_stderr(options: list[str], says: str, tmp_path: Path, cap
     assert capsys.readouterr().err.startswith(says)
     assert run(tmp_path / "none") == 0
     assert capsys.readouterr().err == ""
+
+
+CODED = [
+    (["--type", "charuco"], Board(9, 6, 0.02, coding=Charuco(0.015, "DICT_4X4_250"))),
+    (["--type", "charuco", "--columns", "6", "--marker", "0.7", "--dictionary", "DICT_5X5_100", "--square-mm", "18"], None),
+    (["--type", "aprilgrid"], None),
+    (
+        ["--type", "aprilgrid", "--columns", "5", "--rows", "4", "--spacing", "0.25", "--tag-mm", "24"],
+        Board(10, 8, 0.024, coding=AprilGrid(0.25)),
+    ),
+]
+
+
+@pytest.mark.parametrize(("options", "expected"), CODED)
+def test_the_session_s_board_is_found_where_the_sheet_says(
+    options: list[str], expected: Board | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From the command line to every corner of the printed page, by the board as session.yaml says it: to 0.05 mm, half a pixel. The
+    page is blurred by 0.7 px, as no camera's picture is as sharp."""
+    assert run(tmp_path / "s", *options, "--json") == 0
+    said = json.loads(capsys.readouterr().out)
+    board, _, _ = read_setup(tmp_path / "s" / "session.yaml")
+    assert expected in (None, board)
+    raster = rasterise((tmp_path / "s" / "board.pdf").read_bytes())
+    found = find_board(np.asarray(cv2.GaussianBlur(raster.grey, (0, 0), 0.7), np.uint8), board)
+    assert isinstance(found, Detection)
+    off = np.linalg.norm(raster.place(found.corners) - said["corners_mm"], axis=1)
+    assert off.max() < 0.05, f"{off.max():.4f} mm"
+    middle = np.mean(said["corners_mm"], axis=0)
+    assert np.abs(board.points() * 1000 + middle - said["corners_mm"]).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--columns", "2"], "a board of --type checkerboard has 3 corners or more in each direction"),
+        (["--type", "aprilgrid", "--square-mm", "20"], "--square-mm says nothing of a board of --type aprilgrid: leave it out"),
+        (["--tag-mm", "20"], "--tag-mm says nothing of a board of --type checkerboard"),
+        (
+            ["--type", "charuco", "--columns", "12", "--rows", "12", "--dictionary", "DICT_4X4_50"],
+            "needs 84 markers where DICT_4X4_50 has 50",
+        ),
+    ],
+)
+def test_options_of_another_board(options: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(tmp_path / "s", *options) == 2
+    assert says in capsys.readouterr().err
+    assert not (tmp_path / "s").exists()

@@ -1,0 +1,35 @@
+"""How far corners of boards with markers are off, in rendered pictures that show them wholly or in part.
+
+python -m benchmarks.coded_corners
+"""
+
+import numpy as np
+
+from calib.corners.detection import Detection
+from calib.corners.find import find_board
+from fixtures.coded_boards import KINDS, LENS, PARTIAL, WHOLE, poses
+
+BLURS = (0.7, 1.2)  # px
+INSIDE = 6.0  # px from the border
+
+
+def main() -> None:
+    for name, kind in KINDS.items():
+        for blur in BLURS:
+            errors, inside = [], 0
+            for pose in (WHOLE, PARTIAL, *poses(3, 4, 2 * max(kind.board.half))):
+                drawn = kind.view(pose, blur=blur)
+                found = find_board(drawn.picture, kind.board)
+                limits = np.array([LENS.width, LENS.height]) - 1 - INSIDE
+                inside += int(((drawn.corners >= INSIDE) & (drawn.corners <= limits)).all(1).sum())
+                if isinstance(found, Detection):
+                    off = np.linalg.norm(found.corners - drawn.corners, axis=1)
+                    errors.append(off[np.isfinite(off)])
+            every = np.concatenate(errors)
+            rms, median = np.sqrt((every**2).mean()), np.median(every)
+            said = f"{rms:.4f} px RMS, {median:.4f} median, {every.max():.3f} most; {len(every)} found, {inside} inside"
+            print(f"{name:12} blur {blur} px: {said}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,27 @@
+"""What a search of one picture ends with: a board's corners, or why there are none."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Detection:
+    """A board in a picture."""
+
+    corners: NDArray[np.float64]
+    """(count, 2) px, row by row, columns fastest, of a checkerboard in the order of `canonical_order`; NaN where one was not found, or
+    cannot be measured."""
+    covariances: NDArray[np.float64]
+    """(count, 2, 2) px^2, NaN likewise."""
+    detector: Literal["sb", "classic", "coded"]
+
+
+@dataclass(frozen=True, slots=True)
+class NotFound:
+    """No board that could be used."""
+
+    reason: str
+    """To be said with the picture's name."""

@@ -1,0 +1,78 @@
+"""The markers of a picture by OpenCV's aruco module, and where on a board each one is."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.errors import InputError
+from calib.session.board import Board
+from calib.session.coding import AprilGrid, Charuco, Coding
+
+Floats = NDArray[np.float64]
+
+BORDERS = {Charuco: 1, AprilGrid: 2}
+"""Cells of black around a marker's bits: Kalibr's have one more than others."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Markers:
+    """M markers that were read, rightly or wrongly; a number may come twice."""
+
+    numbers: NDArray[np.int64]
+    """(M,)"""
+    corners: Floats
+    """(M, 4, 2) px, clockwise from the upper left of the marker as its dictionary has it."""
+
+    def some(self, which: NDArray) -> "Markers":
+        return Markers(self.numbers[which], self.corners[which])
+
+    @property
+    def sides(self) -> Floats:
+        """(M,) px, in the mean."""
+        return np.asarray(np.linalg.norm(self.corners - np.roll(self.corners, 1, 1), axis=-1).mean(1))
+
+
+def read_markers(grey: NDArray[np.uint8], dictionary: str, border: int) -> Markers:
+    """Of a (H, W) picture."""
+    check_aruco()
+    options = cv2.aruco.DetectorParameters()
+    options.markerBorderBits = border
+    corners, numbers, _ = cv2.aruco.ArucoDetector(_dictionary(dictionary), options).detectMarkers(grey)
+    if numbers is None or not len(corners):
+        return Markers(np.zeros(0, np.int64), np.zeros((0, 4, 2)))
+    return Markers(np.asarray(numbers, np.int64).ravel(), np.asarray(corners, np.float64).reshape(-1, 4, 2))
+
+
+def border_of(coding: Coding) -> int:
+    return BORDERS[type(coding)]
+
+
+@lru_cache(64)
+def marker_places(board: Board) -> Floats:
+    """(markers, 4, 2) m, where the corners of each are on the board, in the order of `Markers.corners`."""
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    match board.coding:
+        case AprilGrid(spacing):
+            columns, rows = board.columns // 2, board.rows // 2
+            column, row = np.meshgrid(np.arange(columns), np.arange(rows)[::-1])  # numbered from the lower left
+            first = np.stack([column, row], -1).reshape(-1, 1, 2) * (1 + spacing) * board.square - board.half
+            return np.asarray(first + square[[2, 3, 0, 1]] * board.square)  # OpenCV has the family upside down
+        case Charuco(marker, _, legacy_pattern):
+            column, row = np.meshgrid(np.arange(board.columns + 1), np.arange(board.rows + 1))
+            white = (column + row + (legacy_pattern and board.rows % 2 == 1)) % 2 == 1
+            middles = (np.stack([column, row], -1)[white] - 0.5) * board.square - board.half
+            return np.asarray(middles[:, None] + (square - 0.5) * marker)
+        case None:
+            raise ValueError("a checkerboard has no markers")
+
+
+def check_aruco() -> None:
+    if not hasattr(cv2, "aruco") or not hasattr(cv2.aruco, "ArucoDetector"):
+        raise InputError(f"OpenCV {cv2.__version__} here has no aruco module, which reads markers: install opencv-python-headless.")
+
+
+def _dictionary(name: str) -> cv2.aruco.Dictionary:
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))

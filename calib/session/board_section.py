@@ -1,0 +1,74 @@
+"""The section `board` of session.yaml: a checkerboard, a ChArUco board, or Kalibr's AprilGrid."""
+
+from calib.errors import InputError
+from calib.session.board import Board
+from calib.session.coding import DICTIONARIES, SPACING_LIMITS, TYPES, AprilGrid, Charuco
+from calib.session.schema import Number, Quantity, Section
+
+SQUARE, TAG, MARKER = (Quantity(key, low=0.05, high=1e5) for key in ("square_mm", "tag_mm", "marker_mm"))
+SPACING = Quantity("spacing", low=SPACING_LIMITS[0], high=SPACING_LIMITS[1])
+KEYS = {
+    "checkerboard": ("type", "columns", "rows", "square_mm"),
+    "charuco": ("type", "columns", "rows", "square_mm", "marker_mm", "dictionary", "legacy_pattern"),
+    "aprilgrid": ("type", "columns", "rows", "tag_mm", "spacing"),
+}
+
+
+def read_board(section: Section) -> Board:
+    kind = section.choice("type", TYPES, ", ".join(TYPES[:-1]) + f" or {TYPES[-1]}") if "type" in section.values else "checkerboard"
+    section.only(KEYS[kind], "known key" if "type" not in section.values else f"key of type {kind}")
+    if kind == "aprilgrid":
+        return _aprilgrid(section)
+    columns, rows = (section.whole(key, 3, 1000) for key in ("columns", "rows"))
+    square = section.read(SQUARE)["square"]
+    board = Board(columns, rows, square.value, _sigma(square))
+    return board if kind == "checkerboard" else _charuco(section, board)
+
+
+def board_to_yaml(board: Board) -> dict[str, object]:
+    """The mapping that `read_board` reads as the same board."""
+    side = Number(board.square, board.square_sigma or 0.0, exact=board.square_sigma == 0)
+    size: dict[str, object] = {"columns": board.columns, "rows": board.rows}
+    match board.coding:
+        case None:
+            return {**size, "square_mm": SQUARE.to_yaml(side)}
+        case Charuco(marker, dictionary, legacy_pattern):
+            marker_mm = MARKER.to_yaml(Number(marker))
+            sides = {"square_mm": SQUARE.to_yaml(side), "marker_mm": marker_mm}
+            return {"type": "charuco", **size, **sides, "dictionary": dictionary, "legacy_pattern": legacy_pattern}
+        case AprilGrid(spacing):
+            tags = {"columns": board.columns // 2, "rows": board.rows // 2}
+            return {"type": "aprilgrid", **tags, "tag_mm": TAG.to_yaml(side), "spacing": spacing}
+
+
+def _charuco(section: Section, plain: Board) -> Board:
+    marker = section.read(MARKER)["marker"]
+    if not marker.value < plain.square:
+        raise section.wrong("marker_mm", section.values["marker_mm"], "less than square_mm, as markers are inside of the squares")
+    dictionary = section.choice("dictionary", tuple(DICTIONARIES), "one of OpenCV's names, such as DICT_4X4_250")
+    legacy = section.values.get("legacy_pattern", False)
+    if not isinstance(legacy, bool):
+        raise section.wrong("legacy_pattern", legacy, "true or false")
+    _check_markers(section, (plain.columns + 1) * (plain.rows + 1) // 2, dictionary)
+    return Board(plain.columns, plain.rows, plain.square, plain.square_sigma, Charuco(marker.value, dictionary, legacy))
+
+
+def _aprilgrid(section: Section) -> Board:
+    columns, rows = (section.whole(key, 2, 500) for key in ("columns", "rows"))
+    tag = section.read(TAG)["tag"]
+    spacing = section.read(SPACING)["spacing"]
+    coding = AprilGrid(spacing.value)
+    _check_markers(section, columns * rows, coding.dictionary)
+    return Board(2 * columns, 2 * rows, tag.value, _sigma(tag), coding)
+
+
+def _check_markers(section: Section, needed: int, dictionary: str) -> None:
+    if needed > DICTIONARIES[dictionary]:
+        raise InputError(
+            f"{section.file}: {section.path} needs {needed} markers where {dictionary} has {DICTIONARIES[dictionary]}: correct columns and "
+            "rows, or the dictionary."
+        )
+
+
+def _sigma(side: Number) -> float | None:
+    return side.sigma if side.sigma or side.exact else None

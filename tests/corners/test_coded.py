@@ -1,0 +1,169 @@
+"""Boards with markers in rendered pictures, whose corners are known."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calib.corners.detection import Detection, NotFound
+from calib.corners.find import find_board
+from calib.corners.markers import check_aruco, marker_places, read_markers
+from calib.errors import InputError
+from calib.session.board import Board
+from calib.session.coding import Charuco
+from fixtures.coded_boards import CHARUCO, GRID, KINDS, LENS, PARTIAL, WHOLE, Kind
+from fixtures.coded_pictures import Lens
+
+each_kind = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS.keys())
+
+
+def found_in(picture: NDArray, board: Board) -> Detection:
+    found = find_board(picture, board)
+    assert isinstance(found, Detection), found
+    return found
+
+
+def refused(picture: NDArray, board: Board) -> str:
+    found = find_board(picture, board)
+    assert isinstance(found, NotFound)
+    return found.reason
+
+
+def inside(corners: NDArray, lens: Lens = LENS, margin: float = 6.0) -> NDArray[np.bool_]:
+    return np.asarray(((corners >= margin) & (corners <= np.array([lens.width, lens.height]) - 1 - margin)).all(1))
+
+
+@each_kind
+def test_points_are_the_sheets_corners(kind: Kind) -> None:
+    """Numbered alike, from the upper left; to a nanometre."""
+    assert np.abs(kind.board.points() - kind.print.corners).max() < 1e-9
+    assert np.allclose(kind.board.half, kind.print.corners.max(0))
+
+
+@each_kind
+def test_markers_are_where_the_board_says(kind: Kind) -> None:
+    """Oracle: OpenCV reads the rendered sheet, seen straight, 2 px to a mm. Its outlines are half a pixel inside."""
+    assert kind.board.coding
+    size = int(2e3 * max(kind.board.half) * 2.8)
+    lens = Lens(size, size, 400.0)
+    drawn = kind.view(np.array([0, 0, 0, 0, 0, 0.2]), lens=lens)
+    read = read_markers(drawn.picture, kind.board.coding.dictionary, 1 if isinstance(kind.board.coding, Charuco) else 2)
+    places = marker_places(kind.board)
+    assert sorted(read.numbers.tolist()) == list(range(len(places)))
+    off = read.corners - (places[read.numbers] * 2e3 + (size - 1) / 2)
+    assert np.abs(off).max() < 5, "px; the next corner of a marker is 28 px away and more"
+
+
+@each_kind
+@pytest.mark.parametrize("pose", [WHOLE, PARTIAL], ids=["whole", "partial"])
+def test_corners_are_measured_where_they_are(kind: Kind, pose: NDArray) -> None:
+    """At 1.5 grey levels of noise the bound of the pixels is some thousandths of a pixel. Nothing outside of the picture is made up."""
+    drawn = kind.view(pose)
+    found = found_in(drawn.picture, kind.board)
+    seen = np.isfinite(found.corners[:, 0])
+    assert seen[inside(drawn.corners)].mean() > 0.9
+    assert inside(drawn.corners[seen], margin=0).all()
+    assert (seen.mean() > 0.97) == (pose is WHOLE)
+    off = found.corners[seen] - drawn.corners[seen]
+    assert np.sqrt((off**2).sum(-1).mean()) < 0.02
+    assert np.linalg.norm(off, axis=-1).max() < 0.1
+    assert np.abs(off.mean(0)).max() < 0.005, "no bias"
+    assert np.isfinite(found.covariances[seen]).all()
+    scaled = np.einsum("ni,nij,nj->n", off, np.linalg.inv(found.covariances[seen]), off) / 2
+    assert 0.5 < np.median(scaled) / np.log(2) < 2.5, "the squared error over the variance that is said"
+
+
+@each_kind
+def test_a_hidden_part_is_not_made_up(kind: Kind) -> None:
+    """A grey hand over the middle: what it covers is NaN, what is around it is where it is."""
+    drawn = kind.view(WHOLE)
+    picture = drawn.picture.copy()
+    picture[130:230, 180:300] = 120
+    found = found_in(picture, kind.board)
+    seen = np.isfinite(found.corners[:, 0])
+    hidden = ((drawn.corners > [180, 130]) & (drawn.corners < [299, 229])).all(1)
+    assert hidden.sum() > 5
+    assert not seen[hidden].any()
+    assert np.linalg.norm(found.corners[seen] - drawn.corners[seen], axis=1).max() < 0.2
+    assert seen.sum() > 0.5 * (~hidden).sum()
+
+
+@pytest.mark.parametrize("kind", [CHARUCO, GRID], ids=["charuco", "aprilgrid"])
+def test_a_wrong_number_is_not_believed(kind: Kind) -> None:
+    """One marker is covered by a picture of another one of the board, itself covered: it is read, and no corner moves."""
+    drawn = kind.view(WHOLE)
+    places = cv2.perspectiveTransform(marker_places(kind.board).reshape(-1, 1, 2), _homography(kind, drawn.corners)).reshape(-1, 4, 2)
+    picture = drawn.picture.copy()
+    count = len(places)
+    taken, covered = count // 2, count // 2 + 2
+    corners = places[[covered, taken]].astype(np.float32)
+    onto = cv2.getPerspectiveTransform(corners[1], corners[0])
+    copy = cv2.warpPerspective(drawn.picture, onto, picture.shape[::-1])
+    there, gone = (cv2.fillConvexPoly(np.zeros_like(picture), place.astype(np.int32), 1.0) > 0 for place in places[[covered, taken]])
+    picture = np.where(gone, 120, np.where(there, copy, picture)).astype(np.uint8)
+    assert kind.board.coding
+    read = read_markers(picture, kind.board.coding.dictionary, 1 if kind is CHARUCO else 2)
+    assert (read.numbers == taken).sum() == 1
+    assert (read.numbers == covered).sum() == 0
+    found = found_in(picture, kind.board)
+    seen = np.isfinite(found.corners[:, 0])
+    assert seen.sum() > 0.8 * kind.board.count
+    assert np.linalg.norm(found.corners[seen] - drawn.corners[seen], axis=1).max() < 0.3
+
+
+def _homography(kind: Kind, corners: NDArray) -> NDArray:
+    return np.asarray(cv2.findHomography(kind.board.points(), corners)[0])
+
+
+def test_two_boards_and_a_marker_twice() -> None:
+    away = np.array([0, 0, 0, 0, 0, 0.5])
+    both = np.hstack([CHARUCO.view(away).picture, CHARUCO.view(away, seed=2).picture])
+    assert "is seen twice: show one board alone" in refused(both, CHARUCO.board)
+    left, right = both[:, :240], both[:, 720:]
+    parts = np.hstack([left, np.full((360, 100), 150, np.uint8), right])
+    assert "lie not as on one 9x6 ChArUco board" in refused(parts, CHARUCO.board)
+
+
+MISTAKES: dict[str, tuple[Kind, Callable[[Board], Board], str]] = {
+    "too few rows": (CHARUCO, lambda board: replace(board, rows=4), "numbers up to 34 are seen, where a 9x4 ChArUco board has 0 to 24"),
+    "columns": (CHARUCO, lambda board: replace(board, columns=8), "lie not as on one 8x6 ChArUco board|numbers up to 34"),
+    "tags": (GRID, lambda board: replace(board, columns=14), "lie not as on one 7x6 AprilGrid board"),
+    "marker": (
+        CHARUCO,
+        lambda board: replace(board, coding=Charuco(0.012, "DICT_4X4_250")),
+        "lie not as on one 9x6",
+    ),
+    "marker a little": (CHARUCO, lambda board: replace(board, coding=Charuco(0.0125, "DICT_4X4_250")), "lie not|correct board.marker_mm"),
+    "spacing": (GRID, lambda _: GRID.with_coding(spacing=0.25), "0.30 of their side apart, where 0.25 is declared"),
+    "dictionary": (CHARUCO, lambda _: CHARUCO.with_coding(dictionary="DICT_6X6_250"), "no marker of the 9x6 ChArUco board"),
+    "legacy": (KINDS["legacy"], lambda _: KINDS["legacy"].with_coding(legacy_pattern=False), "lie not as on one 6x7 ChArUco"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES.values(), ids=MISTAKES.keys())
+def test_a_board_that_is_not_the_declared_one_is_refused(mistake: tuple[Kind, Callable[[Board], Board], str]) -> None:
+    kind, change, says = mistake
+    reason = refused(kind.view(WHOLE).picture, change(kind.board))
+    assert any(part in reason for part in says.split("|")), reason
+
+
+def test_a_mirrored_picture_shows_no_marker() -> None:
+    for kind in (CHARUCO, GRID):
+        reason = refused(np.ascontiguousarray(kind.view(WHOLE).picture[:, ::-1]), kind.board)
+        assert "no marker of" in reason or "no two markers lie" in reason, "one or two may be read by accident"
+
+
+def test_sixteen_bits_are_measured_as_such() -> None:
+    drawn = CHARUCO.view(WHOLE)
+    fine = found_in(drawn.picture.astype(np.uint16) * 200 + 1000, CHARUCO.board)
+    coarse = found_in(drawn.picture, CHARUCO.board)
+    assert np.abs(fine.corners - coarse.corners).max() < 0.02
+
+
+def test_an_opencv_without_aruco_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(cv2, "aruco")
+    with pytest.raises(InputError, match="has no aruco module"):
+        check_aruco()
