@@ -83,21 +83,21 @@ def _alike(measurer: Measurer, points: Sequence[Point], folder: Path, boards: di
         both = sorted({p.name for p in points if p.image == first} & {p.name for p in points if p.image == image})
         some = [p for p in points if p.name in both and p.image in (first, image)]
         which, view = [both.index(p.name) for p in some], [int(p.image == image) for p in some]
-        tried = [measurer.board_pose(turned) for turned in _turned(_view(measurer.calibration, folder / image), measurer.calibration)]
+        tried = [measurer.board_pose(turned) for turned in turned_views(_view(measurer.calibration, folder / image), measurer.calibration)]
         gaps = [np.nansum(measurer.triangulate(_pixels(some), [held, one], view, which).gap_px) if some else 0.0 for one in tried]
         wild = [np.isnan(measurer.triangulate(_pixels(some), [held, one], view, which).points).sum() if some else 0 for one in tried]
         chosen[image] = tried[int(np.lexsort((gaps, wild))[0])] if some else found
     return chosen
 
 
-def _turned(view: View, calibration: Calibration) -> list[View]:
+def turned_views(view: View, calibration: Calibration) -> list[View]:
     """The orders of its corners that the board's pattern allows."""
     board = calibration.board
     if board.coding:
         return [view]
-    lattice = view.corners.reshape(board.rows, board.columns, 2)
+    corners, weight = (part.reshape(board.rows, board.columns, -1) for part in (view.corners, view.weight))
     quarters = range(4) if board.rows == board.columns else (0, 2)
-    return [View(view.name, np.rot90(lattice, quarter).reshape(-1, 2), view.weight) for quarter in quarters]
+    return [View(view.name, np.rot90(corners, quarter).reshape(-1, 2), np.rot90(weight, quarter).ravel()) for quarter in quarters]
 
 
 def _boards(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from calib.apply.measure import BoardPose, Measured, Measurer, Reason
-from calib.apply.measure_files import read_points, read_poses
+from calib.apply.measure_files import read_points, read_poses, turned_views
 from calib.calibration import Calibration
 from calib.cli import main
 from calib.corners.view import View
@@ -141,6 +141,14 @@ def test_doubt_of_the_squares_is_doubt_of_all_that_is_measured(calibration: Cali
     change = np.abs(moved.points - still.points)
     assert said.sigma == pytest.approx(change, abs=0.02 * change.max())  # rays that do not start at one point: 1 %
     assert said.distance(0, 1)[1] == pytest.approx(0.001 * still.distance(0, 1)[0], rel=0.02)
+
+
+def test_a_view_that_is_turned_keeps_each_corner_s_weight(calibration: Calibration) -> None:
+    view = view_of(calibration, POSES[0])
+    corners, weight = view.corners.copy(), view.weight.copy()
+    corners[3], weight[3] = np.nan, 0.0
+    for turned in turned_views(View("covered", corners, weight), calibration):
+        assert np.array_equal(np.isnan(turned.corners[:, 0]), turned.weight == 0)
 
 
 def test_uncertain_glass_shows_in_sigma(made: Scene) -> None:
