@@ -121,8 +121,11 @@ def held_out(folder: Path) -> HeldOut:
 def true_glass(calibration: Calibration, folder: Path) -> Calibration:
     with np.load(folder / "truth.npz") as file:
         amplitudes, centres = file["amplitudes"], file["centres"]
+    told = read_session(folder)
     return replace(
         calibration,
+        camera=told.camera,
+        cover=told.cover,
         relief=Relief(tuple(centres.min(0)), tuple(centres.max(0)), amplitudes.shape),
         amplitudes=amplitudes,
         covariance=np.zeros((0, 0)),
@@ -200,7 +203,8 @@ def mrcal(calibration: Calibration, scratch: Path) -> Callable[[Array], Array] |
     if not command:
         return None
     folder = Path(tempfile.mkdtemp(dir=scratch))
-    write_corners(folder / "corners.vnl", [replace(view, name=f"view{i:04d}.png") for i, view in enumerate(calibration.views)])
+    views = [replace(view, name=f"view{i:04d}.png", covariance=None) for i, view in enumerate(calibration.views)]
+    write_corners(folder / "corners.vnl", views)
     board, camera = calibration.board, calibration.camera
     options: dict[str, list[object]] = {
         "--corners-cache": [folder / "corners.vnl"],

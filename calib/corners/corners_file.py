@@ -2,7 +2,7 @@
 
 Corners come row by row, columns fastest. Level k weighs 2^-k; "-" for x and y, for the level, or a negative level, marks a corner
 that was not seen. A picture with a single line of "-" shows no board. Three more columns may give each corner's covariance,
-"xx xy yy", px^2; programs that read columns by their names pass them over.
+"xx xy yy", px^2; mrcal itself reads files without them only.
 """
 
 import math
