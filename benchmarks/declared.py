@@ -1,4 +1,5 @@
-"""What wrong numbers in session.yaml do to the maps: `python -m benchmarks.declared`.
+"""What wrong numbers in session.yaml do to the maps: `python -m benchmarks.declared`, and what believing them would:
+`python -m benchmarks.declared SESSION ...`.
 
 `fixtures/clean` with one number made wrong at a time, or with its pictures turned, fitted with every number held, and as by default, where
 each may be estimated near what is declared, by the tolerance of its kind. Map errors are against the renderer's rays, turned as the
@@ -6,10 +7,14 @@ pictures are.
 
 Then what freeing costs where all that is declared is true: synthetic views at 0.6-1.2 m through 1.15 mm of uneven glass, 0.1 px of noise
 per axis, tested on 20 other views over more depths, and on 20 nearer than any that was fitted, with poses refitted.
+
+Of sessions that are named, what `calib.fitting.believing` decides by: how much more probable the corners are with every number estimated than
+with every number held, how uneven the glass is with both, and which numbers would be contradicted.
 """
 
 import copy
 import shutil
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -24,6 +29,7 @@ from rich.table import Table
 
 from calib.calibration import Calibration
 from calib.estimation.poses import refit_poses
+from calib.estimation.relief_heights import height_spread
 from calib.fitting.declared import comparisons
 from calib.fitting.fit import fit
 from calib.fitting.stages import Settings, Setup, fit_stages
@@ -126,7 +132,10 @@ def rows() -> Iterator[tuple[str, ...]]:
             truth = folder / "truth.npz"
             free = fitted(said, folder)
             errors = f"{free.stages[1].rms_px:.3f}", f"{free.stages[2].rms_px:.3f}"
-            yield name, *errors, *_row(fitted(said, folder, NONE), truth), *_row(free, truth), said_of(free)
+            held = fitted(said, folder, NONE)
+            gained = free.settings["log_evidence"] - held.settings["log_evidence"]
+            uneven = " -> ".join(f"{1e6 * height_spread(*one.model(), one.observations):.1f}" for one in (held, free))
+            yield name, *errors, *_row(held, truth), *_row(free, truth), f"{gained:+.0f}", uneven, said_of(free)
 
 
 def cost(seed: int, views: int) -> Iterator[list[str]]:
@@ -145,8 +154,35 @@ def cost(seed: int, views: int) -> Iterator[list[str]]:
         yield ["", name, *(f"{error:.3f}" for error in errors), str(found.joint.iterations)]
 
 
+def said_to_be_wrong(session: Path) -> tuple[str, ...]:
+    """A row of what would be believed."""
+    held, free, default = (fit(read_session(session), Settings(free=(free,)), Silent()) for free in (NONE, ALL, AUTO))
+    gained = free.settings["log_evidence"] - held.settings["log_evidence"]
+    spreads = (f"{1e6 * height_spread(*one.model(), one.observations):.1f}" for one in (held, free))
+    wrong = ", ".join(f"{one.name} {one.estimated}" for one in comparisons(free) if one.contradicted)
+    return session.name, f"{gained:+.0f}", *spreads, wrong, "estimated" if any(not one.held for one in comparisons(default)) else "held"
+
+
 def main() -> None:
-    table = Table("told", "cover stage, px", "final, px", "held: map error", "sigma", "by default: map error", "sigma", "said")
+    sessions = [Path(name) for name in sys.argv[1:]]
+    if sessions:
+        decided = Table("session", "log evidence, gained", "uneven by, held, um", "estimated, um", "contradicted", "by default")
+        for session in track(sessions, "Sessions"):
+            decided.add_row(*said_to_be_wrong(session))
+        Console(width=170).print(decided)
+        return
+    table = Table(
+        "told",
+        "cover stage, px",
+        "final, px",
+        "held: map error",
+        "sigma",
+        "by default: map error",
+        "sigma",
+        "log evidence",
+        "uneven, um",
+        "said",
+    )
     for row in rows():
         table.add_row(*row)
     Console(width=170).print(table)

@@ -23,6 +23,7 @@ from rich.table import Table
 
 from calib.fitting.declared import comparisons
 from calib.fitting.stages import Settings, Setup
+from calib.session.freeing import ALL, AUTO, NONE
 from calib.threads import single_thread
 from calib.verdict.judge import judge
 from fixtures.calibrated import CAMERA, GLASS, calibrate, calibrated
@@ -38,7 +39,7 @@ FIGURE = 3e-6
 
 @dataclass(frozen=True)
 class Outcome:
-    """Of one session, fitted as by default."""
+    """Of one session."""
 
     seed: int
     off: tuple[float, ...]
@@ -53,11 +54,11 @@ class Outcome:
         return float(np.sqrt(np.mean(np.square(self.off) / np.square(self.predicted))))
 
 
-def outcome(seed: int, views: int, wrong: bool) -> Outcome:
+def outcome(seed: int, views: int, wrong: bool, free: str) -> Outcome:
     cover = paper_cone()
     made = scene(seed, views, (4, 4), FIGURE, NOISE, cover=cover)
     said = misdeclared(np.random.default_rng(seed), INTRINSICS, cover) if wrong else (INTRINSICS, cover)
-    found = calibrated(made, Setup(made.board, CAMERA, *said), Settings())
+    found = calibrated(made, Setup(made.board, CAMERA, *said), Settings(free=(free,)))
     off, predicted = zip(*((np.sqrt(np.mean(e**2)), np.sqrt(np.mean(s**2))) for e, s in errors(made, found)), strict=True)
     verdict = judge(found)
     contradicted = tuple(one.name for one in comparisons(found) if one.contradicted)
@@ -80,10 +81,12 @@ def exactly_declared(repeats: int) -> Table:
 
 
 def spread(found: list[Outcome], title: str) -> Table:
-    table = Table("depth", "map error: median, worst", "predicted: median", title=f"{len(found)} sessions, {title}")
+    table = Table("depth", "map error: median, root mean square, worst", "predicted: median", title=f"{len(found)} sessions, {title}")
     off, predicted = np.array([one.off for one in found]), np.array([one.predicted for one in found])
     for depth, error, sigma in zip(DEPTHS, off.T, predicted.T, strict=True):
-        table.add_row(f"{depth} m", f"{np.median(error):.3f}, {error.max():.3f} px", f"{np.median(sigma):.3f} px")
+        table.add_row(
+            f"{depth} m", f"{np.median(error):.3f}, {np.sqrt(np.mean(error**2)):.3f}, {error.max():.3f} px", f"{np.median(sigma):.3f} px"
+        )
     return table
 
 
@@ -107,6 +110,7 @@ def main() -> None:
     parser.add_argument("--clean", type=int, default=40)
     parser.add_argument("--views", type=int, default=30, help="of those sessions: so many fill the picture at random")
     parser.add_argument("--first", type=int, default=2000, help="their first seed")
+    parser.add_argument("--free", choices=(AUTO, ALL, NONE), default=AUTO, help="how they are fitted")
     asked = parser.parse_args()
     console = Console(width=140)
     if asked.repeats:
@@ -116,7 +120,7 @@ def main() -> None:
             continue
         seeds = range(asked.first, asked.first + count)
         with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
-            one = partial(outcome, views=asked.views, wrong=wrong)
+            one = partial(outcome, views=asked.views, wrong=wrong, free=asked.free)
             said(console, list(track(pool.map(one, seeds), "Sessions", total=count)), title)
 
 

@@ -133,7 +133,7 @@ def test_bare_views_give_the_renderer_s_camera(fitted: dict[str, Calibration]) -
 
 
 def test_undistorting_a_held_out_view_straightens_its_board(fitted: dict[str, Calibration], tmp_path: Path) -> None:
-    """The strong bumps bend the board's lines by 0.185 px; at the board's depth the map unbends them to 0.032 px, which is what the
+    """The strong bumps bend the board's lines by 0.179 px; at the board's depth the map unbends them to 0.016 px, which is what the
     detector's own error leaves. An eighth more is allowed, as of the maps themselves."""
     session = read_session(copied(FIXTURES / "bumps" / "holdout", tmp_path / "s"))
     with np.load(FIXTURES / "bumps" / "holdout" / "truth.npz") as file:
@@ -145,7 +145,7 @@ def test_undistorting_a_held_out_view_straightens_its_board(fitted: dict[str, Ca
         before.append(_bend(view.corners))
         after.append(_bend(straight))
     print(f"bends {np.mean(before):.4f} px, straightened {np.mean(after):.4f} px")
-    assert np.mean(after) < 0.036
+    assert np.mean(after) < 0.0178
     assert np.mean(before) > 0.17
 
 
@@ -161,7 +161,7 @@ def test_blind_c_is_fitted(tmp_path: Path) -> None:
     folder = copied(MEASURED / "blind-c", tmp_path / "s")
     result = fit(read_session(folder), Settings(), Silent())
     assert len(result.views) == 20
-    assert evaluate(result, read_session(folder / "holdout"), Silent()).rms_px < 0.046  # measured: 0.041
+    assert evaluate(result, read_session(folder / "holdout"), Silent()).rms_px < 0.0443  # measured: 0.0393
     assert result.stages[2].rms_px < result.stages[1].rms_px < result.stages[0].rms_px
 
 

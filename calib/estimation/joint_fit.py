@@ -94,7 +94,13 @@ class JointFit:
     def said(self) -> dict[str, object]:
         """What a calibration file keeps of the fit."""
         prior = self.smoothness and {"height_m": self.smoothness.height, "length_of_patch": self.smoothness.length}
-        return {"outcome": self.outcome.value, "iterations": self.iterations, "sigma_px": self.sigma, "relief_prior": prior}
+        return {
+            "outcome": self.outcome.value,
+            "iterations": self.iterations,
+            "sigma_px": self.sigma,
+            "log_evidence": self.log_evidence,
+            "relief_prior": prior,
+        }
 
 
 def fit_joint(

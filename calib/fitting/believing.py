@@ -16,7 +16,7 @@ from calib.estimation.doubt import DOUBT, MOST_DOUBTED, farthest, still_contradi
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.noise import on_board, short_scale_noise
 from calib.estimation.observations import Observations
-from calib.estimation.relief_heights import unevenness
+from calib.estimation.relief_heights import height_spread
 from calib.estimation.stated_priors import widened
 from calib.fitting.stages import Fitted, Settings, Setup, fit_stages
 from calib.progress import Progress
@@ -24,10 +24,10 @@ from calib.session.freeing import AUTO
 
 SMOOTHER = 0.5
 """Of the unevenness with every number exact: a wrong number that is put right leaves less, as the glass no longer has to make up for it. Of
-three wrong sessions 0.09 to 0.15 was left; the fixture `bumps`, all true, would have had 1.4 with a radius of 89 mm for 42."""
+three wrong sessions 0.09 to 0.15 was left (benchmarks/declared); `bumps`, all true, would have had 1.4 with a radius of 89 mm for 42."""
 DECISIVE = 10.0
-"""Logarithm: by so much must a fit whose numbers are contradicted be the more probable one to be believed. The least wrong of wrong
-sessions, with a slope of the wrong sign, wins by 59; blind-e, whose glass is uneven by tens of micrometres, by 3, with an index of 2.1."""
+"""Logarithm: by so much must a fit whose numbers are contradicted be the more probable one to be believed. A hundred to one is 4.6, and the
+approximation is off by some; wrong sessions win by hundreds (benchmarks/declared)."""
 AT_NOISE = 1.3
 """Of the corners' noise: a fit that leaves more lacks something else, which may be what pulls a number away."""
 
@@ -58,7 +58,7 @@ def believing(fitted: Fitted, setup: Setup, told: Setup, views: Sequence[View], 
     exact = fit_stages(told, observations, settings, progress)
     if _decisive(fitted, exact):
         believed = _doubting(believed, observations, views, settings, progress)
-        ours, theirs = (unevenness(one.path, one.values, observations) for one in (believed.fitted, exact))
+        ours, theirs = (height_spread(one.path, one.values, observations) for one in (believed.fitted, exact))
         if _credible(believed.fitted) and _decisive(believed.fitted, exact) and ours < SMOOTHER * theirs:
             return believed
     return Believed(exact, told, told)

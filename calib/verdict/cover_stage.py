@@ -6,15 +6,14 @@ import numpy as np
 
 from calib.diagnosis.diagnosed import STAGE
 from calib.fitting.declared import comparisons
-from calib.session.freeing import AUTO
+from calib.session.freeing import AUTO, with_free
 from calib.verdict.case import Case
 from calib.verdict.thresholds import TAKEN_UP, WORSE_THAN_BARE
 from calib.verdict.verdict import Reason
 
 
 def cover_stage(case: Case) -> Iterator[Reason]:
-    """Only of numbers that were held: those that are estimated are compared one by one. Numbers that a fit holds after it tried to estimate
-    them are no suspects of what the relief takes up."""
+    """Only of numbers that were held: those that are estimated are compared one by one."""
     cover, bare, last = (case.rms_px.get(name, np.nan) for name in ("cover", "pinhole", "cover+rbf"))
     numbers = [one for one in comparisons(case.calibration) if one.name.startswith("cover.")]
     suspects = tuple(one.name for one in numbers if one.name in ("cover.inner_radius", "cover.distance", "cover.thickness"))
@@ -26,9 +25,18 @@ def cover_stage(case: Case) -> Iterator[Reason]:
             "numbers in session.yaml."
         )
         yield Reason(said, case.next.fit(), suspects)
-    elif cover > TAKEN_UP * last and STAGE not in case.rms_px and AUTO not in case.calibration.settings.get("free", ()):
+    elif cover > TAKEN_UP * last and STAGE not in case.rms_px and not _tried(case):
         said = (
             f"the cover as it is described leaves {cover:.3f} px, and with every number held its unevenness had to explain all but "
             f"{last:.3f} px: a number of the cover or the camera may be wrong, so let the fit estimate them."
         )
         yield Reason(said, case.next.fit("--free", "all"), suspects)
+
+
+def _tried(case: Case) -> bool:
+    """Whether the fit asked if a number is wrong before it held them all."""
+    told = case.calibration.declared
+    return AUTO in case.calibration.settings.get("free", ()) and with_free(told.intrinsics, told.cover, (AUTO,)) != (
+        told.intrinsics,
+        told.cover,
+    )

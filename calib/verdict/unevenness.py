@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from calib.estimation.relief_heights import unevenness as standard_deviation
+from calib.estimation.relief_heights import height_spread
 from calib.fitting.declared import comparisons
 from calib.session.tolerances import GLASS_FIGURE
 from calib.verdict.case import Case
@@ -15,7 +15,7 @@ LIKELIEST = 2
 
 
 def unevenness(case: Case) -> Iterator[Reason]:
-    uneven = standard_deviation(*case.calibration.model(), case.observations)
+    uneven = height_spread(*case.calibration.model(), case.observations)
     if uneven <= GLASS_FIGURES * GLASS_FIGURE.sigma:
         return
     held = [one.name for one in comparisons(case.calibration) if one.held and one.name != "cover.outside_index"]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration, Declared, Stage
 from calib.estimation.levenberg_marquardt import Outcome
-from calib.estimation.relief_heights import unevenness as standard_deviation
+from calib.estimation.relief_heights import height_spread
 from calib.fitting.evaluate import Evaluation
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
@@ -93,6 +93,13 @@ def test_an_unevenness_that_explains_too_much_with_every_number_held(good: Calib
     assert reason.suspects == ("cover.inner_radius", "cover.thickness")
     assert not asked(cover_stage, with_stages(good, 1.0, 0.99 * TAKEN_UP * 0.05, 0.05))
     assert not asked(cover_stage, replace(freed, stages=much.stages)), "there the numbers had their say"
+    tried = replace(much, settings=much.settings | {"free": ["auto"]})
+    assert not asked(cover_stage, tried), "and there, before they were held"
+    every = {name: replace(number, exact=True) for name, number in good.cover.parameters.items()}
+    known = good.declared.intrinsics
+    numbers = (replace(number, exact=True) for number in (known.fx, known.fy, known.cx, known.cy))
+    told = Declared(Intrinsics(*numbers), replace(good.cover, parameters=every))
+    assert asked(cover_stage, replace(tried, stated=told)), "exact ones had none"
 
 
 @pytest.mark.parametrize(("off", "doubted"), [(2.9, False), (3.1, True), (12.0, True)])
@@ -110,7 +117,7 @@ def test_a_number_that_is_far_from_what_is_declared(freed: Calibration, off: flo
 def test_glass_that_is_more_uneven_than_glass(good: Calibration, freed: Calibration, uneven: float, doubted: bool) -> None:
     def bent(calibration: Calibration) -> Calibration:
         slope = 1e-5 * np.linspace(-1, 1, 5)[:, None] * np.ones(5)
-        found = standard_deviation(*replace(calibration, amplitudes=slope).model(), calibration.observations)
+        found = height_spread(*replace(calibration, amplitudes=slope).model(), calibration.observations)
         return replace(calibration, amplitudes=slope * uneven / found)
 
     held, free = asked(unevenness, bent(good)), asked(unevenness, bent(freed))
