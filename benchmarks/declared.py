@@ -8,8 +8,8 @@ pictures are.
 Then what freeing costs where all that is declared is true: synthetic views at 0.6-1.2 m through 1.15 mm of uneven glass, 0.1 px of noise
 per axis, tested on 20 other views over more depths, and on 20 nearer than any that was fitted, with poses refitted.
 
-Of sessions that are named, what `calib.fitting.believing` decides by: how much more probable the corners are with every number estimated than
-with every number held, how uneven the glass is with both, and which numbers would be contradicted.
+Of sessions that are named, what `calib.fitting.believing` decides by: how much more probable the corners are with every number estimated
+than with every number held, how uneven the glass is with both, and which numbers would be contradicted.
 """
 
 import copy
@@ -171,18 +171,8 @@ def main() -> None:
             decided.add_row(*said_to_be_wrong(session))
         Console(width=170).print(decided)
         return
-    table = Table(
-        "told",
-        "cover stage, px",
-        "final, px",
-        "held: map error",
-        "sigma",
-        "by default: map error",
-        "sigma",
-        "log evidence",
-        "uneven, um",
-        "said",
-    )
+    kinds = (f"{how}: {what}" for how in ("held", "by default") for what in ("map error", "sigma"))
+    table = Table("told", "cover stage, px", "final, px", *kinds, "log evidence, gained", "uneven, um", "said")
     for row in rows():
         table.add_row(*row)
     Console(width=170).print(table)

@@ -84,9 +84,8 @@ def spread(found: list[Outcome], title: str) -> Table:
     table = Table("depth", "map error: median, root mean square, worst", "predicted: median", title=f"{len(found)} sessions, {title}")
     off, predicted = np.array([one.off for one in found]), np.array([one.predicted for one in found])
     for depth, error, sigma in zip(DEPTHS, off.T, predicted.T, strict=True):
-        table.add_row(
-            f"{depth} m", f"{np.median(error):.3f}, {np.sqrt(np.mean(error**2)):.3f}, {error.max():.3f} px", f"{np.median(sigma):.3f} px"
-        )
+        root = np.sqrt(np.mean(error**2))
+        table.add_row(f"{depth} m", f"{np.median(error):.3f}, {root:.3f}, {error.max():.3f} px", f"{np.median(sigma):.3f} px")
     return table
 
 

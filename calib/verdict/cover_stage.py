@@ -35,8 +35,6 @@ def cover_stage(case: Case) -> Iterator[Reason]:
 
 def _tried(case: Case) -> bool:
     """Whether the fit asked if a number is wrong before it held them all."""
-    told = case.calibration.declared
-    return AUTO in case.calibration.settings.get("free", ()) and with_free(told.intrinsics, told.cover, (AUTO,)) != (
-        told.intrinsics,
-        told.cover,
-    )
+    declared = case.calibration.declared
+    told = declared.intrinsics, declared.cover
+    return AUTO in case.calibration.settings.get("free", ()) and with_free(*told, (AUTO,)) != told

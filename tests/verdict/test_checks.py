@@ -97,8 +97,8 @@ def test_an_unevenness_that_explains_too_much_with_every_number_held(good: Calib
     assert not asked(cover_stage, tried), "and there, before they were held"
     every = {name: replace(number, exact=True) for name, number in good.cover.parameters.items()}
     known = good.declared.intrinsics
-    numbers = (replace(number, exact=True) for number in (known.fx, known.fy, known.cx, known.cy))
-    told = Declared(Intrinsics(*numbers), replace(good.cover, parameters=every))
+    fx, fy, cx, cy = (replace(number, exact=True) for number in (known.fx, known.fy, known.cx, known.cy))
+    told = Declared(Intrinsics(fx, fy, cx, cy), replace(good.cover, parameters=every))
     assert asked(cover_stage, replace(tried, stated=told)), "exact ones had none"
 
 
