@@ -103,7 +103,7 @@ EXAMPLES = (
     Example("wedge", CONE, {"x": 0.0, "z": 3e-3}, ("views", "image")),
     Example("inner_surface", CONE, {"amplitudes": 1e-5}, ("views", "image")),
     Example("fine_surface", CONE, {"amplitudes": 2e-6}, ("views", "image")),
-    Example("board_bow", BARE, {"x": 1e-3, "y": -5e-4}, ("views", "board")),
+    Example("board_shape", BARE, {"x": 1e-3, "y": -5e-4}, ("views", "board")),
     Example("board_scale", BARE, {"x_over_y": 2e-3}, ("views", "board")),
     Example("detector_bias", BARE, {"x": 0.05, "y": 0.05}, ("views", "phase")),
     Example("free_field", BARE, {"board.x": 1e-4, "board.y": 1e-4}, ("views", "board"), "board"),

@@ -150,6 +150,7 @@ def _candidates(loop: Loop, accepted: tuple[str, ...]) -> list[Candidate]:
     for (name, shape), trial in loop.trials.items():
         taken = name in accepted and any(e.name == name and e.form == shape for e in loop.model.effects)
         joint = loop.joint if taken else trial.joint
+        effect = next(e for e in loop.model.effects if e.name == name) if taken else trial.test.effect
         listed.append(
             Candidate(
                 effect=name,
@@ -161,7 +162,7 @@ def _candidates(loop: Loop, accepted: tuple[str, ...]) -> list[Candidate]:
                 held_out_px_before=trial.gain.before if trial.gain else None,
                 held_out_px_after=trial.gain.after if trial.gain else None,
                 gain_ci95=trial.gain.ci95 if trial.gain else None,
-                parameters=_parameters(trial.test.effect, joint) if joint and joint.finite else {},
+                parameters=_parameters(effect, joint) if joint and joint.finite else {},
                 confounded_with=tuple(sorted(loop.confounded.get(name, ()))),
                 accepted=taken,
                 verdict=verdict(trial, taken=taken),

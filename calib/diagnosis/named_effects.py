@@ -8,6 +8,7 @@ import torch
 from calib.calibration import Calibration
 from calib.diagnosis.diagnosed import with_fit
 from calib.diagnosis.fine_surface_search import surroundings
+from calib.diagnosis.most_probable_form import with_most_probable
 from calib.diagnosis.score_test import Optimum
 from calib.diagnosis.starting_model import model_of
 from calib.effects.registry import KINDS
@@ -46,8 +47,8 @@ def with_named(calibration: Calibration, names: Sequence[str], progress: Progres
                 wider = model.with_effect(at.candidate(form).effect)
                 fitted = wider.fitted(observations, joint.poses, start)
                 tried.append((_left(wider, fitted, observations), wider, fitted))
-            _, model, joint = min(tried, key=lambda one: one[0])
-            joint = model.fitted(observations, joint.poses)
+            _, wider, fitted = min(tried, key=lambda one: one[0])
+            model, joint = with_most_probable(model, wider.effects[-1], observations, fitted.poses)
             advance(done, name)
     return with_fit(calibration, model, joint, observations)
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from calib.diagnosis.fine_surface_search import surroundings
 from calib.diagnosis.held_out import Gain, HeldOut, Split, gain, hold_out
+from calib.diagnosis.most_probable_form import with_most_probable
 from calib.diagnosis.score_test import Optimum, ScoreTest
 from calib.effects.effect import Effect, Surroundings
 from calib.effects.registry import EFFECTS, LAST_RESORT
@@ -106,8 +107,8 @@ class Loop:
             best = self._best()
             if not best:
                 break
-            newest = best.test.effect
             self._accept(best)
+            newest = self.model.effects[-1]
         self._backward(newest)
         return first, self._left()
 
@@ -164,9 +165,11 @@ class Loop:
     def _accept(self, trial: Trial) -> None:
         """Take an effect in, with the noise and the prior estimated anew; where such a fit is not finite, the trial's stands."""
         assert trial.joint
-        self.model = self.model.with_effect(trial.test.effect)
-        joint = self.model.fitted(self.observations, trial.joint.poses)
-        self.joint = joint if joint.finite else trial.joint
+        wider, joint = with_most_probable(self.model, trial.test.effect, self.observations, trial.joint.poses)
+        if joint.finite:
+            self.model, self.joint = wider, joint
+        else:
+            self.model, self.joint = self.model.with_effect(trial.test.effect), trial.joint
         self.known.clear()
         self._say(f"found {trial.test.effect.name}")
 

@@ -99,6 +99,10 @@ class Effect(Protocol):
         del information, score
         return self
 
+    def alternatives(self) -> tuple[Self, ...]:
+        """The same with fewer and with more parameters, the simplest first, where a fit's evidence is to choose among them; else none."""
+        return ()
+
     def apply(self, path: Path) -> Path:
         """The path with it."""
         ...

@@ -1,7 +1,7 @@
 """The effects that there are: a new one is a file of its own, and a line here."""
 
-from calib.effects.board_bow import BoardBow
 from calib.effects.board_scale import BoardScale
+from calib.effects.board_shape import BoardShape
 from calib.effects.cover_offset import CoverOffset
 from calib.effects.cover_radius import CoverRadius
 from calib.effects.cover_tilt import CoverTilt
@@ -35,7 +35,7 @@ EFFECTS: tuple[type[Effect], ...] = (
     Wedge,
     InnerSurface,
     FineSurface,
-    BoardBow,
+    BoardShape,
     BoardScale,
     DetectorBias,
 )

@@ -108,12 +108,12 @@ class Case:
 
     @cached_property
     def scores(self) -> tuple[ScoreTest, ...]:
-        """Of the effects that are asked; none where the fit did not end at its optimum."""
+        """Of the effects that are asked, in their simplest forms; none where the fit did not end at its optimum."""
         if not self.at_optimum:
             return ()
         there = surroundings(self.optimum, self.calibration.board, self.calibration.camera, place=False)
         present = {effect.name for effect in self.optimum.model.effects}
-        asked = [effect for kind in ASKED if kind.name not in present for effect in kind.propose(there)]
+        asked = [(*effect.alternatives(), effect)[0] for kind in ASKED if kind.name not in present for effect in kind.propose(there)]
         return tuple(self.optimum.tests(asked))
 
     @property

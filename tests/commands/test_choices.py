@@ -96,7 +96,7 @@ def test_grid_auto_keeps_the_coarsest_that_nothing_beats(session: Path, tmp_path
         (["--folds", "1"], "1"),
         (["--grid", "7"], "such as 8x8, or auto"),
         (["--effects", "ghost"], "ghost"),
-        (["--effects", "board_bow,board_bow"], "each once"),
+        (["--effects", "board_shape,board_shape"], "each once"),
         (["--effects", "flat_port"], "flat_port"),
     ],
 )
@@ -117,7 +117,7 @@ def test_effects_auto_and_diagnose_say_the_same(tmp_path: Path, capsys: pytest.C
     folder = write_session(tmp_path, hidden(BOW, TRUTH, views=12))
     assert main(["fit", str(folder), "--grid", "8x8", "-o", str(tmp_path / "auto"), "--effects", "auto", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
-    assert said["effects"] == ["board_bow"]
+    assert said["effects"] == ["board_shape"]
     assert said["stages"][-1]["name"] == "cover+rbf+effects"
     assert main(["fit", str(folder), "--grid", "8x8", "-o", str(tmp_path / "plain")]) == 0
     assert main(["diagnose", str(tmp_path / "plain"), "-o", str(tmp_path / "better"), "--json"]) == 0
@@ -126,15 +126,15 @@ def test_effects_auto_and_diagnose_say_the_same(tmp_path: Path, capsys: pytest.C
         assert np.allclose(ours["amplitudes"], theirs["amplitudes"], atol=1e-7)
     assert main(["diagnose", str(tmp_path / "plain"), "-o", str(tmp_path / "better")]) == 0
     printed = capsys.readouterr().out
-    assert "Found: board_bow" in printed
+    assert "Found: board_shape" in printed
     assert "Wrote" in printed
 
 
 def test_effects_by_name_are_added_and_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_session(tmp_path, hidden(BOW, TRUTH, views=6))
-    assert main(["fit", str(folder), "--grid", "4x4", "-o", str(tmp_path / "named"), "--effects", "board_bow"]) == 0
+    assert main(["fit", str(folder), "--grid", "4x4", "-o", str(tmp_path / "named"), "--effects", "board_shape"]) == 0
     printed = capsys.readouterr().out
-    said = re.findall(r"Estimated: board_bow\.[xy] (-?[\d.]+) ± ([\d.]+) mm", printed)
+    said = re.findall(r"Estimated: board_shape\.(?:xx|xy|yy) (-?[\d.]+) ± ([\d.]+) mm", printed)
     assert len(said) == 2
     for (value, sigma), true in zip(said, TRUTH.values(), strict=True):
         assert abs(float(value) - 1e3 * true) < 4 * float(sigma) + 0.1  # mm; a relief of 4x4 does not follow this glass

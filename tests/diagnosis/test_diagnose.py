@@ -18,7 +18,7 @@ from calib.diagnosis.named_effects import with_named
 from calib.diagnosis.score_test import ScoreTest
 from calib.diagnosis.selection import Trial
 from calib.diagnosis.sentences import verdict
-from calib.effects.board_bow import BoardBow
+from calib.effects.board_shape import BoardShape
 from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.levenberg_marquardt import Outcome
@@ -26,8 +26,8 @@ from calib.estimation.parameters import Parameters
 from calib.progress import Silent
 from tests.diagnosis.hide import fitted, hidden
 
-BOW = BoardBow(0.08, 0.08)
-TRUTH = {"board_bow.x": 6e-4, "board_bow.y": -4e-4}
+BOW = BoardShape(0.08, 0.08)
+TRUTH = {"board_shape.xx": 6e-4, "board_shape.yy": -4e-4}
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def found(bowed: Calibration) -> tuple[Calibration, Diagnosis]:
 
 def test_a_bowed_board_is_named_with_its_parameters(found: tuple[Calibration, Diagnosis]) -> None:
     _, finding = found
-    assert finding.accepted == ("board_bow",)
+    assert finding.accepted == ("board_shape",)
     (own,) = (candidate for candidate in finding.candidates if candidate.accepted)
     for name, value in TRUTH.items():
         one = own.parameters[name]
@@ -85,7 +85,7 @@ def test_the_diagnosed_calibration_is_kept_and_can_be_diagnosed_again(found: tup
     pixels = np.array([[1600.0, 1200.0], [400.0, 300.0]])
     assert np.array_equal(again.rays(pixels)[1], better.rays(pixels)[1])
     _, second = diagnose(again, Silent())
-    assert second.accepted == ("board_bow",)  # it is in the model already, and nothing is added
+    assert second.accepted == ("board_shape",)  # it is in the model already, and nothing is added
     assert second.after.rms_px == pytest.approx(finding.after.rms_px, rel=0.01)
 
 
@@ -98,10 +98,10 @@ def test_nothing_is_found_where_nothing_is(spoiled: int) -> None:
 
 
 def test_an_effect_can_be_asked_for_by_name(bowed: Calibration) -> None:
-    better = with_named(bowed, ("board_bow",), Silent())
+    better = with_named(bowed, ("board_shape",), Silent())
     (added,) = better.effects
-    value, sigma = added.parameters["board_bow.x"]
-    assert abs(float(value) - TRUTH["board_bow.x"]) < 3 * float(sigma)
+    value, sigma = added.parameters["board_shape.xx"]
+    assert abs(float(value) - TRUTH["board_shape.xx"]) < 3 * float(sigma)
     assert better.stages[-1].name == "cover+rbf+effects"
     assert better.stages[-1].rms_px < 0.5 * better.stages[-2].rms_px
     with pytest.raises(InputError, match="flat_port"):
@@ -110,10 +110,10 @@ def test_an_effect_can_be_asked_for_by_name(bowed: Calibration) -> None:
 
 def test_what_was_added_before_and_is_not_needed_is_dropped(bowed: Calibration) -> None:
     """A pull of the detector that nobody sees, and the bow that everybody does."""
-    said = with_named(bowed, ("detector_bias", "board_bow"), Silent())
+    said = with_named(bowed, ("detector_bias", "board_shape"), Silent())
     better, finding = diagnose(said, Silent())
-    assert finding.accepted == ("board_bow",)
-    assert [type(bend) for bend in better.model()[0].target.bends] == [BoardBow]
+    assert finding.accepted == ("board_shape",)
+    assert [type(bend) for bend in better.model()[0].target.bends] == [BoardShape]
     assert not better.model()[0].adjustments
 
 

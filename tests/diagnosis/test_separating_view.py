@@ -11,8 +11,8 @@ from calib.diagnosis.nearest_effects import nearest_named
 from calib.diagnosis.score_test import Optimum
 from calib.diagnosis.separating_view import separating_view
 from calib.diagnosis.starting_model import base_model
-from calib.effects.board_bow import BoardBow
 from calib.effects.board_scale import BoardScale
+from calib.effects.board_shape import BoardShape
 from calib.effects.detector_bias import DetectorBias
 from calib.effects.focal import Focal
 from calib.effects.free_field import FreeField
@@ -62,7 +62,7 @@ def test_the_name_that_a_field_should_have_had_is_near_it() -> None:
     at = optimum(base_model(made), made.observations, made.poses)
     (field, _) = FreeField.propose(surroundings(at, made.board, CAMERA, place=False))
     values = at.model.with_effect(field).fitted(made.observations, at.joint.poses).values
-    near = nearest_named(at, field, values, (BoardBow(0.08, 0.08), DetectorBias(), BoardScale()))
+    near = nearest_named(at, field, values, (BoardShape(0.08, 0.08), DetectorBias(), BoardScale()))
     assert near[0][0] == "board_scale"
     assert 0.5 < near[0][1] <= 1.0
     assert "detector_bias" not in dict(near)

@@ -4,8 +4,8 @@ import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
-from calib.effects.board_bow import BoardBow
 from calib.effects.board_scale import BoardScale
+from calib.effects.board_shape import BoardShape
 from calib.effects.effect import Effect, Surroundings
 from calib.effects.free_field import FreeField
 from calib.estimation.camera_model import CameraModel
@@ -36,7 +36,7 @@ def land(effect: Effect, pixels: Array, parameters: dict[str, float | Array]) ->
     return landed.numpy()
 
 
-def test_board_bow_is_where_rays_meet_the_dish() -> None:
+def test_board_shape_is_where_rays_meet_the_dish() -> None:
     """Oracle: bisection along each ray for the height above the surface z = bx (1 - (x / 0.08)^2) + by (1 - (y / 0.06)^2)."""
     bow_x, bow_y = 1.1e-3, -0.6e-3
     pixels = projected(np.column_stack([BOARD.points(), np.zeros(BOARD.count)]), POSE)
@@ -50,7 +50,7 @@ def test_board_bow_is_where_rays_meet_the_dish() -> None:
     for direction in pinhole(pixels) @ turn:
         distance = oracle.bisect(lambda t, d=direction: above(start + t * d), 0.0, 1.0)  # type: ignore[misc]
         expected.append((start + distance * direction)[:2])
-    found = land(proposed(BoardBow), pixels, {"board_bow.x": bow_x, "board_bow.y": bow_y})
+    found = land(proposed(BoardShape), pixels, {"board_shape.xx": bow_x, "board_shape.yy": bow_y})
     assert np.abs(found - expected).max() < 1e-13
     assert np.abs(found - BOARD.points()).max() > 3e-4
 
@@ -58,10 +58,14 @@ def test_board_bow_is_where_rays_meet_the_dish() -> None:
 def test_a_positive_bow_takes_the_middle_away_from_the_camera() -> None:
     """A board seen square on: what is farther away lands nearer to the optical axis."""
     path, values = pinhole_path(INTRINSICS)
-    model = CameraModel(path, values, NONE).with_effect(proposed(BoardBow))
+    model = CameraModel(path, values, NONE).with_effect(proposed(BoardShape))
     corner = torch.tensor([[0.0, 0.0], [0.08, 0.06]], dtype=torch.float64)
     pose = torch.tensor([0, 0, 0, 0, 0, 0.5], dtype=torch.float64).expand(2, 6)
-    bowed = {**model.means, "board_bow.x": torch.tensor(1e-3, dtype=torch.float64), "board_bow.y": torch.tensor(2e-3, dtype=torch.float64)}
+    bowed = {
+        **model.means,
+        "board_shape.xx": torch.tensor(1e-3, dtype=torch.float64),
+        "board_shape.yy": torch.tensor(2e-3, dtype=torch.float64),
+    }
     assert np.allclose(model.path.place(corner, bowed, pose)[:, 2].numpy(), [0.503, 0.5], rtol=0, atol=1e-15)
 
 

@@ -10,7 +10,7 @@ from calib.calibration import AddedEffect, Calibration, Stage
 from calib.commands.console import print_fit
 from calib.diagnosis.finding import ParameterEstimate
 from calib.diagnosis.found import found
-from calib.effects.board_bow import BoardBow
+from calib.effects.board_shape import BoardShape
 from calib.effects.cover_radius import CoverRadius
 from calib.effects.effect import Effect
 from calib.effects.focal import Focal
@@ -71,10 +71,10 @@ def test_a_fraction_of_a_declared_number_is_an_increment_of_each(plain: Calibrat
 
 def test_what_no_session_declares_has_its_own_rows(plain: Calibration) -> None:
     """Brown's terms of the effect act before the lens and the other way: they are no increment of OpenCV's coefficients."""
-    bent = with_effect(plain, BoardBow(0.08, 0.08), x=(1.0023e-3, 3.3e-6), y=(-0.6e-3, 3e-6))
+    bent = with_effect(plain, BoardShape(0.08, 0.08), x=(1.0023e-3, 3.3e-6), y=(-0.6e-3, 3e-6))
     assert [(row.name, row.estimated) for row in own_parameters(bent)] == [
-        ("board_bow.x", "1.0023 ± 0.0033 mm"),
-        ("board_bow.y", "-0.6000 ± 0.0030 mm"),
+        ("board_shape.xx", "1.0023 ± 0.0033 mm"),
+        ("board_shape.yy", "-0.6000 ± 0.0030 mm"),
     ]
     assert not [row for row in comparisons(bent) if row.effect]
     lens = with_effect(plain, Lens(), **dict.fromkeys(("k1", "k2", "k3", "p1", "p2"), (0.01, 0.001)))

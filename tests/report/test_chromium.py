@@ -159,9 +159,9 @@ def pages(reported: Reported, few: Calibration, tmp_path_factory: pytest.TempPat
     folder = tmp_path_factory.mktemp("pages")
     found: list[dict[str, object]] = [
         {"effect": name, "accepted": True, "held_out_px_before": 0.3, "held_out_px_after": 0.1, "parameters": {}}
-        for name in ("cover_offset", "board_bow")
+        for name in ("cover_offset", "board_shape")
     ]
-    fitted = with_named(few, ("cover_offset", "board_bow"), Silent())
+    fitted = with_named(few, ("cover_offset", "board_shape"), Silent())
     steps = [{"calibration": "/" + 30 * "far", "holdout": "/held out"}]
     diagnosed = replace(
         fitted,

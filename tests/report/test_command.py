@@ -107,7 +107,7 @@ def test_the_command_asks_for_the_same_fit(settings: Settings) -> None:
         "steps": settings.steps,
         "exact_hit": settings.exact_hit,
         "made_by": {"session": "/there/my session"},
-        "asked": {"depths": [0.5, 1 / 3], "effects": ["board_bow", "focal"]},
+        "asked": {"depths": [0.5, 1 / 3], "effects": ["board_shape", "focal"]},
     } | ({"cross_validation": {"folds": settings.folds}} if settings.folds else {})
     parser = argparse.ArgumentParser()
     fit_command.add_arguments(parser)
@@ -115,7 +115,7 @@ def test_the_command_asks_for_the_same_fit(settings: Settings) -> None:
     assert (program, verb) == ("calib", "fit")
     args = parser.parse_args(words)
     assert (args.session, args.output) == (Path("/there/my session"), Path("/out"))
-    assert (args.depth, args.effects) == ([0.5, 1 / 3], ("board_bow", "focal"))
+    assert (args.depth, args.effects) == ([0.5, 1 / 3], ("board_shape", "focal"))
     assert Settings(args.method, args.grid, args.steps, not args.neglect_shift, args.free, args.folds) == settings
 
 

@@ -105,10 +105,10 @@ def test_a_session_that_moved_with_its_calibration_is_found(few: Calibration, re
 
 
 def test_effects_have_a_row_each(reported: Reported, few: Calibration, tmp_path: Path) -> None:
-    rows = [EffectRow("board_bow", 0.59, 0.17, "x -1.04 ± 0.02 mm"), EffectRow("focal", 0.17, 0.16, "")]
+    rows = [EffectRow("board_shape", 0.59, 0.17, "x -1.04 ± 0.02 mm"), EffectRow("focal", 0.17, 0.16, "")]
     html = write_report(few, tmp_path, Silent(), effects=rows).read_text()
     said = text(html[html.index('<section id="effects"') :])
-    assert "board_bow 0.590 px 0.170 px-71 %x -1.04 ± 0.02 mm" in said
+    assert "board_shape 0.590 px 0.170 px-71 %x -1.04 ± 0.02 mm" in said
     assert 'id="effects"' not in reported.html
 
 

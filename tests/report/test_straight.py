@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from calib.calibration import AddedEffect, Calibration
-from calib.effects.board_bow import BoardBow
+from calib.effects.board_shape import BoardShape
 from calib.optics.projection import project
 from calib.report.evidence import gather_evidence
 from calib.report.straight import lines_across, straight_html
@@ -89,8 +89,8 @@ def test_corners_lie_on_their_lines(few: Calibration) -> None:
 
 def test_a_bow_that_is_known_does_not_bend_the_lines(few: Calibration) -> None:
     """Corners of a board with 2 mm of bow, without noise: what the model knows of the board is not the lens's fault."""
-    figures = {"board_bow.x": (np.array(2e-3), np.array(1e-5)), "board_bow.y": (np.array(-1e-3), np.array(1e-5))}
-    known = replace(few, effects=(AddedEffect(BoardBow(0.08, 0.08), figures),), covariance=np.zeros((0, 0)))
+    figures = {"board_shape.xx": (np.array(2e-3), np.array(1e-5)), "board_shape.yy": (np.array(-1e-3), np.array(1e-5))}
+    known = replace(few, effects=(AddedEffect(BoardShape(0.08, 0.08), figures),), covariance=np.zeros((0, 0)))
     path, values = known.model()
     points, poses = torch.from_numpy(few.board.points()), torch.from_numpy(few.poses)
     corners = [project(path, values, path.place(points, values, pose.expand(len(points), 6))).numpy() for pose in poses]

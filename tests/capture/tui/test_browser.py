@@ -108,7 +108,7 @@ async def _bow(address: str, size: tuple[int, int], folder: Path) -> None:
         await browser.press("e")
         await browser.see("Diagnosis")
         await _keep(browser, size, "bow-2-looking")
-        await browser.see("Found: board_bow.")
+        await browser.see("Found: board_shape.")
         await _keep(browser, size, "bow-3-found")
         await browser.press("Enter")
         await browser.see("cover+rbf+effects")

@@ -10,7 +10,7 @@ from capture.tui.diagnosing import as_text
 from tests.capture.tui.driving import drive, running, see, shown
 
 BOW = Candidate(
-    effect="board_bow",
+    effect="board_shape",
     form="",
     chi2=2838.0,
     dof=2,
@@ -19,7 +19,7 @@ BOW = Candidate(
     held_out_px_before=0.59,
     held_out_px_after=0.17,
     gain_ci95=(0.3, 0.5),
-    parameters={"board_bow.x": ParameterEstimate(0.001002, 3.3e-6, "m")},
+    parameters={"board_shape.xx": ParameterEstimate(0.001002, 3.3e-6, "m")},
     confounded_with=(),
     accepted=True,
     verdict="found",
@@ -30,23 +30,23 @@ FINDING = Diagnosis(
     noise_from="the residual's short-scale part",
     residual=(),
     candidates=(BOW, FOCAL),
-    accepted=("board_bow",),
+    accepted=("board_shape",),
     before=Quality(0.6, 0.05, 0.59),
     after=Quality(0.1, 0.01, 0.17),
     unexplained=0.0,
     organised_by="",
     remarks=("these views do not tell focal from thickness.",),
 )
-NUMBERS = [["board_bow.x 1.0020 ± 0.0033 mm"]]
+NUMBERS = [["board_shape.xx 1.0020 ± 0.0033 mm"]]
 SESSION = Path(__file__).parents[3] / "fixtures" / "bow"
 
 
 def test_what_was_found_with_the_error_before_and_after() -> None:
     lines = as_text(FINDING, NUMBERS).splitlines()
-    assert lines[0] == "Found: board_bow."
+    assert lines[0] == "Found: board_shape."
     assert lines[5].split() == ["held-out", "views", "0.590", "px", "0.170", "px"]
     assert NUMBERS[0][0] in lines
-    assert "board_bow                 0.590 to 0.170 px       found" in lines
+    assert "board_shape                 0.590 to 0.170 px       found" in lines
     assert "Scored too low to be fitted: focal." in lines
     assert lines[-1] == "Note: these views do not tell focal from thickness."
     assert max(map(len, lines)) < 79
@@ -75,7 +75,7 @@ async def _bow(session: Path) -> None:
         await see(pilot, "Press e to look for what the model lacks")
         await pilot.press("e")
         await see(pilot, "Diagnosis")
-        await see(pilot, "Found: board_bow.")
+        await see(pilot, "Found: board_shape.")
         assert _numbers(pilot, "held-out views")[1] < _numbers(pilot, "held-out views")[0] / 4
         await see(pilot, "enter Use them")
         await pilot.press("enter")

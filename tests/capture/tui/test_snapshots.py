@@ -138,7 +138,7 @@ async def results_dropped(pilot: Pilot[None], session: Path) -> None:
 async def results_doubtful(pilot: Pilot[None], session: Path) -> None:
     """As much to be said as there may be."""
     reasons = [
-        "0.227 px are left where the corners' noise is about 0.047 px: it may be board_bow, which would lower it by 87 %.",
+        "0.227 px are left where the corners' noise is about 0.047 px: it may be board_shape, which would lower it by 87 %.",
         "cover.thickness 5.4887 ± 0.43 mm, declared as 3 ± 0.5 mm, 9.8 standard deviations apart: find what the model lacks first.",
         *["Only 57 % of the image has corners: take views with the board where the picture is empty."] * 2,
     ]
@@ -153,7 +153,7 @@ async def effects(pilot: Pilot[None], session: Path) -> None:
     screen = EffectsScreen(session / "missing")
     await pilot.app.push_screen(screen)
     await see(pilot, "Press e to look again")
-    screen.finished({**RESULT, "accepted": ["board_bow"], "text": as_text(FINDING, NUMBERS)})
+    screen.finished({**RESULT, "accepted": ["board_shape"], "text": as_text(FINDING, NUMBERS)})
     await see(pilot, "enter Use them")
 
 
@@ -166,8 +166,8 @@ async def effects_working(pilot: Pilot[None], session: Path) -> None:
     screen.child = Child(fit_session)
     screen._tasks.clear()
     screen.post_message(EffectsScreen.Said(screen.child, {"event": "task", "title": "Diagnosis", "total": 20}))
-    screen.post_message(EffectsScreen.Said(screen.child, {"event": "step", "done": 4, "words": "fit with board_bow"}))
-    await see(pilot, "fit with board_bow")
+    screen.post_message(EffectsScreen.Said(screen.child, {"event": "step", "done": 4, "words": "fit with board_shape"}))
+    await see(pilot, "fit with board_shape")
     await see(pilot, "esc Back ? Help")
 
 

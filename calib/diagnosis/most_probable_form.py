@@ -1,0 +1,21 @@
+"""Of the forms of an effect that differ in how many parameters they have, the one that a fit's evidence chooses."""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from calib.effects.effect import Effect
+from calib.estimation.camera_model import CameraModel
+from calib.estimation.joint_fit import JointFit
+from calib.estimation.observations import Observations
+
+
+def with_most_probable(model: CameraModel, effect: Effect, observations: Observations, poses: Tensor) -> tuple[CameraModel, JointFit]:
+    """The model with the effect, in the most probable of its forms, and the fit; noise and prior are estimated anew.
+
+    Args:
+        poses: (V, 6 or 12) to start from.
+    """
+    forms = [model.with_effect(form) for form in effect.alternatives() or (effect,)]
+    fits = [(form, form.fitted(observations, poses)) for form in forms]
+    return max(fits, key=lambda fit: fit[1].log_evidence)
