@@ -6,7 +6,7 @@ added, if it does so beyond chance (held_out) with all candidates tried so far a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
@@ -113,13 +113,27 @@ class Loop:
         return first, self._left()
 
     def _best(self) -> Trial | None:
-        """The next effect. Numbers of every view can imitate much, so they wait until no effect with a few parameters for all views helps;
-        a field without a name comes last."""
+        """The next effect. Parameters of every view can imitate much, so they wait until no effect with a few for all views helps; and
+        they are taken only if they make the corners more probable, themselves integrated out, than the model as it is, and than a field
+        without a name that all views share."""
         shared, single = ([e for e in EFFECTS if e.per_view is alone] for alone in (False, True))
-        found = self._round(shared) or self._round(single, among=len(shared))
-        if found or not self.organised(self.model, self.joint):
+        if found := self._round(shared):
             return found
-        return self._round(LAST_RESORT, among=len(EFFECTS))
+        private = self._round(single, among=len(shared))
+        asked = private or self.organised(self.model, self.joint)
+        field = self._round(LAST_RESORT, among=len(EFFECTS)) if asked else None
+        return self._most_probable(trial for trial in (field, private) if trial)
+
+    def _most_probable(self, trials: Iterable[Trial]) -> Trial | None:
+        """Of trials whose numbers of parameters have no common measure, the one that makes the corners most probable; None where they are
+        more probable without."""
+        best, most = None, self.joint.log_marginal
+        for trial in trials:
+            assert trial.joint
+            _, joint = with_most_probable(self.model, trial.test.effect, self.observations, trial.joint.poses)
+            if joint.log_marginal > most:
+                best, most = trial, joint.log_marginal
+        return best
 
     def _round(self, effects: Sequence[type[Effect]], among: int = 0) -> Trial | None:
         """Score all effects, fit the best few, and return the one that helps most, if one surely does.

@@ -66,7 +66,9 @@ class JointFit:
     iterations: int
     """Linearisations, of all rounds together."""
     log_evidence: float
-    """The logarithm of the corners' probability, all parameters integrated out, up to a constant of the corners."""
+    """The logarithm of the corners' probability, the shared parameters integrated out, up to a constant of the corners and views."""
+    log_marginal: float
+    """The same with the views' own parameters integrated out as well: it compares models in which these differ."""
 
     @property
     def start(self) -> Start:
@@ -153,7 +155,8 @@ def fit_joint(
     outcome = solution.outcome if finite else Outcome.NOT_FINITE
     covariance = covariance if finite else torch.full_like(covariance, torch.nan)
     log_evidence = _evidence(solution, observations, sigma, parameters)[0].log(sigma, smoothness) if finite else -math.inf
-    return JointFit(parameters.values(shared), poses, covariance, sigma, smoothness, parameters, outcome, spent, log_evidence)
+    log_marginal = log_evidence + _own_evidence(solution, sigma)
+    return JointFit(parameters.values(shared), poses, covariance, sigma, smoothness, parameters, outcome, spent, log_evidence, log_marginal)
 
 
 def _evidence(solution: Solution, observations: Observations, sigma: float, parameters: Parameters) -> tuple[MarginalLikelihood, float]:
@@ -163,3 +166,13 @@ def _evidence(solution: Solution, observations: Observations, sigma: float, para
     square = solution.equations.sum_of_squares * sigma**2
     quadratic = Quadratic.around(hessian, gradient, square, freedom, solution.shared.cpu().numpy())
     return MarginalLikelihood(quadratic, parameters.relief, parameters.free_root()), (square / freedom) ** 0.5
+
+
+def _own_evidence(solution: Solution, sigma: float) -> float:
+    """What integrating the views' own parameters out adds to the evidence: the width of their posterior in that of their prior (Laplace). A
+    pose has no prior, and the same unit one in every model."""
+    blocks, precision = solution.blocks, view_precision(solution.blocks)
+    narrowed = torch.linalg.slogdet(solution.equations.hessian_block).logabsdet.sum()
+    known = precision[precision > 0]
+    apart = float((blocks**2 @ precision).sum())
+    return float(len(blocks) * known.log().sum() - narrowed - apart) / 2 - blocks.numel() * math.log(sigma)

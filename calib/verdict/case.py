@@ -103,6 +103,7 @@ class Case:
             outcome=Outcome.CONVERGED,
             iterations=0,
             log_evidence=np.nan,
+            log_marginal=np.nan,
         )
         return Optimum(model, self.observations, joint)
 

@@ -158,7 +158,7 @@ def test_what_corners_may_be_off_by_is_no_effect() -> None:
 def test_a_candidate_whose_fit_is_not_finite_is_not_taken() -> None:
     test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
     nothing = torch.zeros(0, 0, dtype=torch.float64)
-    joint = JointFit({}, nothing, nothing, 0.1, None, Parameters.none({}), Outcome.NOT_FINITE, 1, -np.inf)
+    joint = JointFit({}, nothing, nothing, 0.1, None, Parameters.none({}), Outcome.NOT_FINITE, 1, -np.inf, -np.inf)
     trial = Trial(test, joint=joint)
     assert not trial.passes
     assert verdict(trial, taken=False) == "not finite"
