@@ -7,6 +7,7 @@ from calib.effects.cover_radius import CoverRadius
 from calib.effects.cover_tilt import CoverTilt
 from calib.effects.detector_bias import DetectorBias
 from calib.effects.effect import Effect
+from calib.effects.entrance_pupil import EntrancePupil
 from calib.effects.fine_surface import FineSurface
 from calib.effects.flat_port import FlatPort
 from calib.effects.focal import Focal
@@ -22,6 +23,7 @@ from calib.effects.wedge import Wedge
 
 EFFECTS: tuple[type[Effect], ...] = (
     Lens,
+    EntrancePupil,
     PrincipalPoint,
     Focal,
     FocalDrift,

@@ -118,9 +118,9 @@ def _fit(calibration: Calibration, sight: Sight, check: Sight, depth: float, len
         raise InputError(f"depth {depth:g} m is too near: write {2.1 * sight.beyond:.2g} or more, so that half of it is beyond the cover.")
     k = camera.intrinsics
     bare = [number.value for number in (k.fx, k.fy, k.cx, k.cy, *k.distortion)]
-    central = calibration.cover.shape == "none"
-    centre = np.zeros(3) if central else sight.nearly_intersect()
-    if central and not lens.fisheye and lens != SPLINED and lens.coefficients >= len(k.distortion):
+    path, _ = calibration.model()
+    centre = np.zeros(3) if path.central else sight.nearly_intersect()
+    if path.central and not path.adjustments and not lens.fisheye and lens != SPLINED and lens.coefficients >= len(k.distortion):
         parameters = np.pad(bare, (0, 4 + lens.coefficients - len(bare)))  # it is one already
     elif lens == SPLINED:
         lens, parameters = fit_spline(sight.tangents(depth, centre), sight.pixels, bare)

@@ -1,4 +1,5 @@
-"""The pinhole and its lens: pixels to rays. The distortion model is OpenCV's, with 0, 4, 5, 8, 12 or 14 coefficients.
+"""The pinhole and its lens: pixels to rays, from one point of the axis or, where the entrance pupil moves, from several. The distortion
+model is OpenCV's, with 0, 4, 5, 8, 12 or 14 coefficients.
 
 Source: OpenCV's calib3d documentation, "Detailed Description", the equations for x'' and the tilted sensor.
 """
@@ -15,6 +16,8 @@ from calib.optics.vector import Vector
 
 COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
 """OpenCV's order."""
+PUPIL = tuple(Param(f"entrance_pupil.{name}", "m", 1e-3) for name in ("e2", "e4"))
+"""By how much the entrance pupil moves along the axis: times the angle's square and its fourth power, rad."""
 
 NEWTON_STEPS = 40
 CONVERGED = 1e-12
@@ -23,27 +26,36 @@ CONVERGED = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class LensModel:
-    """Launches a ray through the pinhole for each pixel. Reads camera.fx, .fy, .cx, .cy and the first `count` coefficients."""
+    """Launches a ray through the entrance pupil for each pixel. Reads camera.fx, .fy, .cx, .cy and the first `count` coefficients."""
 
     count: int
+    pupil: bool = False
+    """Whether the entrance pupil moves."""
 
     @property
     def params(self) -> tuple[Param, ...]:
         pinhole = [Param(f"camera.{name}", "px", 1.0) for name in ("fx", "fy", "cx", "cy")]
-        return (*pinhole, *(Param(f"camera.{name}", "", 1e-3) for name in COEFFICIENTS[: self.count]))
+        return (*pinhole, *(Param(f"camera.{name}", "", 1e-3) for name in COEFFICIENTS[: self.count]), *(PUPIL if self.pupil else ()))
 
     def __call__(self, pixels: Tensor, values: Values) -> Rays:
-        """(..., 2) px to rays that start at the pinhole."""
+        """(..., 2) px to rays that start at the entrance pupil."""
         x = (pixels[..., 0] - values["camera.cx"]) / values["camera.fx"]
         y = (pixels[..., 1] - values["camera.cy"]) / values["camera.fy"]
         failed = torch.zeros_like(x, dtype=torch.bool)
         if self.count:
             x, y, failed = undistort(x, y, self._coefficients(values))
         zero = torch.zeros_like(x)
-        return Rays(Vector(zero, zero, zero), Vector(x, y, torch.ones_like(x)).unit(), failed.to(torch.uint8) * LENS)
+        start = self._pupil(x, y, values) if self.pupil else zero
+        return Rays(Vector(zero, zero, start), Vector(x, y, torch.ones_like(x)).unit(), failed.to(torch.uint8) * LENS)
+
+    def _pupil(self, x: Tensor, y: Tensor, values: Values) -> Tensor:
+        """(...) m along the axis, for rays of these normalised coordinates."""
+        square = (x * x + y * y).clamp_min(1e-24).sqrt().atan() ** 2
+        second, fourth = (values[param.name] for param in PUPIL)
+        return square * (second + square * fourth)
 
     def project(self, points: Tensor, values: Values) -> Tensor:
-        """(..., 3) m in front of the pinhole to (..., 2) px, as if there were no cover."""
+        """(..., 3) m in front of the pinhole to (..., 2) px, as if there were no cover and the pupil kept still."""
         x, y = points[..., 0] / points[..., 2], points[..., 1] / points[..., 2]
         if self.count:
             coefficients = self._coefficients(values)

@@ -51,6 +51,11 @@ class Path:
         return tuple({param.name: param for param in read}.values())
 
     @property
+    def central(self) -> bool:
+        """Whether all rays come from one point, so that a picture is distorted alike at every depth."""
+        return not (self.cover or self.lens.pupil)
+
+    @property
     def parameters_per_view(self) -> int:
         return 12 if self.shutter else 6
 

@@ -18,8 +18,8 @@ CONTOURS = 5
 
 
 def distortion_by_depth(evidence: Evidence) -> Drawing | None:
-    """None without a cover: a pinhole camera's distortion is the same at every depth."""
-    if not evidence.path.cover:
+    """None of a central camera, whose distortion is the same at every depth."""
+    if evidence.path.central:
         return None
     camera = evidence.calibration.camera
     pixels = np.array(list(CHOSEN.values())) * [camera.width - 1, camera.height - 1]

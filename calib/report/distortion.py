@@ -17,7 +17,7 @@ MOST_LEVELS = 4
 
 
 def distortion_fields(evidence: Evidence) -> Drawing:
-    camera, moves = evidence.calibration.camera, bool(evidence.path.cover)
+    camera, moves = evidence.calibration.camera, not evidence.path.central
     depths = list(dict.fromkeys((evidence.depths[0], evidence.depths[-1]))) if moves else [1.0]
     x, y, displacement = lattice(evidence, NODES)
     sizes = [np.linalg.norm(displacement.at(depth), axis=-1) for depth in depths]
@@ -46,7 +46,7 @@ def distortion_fields(evidence: Evidence) -> Drawing:
         draw("distortion", panel, paint),
         "Undistorted minus distorted pixel, for a scene at one depth. Lines join equal lengths; arrows show the direction, each panel's "
         "longest drawn equally long."
-        + (" The panels differ because a cover shifts rays as well as turning them." if len(depths) == 2 else ""),
+        + (" The panels differ because rays are shifted as well as turned." if len(depths) == 2 else ""),
     )
 
 

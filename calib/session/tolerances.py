@@ -35,6 +35,8 @@ PRINCIPAL_POINT = Tolerance(20.0, "px", 1.0, "lenses are mounted off the sensor'
 RADIAL = Tolerance(0.1, "", 1e-3, "lenses that are called free of distortion have coefficients up to here")
 TANGENTIAL = Tolerance(0.01, "", 1e-3, "a lens tilted by half a degree")
 
+ENTRANCE_PUPIL = Tolerance(5e-3, "m", 1e-3, "at a radian off the axis: wide lenses, from some tenths to some millimetres (their length)")
+
 BOARD_SHAPE = Tolerance(3e-3, "m", 1e-3, "boards of makers are bent by 0.3 to 2.5 mm (ten of seventeen measured sets)")
 SQUARE_SIDE = Tolerance(2e-3, "", 1e-3, "of the side: a ruler's half millimetre over a board of 25 cm")
 PRINT_STRETCH = Tolerance(0.01, "", 1e-3, "desktop printers stretch paper by some tenths of a per cent along its feed")
