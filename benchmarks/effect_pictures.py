@@ -20,8 +20,7 @@ from torch import Tensor
 from calib.corners.view import View
 from calib.diagnosis.score_test import Optimum
 from calib.effects.effect import Effect, Surroundings
-from calib.effects.free_field import FreeField
-from calib.effects.registry import EFFECTS
+from calib.effects.registry import FIELDS, KINDS
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.poses import refit_poses
@@ -106,7 +105,8 @@ EXAMPLES = (
     Example("board_shape", BARE, {"x": 1e-3, "y": -5e-4}, ("views", "board")),
     Example("board_scale", BARE, {"x_over_y": 2e-3}, ("views", "board")),
     Example("detector_bias", BARE, {"x": 0.05, "y": 0.05}, ("views", "phase")),
-    Example("free_field", BARE, {"board.x": 1e-4, "board.y": 1e-4}, ("views", "board"), "board"),
+    Example("free_field", BARE, {"board.x": 1e-4, "board.y": 1e-4}, ("views", "board")),
+    Example("lens_field", BARE, {"x": 0.1, "y": 0.1}, ("views", "image")),
 )
 MOTION = (0.02, 0.02, 0.02, 2e-3, 2e-3, 2e-3)
 """rad and m during one readout, the standard deviation over views."""
@@ -199,7 +199,7 @@ class Left:
     @staticmethod
     def of(example: Example) -> Left:
         without = base(example.cover)
-        effect = next(e for e in proposed((*EFFECTS, FreeField), without) if e.name == example.name and example.choice in _choices(e))
+        effect = next(e for e in proposed(KINDS, without) if e.name == example.name and example.choice in _choices(e))
         true = without.with_effect(effect)
         rng = np.random.default_rng(3)
         values = dict(true.means)
@@ -343,7 +343,7 @@ def _print_alike() -> None:
         noise = torch.from_numpy(np.random.default_rng(1).normal(0, 0.1, observations.pixels.shape))
         observations = replace(observations, pixels=observations.pixels + noise)
         at = Optimum(model, observations, model.fitted(observations, torch.from_numpy(poses)))
-        columns = [at.candidate(effect) for effect in proposed(EFFECTS, model)]
+        columns = [at.candidate(effect) for effect in proposed(tuple(k for k in KINDS if k not in FIELDS), model)]
         spans = {c.effect.name + _choices(c.effect)[1].join("()" * bool(_choices(c.effect)[1])): c for c in columns if c.jacobian.size}
         print(f"cover: {cover.shape}")
         for name, one in spans.items():

@@ -17,7 +17,7 @@ from calib.diagnosis.held_out import Gain, HeldOut, Split, gain, hold_out
 from calib.diagnosis.most_probable_form import with_most_probable
 from calib.diagnosis.score_test import Optimum, ScoreTest
 from calib.effects.effect import Effect, Surroundings
-from calib.effects.registry import EFFECTS, LAST_RESORT
+from calib.effects.registry import EFFECTS, FIELDS
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
@@ -121,7 +121,7 @@ class Loop:
             return found
         private = self._round(single, among=len(shared))
         asked = private or self.organised(self.model, self.joint)
-        field = self._round(LAST_RESORT, among=len(EFFECTS)) if asked else None
+        field = self._round(FIELDS, among=len(EFFECTS)) if asked else None
         return self._most_probable(trial for trial in (field, private) if trial)
 
     def _most_probable(self, trials: Iterable[Trial]) -> Trial | None:

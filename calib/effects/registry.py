@@ -15,6 +15,7 @@ from calib.effects.focal_drift import FocalDrift
 from calib.effects.free_field import FreeField
 from calib.effects.inner_surface import InnerSurface
 from calib.effects.lens import Lens
+from calib.effects.lens_field import LensField
 from calib.effects.principal_point import PrincipalPoint
 from calib.effects.refractive_index import RefractiveIndex
 from calib.effects.rolling_shutter import RollingShutter
@@ -43,8 +44,8 @@ EFFECTS: tuple[type[Effect], ...] = (
 )
 """In the order of a ray's way, as reports list them."""
 
-LAST_RESORT: tuple[type[Effect], ...] = (FreeField,)
-"""Tried where none of these helps and the residual is still organised."""
+FIELDS: tuple[type[Effect], ...] = (LensField, FreeField)
+"""Tried where none of these helps and the residual is still organised: they can do much of what others do."""
 
-KINDS: tuple[type[Effect], ...] = (*EFFECTS, *LAST_RESORT)
+KINDS: tuple[type[Effect], ...] = (*EFFECTS, *FIELDS)
 """Every effect, by whose names calibrations and commands call them."""

@@ -45,8 +45,7 @@ def distortion_fields(evidence: Evidence) -> Drawing:
         "The distortion over the image",
         draw("distortion", panel, paint),
         "Undistorted minus distorted pixel, for a scene at one depth. Lines join equal lengths; arrows show the direction, each panel's "
-        "longest drawn equally long."
-        + (" The panels differ because rays are shifted as well as turned." if len(depths) == 2 else ""),
+        "longest drawn equally long." + (" The panels differ because rays are shifted as well as turned." if len(depths) == 2 else ""),
     )
 
 

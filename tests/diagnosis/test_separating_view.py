@@ -60,7 +60,7 @@ def test_the_name_that_a_field_should_have_had_is_near_it() -> None:
     """What is hidden is a stretched print, which a field over the board can do; a bow it cannot."""
     made = fitted(hidden(BoardScale(), {"board_scale.x_over_y": 2e-2}))
     at = optimum(base_model(made), made.observations, made.poses)
-    (field, _) = FreeField.propose(surroundings(at, made.board, CAMERA, place=False))
+    (field,) = FreeField.propose(surroundings(at, made.board, CAMERA, place=False))
     values = at.model.with_effect(field).fitted(made.observations, at.joint.poses).values
     near = nearest_named(at, field, values, (BoardShape(0.08, 0.08), DetectorBias(), BoardScale()))
     assert near[0][0] == "board_scale"

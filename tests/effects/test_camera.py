@@ -10,8 +10,8 @@ from calib.effects.detector_bias import DetectorBias
 from calib.effects.effect import Effect
 from calib.effects.focal import Focal
 from calib.effects.focal_drift import FocalDrift
-from calib.effects.free_field import FreeField
 from calib.effects.lens import Lens
+from calib.effects.lens_field import LensField
 from calib.effects.principal_point import PrincipalPoint
 from calib.effects.rolling_shutter import RollingShutter
 from calib.estimation.camera_model import CameraModel
@@ -138,15 +138,15 @@ def test_a_detector_with_a_positive_bias_draws_corners_to_the_middle_of_a_pixel(
     assert np.abs(seen - directions(None, INTRINSICS, PIXELS)).max() < 1e-14
 
 
-def test_free_field_over_the_image_is_a_cosine_transform_of_shifts() -> None:
+def test_lens_field_is_a_cosine_transform_of_shifts() -> None:
     """Oracle: scipy's DCT at the middles of 9 x 9 fields of the picture."""
     path, values = pinhole_path(INTRINSICS)
     rng = np.random.default_rng(1)
-    parameters = {f"free_field.image.{axis}": rng.normal(0, 0.3, 81) for axis in "xy"}
-    model = CameraModel(path, values, NONE).with_effect(FreeField("image", (-0.5, -0.5), (WIDTH - 0.5, HEIGHT - 0.5), 0.5, 2.0))
+    parameters = {f"lens_field.{axis}": rng.normal(0, 0.3, 81) for axis in "xy"}
+    model = CameraModel(path, values, NONE).with_effect(LensField((-0.5, -0.5), (WIDTH - 0.5, HEIGHT - 0.5), 0.5, 2.0))
     columns, rows = ((np.arange(9) + 0.5) / 9 * size - 0.5 for size in (WIDTH, HEIGHT))
     pixels = np.stack(np.meshgrid(columns, rows, indexing="ij"), -1).reshape(-1, 2)
-    shifts = np.column_stack([waves(parameters[f"free_field.image.{axis}"]).ravel() for axis in "xy"])
+    shifts = np.column_stack([waves(parameters[f"lens_field.{axis}"]).ravel() for axis in "xy"])
     rays = model.path.trace(torch.from_numpy(pixels), {**model.means, **{name: torch.from_numpy(n) for name, n in parameters.items()}})
     found = torch.stack([rays.direction.x / rays.direction.z, rays.direction.y / rays.direction.z], -1).numpy()
     assert np.abs(found - directions(None, INTRINSICS, pixels + shifts)).max() < 1e-14

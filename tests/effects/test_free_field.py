@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from calib.effects.free_field import FIRST_SIZES, KNEES, SIZES, WAVES, FreeField
+from calib.effects.cosine_field import KNEES, SIZES, WAVES
+from calib.effects.free_field import FreeField
 
-FIELD = FreeField("board", (-0.1, -0.1), (0.1, 0.1), FIRST_SIZES["board"], 2.0)
+FIELD = FreeField((-0.1, -0.1), (0.1, 0.1), FreeField.first_size, 2.0)
 SCALE = FIELD.unknowns[0].param.scale
 ROWS = 600
 
@@ -33,7 +34,7 @@ def test_the_evidence_is_the_residual_s_probability() -> None:
         spread = columns * (size / SCALE * falls(knee) / falls(FIELD.knee))
         return float(multivariate_normal.logpdf(residual, np.zeros(ROWS), np.eye(ROWS) + spread @ spread.T))
 
-    best = max(((FIRST_SIZES["board"] * factor, knee) for factor in SIZES for knee in KNEES), key=lambda scale: density(*scale))
+    best = max(((FreeField.first_size * factor, knee) for factor in SIZES for knee in KNEES), key=lambda scale: density(*scale))
     chosen = FIELD.tuned(columns.T @ columns, columns.T @ residual)
     assert (chosen.size, chosen.knee) == best
 

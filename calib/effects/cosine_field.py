@@ -1,0 +1,78 @@
+"""The part that smooth fields share: a displacement over an area, of products of cosines whose sizes the evidence chooses.
+
+Source: N. Ahmed, T. Natarajan, K. Rao, Discrete cosine transform (1974).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from calib.effects.effect import Effect, Unknown
+from calib.optics.params import Param, Values
+
+WAVES = 9
+"""Cosines along each direction, the constant one among them."""
+FIRST_KNEE = 2.0
+SIZES = tuple(10.0 ** (step / 3) for step in range(-8, 4))
+"""Times the first size."""
+KNEES = (1.0, 2.0, 4.0, 8.0)
+
+
+@dataclass(frozen=True, slots=True)
+class CosineField(Effect):
+    """Products of cosines, as of a discrete cosine transform, for each of the two directions."""
+
+    low: tuple[float, float]
+    """m or px, of the area."""
+    high: tuple[float, float]
+    size: float
+    """m or px: standard deviation of the displacement's lowest waves."""
+    knee: float
+    """The wave from which on they are the smaller the finer they are."""
+    area: ClassVar[str]
+    """The parameters' name, less their direction."""
+    unit: ClassVar[str]
+    scale: ClassVar[float]
+    first_size: ClassVar[float]
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        return tuple(Unknown(Param(f"{self.area}.{axis}", self.unit, self.scale, (WAVES**2,)), self.size) for axis in "xy")
+
+    @property
+    def params(self) -> tuple[Param, ...]:
+        return tuple(unknown.param for unknown in self.unknowns)
+
+    def tuned(self, information: NDArray[np.float64], score: NDArray[np.float64]) -> Self:
+        """With the size and the knee of the largest evidence: of the residual's probability, the field itself integrated out."""
+        forms = [replace(self, size=self.first_size * factor, knee=knee) for factor in SIZES for knee in KNEES]
+        mine = self._falls(torch.float64).numpy().ravel() * self.scale
+
+        def evidence(form: Self) -> float:
+            spread = np.tile(form.size * form._falls(torch.float64).numpy().ravel() / mine, 2)  # of my parameters over their scales
+            weighed = np.eye(len(score)) + spread[:, None] * information * spread
+            scaled = spread * score
+            return float(scaled @ np.linalg.solve(weighed, scaled) - np.linalg.slogdet(weighed)[1]) / 2
+
+        return max(forms, key=evidence)
+
+    def _falls(self, dtype: torch.dtype) -> Tensor:
+        """(WAVES, WAVES) how much of each wave there is."""
+        order = torch.arange(WAVES, dtype=dtype)
+        return 1 / (1 + (order[:, None] ** 2 + order**2) / self.knee**2)
+
+    def shift(self, x: Tensor, y: Tensor, values: Values) -> tuple[Tensor, Tensor]:
+        """(...) m or px by which a point is moved."""
+        u, v = ((at - low) / (high - low) for at, low, high in zip((x, y), self.low, self.high, strict=True))
+        order = torch.arange(WAVES, dtype=x.dtype, device=x.device) * torch.pi
+        along_x, along_y = (torch.cos(at.unsqueeze(-1) * order) for at in (u, v))  # (..., WAVES)
+        falls = self._falls(x.dtype).to(x.device)
+        waves = ((along_x.unsqueeze(-1) * along_y.unsqueeze(-2)) * falls).flatten(-2)  # (..., WAVES^2)
+        right, down = ((values[param.name] * waves).sum(-1) for param in self.params)
+        return right, down
