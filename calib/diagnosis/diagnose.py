@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from calib.calibration import Calibration
 from calib.corners.view import are_timed, board_poses
 from calib.diagnosis.diagnosed import with_fit
+from calib.diagnosis.families import settle
 from calib.diagnosis.finding import Candidate, Diagnosis, ParameterEstimate, Quality
 from calib.diagnosis.held_out import FOLDS, bands, folds
 from calib.diagnosis.selection import ROUNDS, TRIED, Loop
@@ -75,12 +76,16 @@ def diagnose(calibration: Calibration, progress: Progress = Silent(), holdout: S
                 organising_of(split_of(calibration, model, joint, observations, _missed(model, joint, observations)))
             ),
         )
-        first, last = loop.run()
+        first = loop.run()
+        advance(ROUNDS + 2 * TRIED - 1, "rivals")
+        after = _missed(loop.model, loop.joint, observations)
+        families = settle(loop, min(1.0, (_noise(after, calibration) / after.rms_px) ** 2))
+        last = loop.left()
         advance(ROUNDS + 2 * TRIED, "")
         before, after = _missed(model, joint, observations), _missed(loop.model, loop.joint, observations)
         shares = split_of(calibration, model, joint, observations, before)
         organising = organising_of(split_of(calibration, loop.model, loop.joint, observations, after))
-        said = tuple(remarks(loop, organising, timed=are_timed(calibration.views)))
+        said = tuple(remarks(loop, families, organising, timed=are_timed(calibration.views)))
     accepted = tuple(effect.name for effect in loop.model.effects)
     found = with_fit(calibration, loop.model, loop.joint, observations)
     held = first.rms, last.rms
@@ -91,15 +96,15 @@ def diagnose(calibration: Calibration, progress: Progress = Silent(), holdout: S
             evaluate(base, holdout, progress, halves=halves).rms_px,
             evaluate(found, holdout, progress, halves=halves).rms_px,
         )
-    grid = on_board(after.image, calibration.views)
-    still = burst_noise(grid, poses)
-    noise = still if np.isfinite(still) else short_scale_noise(grid, calibration.board)
+    noise = _noise(after, calibration)
+    still = burst_noise(on_board(after.image, calibration.views), poses)
     finding = Diagnosis(
         noise_px=noise,
         noise_from="pictures of one pose of the board" if np.isfinite(still) else "the residual's short-scale part",
         residual=tuple(shares),
         candidates=tuple(_candidates(loop, accepted)),
         accepted=accepted,
+        families=families,
         before=Quality(before.rms_px, before.rmse_cm, held[0]),
         after=Quality(after.rms_px, after.rmse_cm, held[1]),
         unexplained=_unexplained(after, noise, observations, loop.joint),
@@ -114,6 +119,13 @@ def _depths(model: CameraModel, joint: JointFit, observations: Observations) -> 
     timed = observations.with_times(joint.values)
     depth = model.path.place(observations.corners, timed, joint.poses[observations.view])[:, 2].numpy()
     return np.asarray(np.bincount(observations.view.numpy(), depth) / np.bincount(observations.view.numpy()))
+
+
+def _noise(left: Residuals, calibration: Calibration) -> float:
+    """px, of what is left: from the pictures of one pose of the board, or its short-scale part."""
+    grid = on_board(left.image, calibration.views)
+    still = burst_noise(grid, board_poses(calibration.views))
+    return still if np.isfinite(still) else short_scale_noise(grid, calibration.board)
 
 
 def _missed(model: CameraModel, joint: JointFit, observations: Observations) -> Residuals:

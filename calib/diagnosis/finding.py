@@ -56,6 +56,22 @@ class Candidate:
 
 
 @dataclass(frozen=True, slots=True)
+class Family:
+    """Effects of which one is present, and these views do not say which."""
+
+    name: str
+    """In plain words."""
+    members: Mapping[str, float]
+    """The probability of each, the most probable first."""
+    experiment: str
+    """The sentence that says what would decide."""
+
+    def __str__(self) -> str:
+        among = ", ".join(f"{name} ({chance:.2f})" for name, chance in self.members.items())
+        return f"What was found is {self.name}, but these views do not say what: {among}. {self.experiment}"
+
+
+@dataclass(frozen=True, slots=True)
 class Quality:
     """How far a model is off."""
 
@@ -75,6 +91,7 @@ class Diagnosis:
     """Of the fit that was diagnosed."""
     candidates: tuple[Candidate, ...]
     accepted: tuple[str, ...]
+    """Of a family, the most probable member."""
     before: Quality
     after: Quality
     unexplained: float
@@ -83,6 +100,8 @@ class Diagnosis:
     """What organises it; empty where it is noise."""
     remarks: tuple[str, ...]
     """What cannot be told, a sentence each."""
+    families: tuple[Family, ...] = ()
+    """Of the accepted effects that these views cannot tell from others."""
 
     def as_json(self) -> dict[str, Any]:
         """The contract's object."""
@@ -96,6 +115,7 @@ class Diagnosis:
             },
             "candidates": [asdict(candidate) for candidate in self.candidates],
             "accepted": list(self.accepted),
+            "families": [asdict(family) for family in self.families],
             "before": before,
             "after": after,
             "unexplained": {"fraction": self.unexplained, "organised_by": self.organised_by},

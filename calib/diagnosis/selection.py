@@ -99,9 +99,9 @@ class Loop:
     known: dict[tuple[bool, bool], HeldOut] = field(default_factory=dict)
     """What the model leaves on held-out views, by `half` and `banded`."""
 
-    def run(self) -> tuple[HeldOut, HeldOut]:
-        """Add what is missing; returns what was left on held-out views before and after."""
-        first = self._left()
+    def run(self) -> HeldOut:
+        """Add what is missing; returns what was left on held-out views before."""
+        first = self.left()
         newest = None
         for _ in range(ROUNDS):
             best = self._best()
@@ -110,7 +110,16 @@ class Loop:
             self._accept(best)
             newest = self.model.effects[-1]
         self._backward(newest)
-        return first, self._left()
+        return first
+
+    def replace(self, test: ScoreTest, without: CameraModel, model: CameraModel, joint: JointFit) -> None:
+        """Go on with another model, whose last effect, scored so, was not there `without`."""
+        half = any(effect.per_view for effect in model.effects)
+        before = self._fresh(without, half=half)
+        self.model, self.joint = model, joint
+        self.known.clear()
+        held = self.left(half=half)
+        self.trials[test.effect.name, test.effect.form] = Trial(test, gain(before, held), held, joint)
 
     def _best(self) -> Trial | None:
         """The next effect. Parameters of every view can imitate much, so they wait until no effect with a few for all views helps; and
@@ -168,10 +177,10 @@ class Loop:
             return trial
         half = test.effect.per_view or self.model.path.shutter
         held = hold_out(wider, self.observations, joint, self.folds, half=half)
-        trial = Trial(test, gain(self._left(half=half), held), held, joint, among)
+        trial = Trial(test, gain(self.left(half=half), held), held, joint, among)
         if trial.large and self.bands:
             there = hold_out(wider, self.observations, joint, self.bands, half=half)
-            trial = replace(trial, bands=gain(self._left(half=half, banded=True), there))
+            trial = replace(trial, bands=gain(self.left(half=half, banded=True), there))
         if not (known and known.gain and trial.gain and known.gain.relative > trial.gain.relative):
             self.trials[key] = trial
         return trial
@@ -196,7 +205,7 @@ class Loop:
             beside = [e for e in self.model.effects if effect.per_view or not e.per_view]
             fewer = self.base.with_effects(e for e in beside if e is not effect)
             half = any(e.per_view for e in beside)
-            left = self._left() if len(beside) == len(self.model.effects) else self._fresh(self.base.with_effects(beside), half=half)
+            left = self.left() if len(beside) == len(self.model.effects) else self._fresh(self.base.with_effects(beside), half=half)
             lost = gain(self._fresh(fewer, half=half), left)
             if lost.p_value > NEEDED or not worth(lost):
                 model = self.base.with_effects(e for e in self.model.effects if e is not effect)
@@ -211,7 +220,7 @@ class Loop:
         joint = model.fitted(self.observations, self.joint.poses, self.joint.start)
         return hold_out(model, self.observations, joint, self.folds, half=half)
 
-    def _left(self, *, half: bool | None = None, banded: bool = False) -> HeldOut:
+    def left(self, *, half: bool | None = None, banded: bool = False) -> HeldOut:
         """What the model leaves on held-out views; whether its views' own parameters ask for half of the corners, it knows itself."""
         key = self.model.path.shutter if half is None else half, banded
         if key not in self.known:

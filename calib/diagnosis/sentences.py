@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
+from calib.diagnosis.finding import Family
 from calib.diagnosis.nearest_effects import nearest_named
 from calib.diagnosis.score_test import Optimum
 from calib.diagnosis.selection import Loop, Trial
@@ -34,12 +35,16 @@ def verdict(trial: Trial, *, taken: bool) -> str:
     return "too small" if trial.confirmed else "not confirmed"
 
 
-def remarks(loop: Loop, left: Sequence[Share], *, timed: bool) -> Iterator[str]:
+def remarks(loop: Loop, families: Sequence[Family], left: Sequence[Share], *, timed: bool) -> Iterator[str]:
     """What cannot be told, and what is left."""
+    yield from map(str, families)
+    told = {name for family in families for name in family.members}
     for effect in loop.model.effects:
         like = sorted(loop.confounded.get(effect.name, ()))
-        if like:
-            yield f"These views cannot tell {effect.name} from {' or '.join(like)}. {_separation(loop, effect, like)}"
+        if like and effect.name not in told:
+            present = {e.name for e in loop.model.effects}
+            others = {name: trial.test.effect for (name, _), trial in loop.trials.items() if name in like and name not in present}
+            yield f"These views cannot tell {effect.name} from {' or '.join(like)}. {separation(loop, effect, tuple(others.values()))}"
         if not effect.has_cause:
             yield f"free_field has no name: it describes the error and mends it, but what causes it is not known. {_nearest(loop, effect)}"
     if not timed and any(effect.name == "focal_drift" for effect in loop.model.effects):
@@ -51,12 +56,11 @@ def remarks(loop: Loop, left: Sequence[Share], *, timed: bool) -> Iterator[str]:
         )
 
 
-def _separation(loop: Loop, effect: Effect, like: Sequence[str]) -> str:
-    """What would tell an effect from its like."""
-    present = {e.name for e in loop.model.effects}
-    others = {name: trial.test.effect for (name, _), trial in loop.trials.items() if name in like and name not in present}
+def separation(loop: Loop, effect: Effect, others: Sequence[Effect]) -> str:
+    """What would tell an effect of the model from others that are not in it."""
     at = Optimum(loop.model, loop.observations, loop.joint)
-    view = separating_view(at, loop.board, loop.camera, effect, tuple(others.values())) if others else None
+    asked = effect.unknowns and all(other.unknowns for other in others)  # what single views have for themselves, no pose tells
+    view = separating_view(at, loop.board, loop.camera, effect, others) if others and asked else None
     if view is None or view.shrinks < TELLS:
         return f"To separate them, {effect.advice}."
     where = words(view.pose, view.corners, (loop.camera.width, loop.camera.height), None, view.reach)

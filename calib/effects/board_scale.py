@@ -20,6 +20,7 @@ class BoardScale(Effect):
     """x is longer by half of the stretch, and y shorter by half of it."""
 
     name: ClassVar[str] = "board_scale"
+    about: ClassVar[str] = "the board"
     advice: ClassVar[str] = "turn the board by 90 degrees in half of the views"
 
     @classmethod

@@ -35,6 +35,7 @@ class BoardShape(Effect):
     half_y: float
     degree: int = DEGREES[0]
     name: ClassVar[str] = "board_shape"
+    about: ClassVar[str] = "the board"
     advice: ClassVar[str] = (
         "tilt the board by 40 degrees and more, in both directions, so that its middle and its edges lie at different depths"
     )

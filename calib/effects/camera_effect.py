@@ -18,6 +18,7 @@ class CameraEffect(Effect):
     """An effect that is an adjustment itself."""
 
     name: ClassVar[str]
+    about: ClassVar[str]
     unknowns_: ClassVar[tuple[Unknown, ...]]
 
     @classmethod

@@ -18,6 +18,7 @@ class CoverEffect(Effect):
     parameters: tuple[str, ...]
     """Those that this cover has."""
     name: ClassVar[str]
+    about: ClassVar[str] = "the cover"
     candidates: ClassVar[dict[str, Tolerance]]
     """Every parameter that may be meant, and its prior around what is stated."""
 

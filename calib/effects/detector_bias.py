@@ -21,6 +21,7 @@ class DetectorBias(CameraEffect):
     """A corner was seen too far right by -bias sin(2 pi x), x its place in px: with a positive bias, pulled to the middle of a pixel."""
 
     name: ClassVar[str] = "detector_bias"
+    about: ClassVar[str] = "the corners' detector"
     advice: ClassVar[str] = "take sharper pictures, at a higher resolution"
     unknowns_: ClassVar[tuple[Unknown, ...]] = UNKNOWNS
 

@@ -63,6 +63,8 @@ class Effect(Protocol):
     """One physical cause of error, as a change of the ray path."""
 
     name: ClassVar[str]
+    about: ClassVar[str]
+    """Where it sits: the end of "something about ..."."""
     advice: ClassVar[str]
     """What to do to tell it from its like, where no one pose of the board does: the end of "To separate them, ..."."""
     per_view: ClassVar[bool] = False

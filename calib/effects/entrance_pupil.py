@@ -19,6 +19,7 @@ class EntrancePupil(Effect):
     """A ray at an angle a to the axis starts at z = e2 a^2 + e4 a^4 on it."""
 
     name: ClassVar[str] = "entrance_pupil"
+    about: ClassVar[str] = "the lens"
     advice: ClassVar[str] = "hold the board as near as the lens is sharp and far away, in the picture's corners too"
 
     @classmethod

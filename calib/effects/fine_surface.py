@@ -22,6 +22,7 @@ class FineSurface(Effect):
     low: tuple[float, float]
     high: tuple[float, float]
     name: ClassVar[str] = "fine_surface"
+    about: ClassVar[str] = "the cover"
     needs_place: ClassVar[bool] = True
     advice: ClassVar[str] = "fill the place in question with corners: a board with smaller squares, or more views there"
 

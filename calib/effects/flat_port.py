@@ -32,6 +32,7 @@ class FlatPort(Effect):
     behind: str
     """air or water"""
     name: ClassVar[str] = "flat_port"
+    about: ClassVar[str] = "what stands before the lens"
     advice: ClassVar[str] = "hold the board near and far: what a window does depends on depth, what a lens does not"
     judged_by_score: ClassVar[bool] = False
 

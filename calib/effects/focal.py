@@ -19,6 +19,7 @@ class Focal(CameraEffect):
     """fx and fy are larger by the same fraction."""
 
     name: ClassVar[str] = "focal"
+    about: ClassVar[str] = "the lens"
     advice: ClassVar[str] = "tilt the board, and hold it near and far"
     unknowns_: ClassVar[tuple[Unknown, ...]] = (CHANGE,)
 

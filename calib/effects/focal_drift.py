@@ -18,6 +18,7 @@ class FocalDrift(CameraEffect):
     """By this fraction from the first picture to the last, evenly in time; in the middle it is as stated."""
 
     name: ClassVar[str] = "focal_drift"
+    about: ClassVar[str] = "the lens"
     advice: ClassVar[str] = "take the same board pose at the beginning and at the end"
     unknowns_: ClassVar[tuple[Unknown, ...]] = (DRIFT,)
 

@@ -15,6 +15,7 @@ class FreeField(CosineField):
     """Corners are printed elsewhere than on their grid."""
 
     name: ClassVar[str] = "free_field"
+    about: ClassVar[str] = "the board"
     has_cause: ClassVar[bool] = False
     advice: ClassVar[str] = "turn the board by 90 degrees in some views, and move it over the whole picture"
     area: ClassVar[str] = "free_field.board"

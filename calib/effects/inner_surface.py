@@ -20,6 +20,7 @@ class InnerSurface(Effect):
     low: tuple[float, float]
     high: tuple[float, float]
     name: ClassVar[str] = "inner_surface"
+    about: ClassVar[str] = "the cover"
     advice: ClassVar[str] = "hold the board as near as it fits into the picture, where parallax tells the two surfaces apart"
 
     @classmethod

@@ -25,6 +25,7 @@ class Lens(CameraEffect):
     """Pixels are moved before the lens that the session states."""
 
     name: ClassVar[str] = "lens"
+    about: ClassVar[str] = "the lens"
     advice: ClassVar[str] = "take pictures without the cover (bare/), and boards at very different depths"
     unknowns_: ClassVar[tuple[Unknown, ...]] = UNKNOWNS
 

@@ -19,6 +19,7 @@ class LensField(CosineField):
     """Pixels are moved before the lens that the session states."""
 
     name: ClassVar[str] = "lens_field"
+    about: ClassVar[str] = "the lens"
     advice: ClassVar[str] = "move the board over the whole picture, near and far, and turn it by 90 degrees in some views"
     area: ClassVar[str] = "lens_field"
     unit: ClassVar[str] = "px"

@@ -19,6 +19,7 @@ class PrincipalPoint(CameraEffect):
     """It lies this much farther right and farther down."""
 
     name: ClassVar[str] = "principal_point"
+    about: ClassVar[str] = "the lens"
     advice: ClassVar[str] = "turn the camera, or the board, by 90 degrees in some views"
     unknowns_: ClassVar[tuple[Unknown, ...]] = UNKNOWNS
 

@@ -14,6 +14,7 @@ class RollingShutter(Effect):
     """Six more parameters in every view: how far its board turns and moves during one readout. The readout's time is not needed."""
 
     name: ClassVar[str] = "rolling_shutter"
+    about: ClassVar[str] = "each single view"
     advice: ClassVar[str] = "hold the board still, or on a tripod, for some views"
     per_view: ClassVar[bool] = True
 

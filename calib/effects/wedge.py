@@ -17,6 +17,7 @@ class Wedge(Effect):
 
     axes: str
     name: ClassVar[str] = "wedge"
+    about: ClassVar[str] = "the cover"
     advice: ClassVar[str] = "hold the board as near as it fits into the picture, at its left and its right side"
 
     @classmethod
