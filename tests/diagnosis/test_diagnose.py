@@ -27,7 +27,7 @@ from calib.progress import Silent
 from tests.diagnosis.hide import fitted, hidden
 
 BOW = BoardShape(0.08, 0.08)
-TRUTH = {"board_shape.xx": 6e-4, "board_shape.yy": -4e-4}
+TRUTH = {"board_shape.xx": 6e-4, "board_shape.xy": 3e-4, "board_shape.yy": -4e-4}
 
 
 @pytest.fixture(scope="module")

@@ -36,23 +36,43 @@ def land(effect: Effect, pixels: Array, parameters: dict[str, float | Array]) ->
     return landed.numpy()
 
 
-def test_board_shape_is_where_rays_meet_the_dish() -> None:
-    """Oracle: bisection along each ray for the height above the surface z = bx (1 - (x / 0.08)^2) + by (1 - (y / 0.06)^2)."""
-    bow_x, bow_y = 1.1e-3, -0.6e-3
+def test_board_shape_is_where_rays_meet_the_surface() -> None:
+    """Oracle: bisection along each ray for the height above xx (1 - u^2) + xy u v + yy (1 - v^2) and numpy's Legendre series in u and v."""
+    rng = np.random.default_rng(6)
+    effect = proposed(BoardShape)
+    sizes = {unknown.param.name.removeprefix("board_shape."): float(rng.normal(0, 2e-4)) for unknown in effect.unknowns}
+    assert len(sizes) == 12
+    series = np.zeros((5, 5))
+    for term, size in sizes.items():
+        if len(term) > 2:
+            series[term.count("x"), term.count("y")] = size
     pixels = projected(np.column_stack([BOARD.points(), np.zeros(BOARD.count)]), POSE)
     turn = Rotation.from_rotvec(POSE[:3]).as_matrix()
     start = -POSE[3:] @ turn
 
     def above(point: Array) -> float:
-        return float(point[2] - bow_x * (1 - (point[0] / 0.08) ** 2) - bow_y * (1 - (point[1] / 0.06) ** 2))
+        u, v = point[0] / 0.08, point[1] / 0.06
+        dish = sizes["xx"] * (1 - u**2) + sizes["xy"] * u * v + sizes["yy"] * (1 - v**2)
+        return float(point[2] - dish - np.polynomial.legendre.legval2d(u, v, series))
 
     expected = []
     for direction in pinhole(pixels) @ turn:
         distance = oracle.bisect(lambda t, d=direction: above(start + t * d), 0.0, 1.0)  # type: ignore[misc]
         expected.append((start + distance * direction)[:2])
-    found = land(proposed(BoardShape), pixels, {"board_shape.xx": bow_x, "board_shape.yy": bow_y})
+    found = land(effect, pixels, {f"board_shape.{term}": size for term, size in sizes.items()})
     assert np.abs(found - expected).max() < 1e-13
-    assert np.abs(found - BOARD.points()).max() > 3e-4
+    assert np.abs(found - BOARD.points()).max() > 1e-4
+
+
+def test_board_shape_takes_the_degree_that_made_the_residual() -> None:
+    """Random directions of the corners, exactly known, and a residual of some of the terms."""
+    rng = np.random.default_rng(8)
+    effect = proposed(BoardShape)
+    assert isinstance(effect, BoardShape)
+    columns = rng.normal(0, 100.0, (400, 12))
+    for degree, count in ((2, 3), (3, 7), (4, 12)):
+        residual = columns[:, :count] @ rng.normal(0, 0.2, count) + rng.standard_normal(400)
+        assert effect.tuned(columns.T @ columns, columns.T @ residual).degree == degree
 
 
 def test_a_positive_bow_takes_the_middle_away_from_the_camera() -> None:

@@ -71,9 +71,10 @@ def test_a_fraction_of_a_declared_number_is_an_increment_of_each(plain: Calibrat
 
 def test_what_no_session_declares_has_its_own_rows(plain: Calibration) -> None:
     """Brown's terms of the effect act before the lens and the other way: they are no increment of OpenCV's coefficients."""
-    bent = with_effect(plain, BoardShape(0.08, 0.08), x=(1.0023e-3, 3.3e-6), y=(-0.6e-3, 3e-6))
+    bent = with_effect(plain, BoardShape(0.08, 0.08), xx=(1.0023e-3, 3.3e-6), xy=(2e-4, 3e-6), yy=(-0.6e-3, 3e-6))
     assert [(row.name, row.estimated) for row in own_parameters(bent)] == [
         ("board_shape.xx", "1.0023 ± 0.0033 mm"),
+        ("board_shape.xy", "0.2000 ± 0.0030 mm"),
         ("board_shape.yy", "-0.6000 ± 0.0030 mm"),
     ]
     assert not [row for row in comparisons(bent) if row.effect]

@@ -89,7 +89,8 @@ def test_corners_lie_on_their_lines(few: Calibration) -> None:
 
 def test_a_bow_that_is_known_does_not_bend_the_lines(few: Calibration) -> None:
     """Corners of a board with 2 mm of bow, without noise: what the model knows of the board is not the lens's fault."""
-    figures = {"board_shape.xx": (np.array(2e-3), np.array(1e-5)), "board_shape.yy": (np.array(-1e-3), np.array(1e-5))}
+    shape = {"xx": 2e-3, "xy": 5e-4, "yy": -1e-3}
+    figures = {f"board_shape.{term}": (np.array(size), np.array(1e-5)) for term, size in shape.items()}
     known = replace(few, effects=(AddedEffect(BoardShape(0.08, 0.08), figures),), covariance=np.zeros((0, 0)))
     path, values = known.model()
     points, poses = torch.from_numpy(few.board.points()), torch.from_numpy(few.poses)
