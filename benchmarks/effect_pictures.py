@@ -25,6 +25,7 @@ from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.poses import refit_poses
 from calib.estimation.priors import NONE, Priors
+from calib.optics.board_target import FLEX, MOTION
 from calib.optics.build import covered_path, footprint, with_relief
 from calib.optics.params import LINE, TIME
 from calib.optics.projection import project
@@ -89,6 +90,7 @@ class Example:
 
 EXAMPLES = (
     Example("lens", BARE, {"k1": 3e-3}, ("views", "image")),
+    Example("entrance_pupil", BARE, {"e2": 3e-3, "e4": 0.0}, ("views", "image")),
     Example("principal_point", BARE, {"x": 5.0, "y": 0.0}, ("views", "image")),
     Example("focal", BARE, {"change": 5e-3}, ("views", "image")),
     Example("focal_drift", BARE, {"over_session": 1e-2}, ("views", "time")),
@@ -102,14 +104,15 @@ EXAMPLES = (
     Example("wedge", CONE, {"x": 0.0, "z": 3e-3}, ("views", "image")),
     Example("inner_surface", CONE, {"amplitudes": 1e-5}, ("views", "image")),
     Example("fine_surface", CONE, {"amplitudes": 2e-6}, ("views", "image")),
-    Example("board_shape", BARE, {"x": 1e-3, "y": -5e-4}, ("views", "board")),
+    Example("board_shape", BARE, {"xx": 1e-3, "xy": 3e-4, "yy": -5e-4}, ("views", "board")),
+    Example("board_flex", BARE, {}, ("views", "board")),
     Example("board_scale", BARE, {"x_over_y": 2e-3}, ("views", "board")),
     Example("detector_bias", BARE, {"x": 0.05, "y": 0.05}, ("views", "phase")),
     Example("free_field", BARE, {"board.x": 1e-4, "board.y": 1e-4}, ("views", "board")),
     Example("lens_field", BARE, {"x": 0.1, "y": 0.1}, ("views", "image")),
 )
-MOTION = (0.02, 0.02, 0.02, 2e-3, 2e-3, 2e-3)
-"""rad and m during one readout, the standard deviation over views."""
+DRAWN = {MOTION: (0.02, 0.02, 0.02, 2e-3, 2e-3, 2e-3), FLEX: (3e-4, 3e-4, 3e-4)}
+"""Rad and m during one readout, and m of bending: the standard deviation over views."""
 
 
 def main() -> None:
@@ -172,7 +175,7 @@ def seen(model: CameraModel, values: dict[str, Tensor], poses: Array) -> Observa
     points = torch.from_numpy(BOARD.points())
     views = []
     for view, pose in enumerate(poses):
-        parameters = torch.from_numpy(np.concatenate([pose, rng.normal(0, MOTION)])[: model.path.parameters_per_view]).expand(
+        parameters = torch.from_numpy(np.concatenate([pose, *(rng.normal(0, DRAWN[part]) for part in model.path.view_parts[1:])])).expand(
             BOARD.count, -1
         )
         time = torch.full((BOARD.count,), view / (VIEWS - 1) - 0.5, dtype=torch.float64)

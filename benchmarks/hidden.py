@@ -18,6 +18,7 @@ from calib.effects.flat_port import WALL, FlatPort
 from calib.estimation.poses import refit_poses
 from calib.estimation.residuals import residuals
 from calib.fitting.stages import Settings
+from calib.optics.board_target import FLEX, MOTION
 from calib.optics.projection import project
 from calib.session.cover import Cover
 from fixtures.calibrated import GLASS, calibrate
@@ -32,7 +33,7 @@ SMALL = {"m": 1e-5, "rad": 1e-4, "px": 0.01, "": 1e-4}
 """What the search for the smallest size begins with."""
 THICKEST = 0.02
 """m, of a window in air."""
-MOTION = [1e-4] * 3 + [1e-5] * 3
+DRAWN = {MOTION: [1e-4] * 3 + [1e-5] * 3, FLEX: [1e-5] * 3}
 """rad and m: the same for a board that moves."""
 
 
@@ -43,7 +44,7 @@ class Hidden:
     made: Scene
     effect: Effect
     direction: dict[str, Tensor]
-    motions: Tensor
+    own: Tensor
     """(V, 6)"""
 
     @classmethod
@@ -59,15 +60,16 @@ class Hidden:
         forms = kind.propose(Surroundings(made.board, WIDTH, HEIGHT, made.path, made.values, place=place))
         if not forms:
             return None
-        motions = torch.from_numpy(rng.normal(0, MOTION, (VIEWS, 6)))
-        return cls(made, forms[0], direction(forms[0], rng), motions).scaled()
+        spread = DRAWN.get(forms[0].per_view, ())
+        own = torch.from_numpy(rng.normal(0, spread, (VIEWS, len(spread))))
+        return cls(made, forms[0], direction(forms[0], rng), own).scaled()
 
     @classmethod
     def under_water(cls, seed: int) -> Self:
         """A port in water, which has no size: it is there or not."""
         port = FlatPort("water")
         there = {u.param.name: torch.tensor(u.begin - u.neutral, dtype=torch.float64) for u in port.unknowns}
-        return cls(bare(seed), port, there, torch.zeros(VIEWS, 6, dtype=torch.float64))
+        return cls(bare(seed), port, there, torch.zeros(VIEWS, 0, dtype=torch.float64))
 
     def possible(self, size: float) -> bool:
         """Whether there is such a thing, and every corner is still seen."""
@@ -79,14 +81,14 @@ class Hidden:
         size = 1.0
         for _ in range(4):
             size *= NOISE / float(np.linalg.norm(self.shift(size), axis=-1).max())
-        return replace(self, direction={name: size * step for name, step in self.direction.items()}, motions=size * self.motions)
+        return replace(self, direction={name: size * step for name, step in self.direction.items()}, own=size * self.own)
 
     def session(self, size: float, noise: float = NOISE) -> Scene:
         """The scene with its corners where the effect puts them. They are NaN where it puts them out of sight."""
         path = self.effect.apply(self.made.path)
         moved = {u.param.name: u.neutral + size * self.direction.get(u.param.name, torch.zeros(())) for u in self.effect.unknowns}
         values = {**self.made.values, **moved}
-        poses = torch.cat([self.made.poses, size * self.motions], 1) if self.effect.per_view else self.made.poses
+        poses = torch.cat([self.made.poses, size * self.own], 1)
         seen = self.made.observations.timed([float(i) for i in range(VIEWS)], HEIGHT)
         timed = seen.with_times(values)
         pixels = project(path, timed, path.place(seen.corners, timed, poses[seen.view]), start=seen.pixels).numpy()

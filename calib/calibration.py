@@ -26,6 +26,7 @@ from calib.estimation.observations import Observations
 from calib.estimation.stated_priors import priors_of
 from calib.io.files import make_folder, reading, save_npz, write_atomically
 from calib.io.yaml_reader import read_yaml
+from calib.optics.board_target import PARTS, POSE
 from calib.optics.build import covered_path, with_relief
 from calib.optics.path import Path
 from calib.optics.projection import project
@@ -248,7 +249,7 @@ def _from_mapping(said: dict[str, Any], path: FilePath) -> Calibration:
     if relief and cover.shape == "none":
         raise ValueError("there is a relief and no cover")
     effects = tuple(AddedEffect(*effect_from_yaml(one)) for one in said["effects"])
-    check_arrays(arrays, relief, board, 12 if any(added.effect.per_view for added in effects) else 6)
+    check_arrays(arrays, relief, board, sum(PARTS[part] for part in (POSE, *(added.effect.per_view for added in effects)) if part))
     return Calibration(
         board=board,
         camera=camera,

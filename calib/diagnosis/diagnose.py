@@ -91,7 +91,7 @@ def diagnose(calibration: Calibration, progress: Progress = Silent(), holdout: S
     held = first.rms, last.rms
     if holdout:
         base = with_fit(calibration, model, joint, observations)
-        halves = loop.model.path.shutter
+        halves = loop.model.path.private
         held = (
             evaluate(base, holdout, progress, halves=halves).rms_px,
             evaluate(found, holdout, progress, halves=halves).rms_px,

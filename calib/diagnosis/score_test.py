@@ -21,6 +21,7 @@ from calib.estimation.elimination import ViewEquations, eliminated, information,
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
+from calib.optics.board_target import columns
 
 Array = NDArray[np.float64]
 
@@ -84,10 +85,11 @@ class Optimum:
     def tests(self, effects: Sequence[Effect]) -> list[ScoreTest]:
         """The scores of effects as they are, each without the others, from one linearisation of them all."""
         views = list(self.equations(effects))
-        own = self.joint.poses.shape[1]
-        residual = [eliminated(view.own[:, :own], view.residual) for view in views]
+        place = columns(self.model.with_effects(effects).path.view_parts)
+        own = np.concatenate([np.r_[place[part]] for part in self.model.path.view_parts])
+        residual = [eliminated(view.own[:, own], view.residual) for view in views]
         off = np.concatenate(residual)  # (2M,)
-        rows = np.concatenate([eliminated(view.own[:, :own], view.shared) for view in views])
+        rows = np.concatenate([eliminated(view.own[:, own], view.shared) for view in views])
         fitted, parameters = self.parameters().count, self.parameters(effects)
         known, precision = rows[:, :fitted], self.prior_precision(effects)
         imitated = np.linalg.solve(known.T @ known + precision[:fitted, :fitted], known.T @ rows[:, fitted:])
@@ -97,12 +99,12 @@ class Optimum:
 
         def scored(effect: Effect) -> ScoreTest:
             if effect.per_view:
-                return self._of_views(effect, views, own)
-            columns = parameters.entries(unknown.param.name for unknown in effect.unknowns)
-            new, unlike = rows[:, columns], left[:, columns - fitted]
+                return self._of_views(effect, views, own, place[effect.per_view])
+            entries = parameters.entries(unknown.param.name for unknown in effect.unknowns)
+            new, unlike = rows[:, entries], left[:, entries - fitted]
             information = new.T @ unlike
             score = new.T @ off  # the fitted parameters' own score cancels against their prior: the fit has converged
-            chi2 = float(score @ np.linalg.solve(information + precision[np.ix_(columns, columns)], score))
+            chi2 = float(score @ np.linalg.solve(information + precision[np.ix_(entries, entries)], score))
             by_view = np.array([part.sum(0) for part in np.split(unlike * off[:, None], starts)])
             by_view += (score - by_view.sum(0)) / len(by_view)  # the prior's share
             p_value = _p_value(by_view, chi2, len(score), dispersion)
@@ -129,11 +131,11 @@ class Optimum:
         """(S, S) of `parameters(effects)`."""
         return self.parameters(effects).prior_precision(self.joint.smoothness)
 
-    def _of_views(self, effect: Effect, views: Sequence[ViewEquations], own: int) -> ScoreTest:
-        """The score of parameters that every view has for itself, beside the `own` that it has already."""
+    def _of_views(self, effect: Effect, views: Sequence[ViewEquations], own: NDArray[np.int64], new: slice) -> ScoreTest:
+        """The score of parameters that every view has for itself, the `new` columns, beside the `own` that it has already."""
         chi2, squares, dof = 0.0, 0.0, 0
         for view in views:
-            residual, more = (eliminated(view.own[:, :own], rows) for rows in (view.residual, view.own[:, own:]))
+            residual, more = (eliminated(view.own[:, own], rows) for rows in (view.residual, view.own[:, new]))
             directions = orthonormal(more)
             chi2 += float(((directions.T @ residual) ** 2).sum())
             squares += float((residual**2).sum())

@@ -6,7 +6,7 @@ added, if it does so beyond chance (held_out) with all candidates tried so far a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
@@ -114,7 +114,7 @@ class Loop:
 
     def replace(self, test: ScoreTest, without: CameraModel, model: CameraModel, joint: JointFit) -> None:
         """Go on with another model, whose last effect, scored so, was not there `without`."""
-        half = any(effect.per_view for effect in model.effects)
+        half = model.path.private
         before = self._fresh(without, half=half)
         self.model, self.joint = model, joint
         self.known.clear()
@@ -125,15 +125,15 @@ class Loop:
         """The next effect. Parameters of every view can imitate much, so they wait until no effect with a few for all views helps; and
         they are taken only if they make the corners more probable, themselves integrated out, than the model as it is, and than a field
         without a name that all views share."""
-        shared, single = ([e for e in EFFECTS if e.per_view is alone] for alone in (False, True))
-        if found := self._round(shared):
-            return found
-        private = self._round(single, among=len(shared))
+        shared, single = ([e for e in EFFECTS if bool(e.per_view) is alone] for alone in (False, True))
+        if passing := self._passing(shared):
+            return max(passing, key=lambda trial: trial.gain.relative if trial.gain else 0.0)
+        private = self._passing(single, among=len(shared))
         asked = private or self.organised(self.model, self.joint)
-        field = self._round(FIELDS, among=len(EFFECTS)) if asked else None
-        return self._most_probable(trial for trial in (field, private) if trial)
+        fields = self._passing(FIELDS, among=len(EFFECTS)) if asked else []
+        return self._most_probable([*fields, *private])
 
-    def _most_probable(self, trials: Iterable[Trial]) -> Trial | None:
+    def _most_probable(self, trials: Sequence[Trial]) -> Trial | None:
         """Of trials whose numbers of parameters have no common measure, the one that makes the corners most probable; None where they are
         more probable without."""
         best, most = None, self.joint.log_marginal
@@ -144,8 +144,8 @@ class Loop:
                 best, most = trial, joint.log_marginal
         return best
 
-    def _round(self, effects: Sequence[type[Effect]], among: int = 0) -> Trial | None:
-        """Score all effects, fit the best few, and return the one that helps most, if one surely does.
+    def _passing(self, effects: Sequence[type[Effect]], among: int = 0) -> list[Trial]:
+        """Score all effects, fit the best few, and return those that surely help.
 
         Args:
             among: candidates of which none passed before.
@@ -162,8 +162,7 @@ class Loop:
         always = [c for c in scores if not c.effect.judged_by_score]
         chosen = always + sorted(promising, key=lambda c: 2 * c.dof - c.chi2)[:TRIED]
         tried = [self._try(test, among + len(scores)) for test in chosen]
-        passing = [trial for trial in tried if trial.passes]
-        return max(passing, key=lambda trial: trial.gain.relative if trial.gain else 0.0, default=None)
+        return [trial for trial in tried if trial.passes]
 
     def _try(self, test: ScoreTest, among: int) -> Trial:
         self._say(f"trying {test.effect.name}")
@@ -175,7 +174,7 @@ class Loop:
             trial = Trial(test, joint=joint, among=among)
             self.trials[key] = known if known and known.gain else trial
             return trial
-        half = test.effect.per_view or self.model.path.shutter
+        half = wider.path.private
         held = hold_out(wider, self.observations, joint, self.folds, half=half)
         trial = Trial(test, gain(self.left(half=half), held), held, joint, among)
         if trial.large and self.bands:
@@ -222,7 +221,7 @@ class Loop:
 
     def left(self, *, half: bool | None = None, banded: bool = False) -> HeldOut:
         """What the model leaves on held-out views; whether its views' own parameters ask for half of the corners, it knows itself."""
-        key = self.model.path.shutter if half is None else half, banded
+        key = self.model.path.private if half is None else half, banded
         if key not in self.known:
             split = self.bands if banded and self.bands else self.folds
             self.known[key] = hold_out(self.model, self.observations, self.joint, split, half=key[0])

@@ -69,8 +69,8 @@ class Effect(Protocol):
     """What to do to tell it from its like, where no one pose of the board does: the end of "To separate them, ..."."""
     odds: ClassVar[float] = 1.0
     """Beforehand, against those of another effect that would explain the same."""
-    per_view: ClassVar[bool] = False
-    """Whether it has parameters of every single view."""
+    per_view: ClassVar[str] = ""
+    """The part of a view's own parameters that it adds, of `calib.optics.board_target.PARTS`; empty where all views share what it has."""
     judged_by_score: ClassVar[bool] = True
     """False where its neutral point says little of what it does: then it is always fitted."""
     needs_place: ClassVar[bool] = False

@@ -1,5 +1,6 @@
 """The effects that there are: a new one is a file of its own, and a line here."""
 
+from calib.effects.board_flex import BoardFlex
 from calib.effects.board_scale import BoardScale
 from calib.effects.board_shape import BoardShape
 from calib.effects.cover_offset import CoverOffset
@@ -39,6 +40,7 @@ EFFECTS: tuple[type[Effect], ...] = (
     InnerSurface,
     FineSurface,
     BoardShape,
+    BoardFlex,
     BoardScale,
     DetectorBias,
 )

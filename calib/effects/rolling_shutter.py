@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 from calib.effects.effect import Effect, Surroundings, Unknown
+from calib.optics.board_target import MOTION
 from calib.optics.path import Path
 
 
@@ -16,7 +17,7 @@ class RollingShutter(Effect):
     name: ClassVar[str] = "rolling_shutter"
     about: ClassVar[str] = "each single view"
     advice: ClassVar[str] = "hold the board still, or on a tripod, for some views"
-    per_view: ClassVar[bool] = True
+    per_view: ClassVar[str] = MOTION
 
     @classmethod
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:

@@ -15,6 +15,7 @@ from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.poses import refine_poses_in_image
 from calib.estimation.priors import Priors
+from calib.optics.board_target import with_parts
 from calib.optics.params import Values
 from calib.optics.path import Path
 
@@ -60,9 +61,8 @@ class CameraModel:
         return fit_joint(self.path, self.means, observations, self.padded(poses), priors=self.priors, start=start, rounds=rounds)
 
     def padded(self, poses: Tensor) -> Tensor:
-        """(V, 6 or 12) parameters of views as this model has them: motions begin at rest, or are dropped."""
-        count = self.path.parameters_per_view
-        return torch.cat([poses, poses.new_zeros(len(poses), max(0, count - poses.shape[1]))], 1)[:, :count]
+        """(V, B) parameters of views as this model has them: what is new to it is zero, and what it has not is dropped."""
+        return with_parts(poses, self.path.view_parts)
 
     def seen(self, joint: JointFit, observations: Observations, poses: Tensor) -> Tensor:
         """The (V, B) own parameters of views that were not fitted, from a start."""

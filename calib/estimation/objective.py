@@ -13,15 +13,16 @@ from torch import Tensor
 from calib.estimation.levenberg_marquardt import Linearised
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import Landing
-from calib.session.tolerances import BOARD_MOVE, BOARD_SPIN
+from calib.optics.board_target import FLEX, MOTION, POSE, parts_of
+from calib.session.tolerances import BOARD_FLEX, BOARD_MOVE, BOARD_SPIN
 
 HUBER = 3.0
 
 
 def view_precision(blocks: Tensor) -> Tensor:
     """(B,) inverse variances of each view's own parameters (V, B) beforehand: nothing is known of its pose."""
-    motion = [BOARD_SPIN.sigma**-2] * 3 + [BOARD_MOVE.sigma**-2] * 3
-    return blocks.new_tensor(([0.0] * 6 + motion)[: blocks.shape[1]])
+    spreads = {POSE: [math.inf] * 6, MOTION: [BOARD_SPIN.sigma] * 3 + [BOARD_MOVE.sigma] * 3, FLEX: [BOARD_FLEX.sigma] * 3}
+    return blocks.new_tensor([sigma**-2 for part in parts_of(blocks.shape[1]) for sigma in spreads[part]])
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from calib.estimation.levenberg_marquardt import Linearised
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.optics import rotation
-from calib.optics.board_target import Placement
+from calib.optics.board_target import MOTION, PARTS, Placement
 from calib.optics.params import LINE, Values
 from calib.optics.path import Path, by_row
 from calib.optics.rays import Rays
@@ -50,21 +50,23 @@ class Landing:
         return self._weighted(landed), failure == 0
 
     def linearise(self, values: Values, poses: Tensor) -> Linearised:
-        """Residuals and Jacobian, by the views' own parameters and by the shared ones, at the path's values and (V, 6 or 12) poses."""
+        """Residuals and Jacobian, by the views' own parameters and by the shared ones, at the path's values and (V, B) own ones."""
         seen = self.observations
         values = seen.with_times(values)
         rows = len(seen.pixels)
         placed = Placement.of(poses)
         own = placed[seen.view].during(values.get(LINE))
-        leaves = [own.turn.detach().requires_grad_(), own.shift.detach().requires_grad_()]
+        leaves = [part.detach().requires_grad_() for part in (own.turn, own.shift, *([] if own.flex is None else [own.flex]))]
         names = [param.name for param in self.parameters.free]
         free = [values[name].expand(rows, *values[name].shape).clone().requires_grad_() for name in names]
         probes = [torch.zeros_like(seen.weight, requires_grad=True) for _ in PROBES] if self.parameters.relief else []
         with torch.enable_grad():
             probed = {**values, **dict(zip(names, free, strict=True)), **dict(zip(PROBES, probes, strict=False))}
             rays = self._rays(probed)
-            landed, _ = self.path.target(rays, Placement(*leaves), probed)
-            by_turn, by_shift, *rest = by_row(landed, [*leaves, *probes, *free])
+            turn, shift, *flex = leaves
+            landed, _ = self.path.target(rays, Placement(turn, shift, flex=flex[0] if flex else None), probed)
+            found = by_row(landed, [*leaves, *probes, *free])
+        by_own, rest = found[: len(leaves)], found[len(leaves) :]
         columns: list[Tensor] = []
         by_probe, by_free = rest[: len(probes)], rest[len(probes) :]
         if probes:
@@ -72,16 +74,17 @@ class Landing:
         if free:
             columns.append(self.weights @ (joined(by_free) * self.parameters.scales))
         shared = torch.cat(columns, -1) if columns else landed.new_zeros(rows, 2, 0)
-        jacobian_block = self._jacobian_block(by_turn, by_shift, placed, poses, values)
+        jacobian_block = torch.cat([self._by_pose(by_own[0], by_own[1], placed, poses, values), *by_own[2:]], -1)
         return Linearised(seen.starts, self._weighted(landed.detach()), self.weights @ jacobian_block, shared)
 
-    def _jacobian_block(self, by_turn: Tensor, by_shift: Tensor, placed: Placement, poses: Tensor, values: Values) -> Tensor:
-        """(M, 2, B) Jacobian by the parameters of each row's view, from those by its board's rotation (M, 2, 3, 3) and place (M, 2, 3)."""
+    def _by_pose(self, by_turn: Tensor, by_shift: Tensor, placed: Placement, poses: Tensor, values: Values) -> Tensor:
+        """(M, 2, 6 or 12) Jacobian by the pose of each row's view, and by its motion where there is one, from those by its board's rotation
+        (M, 2, 3, 3) and place (M, 2, 3)."""
         view = self.observations.view
         turns = rotation.derivatives(poses[:, :3], placed.turn)[view]  # (M, 3, 3, 3)
         line = values.get(LINE)
         if placed.motion is None or line is None:
-            still = by_shift.new_zeros(*by_shift.shape[:2], poses.shape[1] - 6)
+            still = by_shift.new_zeros(*by_shift.shape[:2], 0 if placed.motion is None else PARTS[MOTION])
             return torch.cat([by_turn.flatten(2) @ turns.flatten(2).mT, by_shift, still], -1)
         moved = placed.motion[view][:, :3] * line[:, None]
         turned = rotation.matrix(moved)

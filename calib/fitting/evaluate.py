@@ -14,6 +14,7 @@ from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refit_poses
 from calib.estimation.residuals import Residuals, residuals
 from calib.fitting.inputs import read_views
+from calib.optics.board_target import with_parts
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.progress import Progress, Silent
@@ -81,7 +82,7 @@ def evaluate(calibration: Calibration, session: Session, progress: Progress = Si
     observations = Observations.of(views, session.board).timed(None, ours.height)
     poses = poses[torch.tensor(found)]
     with single_thread():
-        if halves or path.shutter:
+        if halves or path.private:
             poses, missed = _by_halves(path, values, observations, poses)
         else:
             poses, missed = refit_poses(path, values, observations, poses)
@@ -93,7 +94,7 @@ def evaluate(calibration: Calibration, session: Session, progress: Progress = Si
 def _by_halves(path: Path, values: Values, observations: Observations, poses: Tensor) -> tuple[Tensor, Residuals]:
     """Each half of a view's corners measured with the parameters that the other half gives: where a view has so many of its own
     that they would hide its error."""
-    poses = torch.cat([poses, poses.new_zeros(len(poses), path.parameters_per_view - poses.shape[1])], 1)
+    poses = with_parts(poses, path.view_parts)
     odd = (torch.arange(len(observations.pixels)) - observations.starts[observations.view]) % 2 == 1
     image, board = torch.empty_like(observations.pixels), torch.empty_like(observations.pixels)
     for scored in (odd, ~odd):

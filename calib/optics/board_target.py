@@ -5,6 +5,7 @@ Bends move its surface along the normal; prints move its corners in its plane; a
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -20,6 +21,32 @@ STEPS = 3
 """Newton steps onto a board that is not flat, before the differentiable one: bends of millimetres over a board need two."""
 
 
+POSE, MOTION, FLEX = "pose", "motion", "flex"
+PARTS = {POSE: 6, MOTION: 6, FLEX: 3}
+"""What a view may have for itself, in this order, and the number of its parameters. Every view has a pose."""
+
+
+def columns(parts: Iterable[str]) -> dict[str, slice]:
+    """Where these parts stand among a view's own parameters."""
+    found, end = {}, 0
+    for part in (part for part in PARTS if part in parts):
+        found[part] = slice(end, end + PARTS[part])
+        end += PARTS[part]
+    return found
+
+
+def parts_of(count: int) -> tuple[str, ...]:
+    """Those of a view with so many parameters of its own: 6, 9, 12 or 15."""
+    return (POSE, *([MOTION] if count >= 12 else []), *([FLEX] if count % 6 else []))
+
+
+def with_parts(parameters: Tensor, parts: Iterable[str]) -> Tensor:
+    """(V, B) parameters of views with other parts: what is new is zero, and what is not among them is dropped."""
+    there = columns(parts_of(parameters.shape[1]))
+    zero = parameters.new_zeros(len(parameters), 1)
+    return torch.cat([parameters[:, there[part]] if part in there else zero.expand(-1, PARTS[part]) for part in columns(parts)], 1)
+
+
 @dataclass(frozen=True, slots=True)
 class Placement:
     """Where boards stand: T_camera_board as a rotation and a translation."""
@@ -31,22 +58,26 @@ class Placement:
     motion: Tensor | None = None
     """(..., 6): by how much a board turns (rotation vector in the camera frame, rad) and moves (m) during a picture's readout."""
 
+    flex: Tensor | None = None
+    """(..., 3) m: how a view's board bends otherwise than the others', as `Flexed` has it."""
+
     @staticmethod
     def of(parameters: Tensor) -> Placement:
-        """From (..., 6), rotation vector (rad) and translation (m), or (..., 12), the motion behind them."""
-        return Placement(
-            rotation.matrix(parameters[..., :3]), parameters[..., 3:6], parameters[..., 6:] if parameters.shape[-1] > 6 else None
-        )
+        """From (..., B) own parameters of views: rotation vector (rad), translation (m), and behind them what else there is of PARTS."""
+        there = columns(parts_of(parameters.shape[-1]))
+        motion, flex = (parameters[..., there[part]] if part in there else None for part in (MOTION, FLEX))
+        return Placement(rotation.matrix(parameters[..., :3]), parameters[..., 3:6], motion, flex)
 
     def __getitem__(self, rows: Tensor) -> Placement:
-        return Placement(self.turn[rows], self.shift[rows], None if self.motion is None else self.motion[rows])
+        motion, flex = (None if part is None else part[rows] for part in (self.motion, self.flex))
+        return Placement(self.turn[rows], self.shift[rows], motion, flex)
 
     def during(self, line: Tensor | None) -> Placement:
         """Where the boards are while a line (...) of the picture is read, from -0.5, the first, to 0.5."""
         if self.motion is None or line is None:
             return self
         moved = self.motion * line.unsqueeze(-1)
-        return Placement(rotation.matrix(moved[..., :3]) @ self.turn, self.shift + moved[..., 3:])
+        return Placement(rotation.matrix(moved[..., :3]) @ self.turn, self.shift + moved[..., 3:], flex=self.flex)
 
 
 class Bend(Protocol):
@@ -58,6 +89,26 @@ class Bend(Protocol):
     def height(self, x: Tensor, y: Tensor, values: Values) -> tuple[Tensor, Tensor, Tensor]:
         """(...) m board coordinates to (...) m away from the camera, and its slopes by x and by y."""
         ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Flexed:
+    """A board that bends in one view as it does in no other: xx (1 - u^2) + xy u v + yy (1 - v^2)."""
+
+    half: tuple[float, float]
+    """m, where u and v are 1."""
+    sizes: Tensor
+    """(..., 3) m: xx, xy, yy of each ray's board."""
+
+    @property
+    def params(self) -> tuple[Param, ...]:
+        return ()
+
+    def height(self, x: Tensor, y: Tensor, values: Values) -> tuple[Tensor, Tensor, Tensor]:
+        del values
+        (a, b), (xx, xy, yy) = self.half, self.sizes.unbind(-1)
+        u, v = x / a, y / b
+        return xx * (1 - u * u) + xy * u * v + yy * (1 - v * v), (xy * v - 2 * xx * u) / a, (xy * u - 2 * yy * v) / b
 
 
 class Print(Protocol):
@@ -77,6 +128,8 @@ class Target:
 
     bends: tuple[Bend, ...] = ()
     prints: tuple[Print, ...] = ()
+    flex: tuple[float, float] | None = None
+    """m, half the board's size, where it bends otherwise in every view."""
 
     @property
     def params(self) -> tuple[Param, ...]:
@@ -93,14 +146,15 @@ class Target:
         Returns:
             (..., 2) m nominal board coordinates, and (...) uint8 failures.
         """
+        bends = self._bends(placement)
         origin = (rays.origin - Vector.of(placement.shift)).turned(placement.turn, back=True)
         direction = rays.direction.turned(placement.turn, back=True)
         grazing = direction.z.abs() < 1e-6
         distance = -origin.z / torch.where(grazing, torch.ones_like(direction.z), direction.z)
-        for _ in range(STEPS if self.bends else 0):
-            distance = self._closer(origin.detach(), direction.detach(), distance.detach(), values)
-        if self.bends:
-            distance = self._closer(origin, direction, distance, values)
+        for _ in range(STEPS if bends else 0):
+            distance = _closer(bends, origin.detach(), direction.detach(), distance.detach(), values)
+        if bends:
+            distance = _closer(bends, origin, direction, distance, values)
         landed = origin + direction * distance
         failed = rays.moved(landed, direction, (grazing | (distance <= 0), MISSED_TARGET))
         return torch.stack(self._nominal(landed.x, landed.y, values), -1), failed.failure
@@ -111,18 +165,11 @@ class Target:
         for part in self.prints:
             across, down = part.shift(corners[..., 0], corners[..., 1], values)
             x, y = x + across, y + down
-        z = sum((bend.height(x, y, values)[0] for bend in self.bends), torch.zeros_like(x))
+        z = sum((bend.height(x, y, values)[0] for bend in self._bends(placement)), torch.zeros_like(x))
         return Vector(x, y, z).turned(placement.turn).stacked() + placement.shift
 
-    def _closer(self, origin: Vector, direction: Vector, distance: Tensor, values: Values) -> Tensor:
-        """Newton's step along the rays, onto the bent board."""
-        point = origin + direction * distance
-        above, slope = point.z, direction.z
-        for bend in self.bends:
-            height, by_x, by_y = bend.height(point.x, point.y, values)
-            above, slope = above - height, slope - by_x * direction.x - by_y * direction.y
-        slope = slope.detach()
-        return distance - above / torch.where(slope.abs() < 1e-6, torch.ones_like(slope), slope)
+    def _bends(self, placement: Placement) -> tuple[Bend, ...]:
+        return self.bends if self.flex is None or placement.flex is None else (*self.bends, Flexed(self.flex, placement.flex))
 
     def _nominal(self, x: Tensor, y: Tensor, values: Values) -> tuple[Tensor, Tensor]:
         """Printed to nominal board coordinates: two rounds of putting the shift back, each a hundredth of the one before."""
@@ -131,3 +178,14 @@ class Target:
             shifts = [part.shift(back_x, back_y, values) for part in self.prints]
             back_x, back_y = x - sum(s[0] for s in shifts), y - sum(s[1] for s in shifts)
         return back_x, back_y
+
+
+def _closer(bends: Iterable[Bend], origin: Vector, direction: Vector, distance: Tensor, values: Values) -> Tensor:
+    """Newton's step along the rays, onto the bent board."""
+    point = origin + direction * distance
+    above, slope = point.z, direction.z
+    for bend in bends:
+        height, by_x, by_y = bend.height(point.x, point.y, values)
+        above, slope = above - height, slope - by_x * direction.x - by_y * direction.y
+    slope = slope.detach()
+    return distance - above / torch.where(slope.abs() < 1e-6, torch.ones_like(slope), slope)

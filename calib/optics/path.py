@@ -11,7 +11,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from calib.optics.board_target import Placement, Target
+from calib.optics.board_target import FLEX, MOTION, POSE, Placement, Target
 from calib.optics.interface import Interface
 from calib.optics.lens_model import LensModel
 from calib.optics.params import LINE, Param, Values
@@ -42,7 +42,7 @@ class Path:
     target: Target = field(default_factory=Target)
     adjustments: tuple[Adjustment, ...] = ()
     shutter: bool = False
-    """Whether boards move while a picture is read out: then a view has the 6 parameters of its pose and 6 of its motion."""
+    """Whether boards move while a picture is read out: then every view has a motion beside its pose."""
 
     @property
     def params(self) -> tuple[Param, ...]:
@@ -56,8 +56,14 @@ class Path:
         return not (self.cover or self.lens.pupil)
 
     @property
-    def parameters_per_view(self) -> int:
-        return 12 if self.shutter else 6
+    def view_parts(self) -> tuple[str, ...]:
+        """What every view has for itself, of `board_target.PARTS`."""
+        return (POSE, *([MOTION] if self.shutter else []), *([FLEX] if self.target.flex else []))
+
+    @property
+    def private(self) -> bool:
+        """Whether views have more for themselves than a pose."""
+        return len(self.view_parts) > 1
 
     @property
     def relief(self) -> Relief | None:
@@ -87,11 +93,11 @@ class Path:
         return rays
 
     def land(self, pixels: Tensor, values: Values, poses: Tensor) -> tuple[Tensor, Tensor]:
-        """(..., 2) px and (..., 6) board poses, or 12 parameters, to (..., 2) m on the board and (...) uint8 failures."""
+        """(..., 2) px and (..., B) own parameters of boards, their poses first, to (..., 2) m on the board and (...) uint8 failures."""
         return self.target(self.trace(pixels, values), Placement.of(poses).during(values.get(LINE)), values)
 
     def place(self, corners: Tensor, values: Values, poses: Tensor) -> Tensor:
-        """(..., 2) m board coordinates on boards at (..., 6) poses, or 12 parameters, to (..., 3) m in the camera frame."""
+        """(..., 2) m board coordinates on boards with (..., B) own parameters to (..., 3) m in the camera frame."""
         return self.target.place(corners, Placement.of(poses).during(values.get(LINE)), values)
 
 

@@ -42,6 +42,7 @@ SQUARE_SIDE = Tolerance(2e-3, "", 1e-3, "of the side: a ruler's half millimetre 
 PRINT_STRETCH = Tolerance(0.01, "", 1e-3, "desktop printers stretch paper by some tenths of a per cent along its feed")
 DETECTOR = Tolerance(0.1, "px", 0.01, "the largest pull towards pixels' middles that corner detectors are known for")
 BOARD_SPIN = Tolerance(0.05, "rad", 1e-2, "a board that a hand turns at 1.5 rad/s, over a readout of 33 ms")
+BOARD_FLEX = Tolerance(5e-4, "m", 1e-3, "what a hand that holds it adds to the bend of a board of foam, card or plywood")
 BOARD_MOVE = Tolerance(0.01, "m", 1e-3, "a board that a hand moves at 0.3 m/s, over a readout of 33 ms")
 
 PORT_TILT = Tolerance(0.1, "rad", 1e-2, "a window that nobody declared, in front of a camera that nobody aligned")

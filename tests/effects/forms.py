@@ -17,6 +17,7 @@ from calib.effects.registry import KINDS
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.priors import NONE
+from calib.optics.board_target import FLEX
 from calib.optics.build import covered_path, with_relief
 from calib.optics.path import Path
 from calib.optics.relief import Relief
@@ -130,8 +131,9 @@ class Form:
             off = rng.uniform(0.3, 0.6, unknown.param.shape) * rng.choice([-1.0, 1.0], unknown.param.shape)
             values[unknown.param.name] = values[unknown.param.name] + unknown.param.scale * torch.from_numpy(np.asarray(off))
         poses = self.model.padded(self.there.poses)
-        motion = torch.from_numpy(rng.uniform(-0.01, 0.01, (len(poses), poses.shape[1] - 6)))
-        return values, torch.cat([poses[:, :6], motion], 1)
+        size = 1e-3 if self.effect.per_view == FLEX else 0.01
+        own = torch.from_numpy(rng.uniform(-size, size, (len(poses), poses.shape[1] - 6)))
+        return values, torch.cat([poses[:, :6], own], 1)
 
     def __str__(self) -> str:
         choice = str(getattr(self.effect, "behind", getattr(self.effect, "over", "")))

@@ -4,6 +4,7 @@ import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
+from calib.effects.board_flex import BoardFlex
 from calib.effects.board_scale import BoardScale
 from calib.effects.board_shape import BoardShape
 from calib.effects.effect import Effect, Surroundings
@@ -87,6 +88,20 @@ def test_a_positive_bow_takes_the_middle_away_from_the_camera() -> None:
         "board_shape.yy": torch.tensor(2e-3, dtype=torch.float64),
     }
     assert np.allclose(model.path.place(corner, bowed, pose)[:, 2].numpy(), [0.503, 0.5], rtol=0, atol=1e-15)
+
+
+def test_board_flex_is_a_shape_that_one_view_has_for_itself() -> None:
+    """Two views of one pose: each sees what a board of its own shape would show all views."""
+    shapes = torch.tensor([[4e-4, -3e-4, 2e-4], [-1e-4, 5e-4, 3e-4]], dtype=torch.float64)
+    pixels = projected(np.column_stack([BOARD.points(), np.zeros(BOARD.count)]), POSE)
+    path, values = pinhole_path(INTRINSICS)
+    flexed = CameraModel(path, values, NONE).with_effect(proposed(BoardFlex)).path
+    for shape in shapes:
+        own = torch.cat([torch.from_numpy(POSE), shape]).expand(len(pixels), 9)
+        landed, failure = flexed.land(torch.from_numpy(pixels), values, own)
+        assert not failure.any()
+        shared = dict(zip(("board_shape.xx", "board_shape.xy", "board_shape.yy"), shape.tolist(), strict=True))
+        assert np.abs(landed.numpy() - land(BoardShape(*BOARD.half), pixels, shared)).max() < 1e-13
 
 
 def test_board_scale_is_opencv_s_view_of_stretched_points() -> None:
