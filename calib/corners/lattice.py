@@ -22,7 +22,7 @@ BORDER = 0.2  # of a tag's side: its black border
 FREE = 0.83  # of the small square's side
 FARTHEST = 0.4  # of a tag's side
 CLEAR = 0.8  # of what lies between a tag's edge and its bits
-CLEAR_OF_MARKER = 0.5  # of what lies between a square's edge and its marker's: less of it, in px, and the blur reaches far into it
+CLEAR_OF_MARKER = 0.6  # of what lies between a square's edge and its marker: from there on, blur brings the marker's black
 NOISE = 0.1  # px, of corners that were found
 
 
