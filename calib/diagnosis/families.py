@@ -68,7 +68,7 @@ def settle(loop: Loop, tempered: float) -> tuple[Family, ...]:
 
 
 def _rivals(loop: Loop, effect: Effect) -> list[Rival]:
-    """The others that would explain as much in its place, fitted there."""
+    """The others that would explain as much in its place, fitted there. What has no cause takes no name's place."""
     without = loop.base.with_effects(e for e in loop.model.effects if e is not effect)
     at = Optimum(without, loop.observations, without.fitted(loop.observations, loop.joint.poses, loop.joint.start))
     if not at.joint.finite:
@@ -77,7 +77,7 @@ def _rivals(loop: Loop, effect: Effect) -> list[Rival]:
     there = surroundings(at, loop.board, loop.camera, place=False)
     enough = AS_MUCH * at.candidate(effect).chi2
     rivals = []
-    for proposed in (e for kind in KINDS if kind.name not in present for e in kind.propose(there)):
+    for proposed in (e for kind in KINDS if kind.has_cause and kind.name not in present for e in kind.propose(there)):
         test = at.candidate(proposed)
         if test.chi2 < enough and proposed.judged_by_score:
             continue
