@@ -1,7 +1,7 @@
 """What these views cannot tell apart: the rivals of every accepted effect, and how probable each is.
 
 An accepted effect is taken out, every other that would explain about as much is fitted in its place, and the corners' marginal likelihoods
-are compared (Bayes factors). A name stands alone if it is almost sure; else it is the most probable of a family.
+are compared (Bayes factors, equal odds beforehand). A name stands alone if it is almost sure; else it is the most probable of a family.
 
 Source: R. E. Kass, A. E. Raftery, Bayes factors (1995).
 """
@@ -53,7 +53,7 @@ def settle(loop: Loop, tempered: float) -> tuple[Family, ...]:
         rivals = _rivals(loop, effect)
         names = [effect, *(rival.test.effect for rival in rivals)]
         likely = np.array([loop.joint.log_marginal, *(rival.joint.log_marginal for rival in rivals)])
-        weighed = tempered * likely + np.log([one.odds for one in names])
+        weighed = tempered * likely
         chances = np.exp(weighed - weighed.max()) / np.exp(weighed - weighed.max()).sum()
         best = int(chances.argmax())
         if best:

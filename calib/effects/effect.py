@@ -67,8 +67,6 @@ class Effect(Protocol):
     """Where it sits: the end of "something about ..."."""
     advice: ClassVar[str]
     """What to do to tell it from its like, where no one pose of the board does: the end of "To separate them, ..."."""
-    odds: ClassVar[float] = 1.0
-    """Beforehand, against those of another effect that would explain the same."""
     per_view: ClassVar[str] = ""
     """The part of a view's own parameters that it adds, of `calib.optics.board_target.PARTS`; empty where all views share what it has."""
     judged_by_score: ClassVar[bool] = True

@@ -34,7 +34,6 @@ class FlatPort(Effect):
     name: ClassVar[str] = "flat_port"
     about: ClassVar[str] = "what stands before the lens"
     advice: ClassVar[str] = "hold the board near and far: what a window does depends on depth, what a lens does not"
-    odds: ClassVar[float] = 0.1  # the session says that there is none
     judged_by_score: ClassVar[bool] = False
 
     @classmethod
