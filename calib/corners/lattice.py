@@ -1,7 +1,7 @@
 """A grid of corners as its neighbours see it: where each corner's two edges lead, and how they bend.
 
-A checkerboard's corners are all there, at equal distances. Of a board with markers, some may be missing, and a corner's edges end, or
-something else begins beside them, before the next corner.
+A whole checkerboard's corners are all there, at equal distances. Of one that is partly hidden, and of a board with markers, some may be
+missing; and of the latter, a corner's edges end, or something else begins beside them, before the next corner.
 
 An edge that bends by one pixel over a square looks, to a straight line through the half of it that is measured, like a corner moved by
 some hundredths of a pixel: so the bend is taken from the neighbours.
@@ -40,10 +40,12 @@ class Lattice:
 
     @staticmethod
     def of(corners: Floats, board: Board) -> "Lattice":
-        """From (count, 2) px, row by row, columns fastest. Of a board with markers, those that are not NaN."""
+        """From (count, 2) px, row by row, columns fastest: those that are not NaN."""
         match board.coding:
-            case None:
+            case None if np.isfinite(corners).all():
                 return Lattice._whole(corners, board)
+            case None:
+                return Lattice._some(corners, board, board.square, np.inf)
             case Charuco(marker):
                 return Lattice._some(corners, board, board.square, CLEAR * (1 - marker / board.square) / 2)
             case AprilGrid(spacing):

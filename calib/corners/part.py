@@ -1,0 +1,131 @@
+"""Part of a checkerboard in a picture -> its corners, if the board's own outline says which they are.
+
+A checkerboard moved by a square looks the same, and a model of the camera explains it as well, with the board moved back: no model can
+tell which corners a part of it shows, nor can colours. The outline can: where the squares end and the white margin begins, all along a side
+of the part, there is the board's outermost row or column. Two neighbouring sides tell the part of a square board; of another, it must also
+be clear which way its columns run.
+"""
+
+from itertools import product
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.corners.detect import eight_bits, is_regular, largest_grid, refine
+from calib.corners.detection import Detection, NotFound
+from calib.corners.local_map import LocalMap
+from calib.corners.measure import measure
+from calib.corners.ordering import canonical_order
+from calib.corners.strays import FOUND_NOISE, without_strays
+from calib.session.board import Board
+
+Floats = NDArray[np.float64]
+
+NARROWEST = 3  # corners, of a part
+FEWEST = 12  # corners
+INSIDE, BEYOND = (0.5, 0.85), (1.15, 1.3)  # squares outward of the outermost corners: where the last squares are seen, and the margin
+DARK, LIGHT = 0.35, 0.75  # of the way from black to white: what is below is black, what is above is white
+CLEAR = 0.5  # of the contrast within the part, that the last squares must have
+FEWEST_BLACK = 2  # of the last squares of a side: their ends are what is seen of the outline
+
+
+def find_part(grey: NDArray, board: Board) -> Detection | NotFound | None:
+    """In a (H, W) uint8 or uint16 picture, in which there is no whole board; None where there is no part of one either."""
+    grey, every_bit = eight_bits(grey), grey
+    grid = largest_grid(grey)
+    if grid is None or min(grid.size) < NARROWEST or np.prod(grid.size) < FEWEST:
+        return None
+    own = Board(*grid.size, board.square)
+    corners = without_strays(refine(grey, grid.corners, own), own)
+    seen = np.isfinite(corners[:, 0])
+    if seen.sum() < FEWEST or not is_regular(filled := _filled(corners, own), own, grey.shape):
+        return None
+    corners, seen = corners.reshape(own.rows, own.columns, 2), seen.reshape(own.rows, own.columns)
+    places = _places(_ends(grey, filled.reshape(corners.shape)), corners.shape[:2], (board.rows, board.columns))
+    if not places:
+        return None
+    if len(places) > 1:
+        return NotFound(
+            f"{own.columns}x{own.rows} corners of a {board} board are seen, and not which: show it whole, or two neighbouring sides of it "
+            "with their white margin"
+        )
+    (size, (row, column)) = places[0]
+    whole = np.full((*size, 2), np.nan)
+    whole[row : row + own.rows, column : column + own.columns] = corners
+    if size != (board.rows, board.columns):
+        whole = whole.swapaxes(0, 1)
+    measured = measure(every_bit, canonical_order(grey, whole.reshape(-1, 2), board), board)
+    if np.isfinite(measured.corners[:, 0]).sum() < FEWEST:
+        return None
+    return Detection(measured.corners, measured.covariances, "part")
+
+
+def _filled(corners: Floats, board: Board) -> Floats:
+    """(count, 2) px, with those that are NaN where the others say."""
+    seen = np.isfinite(corners[:, 0])
+    points = board.points() / board.square
+    return np.where(seen[:, None], corners, LocalMap.of(points[seen], corners[seen], points, FOUND_NOISE).pixels)
+
+
+Ends = tuple[bool, bool, bool, bool]
+"""Whether the board ends above the part's first row, below its last, left of its first column, right of its last."""
+
+
+def _ends(grey: NDArray[np.uint8], grid: Floats) -> Ends:
+    """Of a (rows, columns, 2) px part."""
+    across = grid.swapaxes(0, 1)
+    return _ends_above(grey, grid), _ends_above(grey, grid[::-1]), _ends_above(grey, across), _ends_above(grey, across[::-1])
+
+
+def _ends_above(grey: NDArray[np.uint8], grid: Floats) -> bool:
+    """Whether the squares above the first row of corners are the board's last: each black one ends where a square must, and all of it
+    beyond is white."""
+    middles = (grid[:, :-1] + grid[:, 1:]) / 2
+    places = np.stack([_outward(middles, squares) for squares in (*INSIDE, *BEYOND)])  # (4, columns - 1, 2)
+    if not ((places >= 0) & (places <= (grey.shape[1] - 1, grey.shape[0] - 1))).all():
+        return False
+    light = _light(grey, places)
+    within = _light(grey, (middles[:1] + middles[1:2]) / 2)[0]  # the first squares inward: of the other colour each
+    odd = np.arange(len(within)) % 2 == 1
+    black = odd == (np.median(within[odd]) > np.median(within[~odd]))
+    if black.sum() < FEWEST_BLACK:
+        return False
+    index = np.arange(len(within))
+    dark, bright = np.interp(index, index[black], light[0, black]), np.interp(index, index[~black], light[0, ~black])
+    contrast = bright - dark
+    clear = contrast.min() > CLEAR * abs(np.median(within[odd]) - np.median(within[~odd]))
+    part = (light - dark) / np.maximum(contrast, 1)
+    return bool(clear and (part[:2, black] < DARK).all() and (part[:2, ~black] > LIGHT).all() and (part[2:] > LIGHT).all())
+
+
+def _outward(lines: Floats, squares: float) -> Floats:
+    """(columns, 2) px, so many squares above the first of (rows, columns, 2) px, by the parabola through the first three."""
+    first, second, third = lines[:3]
+    return first - squares * (4 * second - 3 * first - third) / 2 + squares**2 * (first - 2 * second + third) / 2
+
+
+def _light(grey: NDArray[np.uint8], places: Floats) -> Floats:
+    """(A, B) grey levels, at (A, B, 2) px."""
+    x, y = np.moveaxis(places.astype(np.float32), -1, 0)
+    return np.asarray(cv2.remap(grey, x, y, cv2.INTER_LINEAR), np.float64)
+
+
+Place = tuple[tuple[int, int], tuple[int, int]]
+"""Rows and columns of the board as the part counts them, which may be its columns and rows; and the row and column of the part's first
+corner in it."""
+
+
+def _places(ends: Ends, part: tuple[int, int], board: tuple[int, int]) -> list[Place]:
+    """All that a part of so many rows and columns can have on a board of so many."""
+    above, below, left, right = ends
+    return [
+        (size, place)
+        for size in {board, board[::-1]}
+        for place in product(_starts(above, below, part[0], size[0]), _starts(left, right, part[1], size[1]))
+    ]
+
+
+def _starts(first: bool, last: bool, part: int, board: int) -> list[int]:
+    """Where a run of so many corners can begin on a line of the board, which it may be known to begin or to end."""
+    return [start for start in range(board - part + 1) if (start == 0 or not first) and (start == board - part or not last)]
