@@ -41,16 +41,16 @@ class Lattice:
     @staticmethod
     def of(corners: Floats, board: Board) -> "Lattice":
         """From (count, 2) px, row by row, columns fastest: those that are not NaN."""
-        match board.coding:
-            case None if np.isfinite(corners).all():
-                return Lattice._whole(corners, board)
-            case None:
-                return Lattice._some(corners, board, board.square, np.inf)
-            case Charuco(marker):
-                return Lattice._some(corners, board, board.square, CLEAR * (1 - marker / board.square) / 2)
-            case AprilGrid(spacing):
-                reach = min(FREE * spacing, FARTHEST)
-                return Lattice._some(corners, board, 2 * reach * board.square, CLEAR * BORDER / (2 * reach))
+        if board.coding is None and np.isfinite(corners).all():
+            return Lattice._whole(corners, board)
+        return Lattice._some(corners, board, *_step_and_clear(board))
+
+    @staticmethod
+    def between(corners: Floats, ahead: Floats, behind: Floats, board: Board) -> "Lattice":
+        """From (N, 2) px, and where a model sees what is half a `step_of` the board further along each edge, and before: (N, 2 edges, 2) px."""
+        steps, bends = ahead - behind, 4 * (ahead + behind - 2 * corners[:, None])
+        _, clear = _step_and_clear(board)
+        return Lattice(corners, steps, (normals(steps) * bends).sum(-1) / (steps**2).sum(-1), clear)
 
     @staticmethod
     def _some(corners: Floats, board: Board, step: float, clear: float) -> "Lattice":
@@ -82,6 +82,23 @@ class Lattice:
         """(N, 2 edges) px, from each edge to the parallel one through the next corner."""
         (ax, ay), (bx, by) = np.moveaxis(self.steps, 0, -1)
         return np.asarray(np.abs(ax * by - ay * bx)[:, None] / np.linalg.norm(self.steps, axis=-1))
+
+
+def step_of(board: Board) -> float:
+    """m, of a lattice's steps."""
+    return _step_and_clear(board)[0]
+
+
+def _step_and_clear(board: Board) -> tuple[float, float]:
+    """m, and steps."""
+    match board.coding:
+        case None:
+            return board.square, np.inf
+        case Charuco(marker):
+            return board.square, CLEAR * (1 - marker / board.square) / 2
+        case AprilGrid(spacing):
+            reach = min(FREE * spacing, FARTHEST)
+            return 2 * reach * board.square, CLEAR * BORDER / (2 * reach)
 
 
 def normals(steps: Floats) -> Floats:

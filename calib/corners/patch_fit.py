@@ -49,33 +49,38 @@ class Fit:
     """Grey levels^2: what the picture's own noise makes of that."""
     misfit: Floats
     """(N,) root mean square of the residuals over the contrast."""
+    heights: Floats
+    """(N, 2 edges) px, as of the lattice."""
 
 
-def fit_patches(grey: NDArray, corners: Floats, board: Board) -> Fit:
+def fit_patches(grey: NDArray, corners: Floats, board: Board, known: Lattice | None = None) -> Fit:
     """Fit the patch of every corner.
 
     Args:
         grey: (H, W) uint8 or uint16.
-        corners: (count, 2) px, a regular grid, each off by less than a blur. Of a board with markers, some may be NaN.
+        corners: (count, 2) px, a regular grid, each off by less than a blur. Some may be NaN.
         board: its columns and rows.
+        known: of those that are not NaN. None: as they themselves say, before the fit and near its end.
 
     Returns:
         Of the N corners that are not NaN.
     """
-    lattice = Lattice.of(corners, board)
+    lattice = known or Lattice.of(corners, board)
     brightest = float(np.iinfo(grey.dtype).max)
     for half_width in HALF_WIDTHS:
         coarse, fine = (Patches.of(grey, lattice, half_width, places) for places in (FEW, MANY))
         near = _Descent(coarse, lattice.curvatures, brightest, _start(coarse, lattice))
         near.run()
-        moved = corners.copy()
-        moved[np.isfinite(corners[:, 0])] += near.parameters[:, :2]
-        curvatures = Lattice.of(moved, board).curvatures
+        curvatures = lattice.curvatures
+        if not known:
+            moved = corners.copy()
+            moved[np.isfinite(corners[:, 0])] += near.parameters[:, :2]
+            curvatures = Lattice.of(moved, board).curvatures
         descent = _Descent(fine, curvatures, brightest, near.parameters)
         descent.run()
         if np.exp(np.median(descent.parameters[:, BLURS])) <= WIDEST_BLUR * half_width:
             break
-    return descent.result()
+    return descent.result(lattice.heights)
 
 
 class _Descent:
@@ -133,7 +138,7 @@ class _Descent:
         """Grey levels, of the bulk of the pixels."""
         return max(SIGMA * float(np.median(np.abs(self._residuals[self._patches.used > 0]))), LEAST_NOISE)
 
-    def result(self) -> Fit:
+    def result(self, heights: Floats) -> Fit:
         normal = np.matmul(self._jacobian, self._jacobian.swapaxes(1, 2)).astype(np.float64)
         normal[:, np.arange(len(PARAMETERS)), np.arange(len(PARAMETERS))] += 1e-6
         inverse = np.linalg.inv(normal)
@@ -141,7 +146,7 @@ class _Descent:
         squared = (self._residuals**2).sum(1) / np.maximum(self._patches.used.sum(1), 1)
         misfit = np.sqrt(squared) / np.maximum(np.abs(self.parameters[:, CONTRAST]), 1e-6)
         grown = inflation(self._jacobian, bulk, inverse, self._patches.half_width)
-        return Fit(self.parameters, inverse[:, :2, :2], grown, misfit)
+        return Fit(self.parameters, inverse[:, :2, :2], grown, misfit, heights)
 
 
 def _start(patches: Patches, lattice: Lattice) -> Floats:
