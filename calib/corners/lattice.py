@@ -47,7 +47,8 @@ class Lattice:
 
     @staticmethod
     def between(corners: Floats, ahead: Floats, behind: Floats, board: Board) -> "Lattice":
-        """From (N, 2) px, and where a model sees what is half a `step_of` the board further along each edge, and before: (N, 2 edges, 2) px."""
+        """From (N, 2) px, and (N, 2 edges, 2) px, where a model sees what is half a `step_of` the board further along each edge, and
+        before."""
         steps, bends = ahead - behind, 4 * (ahead + behind - 2 * corners[:, None])
         _, clear = _step_and_clear(board)
         return Lattice(corners, steps, (normals(steps) * bends).sum(-1) / (steps**2).sum(-1), clear)

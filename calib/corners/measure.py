@@ -53,11 +53,13 @@ def _looks_like_corners(fit: Fit, corners: Floats, board: Board) -> NDArray[np.b
     row, column = np.divmod(np.flatnonzero(np.isfinite(corners[:, 0])), board.columns)
     contrast = fit.parameters[:, CONTRAST] * np.where((row + column) % 2, -1, 1)
     usual = np.median(contrast)
+    # A board's outer corner is fitted by contrasts that are not there.
+    misfit = fit.misfit * np.maximum(np.abs(contrast / usual), 1)
     moved = np.linalg.norm(fit.parameters[:, :2], axis=1)
     spread = np.linalg.eigvalsh(fit.unit_covariances * fit.inflation)[:, 1]
     return np.asarray(
         (moved <= np.maximum(FARTHEST * fit.heights.min(1), 1))
         & (contrast * np.sign(usual) >= FAINTEST * abs(usual))
-        & (fit.misfit <= max(STRANGEST * float(np.median(fit.misfit)), ALWAYS_ALIKE))
+        & (misfit <= max(STRANGEST * float(np.median(misfit)), ALWAYS_ALIKE))
         & (spread <= VAGUEST**2)
     )

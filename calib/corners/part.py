@@ -12,12 +12,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.corners.detect import eight_bits, is_regular, largest_grid, refine
+from calib.corners.detect import Grid, eight_bits, is_regular, largest_grid, refine
 from calib.corners.detection import Detection, NotFound
-from calib.corners.local_map import LocalMap
+from calib.corners.growth import filled, grown
 from calib.corners.measure import measure
 from calib.corners.ordering import canonical_order
-from calib.corners.strays import FOUND_NOISE, without_strays
 from calib.session.board import Board
 
 Floats = NDArray[np.float64]
@@ -27,6 +26,7 @@ FEWEST = 12  # corners
 INSIDE, BEYOND = (0.5, 0.85), (1.15, 1.3)  # squares outward of the outermost corners: where the last squares are seen, and the margin
 DARK, LIGHT = 0.35, 0.75  # of the way from black to white: what is below is black, what is above is white
 CLEAR = 0.5  # of the contrast within the part, that the last squares must have
+ALIKE, MOST = 0.8, 0.6  # of a square's contrast against those around it, within the square; of the squares
 FEWEST_BLACK = 2  # of the last squares of a side: their ends are what is seen of the outline
 
 
@@ -36,23 +36,27 @@ def find_part(grey: NDArray, board: Board) -> Detection | NotFound | None:
     grid = largest_grid(grey)
     if grid is None or min(grid.size) < NARROWEST or np.prod(grid.size) < FEWEST:
         return None
-    own = Board(*grid.size, board.square)
-    corners = without_strays(refine(grey, grid.corners, own), own)
-    seen = np.isfinite(corners[:, 0])
-    if seen.sum() < FEWEST or not is_regular(filled := _filled(corners, own), own, grey.shape):
+    rough = _of_single_squares(grey, grid)
+    if rough is None:
         return None
-    corners, seen = corners.reshape(own.rows, own.columns, 2), seen.reshape(own.rows, own.columns)
-    places = _places(_ends(grey, filled.reshape(corners.shape)), corners.shape[:2], (board.rows, board.columns))
+    corners = grown(grey, every_bit, rough, (board.rows, board.columns))
+    rows, columns = corners.shape[:2]
+    if min(rows, columns) < NARROWEST or np.isfinite(corners[..., 0]).sum() < FEWEST:
+        return None
+    whole = filled(corners)
+    if not is_regular(whole.reshape(-1, 2), Board(columns, rows, board.square), grey.shape):
+        return None
+    places = _places(_ends(grey, whole), (rows, columns), (board.rows, board.columns))
     if not places:
         return None
     if len(places) > 1:
         return NotFound(
-            f"{own.columns}x{own.rows} corners of a {board} board are seen, and not which: show it whole, or two neighbouring sides of it "
+            f"{columns}x{rows} corners of a {board} board are seen, and not which: show it whole, or two neighbouring sides of it "
             "with their white margin"
         )
     (size, (row, column)) = places[0]
     whole = np.full((*size, 2), np.nan)
-    whole[row : row + own.rows, column : column + own.columns] = corners
+    whole[row : row + rows, column : column + columns] = corners
     if size != (board.rows, board.columns):
         whole = whole.swapaxes(0, 1)
     measured = measure(every_bit, canonical_order(grey, whole.reshape(-1, 2), board), board)
@@ -61,11 +65,38 @@ def find_part(grey: NDArray, board: Board) -> Detection | NotFound | None:
     return Detection(measured.corners, measured.covariances, "part")
 
 
-def _filled(corners: Floats, board: Board) -> Floats:
-    """(count, 2) px, with those that are NaN where the others say."""
-    seen = np.isfinite(corners[:, 0])
-    points = board.points() / board.square
-    return np.where(seen[:, None], corners, LocalMap.of(points[seen], corners[seen], points, FOUND_NOISE).pixels)
+def _of_single_squares(grey: NDArray[np.uint8], grid: Grid) -> Floats | None:
+    """(rows, columns, 2) px, corner by corner: where something is hidden, the detector's lines may be two squares apart."""
+    corners = grid.corners.reshape(grid.size[1], grid.size[0], 2)
+    for double_rows, double_columns in product((False, True), repeat=2):
+        finer = _doubled(corners) if double_rows else corners
+        finer = _doubled(finer.swapaxes(0, 1)).swapaxes(0, 1) if double_columns else finer
+        rows, columns = finer.shape[:2]
+        refined = refine(grey, finer.reshape(-1, 2), Board(columns, rows, 1.0)).reshape(finer.shape)
+        if _checkered(grey, refined):
+            return refined
+    return None
+
+
+def _doubled(grid: Floats) -> Floats:
+    """(2 rows - 1, columns, 2) px, with a line between any two, on the parabola through three."""
+    bends = grid[2:] - 2 * grid[1:-1] + grid[:-2]
+    bends = (np.concatenate([bends[:1], bends]) + np.concatenate([bends, bends[-1:]])) / 2
+    finer = np.repeat(grid, 2, 0)[:-1]
+    finer[1::2] = (grid[:-1] + grid[1:]) / 2 - bends / 8
+    return finer
+
+
+def _checkered(grey: NDArray[np.uint8], grid: Floats) -> bool:
+    """Whether most of the squares between (rows, columns, 2) px are of one grey each, and of black and white in turn."""
+    corners = grid[:-1, :-1], grid[:-1, 1:], grid[1:, :-1], grid[1:, 1:]
+    middle: Floats = np.mean(corners, 0)
+    light = np.stack([_light(grey, middle + (corner - middle) / 2) for corner in corners])
+    sign = (-1.0) ** np.add.outer(*map(np.arange, middle.shape[:2]))
+    own = light.mean(0)
+    against = (own - cv2.blur(own, (3, 3))) * sign  # its neighbours
+    alike = (np.ptp(light, 0) < ALIKE * np.abs(against)) & (against * np.sign(np.median(against)) > 0)
+    return bool(alike.mean() > MOST)
 
 
 Ends = tuple[bool, bool, bool, bool]
@@ -102,7 +133,8 @@ def _ends_above(grey: NDArray[np.uint8], grid: Floats) -> bool:
 def _outward(lines: Floats, squares: float) -> Floats:
     """(columns, 2) px, so many squares above the first of (rows, columns, 2) px, by the parabola through the first three."""
     first, second, third = lines[:3]
-    return first - squares * (4 * second - 3 * first - third) / 2 + squares**2 * (first - 2 * second + third) / 2
+    outward: Floats = first - squares * (4 * second - 3 * first - third) / 2 + squares**2 * (first - 2 * second + third) / 2
+    return outward
 
 
 def _light(grey: NDArray[np.uint8], places: Floats) -> Floats:

@@ -17,7 +17,7 @@ from calib.fitting.believing import believing
 from calib.fitting.cross_validation import GRID_FOLDS, choose_grid, cross_validate
 from calib.fitting.inputs import gather, recalibrated
 from calib.fitting.provenance import KEY, provenance
-from calib.fitting.second_look import SecondLook, look_again
+from calib.fitting.second_look import LOOKS, SecondLook, look_again
 from calib.fitting.stages import Fitted, Settings, Setup, fit_stages
 from calib.progress import Progress, Silent
 from calib.session.session import Session
@@ -105,7 +105,7 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
             "exact_hit": settings.exact_hit,
             "intrinsics_from": start.intrinsics_from,
             "lens_held_out_px": {str(count): error for count, error in start.lens_held_out_px.items()},
-            "second_look": [asdict(look) for look in looks],
+            LOOKS: [asdict(look) for look in looks],
             KEY: provenance(session),
         }
         | ({"cross_validation": asdict(validation)} if validation else {})

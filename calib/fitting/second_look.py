@@ -4,8 +4,8 @@ They are looked for ring after ring around those that were seen, so that what co
 are taken where the patch looks like a corner and lies where the model and its neighbours say. The view is then measured as a whole,
 its edges bent as the model says. A view in which nothing new is found is left as it is, to the last digit.
 
-What lies far from the model's place, and looks like a corner, is no reason to drop it: glass, board or shutter may have put it there, and the
-diagnosis is to find out.
+A corner that was seen is not dropped for lying far from the model's place: glass, board or shutter may have put it there, and the diagnosis
+is to find out.
 """
 
 from collections.abc import Sequence
@@ -28,6 +28,8 @@ from calib.session.board import Board
 
 Floats = NDArray[np.float64]
 
+LOOKS = "second_look"
+"""Of a calibration's settings: what was looked for in which picture."""
 RIM = 3.0  # px of the picture, where no corner is looked for
 BESIDE = 1.5  # squares or tags: the ring around what was seen
 NEIGHBOURS = 4  # corners, that say by how much the model is off there
@@ -47,13 +49,17 @@ class SecondLook:
     dropped: int
     """Corners that were seen before, and do not look like corners where the model says how their edges run."""
 
-    def __str__(self) -> str:
-        parts = (
-            (self.found, "found where the model puts them"),
-            (self.refused, "covered, or not like corners"),
-            (self.dropped, "dropped: they do not look like corners"),
-        )
-        return f"{self.file}: " + ", ".join(f"{count} {what}" for count, what in parts if count)
+
+def summed(looks: Sequence[SecondLook]) -> str:
+    """One line, or none where nothing was looked for."""
+    said = (
+        ("found", "found where the model puts them"),
+        ("refused", "are covered, or do not look like corners where the model puts them"),
+        ("dropped", "dropped, as they do not look like corners after all"),
+    )
+    counts = [(sum(found := [getattr(look, name) for look in looks]), sum(map(bool, found)), what) for name, what in said]
+    parts = [f"{count} in {views} view{'s' * (views > 1)} {what}" for count, views, what in counts if count]
+    return f"Second look for corners: {'; '.join(parts)}." if parts else ""
 
 
 def look_again(
@@ -132,7 +138,8 @@ def _looked(view: View, wanted: NDArray[np.bool_], expected: Floats, board: Boar
 def _measured(grey: NDArray, start: Floats, expected: Floats, board: Board) -> Measured:
     """From (count, 2) px, NaN where not to be measured, with edges as the model has them."""
     rows = np.isfinite(start[:, 0])
-    lattice = Lattice.between(*(expected[rows][:, part] for part in (0, slice(1, 3), slice(3, 5))), board)
+    own = expected[rows]
+    lattice = Lattice.between(own[:, 0], own[:, 1:3], own[:, 3:5], board)
     return measure(grey, start, board, replace(lattice, corners=start[rows]))
 
 
