@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.corners.detect import Grid, eight_bits, is_regular, largest_grid, refine
+from calib.corners.detect import Grid, eight_bits, is_smooth_grid, largest_grid, refine
 from calib.corners.detection import Detection, NotFound
 from calib.corners.growth import filled, grown
 from calib.corners.measure import measure
@@ -26,7 +26,7 @@ FEWEST = 12  # corners
 INSIDE, BEYOND = (0.5, 0.85), (1.15, 1.3)  # squares outward of the outermost corners: where the last squares are seen, and the margin
 DARK, LIGHT = 0.35, 0.75  # of the way from black to white: what is below is black, what is above is white
 CLEAR = 0.5  # of the contrast within the part, that the last squares must have
-ALIKE, MOST = 0.8, 0.6  # of a square's contrast against those around it, within the square; of the squares
+ALIKE, MOST = 0.8, 0.6  # of a square's contrast against those around it, within the square; of the squares, or of those at an end
 FEWEST_BLACK = 2  # of the last squares of a side: their ends are what is seen of the outline
 
 
@@ -44,9 +44,9 @@ def find_part(grey: NDArray, board: Board) -> Detection | NotFound | None:
     if min(rows, columns) < NARROWEST or np.isfinite(corners[..., 0]).sum() < FEWEST:
         return None
     whole = filled(corners)
-    if not is_regular(whole.reshape(-1, 2), Board(columns, rows, board.square), grey.shape):
+    if not is_smooth_grid(whole):
         return None
-    places = _places(_ends(grey, whole), (rows, columns), (board.rows, board.columns))
+    places = _places(_ends(grey, corners), (rows, columns), (board.rows, board.columns))
     if not places:
         return None
     if len(places) > 1:
@@ -105,29 +105,35 @@ Ends = tuple[bool, bool, bool, bool]
 
 def _ends(grey: NDArray[np.uint8], grid: Floats) -> Ends:
     """Of a (rows, columns, 2) px part."""
-    across = grid.swapaxes(0, 1)
-    return _ends_above(grey, grid), _ends_above(grey, grid[::-1]), _ends_above(grey, across), _ends_above(grey, across[::-1])
+    seen, whole = np.isfinite(grid[..., 0]), filled(grid)
+    turns = [(whole, seen), (whole[::-1], seen[::-1])]
+    turns += [(lines.swapaxes(0, 1), own.T) for lines, own in ((whole, seen), (whole[:, ::-1], seen[:, ::-1]))]
+    above, below, left, right = (_ends_above(grey, lines, own[0]) for lines, own in turns)
+    return above, below, left, right
 
 
-def _ends_above(grey: NDArray[np.uint8], grid: Floats) -> bool:
+def _ends_above(grey: NDArray[np.uint8], grid: Floats, seen: NDArray[np.bool_]) -> bool:
     """Whether the squares above the first row of corners are the board's last: each black one ends where a square must, and all of it
-    beyond is white."""
+    beyond is white. Those are asked whose corners in that row are seen, and they must be most of it."""
+    asked = seen[:-1] & seen[1:]
+    if asked.mean() < MOST:
+        return False
     middles = (grid[:, :-1] + grid[:, 1:]) / 2
     places = np.stack([_outward(middles, squares) for squares in (*INSIDE, *BEYOND)])  # (4, columns - 1, 2)
-    if not ((places >= 0) & (places <= (grey.shape[1] - 1, grey.shape[0] - 1))).all():
+    if not ((places >= 0) & (places <= (grey.shape[1] - 1, grey.shape[0] - 1)))[:, asked].all():
         return False
     light = _light(grey, places)
     within = _light(grey, (middles[:1] + middles[1:2]) / 2)[0]  # the first squares inward: of the other colour each
     odd = np.arange(len(within)) % 2 == 1
     black = odd == (np.median(within[odd]) > np.median(within[~odd]))
-    if black.sum() < FEWEST_BLACK:
+    black, white, index = asked & black, asked & ~black, np.arange(len(within))
+    if black.sum() < FEWEST_BLACK or not white.any():
         return False
-    index = np.arange(len(within))
-    dark, bright = np.interp(index, index[black], light[0, black]), np.interp(index, index[~black], light[0, ~black])
+    dark, bright = np.interp(index, index[black], light[0, black]), np.interp(index, index[white], light[0, white])
     contrast = bright - dark
-    clear = contrast.min() > CLEAR * abs(np.median(within[odd]) - np.median(within[~odd]))
+    clear = contrast[asked].min() > CLEAR * abs(np.median(within[odd]) - np.median(within[~odd]))
     part = (light - dark) / np.maximum(contrast, 1)
-    return bool(clear and (part[:2, black] < DARK).all() and (part[:2, ~black] > LIGHT).all() and (part[2:] > LIGHT).all())
+    return bool(clear and (part[:2, black] < DARK).all() and (part[:2, white] > LIGHT).all() and (part[2:, asked] > LIGHT).all())
 
 
 def _outward(lines: Floats, squares: float) -> Floats:

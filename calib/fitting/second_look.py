@@ -45,7 +45,7 @@ class SecondLook:
     found: int
     """Corners that were not seen before."""
     refused: int
-    """Corners that the model puts inside the picture, and that do not look like corners there."""
+    """Corners that the model puts inside the picture, and that do not look like corners there, or have none beside them that does."""
     dropped: int
     """Corners that were seen before, and do not look like corners where the model says how their edges run."""
 
@@ -107,9 +107,8 @@ def _looked(view: View, wanted: NDArray[np.bool_], expected: Floats, board: Boar
     known = np.isfinite(expected).all((1, 2))
     kept, left = view.seen & known, wanted & known
     corners = np.where(kept[:, None], view.corners, np.nan)
-    refused = np.zeros(board.count, bool)
     if kept.sum() < NEIGHBOURS:
-        return view, SecondLook(view.name, 0, 0, 0)
+        return view, SecondLook(view.name, 0, int(wanted.sum()), 0)
     grey = read_grey(picture)
     far = max(LEAST_FAR, FAR * float(np.median(np.linalg.norm((corners - expected[:, 0])[kept], axis=1))))
     while (ring := left & _beside(np.isfinite(corners[:, 0]), board)).any():
@@ -117,11 +116,10 @@ def _looked(view: View, wanted: NDArray[np.bool_], expected: Floats, board: Boar
         measured = _measured(grey, start, expected, board)
         new = ring & (np.linalg.norm(measured.corners - start, axis=1) <= far)  # never of NaN
         corners[new] = measured.corners[new]
-        refused |= ring & ~new
         left &= ~ring
     found = np.isfinite(corners[:, 0]) & ~kept
     if not found.any():
-        return view, SecondLook(view.name, 0, int(refused.sum()), 0)
+        return view, SecondLook(view.name, 0, int(wanted.sum()), 0)
     last = _measured(grey, corners, expected, board)
     seen = np.isfinite(last.corners[:, 0])
     unknown = (view.seen & ~known)[:, None]  # the model does not say how their edges run
@@ -132,7 +130,7 @@ def _looked(view: View, wanted: NDArray[np.bool_], expected: Floats, board: Boar
         weight=(seen | unknown[:, 0]).astype(np.float64),
         covariance=np.where(unknown[..., None], covariances, last.covariances),
     )
-    return again, SecondLook(view.name, int((seen & found).sum()), int((refused | (found & ~seen)).sum()), int((kept & ~seen).sum()))
+    return again, SecondLook(view.name, int((seen & found).sum()), int((wanted & ~seen).sum()), int((kept & ~seen).sum()))
 
 
 def _measured(grey: NDArray, start: Floats, expected: Floats, board: Board) -> Measured:
