@@ -144,7 +144,7 @@ class _Descent:
 
     def _bulk(self, noise: float) -> NDArray[np.float32]:
         """(N, P) the residuals, no larger than where they begin to weigh less."""
-        return np.clip(self._residuals, -OUTLYING * noise, OUTLYING * noise)
+        return np.asarray(np.clip(self._residuals, -OUTLYING * noise, OUTLYING * noise))
 
     def _lost(self, bulk: NDArray[np.float32]) -> Floats:
         """(N, 11, 11) by how much less the outlying pixels tell than others do."""

@@ -52,15 +52,14 @@ class Patches:
         places = np.flatnonzero(used)
         counts = used.sum(1)
         fullest = max(int(counts.max()), 1)
-        packed = np.arange(len(places)) + np.repeat(
-            np.arange(len(counts)) * fullest - np.concatenate([[0], np.cumsum(counts)[:-1]]), counts
-        )
+        shifts = np.arange(len(counts)) * fullest - np.concatenate([[0], np.cumsum(counts)[:-1]])
+        packed = np.arange(len(places)) + np.repeat(shifts, counts)
         pixels = np.zeros((4, len(counts), fullest), np.float32)
-        light = grey[row.ravel()[places], column.ravel()[places]]
-        for part, values in zip(pixels, (light, x.ravel()[places], y.ravel()[places], 1), strict=True):
+        seen = grey[row.ravel()[places], column.ravel()[places]]
+        for part, values in zip(pixels, (seen, x.ravel()[places], y.ravel()[places], 1), strict=True):
             part.ravel()[packed] = values
         size = REACH * np.linalg.norm(lattice.steps, axis=-1).mean(-1, keepdims=True)
-        return Patches(*pixels, size.astype(np.float32), half_width)
+        return Patches(pixels[0], pixels[1], pixels[2], pixels[3], size.astype(np.float32), half_width)
 
     def some(self, corners: slice) -> "Patches":
         """Those of a few corners."""
