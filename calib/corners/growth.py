@@ -1,6 +1,7 @@
 """A grid of corners -> the larger one that it is a part of: line after line on each side, as long as the picture shows a third of one.
 
-What hides a corner leaves the detector a grid that ends there; the board goes on around it.
+What hides a corner leaves the detector a grid that ends there; the board goes on around it. How large the board is declared to be does not
+count: one that is larger is not to pass for it.
 """
 
 import cv2
@@ -22,14 +23,13 @@ WINDOWS = (2, 10)  # px, its limits
 STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
 
 
-def grown(grey: NDArray[np.uint8], every_bit: NDArray, grid: Floats, largest: tuple[int, int]) -> Floats:
+def grown(grey: NDArray[np.uint8], every_bit: NDArray, grid: Floats) -> Floats:
     """Less the lines at its ends of which less than a third looks like corners, and with those around it of which more does.
 
     Args:
         grey: (H, W), what is looked at.
         every_bit: (H, W) uint8 or uint16, what is measured.
         grid: (rows, columns, 2) px.
-        largest: rows and columns, or columns and rows, that it can have.
 
     Returns:
         (rows, columns, 2) px, NaN where no corner is seen.
@@ -38,8 +38,7 @@ def grown(grey: NDArray[np.uint8], every_bit: NDArray, grid: Floats, largest: tu
     ended = 0
     side = 0
     while ended < len(SIDES) and min(grid.shape[:2]) >= FEWEST_LINES:
-        turned = np.rot90(grid, side)
-        longer = _with_line(grey, every_bit, turned) if _fits((turned.shape[0] + 1, turned.shape[1]), largest) else None
+        longer = _with_line(grey, every_bit, np.rot90(grid, side))
         if longer is None:
             ended, side = ended + 1, (side + 1) % len(SIDES)
         else:
@@ -55,10 +54,6 @@ def filled(grid: Floats) -> Floats:
     whole = grid.copy()
     whole[~seen] = there
     return whole
-
-
-def _fits(size: tuple[int, int], largest: tuple[int, int]) -> bool:
-    return (size[0] <= largest[0] and size[1] <= largest[1]) or (size[0] <= largest[1] and size[1] <= largest[0])
 
 
 def _seen(grey: NDArray, grid: Floats) -> Floats:

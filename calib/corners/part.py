@@ -39,7 +39,7 @@ def find_part(grey: NDArray, board: Board) -> Detection | NotFound | None:
     rough = _of_single_squares(grey, grid)
     if rough is None:
         return None
-    corners = grown(grey, every_bit, rough, (board.rows, board.columns))
+    corners = grown(grey, every_bit, rough)
     rows, columns = corners.shape[:2]
     if min(rows, columns) < NARROWEST or np.isfinite(corners[..., 0]).sum() < FEWEST:
         return None

@@ -89,6 +89,14 @@ def test_a_whole_board_of_another_size_is_no_part() -> None:
     assert isinstance(find_board(picture, BOARD), NotFound)
 
 
+def test_a_larger_board_is_no_part_either() -> None:
+    board = Board(11, 8, 0.025)
+    picture, truth = Scene(board=board, size=(960, 720), focal=750.0, distance=18.0).draw()
+    hidden = np.asarray(cv2.circle(picture, tuple(np.rint(truth[38]).astype(int).tolist()), 30, 120, -1), np.uint8)
+    assert isinstance(find_board(hidden, board), Detection)
+    assert isinstance(find_board(hidden, BOARD), NotFound)
+
+
 def test_whatever_is_covered_no_corner_is_taken_for_another() -> None:
     """Discs and bands of any grey anywhere, bands along the squares among them, white ones too."""
     rng = np.random.default_rng(4)
