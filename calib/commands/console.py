@@ -11,6 +11,7 @@ from calib.calibration import Calibration
 from calib.corners.view import Rejected
 from calib.fitting.declared import comparisons, own_parameters
 from calib.fitting.evaluate import Evaluation
+from calib.fitting.second_look import LOOKS, SecondLook, summed
 from calib.progress import Advance
 
 
@@ -54,7 +55,8 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
     console.print(
         f"{len(calibration.views)} views with {corners} corners, noise of the corners about {calibration.noise_px:.3f} px, {seconds:.1f} s."
     )
-    for line in _estimates(calibration):
+    looks = summed([SecondLook(**look) for look in calibration.settings.get(LOOKS, [])])
+    for line in (*([looks] if looks else []), *_estimates(calibration)):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     if validation := calibration.settings.get("cross_validation"):
         console.print(

@@ -98,10 +98,13 @@ def run(args: argparse.Namespace) -> None:
 
 def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
     """The contract's JSON object."""
+    from calib.fitting.second_look import LOOKS
+
     return {
         "frames_used": len(calibration.views),
         "frames_rejected": [{"file": r.name, "reason": r.reason} for r in calibration.rejected],
         "corners": sum(view.count for view in calibration.views),
+        LOOKS: calibration.settings.get(LOOKS, []),
         "noise_px": calibration.noise_px,
         "seconds": seconds,
         "stages": [{"name": s.name, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in calibration.stages],

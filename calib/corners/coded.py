@@ -13,6 +13,7 @@ from calib.corners.local_map import LocalMap
 from calib.corners.marker_links import Links
 from calib.corners.markers import Markers, border_of, marker_places, read_markers
 from calib.corners.measure import Measured, measure
+from calib.corners.strays import FOUND_NOISE, without_strays
 from calib.session.board import Board
 from calib.session.coding import AprilGrid, Charuco
 
@@ -20,15 +21,12 @@ Floats = NDArray[np.float64]
 
 ADVICE = "show more of it, sharp, evenly lit and larger"
 NOISE = 1.0  # px, of a marker's corners
-FOUND_NOISE = 0.1  # px, of a board's corners
 OWN = 0.75  # sides, from a marker's middle: half a diagonal, on either kind of board
 BESIDE = 1.35  # sides, from a corner that was found: how far others are looked for
 BORDER = 3.0  # px of the picture, where no corner is measured
 WINDOW = 0.6  # of what shows nothing but a corner's own edges: cornerSubPix's half-size
 WINDOWS = (2, 10)  # px, its limits
 STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
-STRAY = 0.05  # of the distance of two corners: how far one may be from where it and others say
-LEAST_STRAY = 0.7  # px: at least
 FEWEST = 4
 """Corners or markers that tell something of others."""
 ROUNDED = 1.0  # px, that a marker's side comes out shorter, as its outline goes through the middles of its outermost pixels
@@ -62,7 +60,7 @@ def _measured(grey: NDArray, rough: Floats, board: Board) -> Measured:
     """Until all that are measured look like corners and lie as the others say: one that does not spoils the picture's noise."""
     while True:
         measured = measure(grey, rough, board)
-        corners = _without_strays(measured.corners, board)
+        corners = without_strays(measured.corners, board)
         lost = np.isnan(corners[:, 0]) & np.isfinite(rough[:, 0])
         rough = np.where(lost[:, None], np.nan, rough)
         if not lost.any() or np.isfinite(rough[:, 0]).sum() < FEWEST:
@@ -210,19 +208,4 @@ def _refined(grey: NDArray[np.uint8], near: LocalMap, wanted: NDArray[np.bool_],
         moved = np.asarray(cv2.cornerSubPix(grey, start, (half, half), (-1, -1), STOP), np.float64).reshape(-1, 2)
         stays = np.linalg.norm(moved - near.pixels[own], axis=1) <= half + 1
         found[own[stays]] = moved[stays]
-    return _without_strays(found, board)
-
-
-def _without_strays(corners: Floats, board: Board) -> Floats:
-    """(count, 2) px, NaN where a corner is not where it and those around it say, the farthest first."""
-    unit = 2 * board.half[0] / (board.columns - 1)
-    kept = corners.copy()
-    while (seen := np.flatnonzero(np.isfinite(kept[:, 0]))).size >= FEWEST:
-        points = board.points()[seen] / unit
-        near = LocalMap.of(points, kept[seen], points, FOUND_NOISE)
-        allowed = np.maximum(STRAY * np.linalg.norm(near.steps, axis=-1).min(1), LEAST_STRAY)
-        off = np.linalg.norm(near.pixels - kept[seen], axis=1) / allowed
-        if off.max() <= 1:
-            break
-        kept[seen[off >= max(off.max() / 2, 1)]] = np.nan
-    return kept
+    return without_strays(found, board)

@@ -22,7 +22,7 @@ from calib.corners.measure import measure
 from calib.corners.ordering import canonical_order
 from calib.session.board import Board
 
-VERSION = 4
+VERSION = 5
 """To be raised with every change that moves corners: kept detections are then made again."""
 
 COARSE = 800  # px, longer side of the picture in which the board is looked for
@@ -105,9 +105,11 @@ def refine(grey: NDArray, corners: NDArray, board: Board) -> NDArray[np.float64]
 
 def is_regular(corners: NDArray, board: Board, shape: tuple[int, ...]) -> bool:
     """Whether (count, 2) px corners are a whole grid inside a picture of this (H, W): unfolded, and bent smoothly if at all."""
-    grid = corners.reshape(board.rows, board.columns, 2)
-    if not _is_inside(grid, shape):
-        return False
+    return _is_inside(corners, shape) and is_smooth_grid(corners.reshape(board.rows, board.columns, 2))
+
+
+def is_smooth_grid(grid: NDArray) -> bool:
+    """Whether (rows, columns, 2) px are that, wherever they are."""
     down, up = grid[1:, 1:] - grid[:-1, :-1], grid[:-1, 1:] - grid[1:, :-1]  # the diagonals of each square
     area = up[..., 0] * down[..., 1] - up[..., 1] * down[..., 0]
     if not ((area > 0).all() or (area < 0).all()):

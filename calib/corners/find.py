@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 from calib.corners import detect
 from calib.corners.coded import find_coded
 from calib.corners.detection import Detection, NotFound
+from calib.corners.part import find_part
 from calib.session.board import Board
 
 ADVICE = "show the whole board with its white margin, sharp and evenly lit"
@@ -14,4 +15,4 @@ def find_board(grey: NDArray, board: Board) -> Detection | NotFound:
     """In a (H, W) uint8 or uint16 picture."""
     if board.coding:
         return find_coded(detect.eight_bits(grey), grey, board)
-    return detect.find_corners(grey, board) or NotFound(f"no {board} board found: {ADVICE}")
+    return detect.find_corners(grey, board) or find_part(grey, board) or NotFound(f"no {board} board found: {ADVICE}")

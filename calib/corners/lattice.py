@@ -1,7 +1,7 @@
 """A grid of corners as its neighbours see it: where each corner's two edges lead, and how they bend.
 
-A checkerboard's corners are all there, at equal distances. Of a board with markers, some may be missing, and a corner's edges end, or
-something else begins beside them, before the next corner.
+A whole checkerboard's corners are all there, at equal distances. Of one that is partly hidden, and of a board with markers, some may be
+missing; and of the latter, a corner's edges end, or something else begins beside them, before the next corner.
 
 An edge that bends by one pixel over a square looks, to a straight line through the half of it that is measured, like a corner moved by
 some hundredths of a pixel: so the bend is taken from the neighbours.
@@ -41,15 +41,18 @@ class Lattice:
 
     @staticmethod
     def of(corners: Floats, board: Board) -> "Lattice":
-        """From (count, 2) px, row by row, columns fastest. Of a board with markers, those that are not NaN."""
-        match board.coding:
-            case None:
-                return Lattice._whole(corners, board)
-            case Charuco(marker):
-                return Lattice._some(corners, board, board.square, CLEAR_OF_MARKER * (1 - marker / board.square) / 2)
-            case AprilGrid(spacing):
-                reach = min(FREE * spacing, FARTHEST)
-                return Lattice._some(corners, board, 2 * reach * board.square, CLEAR * BORDER / (2 * reach))
+        """From (count, 2) px, row by row, columns fastest: those that are not NaN."""
+        if board.coding is None and np.isfinite(corners).all():
+            return Lattice._whole(corners, board)
+        return Lattice._some(corners, board, *_step_and_clear(board))
+
+    @staticmethod
+    def between(corners: Floats, ahead: Floats, behind: Floats, board: Board) -> "Lattice":
+        """From (N, 2) px, and (N, 2 edges, 2) px, where a model sees what is half a `step_of` the board further along each edge, and
+        before."""
+        steps, bends = ahead - behind, 4 * (ahead + behind - 2 * corners[:, None])
+        _, clear = _step_and_clear(board)
+        return Lattice(corners, steps, (normals(steps) * bends).sum(-1) / (steps**2).sum(-1), clear)
 
     @staticmethod
     def _some(corners: Floats, board: Board, step: float, clear: float) -> "Lattice":
@@ -81,6 +84,23 @@ class Lattice:
         """(N, 2 edges) px, from each edge to the parallel one through the next corner."""
         (ax, ay), (bx, by) = np.moveaxis(self.steps, 0, -1)
         return np.asarray(np.abs(ax * by - ay * bx)[:, None] / np.linalg.norm(self.steps, axis=-1))
+
+
+def step_of(board: Board) -> float:
+    """m, of a lattice's steps."""
+    return _step_and_clear(board)[0]
+
+
+def _step_and_clear(board: Board) -> tuple[float, float]:
+    """m, and steps."""
+    match board.coding:
+        case None:
+            return board.square, np.inf
+        case Charuco(marker):
+            return board.square, CLEAR_OF_MARKER * (1 - marker / board.square) / 2
+        case AprilGrid(spacing):
+            reach = min(FREE * spacing, FARTHEST)
+            return 2 * reach * board.square, CLEAR * BORDER / (2 * reach)
 
 
 def normals(steps: Floats) -> Floats:

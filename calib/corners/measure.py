@@ -29,15 +29,16 @@ class Measured:
     """(count, 2, 2) px^2, NaN likewise."""
 
 
-def measure(grey: NDArray, corners: Floats, board: Board) -> Measured:
+def measure(grey: NDArray, corners: Floats, board: Board, lattice: Lattice | None = None) -> Measured:
     """Measure what was found.
 
     Args:
         grey: (H, W) uint8 or uint16.
-        corners: (count, 2) px, a regular grid, each off by less than a blur. Of a board with markers, some may be NaN.
+        corners: (count, 2) px, a regular grid, each off by less than a blur. Some may be NaN.
         board: its columns and rows.
+        lattice: of those that are not NaN. None: as they themselves say.
     """
-    fit = fit_patches(grey, corners, board)
+    fit = fit_patches(grey, corners, board, lattice)
     shown = _looks_like_corners(fit, corners, board)
     seen = np.flatnonzero(np.isfinite(corners[:, 0]))[shown]
     places, covariances = np.full((board.count, 2), np.nan), np.full((board.count, 2, 2), np.nan)
@@ -52,11 +53,13 @@ def _looks_like_corners(fit: Fit, corners: Floats, board: Board) -> NDArray[np.b
     row, column = np.divmod(np.flatnonzero(np.isfinite(corners[:, 0])), board.columns)
     contrast = fit.parameters[:, CONTRAST] * np.where((row + column) % 2, -1, 1)
     usual = np.median(contrast)
+    # A board's outer corner is fitted by contrasts that are not there.
+    misfit = fit.misfit * np.maximum(np.abs(contrast / usual), 1)
     moved = np.linalg.norm(fit.parameters[:, :2], axis=1)
     spread = np.linalg.eigvalsh(fit.unit_covariances * fit.inflation)[:, 1]
     return np.asarray(
-        (moved <= np.maximum(FARTHEST * Lattice.of(corners, board).heights.min(1), 1))
+        (moved <= np.maximum(FARTHEST * fit.heights.min(1), 1))
         & (contrast * np.sign(usual) >= FAINTEST * abs(usual))
-        & (fit.misfit <= max(STRANGEST * float(np.median(fit.misfit)), ALWAYS_ALIKE))
+        & (misfit <= max(STRANGEST * float(np.median(misfit)), ALWAYS_ALIKE))
         & (spread <= VAGUEST**2)
     )

@@ -49,33 +49,38 @@ class Fit:
     """Grey levels^2: what the picture's own noise makes of that."""
     misfit: Floats
     """(N,) root mean square of the residuals over the contrast."""
+    heights: Floats
+    """(N, 2 edges) px, as of the lattice."""
 
 
-def fit_patches(grey: NDArray, corners: Floats, board: Board) -> Fit:
+def fit_patches(grey: NDArray, corners: Floats, board: Board, known: Lattice | None = None) -> Fit:
     """Fit the patch of every corner.
 
     Args:
         grey: (H, W) uint8 or uint16.
-        corners: (count, 2) px, a regular grid, each off by less than a blur. Of a board with markers, some may be NaN.
+        corners: (count, 2) px, a regular grid, each off by less than a blur. Some may be NaN.
         board: its columns and rows.
+        known: of those that are not NaN. None: as they themselves say, before the fit and near its end.
 
     Returns:
         Of the N corners that are not NaN.
     """
-    lattice = Lattice.of(corners, board)
+    lattice = known or Lattice.of(corners, board)
     brightest = float(np.iinfo(grey.dtype).max)
     for half_width in HALF_WIDTHS:
         coarse, fine = (Patches.of(grey, lattice, half_width, places) for places in (FEW, MANY))
         near = _Descent(coarse, lattice.curvatures, brightest, _start(coarse, lattice))
         near.run()
-        moved = corners.copy()
-        moved[np.isfinite(corners[:, 0])] += near.parameters[:, :2]
-        curvatures = Lattice.of(moved, board).curvatures
+        curvatures = lattice.curvatures
+        if not known:
+            moved = corners.copy()
+            moved[np.isfinite(corners[:, 0])] += near.parameters[:, :2]
+            curvatures = Lattice.of(moved, board).curvatures
         descent = _Descent(fine, curvatures, brightest, near.parameters)
         descent.run()
         if np.exp(np.median(descent.parameters[:, BLURS])) <= WIDEST_BLUR * half_width:
             break
-    return descent.result()
+    return descent.result(lattice.heights)
 
 
 class _Descent:
@@ -85,11 +90,13 @@ class _Descent:
         self._patches, self._curvatures = patches, curvatures
         self._clipped = (0.0, brightest)
         self.parameters = start
+        self._used = int(patches.used.sum())
         self._damping = np.full(len(self.parameters), DAMPING)
         self._evaluate()
 
     def _evaluate(self) -> None:
         light, self._jacobian = predicted(self.parameters, self._patches, self._curvatures, self._clipped)
+        self._normal = np.matmul(self._jacobian, self._jacobian.swapaxes(1, 2)).astype(np.float64)
         self._residuals = (self._patches.light - light) * self._patches.used
 
     def run(self) -> None:
@@ -100,10 +107,9 @@ class _Descent:
     def _step(self) -> float:
         """One step of every corner that gains by it; px, of the longest."""
         noise = self.noise()
-        weight = np.minimum(1, OUTLYING * noise / np.maximum(np.abs(self._residuals), 1e-6)).astype(np.float32)
-        weighted = self._jacobian * weight[:, None]
-        normal = np.matmul(weighted, self._jacobian.swapaxes(1, 2)).astype(np.float64)
-        gradient = np.matmul(weighted, self._residuals[..., None]).astype(np.float64)
+        bulk = self._bulk(noise)
+        normal = self._normal - self._lost(bulk)
+        gradient = np.matmul(self._jacobian, bulk[..., None]).astype(np.float64)
         blurring = (self.parameters[:, HALO_STRENGTH] <= 0) & (gradient[:, HALO_STRENGTH, 0] <= 0)
         normal[blurring, HALO_STRENGTH], normal[blurring, :, HALO_STRENGTH], gradient[blurring, HALO_STRENGTH] = 0, 0, 0
         diagonal = np.arange(len(PARAMETERS))
@@ -115,7 +121,7 @@ class _Descent:
             self.parameters = self.parameters + step
             self._residuals -= np.matmul(step[:, None].astype(np.float32), self._jacobian)[:, 0]
             return size
-        before = self.parameters, self._residuals, self._jacobian
+        before = self.parameters, self._residuals, self._jacobian, self._normal
         cost = _cost(self._residuals, OUTLYING * noise)
         self.parameters = before[0] + step
         self.parameters[:, BLURS] = np.clip(self.parameters[:, BLURS], *BLUR_LIMITS)
@@ -126,22 +132,41 @@ class _Descent:
         if not better.all():
             self.parameters = np.where(better[:, None], self.parameters, before[0])
             self._residuals = np.where(better[:, None], self._residuals, before[1])
-            self._jacobian = np.where(better[:, None, None], self._jacobian, before[2])
+            self._jacobian[~better], self._normal[~better] = before[2][~better], before[3][~better]
         return size
 
     def noise(self) -> float:
         """Grey levels, of the bulk of the pixels."""
-        return max(SIGMA * float(np.median(np.abs(self._residuals[self._patches.used > 0]))), LEAST_NOISE)
+        size = np.abs(self._residuals).ravel()
+        middle = size.size - self._used / 2  # those that are not used are 0
+        ends = int(np.ceil(middle)) - 1, int(middle)
+        return max(SIGMA * float(np.partition(size, ends)[list(ends)].mean()), LEAST_NOISE)
 
-    def result(self) -> Fit:
-        normal = np.matmul(self._jacobian, self._jacobian.swapaxes(1, 2)).astype(np.float64)
+    def _bulk(self, noise: float) -> NDArray[np.float32]:
+        """(N, P) the residuals, no larger than where they begin to weigh less."""
+        return np.asarray(np.clip(self._residuals, -OUTLYING * noise, OUTLYING * noise))
+
+    def _lost(self, bulk: NDArray[np.float32]) -> Floats:
+        """(N, 11, 11) by how much less the outlying pixels tell than others do."""
+        lost = np.zeros(self._normal.shape)
+        corner, pixel = np.nonzero(bulk != self._residuals)
+        part = 1 - bulk[corner, pixel] / self._residuals[corner, pixel]
+        rows = self._jacobian[corner, :, pixel].astype(np.float64)
+        ends = np.searchsorted(corner, np.arange(len(lost) + 1))
+        for own in np.flatnonzero(np.diff(ends)).tolist():
+            some = slice(ends[own], ends[own + 1])
+            lost[own] = (rows[some] * part[some, None]).T @ rows[some]
+        return lost
+
+    def result(self, heights: Floats) -> Fit:
+        normal = self._normal.copy()
         normal[:, np.arange(len(PARAMETERS)), np.arange(len(PARAMETERS))] += 1e-6
         inverse = np.linalg.inv(normal)
-        bulk = np.clip(self._residuals, -OUTLYING * self.noise(), OUTLYING * self.noise())
+        bulk = self._bulk(self.noise())
         squared = (self._residuals**2).sum(1) / np.maximum(self._patches.used.sum(1), 1)
         misfit = np.sqrt(squared) / np.maximum(np.abs(self.parameters[:, CONTRAST]), 1e-6)
         grown = inflation(self._jacobian, bulk, inverse, self._patches.half_width)
-        return Fit(self.parameters, inverse[:, :2, :2], grown, misfit)
+        return Fit(self.parameters, inverse[:, :2, :2], grown, misfit, heights)
 
 
 def _start(patches: Patches, lattice: Lattice) -> Floats:

@@ -21,16 +21,14 @@ def inflation(jacobian: NDArray[np.float32], residuals: NDArray[np.float32], inv
         inverse: (N, k, k) of the normal matrices.
         half_width: px to both sides of an edge.
     """
-    count, parameters, pixels = jacobian.shape
+    pixels = jacobian.shape[2]
     size = min(CHUNK * (2 * half_width + 1), -(-pixels // FEWEST))
-    chunks = -(-pixels // size)
-    padding = chunks * size - pixels
-    by_chunk = np.pad(jacobian, ((0, 0), (0, 0), (0, padding))).reshape(count, parameters, chunks, size).swapaxes(1, 2)  # (N, C, k, size)
-    left = np.pad(residuals, ((0, 0), (0, padding))).reshape(count, chunks, size, 1)
-    place = inverse[:, None, :2].astype(np.float32)  # (N, 1, 2, k)
-    moved = np.matmul(place, np.matmul(by_chunk, left))  # (N, C, 2, 1) px
-    normal = np.matmul(by_chunk, by_chunk.swapaxes(2, 3))  # (N, C, k, k)
-    carried = np.matmul(place, normal)  # (N, C, 2, k)
-    white = np.matmul(carried, place.swapaxes(2, 3)).trace(axis1=2, axis2=3)
-    absorbed = np.matmul(np.matmul(carried, inverse[:, None].astype(np.float32)), carried.swapaxes(2, 3)).trace(axis1=2, axis2=3)
-    return float((moved.astype(np.float64) ** 2).sum() / (white - absorbed).astype(np.float64).sum())
+    by_pixel = np.matmul(inverse[:, :2].astype(np.float32), jacobian)  # (N, 2, P) px for each grey level
+    moved = by_pixel * residuals[:, None]
+    found, white, absorbed = 0.0, float((by_pixel.astype(np.float64) ** 2).sum()), 0.0
+    for begin in range(0, pixels, size):
+        chunk = slice(begin, begin + size)
+        found += float((moved[..., chunk].sum(-1, dtype=np.float64) ** 2).sum())
+        carried = np.matmul(by_pixel[..., chunk], jacobian[..., chunk].swapaxes(1, 2)).astype(np.float64)  # (N, 2, k)
+        absorbed += float((np.matmul(carried, inverse) * carried).sum())
+    return found / (white - absorbed)

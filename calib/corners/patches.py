@@ -49,12 +49,17 @@ class Patches:
         near = (np.maximum(by_row, by_column) <= REACH) & (np.minimum(by_row, by_column) <= lattice.clear)
         column, row = (pixels.astype(np.int32) + own.astype(np.int32)[:, None] for pixels, own in zip((across, down), whole.T, strict=True))
         used = near & ~again & (column >= 0) & (column < grey.shape[1]) & (row >= 0) & (row < grey.shape[0])
-        order = np.argsort(~used, 1, kind="stable")[:, : max(int(used.sum(1).max()), 1)]
-        order += np.arange(len(used))[:, None] * used.shape[1]
-        used, x, y, column, row = (part.ravel()[order] for part in (used, x, y, column, row))
-        light = grey[np.where(used, row, 0), np.where(used, column, 0)].astype(np.float32)
+        places = np.flatnonzero(used)
+        counts = used.sum(1)
+        fullest = max(int(counts.max()), 1)
+        shifts = np.arange(len(counts)) * fullest - np.concatenate([[0], np.cumsum(counts)[:-1]])
+        packed = np.arange(len(places)) + np.repeat(shifts, counts)
+        pixels = np.zeros((4, len(counts), fullest), np.float32)
+        seen = grey[row.ravel()[places], column.ravel()[places]]
+        for part, values in zip(pixels, (seen, x.ravel()[places], y.ravel()[places], 1), strict=True):
+            part.ravel()[packed] = values
         size = REACH * np.linalg.norm(lattice.steps, axis=-1).mean(-1, keepdims=True)
-        return Patches(light, x, y, used.astype(np.float32), size.astype(np.float32), half_width)
+        return Patches(pixels[0], pixels[1], pixels[2], pixels[3], size.astype(np.float32), half_width)
 
     def some(self, corners: slice) -> "Patches":
         """Those of a few corners."""

@@ -15,9 +15,10 @@ from calib.estimation.robust import outlying
 from calib.estimation.stated_priors import with_estimates
 from calib.fitting.believing import believing
 from calib.fitting.cross_validation import GRID_FOLDS, choose_grid, cross_validate
-from calib.fitting.inputs import gather
+from calib.fitting.inputs import gather, recalibrated
 from calib.fitting.provenance import KEY, provenance
-from calib.fitting.stages import Settings, Setup, fit_stages
+from calib.fitting.second_look import LOOKS, SecondLook, look_again
+from calib.fitting.stages import Fitted, Settings, Setup, fit_stages
 from calib.progress import Progress, Silent
 from calib.session.session import Session
 from calib.threads import single_thread
@@ -47,15 +48,32 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
         _check_enough(views, rejected, for_folds=GRID_FOLDS)
         grid, grids = choose_grid(setup, views, settings, progress)
         settings = replace(settings, grid=grid)
+    looks: tuple[SecondLook, ...] | None = () if session.corners else None
+    earlier: Fitted | None = None
     while True:
         _check_enough(views, rejected)
         observations = Observations.of(views, session.board)
         with single_thread():
-            fitted = fit_stages(setup, observations, settings, progress)
+            fitted = fit_stages(setup, observations, settings, progress, earlier=earlier)
+        earlier = None
         views, bad = _without_outliers(views, observations, fitted.residuals)
-        if not bad:
-            break
         rejected = (*rejected, *bad)
+        if bad:
+            continue
+        if looks is not None:
+            break
+        with single_thread():
+            size = session.camera.width, session.camera.height
+            views, looks = look_again(fitted, views, session.board, session.frames, size, progress)
+        if not any(look.found for look in looks):
+            break
+        if start.intrinsics_from == "views":
+            again = recalibrated(views, session, start.intrinsics, progress)
+            views, rejected = again.views, (*rejected, *again.rejected)
+            told = replace(told, intrinsics=again.intrinsics)
+            setup = told.freed(settings)
+        else:
+            earlier = fitted
     with single_thread():
         believed = believing(fitted, setup, told, views, settings, progress)
     fitted, setup = believed.fitted, believed.setup
@@ -87,6 +105,7 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
             "exact_hit": settings.exact_hit,
             "intrinsics_from": start.intrinsics_from,
             "lens_held_out_px": {str(count): error for count, error in start.lens_held_out_px.items()},
+            LOOKS: [asdict(look) for look in looks],
             KEY: provenance(session),
         }
         | ({"cross_validation": asdict(validation)} if validation else {})

@@ -12,7 +12,7 @@ from calib.corners.detect_all import detect
 from calib.corners.usable import with_poses
 from calib.corners.view import Rejected, View
 from calib.errors import InputError
-from calib.fitting.intrinsics import calibrate_bare
+from calib.fitting.intrinsics import BareFit, calibrate_bare
 from calib.io.frames_table import NAME as FRAMES_TABLE
 from calib.io.frames_table import FrameRecord, read_frame_records
 from calib.progress import Progress
@@ -76,6 +76,11 @@ def gather(session: Session, progress: Progress) -> Gathered:
         source = "views"
     kept, too_few = with_poses(views, session.board)
     return Gathered(kept, (*rejected, *bare, *too_few), intrinsics, source, tried)
+
+
+def recalibrated(views: Sequence[View], session: Session, intrinsics: Intrinsics, progress: Progress) -> BareFit:
+    """Without a cover, from more corners of the same views: with as many lens coefficients as were chosen before."""
+    return calibrate_bare(views, session.board, replace(session.camera, lens_coefficients=len(intrinsics.distortion)), progress)
 
 
 def _check_inside(views: Sequence[View], session: Session) -> None:

@@ -83,8 +83,13 @@ class Fitted:
     joint: JointFit | None = None
 
 
-def fit_stages(setup: Setup, observations: Observations, settings: Settings, progress: Progress) -> Fitted:
+def fit_stages(
+    setup: Setup, observations: Observations, settings: Settings, progress: Progress, *, earlier: Fitted | None = None
+) -> Fitted:
     """Fit the model to corners, stage by stage. Numbers that are described with a standard deviation are estimated, by the joint method.
+
+    Args:
+        earlier: of the same setup and views, with other corners: where the last stage starts.
 
     Raises:
         InputError: no ray of the camera leaves the cover.
@@ -102,15 +107,19 @@ def fit_stages(setup: Setup, observations: Observations, settings: Settings, pro
     _check_cover(missed)
     stages.append(Stage("cover", missed.rms_px, missed.rmse_cm))
     priors = priors_of(setup.intrinsics, setup.cover, path)
-    start = None
-    if priors.sigmas and settings.method == "joint":
+    start = earlier.joint.start if earlier and earlier.joint else None
+    if earlier and start:
+        poses = earlier.poses
+    elif priors.sigmas and settings.method == "joint":
         # What a wrong number explains is explained by it before there is a relief that could.
         rough = fit_joint(path, values, observations, poses, priors=priors, rounds=ROUGH)
         start, poses = replace(rough.start, smoothness=GOOD_GLASS), rough.poses
-    low, high = footprint(path, start.values if start else values, setup.camera.width, setup.camera.height)
     assert settings.grid, "to be chosen before"
     around, along = settings.grid
-    relief = Relief(low, high, (along, around))
+    relief = earlier.relief if earlier else None
+    if not relief:
+        low, high = footprint(path, start.values if start else values, setup.camera.width, setup.camera.height)
+        relief = Relief(low, high, (along, around))
     path = with_relief(path, relief, exact_hit=settings.exact_hit)
     flat = {AMPLITUDES: torch.zeros(along, around, dtype=torch.float64)}
     values = {**values, **flat}
@@ -120,7 +129,7 @@ def fit_stages(setup: Setup, observations: Observations, settings: Settings, pro
     else:
         advance = progress.task("Joint fit", LINEARISATIONS)
         if start:
-            start = replace(start, values={**start.values, **flat})
+            start = replace(start, values={**flat, **start.values})
         joint = fit_joint(
             path,
             values,
