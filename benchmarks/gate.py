@@ -26,9 +26,10 @@ from benchmarks.views import clutter_view, motion_blurred, warped_view
 from calib.corners.detect import eight_bits, find_corners
 from calib.io.images import list_images, read_grey
 from calib.session.board import Board
-from capture.finder import Finder, Sighting
+from capture.finder import Finder
 from capture.frames import Frame
 from capture.gate import judge
+from capture.sighting import Sighting
 
 THREADS = 2
 PERIOD = 0.1  # s, between frames

@@ -17,8 +17,8 @@ from calib.planning.hints import tilt_of, words
 from calib.planning.pose_bank import Reach, bank, bare_pose, rim
 from calib.session.board import Board
 from calib.session.camera import Camera
-from capture.finder import Sighting
 from capture.gate import new
+from capture.sighting import Sighting
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from calib.corners.detection import Detection, NotFound
 from calib.corners.local_map import LocalMap
 from calib.corners.marker_links import Links
-from calib.corners.markers import Markers, border_of, marker_places, read_markers
+from calib.corners.markers import WINDOWS_TRIED, Markers, border_of, marker_places, read_markers
 from calib.corners.measure import Measured, measure
 from calib.session.board import Board
 from calib.session.coding import AprilGrid, Charuco
@@ -40,9 +40,22 @@ ROUGH_SPACING = 0.06  # of a tag: what these tell
 
 def find_coded(grey: NDArray[np.uint8], every_bit: NDArray, board: Board) -> Detection | NotFound:
     """In a (H, W) picture: `grey` is looked at, `every_bit`, uint8 or uint16, measured."""
+    rough = rough_corners(grey, board)
+    if isinstance(rough, NotFound):
+        return rough
+    measured = _measured(every_bit, rough, board)
+    if isinstance(board.coding, AprilGrid) and (wrong := _other_spacing(measured.corners, board, board.coding, OTHER_SPACING)):
+        return NotFound(wrong)
+    if np.isfinite(measured.corners[:, 0]).sum() < FEWEST:
+        return NotFound(f"hardly any corner of the {board} board can be measured: {ADVICE}")
+    return Detection(measured.corners, measured.covariances, "coded")
+
+
+def rough_corners(grey: NDArray[np.uint8], board: Board, windows: tuple[int, ...] = WINDOWS_TRIED) -> Floats | NotFound:
+    """(count, 2) px by cornerSubPix, to a tenth, NaN where a corner is not seen; `windows` as of `read_markers`. The live picture makes
+    do with these."""
     assert board.coding
-    read = read_markers(grey, board.coding.dictionary, border_of(board.coding))
-    own = one_board(read, board)
+    own = one_board(read_markers(grey, board.coding.dictionary, border_of(board.coding), windows), board)
     if isinstance(own, NotFound):
         return own
     if wrong := _misprint(own, board, grey):
@@ -50,12 +63,7 @@ def find_coded(grey: NDArray[np.uint8], every_bit: NDArray, board: Board) -> Det
     found = _own(own, board, grey)
     if np.isfinite(found[:, 0]).sum() < FEWEST:
         return NotFound(f"hardly any corner of the {board} board can be seen: {ADVICE}")
-    measured = _measured(every_bit, _further(found, board, grey), board)
-    if isinstance(board.coding, AprilGrid) and (wrong := _other_spacing(measured.corners, board, board.coding, OTHER_SPACING)):
-        return NotFound(wrong)
-    if np.isfinite(measured.corners[:, 0]).sum() < FEWEST:
-        return NotFound(f"hardly any corner of the {board} board can be measured: {ADVICE}")
-    return Detection(measured.corners, measured.covariances, "coded")
+    return _further(found, board, grey)
 
 
 def _measured(grey: NDArray, rough: Floats, board: Board) -> Measured:
@@ -77,18 +85,20 @@ def one_board(read: Markers, board: Board) -> Markers | NotFound:
     if foreign >= max(3, len(known.numbers) / 5):
         return NotFound(
             f"markers with numbers up to {read.numbers.max()} are seen, where a {board} board has 0 to {len(places) - 1}: correct columns, "
-            "rows or dictionary in session.yaml, or show this board alone"
+            "rows or dictionary in session.yaml, or show this board alone",
+            in_doubt=True,
         )
     if not len(known.numbers):
-        return NotFound(f"no marker of the {board} board found: {ADVICE}")
+        return NotFound(f"no marker of the {board} board found: {ADVICE}", in_doubt=True)
     groups = Links.of(known, places[known.numbers], _pitch(board)).groups
     if len(groups[0]) < 2 and len(known.numbers) < FEWEST:
-        return NotFound(f"no two markers lie as on the {board} board: {ADVICE}, or correct board in session.yaml")
+        return NotFound(f"no two markers lie as on the {board} board: {ADVICE}, or correct board in session.yaml", in_doubt=True)
     twice = _twice(known)
     if twice is not None and len(groups[0]) > 1:
         return NotFound(f"marker {twice} of the {board} board is seen twice: show one board alone, with each of its markers once")
     if len(groups[0]) < 2 or (len(groups) > 1 and len(groups[1]) > 1):
-        return NotFound(f"the markers lie not as on one {board} board: correct board in session.yaml, or show one board alone")
+        reason = f"the markers lie not as on one {board} board: correct board in session.yaml, or show one board alone"
+        return NotFound(reason, in_doubt=True)
     return known.some(groups[0])
 
 

@@ -25,3 +25,5 @@ class NotFound:
 
     reason: str
     """To be said with the picture's name."""
+    in_doubt: bool = False
+    """Whether the board may be another one than was declared, as far as its markers tell: `other_coding` looks into that."""

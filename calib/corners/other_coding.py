@@ -44,7 +44,7 @@ def other_coding(pictures: Pictures, board: Board) -> str:
     seen = {family: _numbers(pictures, *family) for family in FAMILIES}
     name, cells = max(seen, key=lambda family: len(seen[family]))
     numbers = seen[name, cells]
-    if len(numbers) <= max(FEWEST * len(pictures) / 2, 2 * sum(len(markers.numbers) for markers in read)):
+    if len(numbers) <= max(FEWEST, FEWEST * len(pictures) / 2, 2 * sum(len(markers.numbers) for markers in read)):
         return ""
     alike = [other for other in DICTIONARIES if other.rpartition("_")[0] == name.rpartition("_")[0] and name.endswith("_1000")] or [name]
     smallest = next(other for other in alike if other == name or np.mean(numbers < DICTIONARIES[other]) > ALL_BUT_ERRORS)

@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> None:
 
     from calib.commands.printing import print_json
     from calib.errors import InputError, NotEnoughDataError, RefracalError
-    from capture.finder import Finder
+    from capture.find import finder_of
     from capture.interrupt import ending_by
     from capture.narrator import Narrator
     from capture.reader import Reader
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> None:
                 for view, frame in enumerate(islice(reader, views), start=1):
                     narrator.kept(recorder.keep(frame), view)
             else:
-                finder = Finder(board)
+                finder = finder_of(board)
                 plan = Plan(views or 0, args.burst, args.every)
                 for step in record(reader, finder, recorder, plan, corners_of(recorder.pictures, finder)):
                     narrator.tell(step)
