@@ -6,7 +6,7 @@ Corners that have black to one side and those that have it to the other take tur
 one kind it undoes in the other.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ ALONG = np.linspace(0.2, 0.45, 6)  # of the step to the next corner: clear of th
 ACROSS = np.linspace(-1, 1, 33)  # places on a profile, in reaches
 SIGMAS = np.geomspace(0.35, 5.0, 20)  # px, blurs that are tried
 NEAR = (0.4, 1.0)  # of the clear way beside an edge: where its colour is told
+MOST = 48  # corners, drawn from all: more tell no more
 FEWEST = 4  # corners of either kind, or edges in either direction
 
 
@@ -35,7 +36,7 @@ class Light:
 
 def measure_light(grey: NDArray[np.uint8], corners: Floats, board: Board) -> Light:
     """Around the (count, 2) px corners, NaN where not seen, of a (H, W) picture."""
-    lattice = Lattice.of(corners, board)
+    lattice = _some(Lattice.of(corners, board))
     rim = (1 - board.coding.marker / board.square) / 2 if isinstance(board.coding, Charuco) else np.inf
     reach = np.minimum((REACH if np.isfinite(rim) else lattice.clear) * lattice.heights, FARTHEST)  # (N, edge) px, to either side
     across = lattice.steps[:, ::-1] * (reach / lattice.heights)[..., None]  # (N, edge, 2) px: along the other edge
@@ -83,6 +84,11 @@ class _Edges:
         rows = np.arange(len(at))
         black = level - (gain * middle)[best, rows]
         return _Edges(float(np.median(_between(misfit, best))), black, black + gain[best, rows])
+
+
+def _some(lattice: Lattice) -> Lattice:
+    drawn = np.random.default_rng(0).permutation(len(lattice.corners))[:MOST]
+    return replace(lattice, corners=lattice.corners[drawn], steps=lattice.steps[drawn], curvatures=lattice.curvatures[drawn])
 
 
 def _between(misfit: Floats, best: NDArray[np.intp]) -> Floats:

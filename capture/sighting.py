@@ -57,7 +57,7 @@ def grey_of(frame: Frame) -> NDArray[np.uint8]:
 def live_factor(grey: NDArray[np.uint8]) -> int:
     """By how much a picture is to be reduced, so that it is no longer than LIVE."""
     height, width = grey.shape
-    return min(-(-max(height, width) // LIVE), height, width)
+    return int(min(-(-max(height, width) // LIVE), height, width))
 
 
 def reduced(grey: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:

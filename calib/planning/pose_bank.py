@@ -1,6 +1,7 @@
 """The poses in which a person can hold the board before this camera: some hundred, over the picture, depths and tilts.
 
-The cover is not seen here. It shifts the picture of the board by some pixels, for which the picture's margin leaves room.
+A board with markers may reach out of the picture, where a cover bends most. The cover is not seen here. It shifts the picture of the
+board by some pixels, for which the picture's margin leaves room.
 """
 
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.corners.usable import FEWEST_CORNERS
 from calib.errors import InputError
 from calib.session.board import Board
 from calib.session.camera import Camera
@@ -21,6 +23,9 @@ AROUND = 0.5  # squares, that must be in the picture around the outermost corner
 TILT = np.radians(32)  # about each axis: at 45 degrees about both, corners are hard to find
 LEVELS = 3  # depths, evenly spaced in inverse depth, in which refraction is linear
 LARGEST, SMALLEST = 0.75, 0.25  # of the picture's shorter side, the board's longer one: the reach, where none is stated
+INSIDE = 0.3  # of half a board with markers, from the picture's border to its middle: two thirds of it are seen at a side
+FEWEST_SEEN = 0.4  # of its corners: in a corner of the picture so many are
+FOLDED = 1e-3  # of the distance from the middle: a lens's polynomial that takes a place so far elsewhere has turned back
 FOCAL = 0.8  # of the picture's longer side, where intrinsics are not known: 64 degrees across
 
 
@@ -52,11 +57,12 @@ class Bank:
     poses: Array
     """(P, 6) T_camera_board: rotation vector (rad) and translation (m)."""
     corners: Array
-    """(P, count, 2) px"""
+    """(P, count, 2) px, NaN outside of the picture."""
 
 
 def bank(board: Board, camera: Camera, reach: Reach) -> Bank:
-    """Every pose of a lattice that leaves the board wholly in the picture: farther boards, which cover less, at more places.
+    """Every pose of a lattice that leaves the board wholly in the picture, or one with markers enough of it: farther boards, which cover
+    less, at more places.
 
     Raises:
         InputError: there is none.
@@ -70,7 +76,10 @@ def bank(board: Board, camera: Camera, reach: Reach) -> Bank:
             turn = np.array([*tilt, 0.0])
             turned = rim @ cv2.Rodrigues(turn)[0].T
             away = depth + turned[:, 2:]  # (4, 1) m
-            least, most = (low * away - turned[:, :2]).max(0), (high * away - turned[:, :2]).min(0)  # m: where its middle may be
+            if board.coding:
+                least, most = low * depth + INSIDE * np.array(board.half), high * depth - INSIDE * np.array(board.half)
+            else:
+                least, most = (low * away - turned[:, :2]).max(0), (high * away - turned[:, :2]).min(0)  # m: where its middle may be
             if (least < most).all():
                 across = np.linspace(least[0], most[0], 3 + level)
                 down = np.linspace(least[1], most[1], 3 + level // 2)
@@ -80,7 +89,21 @@ def bank(board: Board, camera: Camera, reach: Reach) -> Bank:
             f"A board of {board} corners and {board.square * 1000:g} mm is nowhere wholly in the picture between {reach.near:g} and "
             f"{reach.far:g} m: hold it farther away, or correct its numbers."
         )
-    return Bank(np.array(poses), np.array([seen_bare(board, camera, pose) for pose in poses]))
+    corners = np.array([seen_bare(board, camera, pose) for pose in poses])
+    enough = enough_seen(corners, board)
+    return Bank(np.array(poses)[enough], corners[enough])
+
+
+def enough_seen(corners: Array, board: Board) -> NDArray[np.bool_]:
+    """(P,) whether poses in which these (P, count, 2) px are seen, NaN where not, are worth asking for."""
+    needed = board.count if not board.coding else max(FEWEST_SEEN * board.count, 2 * FEWEST_CORNERS)
+    return np.asarray(np.isfinite(corners[..., 0]).sum(1) >= min(needed, board.count))
+
+
+def in_picture(corners: Array, camera: Camera) -> Array:
+    """(..., 2) px, NaN where that is not in the picture."""
+    inside = ((corners > 0) & (corners < [camera.width - 1, camera.height - 1])).all(-1, keepdims=True)  # false for NaN
+    return np.where(inside, corners, np.nan)
 
 
 def matrix(camera: Camera) -> Array:
@@ -93,14 +116,20 @@ def matrix(camera: Camera) -> Array:
 
 
 def seen_bare(board: Board, camera: Camera, pose: Array) -> Array:
-    """(count, 2) px, where the bare camera sees the corners of a board at (6,)."""
-    seen = cv2.projectPoints(_solid(board), pose[:3], pose[3:], matrix(camera), _lens(camera))[0]
-    return np.asarray(seen, np.float64).reshape(-1, 2)
+    """(count, 2) px, where the bare camera sees the corners of a board at (6,); of one with markers, NaN outside of the picture."""
+    seen = np.asarray(cv2.projectPoints(_solid(board), pose[:3], pose[3:], matrix(camera), _lens(camera))[0], np.float64).reshape(-1, 2)
+    if not board.coding:
+        return seen
+    straight = cv2.projectPoints(_solid(board), pose[:3], pose[3:], np.eye(3), None)[0].reshape(-1, 2)
+    back = cv2.undistortPoints(seen.reshape(-1, 1, 2), matrix(camera), _lens(camera)).reshape(-1, 2)
+    folded = np.linalg.norm(back - straight, axis=1) > FOLDED * (1 + np.linalg.norm(straight, axis=1))
+    return in_picture(np.where(folded[:, None], np.nan, seen), camera)
 
 
 def bare_pose(board: Board, camera: Camera, corners: Array) -> Array | None:
-    """(6,) the pose that (count, 2) px would show to the bare camera; None where no pose does."""
-    found, turn, shift = cv2.solvePnP(_solid(board), corners, matrix(camera), _lens(camera), flags=cv2.SOLVEPNP_IPPE)
+    """(6,) the pose that (count, 2) px, NaN where not seen, would show to the bare camera; None where no pose does."""
+    seen = np.isfinite(corners[:, 0])
+    found, turn, shift = cv2.solvePnP(_solid(board)[seen], corners[seen], matrix(camera), _lens(camera), flags=cv2.SOLVEPNP_IPPE)
     pose = np.concatenate([np.ravel(turn), np.ravel(shift)]) if found else np.full(6, np.nan)
     return pose if np.isfinite(pose).all() and pose[5] > 0 else None
 
@@ -109,6 +138,18 @@ def rim(board: Board) -> NDArray[np.intp]:
     """(N,) which corners lie on the board's outline, in order around it."""
     index = np.arange(board.count).reshape(board.rows, board.columns)
     return np.concatenate([index[0], index[1:, -1], index[-1, -2::-1], index[-2:0:-1, 0]])
+
+
+def outline(corners: Array, board: Board) -> Array:
+    """(N, 2) px, the board's outermost corners in order around it, from (count, 2) px; those that are not seen are where a plane through
+    the others has them."""
+    around = rim(board)
+    seen = np.isfinite(corners[:, 0])
+    if seen[around].all():
+        return corners[around]
+    plane = cv2.findHomography(board.points()[seen], corners[seen])[0]
+    said = cv2.perspectiveTransform(board.points()[around].reshape(-1, 1, 2), plane).reshape(-1, 2)
+    return np.where(seen[around, None], corners[around], said)
 
 
 def _borders(camera: Camera) -> tuple[Array, Array]:
