@@ -9,16 +9,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib.commands.arguments import positive
+from calib.session.coding import DICTIONARIES, TYPES
 
 if TYPE_CHECKING:
     from calib.session.board import Board
+
+OPTIONS = ("type", "square_mm", "marker_mm", "dictionary", "legacy_pattern", "tag_mm", "spacing")
+"""Of a board, as session.yaml names them."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("session", type=Path, metavar="SESSION", help="the session folder, which is made if need be")
     parser.add_argument("--source", required=True, help="where frames come from; `capture sources` lists the cameras")
-    parser.add_argument("--board", type=_board, metavar="CxR", help="inner corners of the board, such as 9x6, for a new session")
-    parser.add_argument("--square-mm", type=positive, metavar="MM", help="side of a square, for a new session")
+    parser.add_argument("--board", type=_board, metavar="CxR", help="inner corners of a new session's board, or its tags, such as 9x6")
+    parser.add_argument("--type", choices=TYPES, help="the kind of board (default: checkerboard)")
+    parser.add_argument("--square-mm", type=positive, metavar="MM", help="side of a square")
+    parser.add_argument("--marker-mm", type=positive, metavar="MM", help="side of a charuco's marker")
+    parser.add_argument("--dictionary", choices=tuple(DICTIONARIES), metavar="NAME", help="of a charuco's markers, such as DICT_4X4_250")
+    parser.add_argument("--legacy-pattern", action="store_true", default=None, help="for boards of calib.io, or of OpenCV before 4.6")
+    parser.add_argument("--tag-mm", type=positive, metavar="MM", help="side of an aprilgrid's tag")
+    parser.add_argument("--spacing", type=positive, metavar="PART", help="between an aprilgrid's tags, in sides of one, such as 0.3")
     parser.add_argument("--cover-from", type=Path, metavar="FILE", help="session.yaml that describes cover and camera of a new session")
     parser.add_argument("--bare", action="store_true", help="the cover is off: record into bare/")
     parser.add_argument("--views", type=_count, metavar="N", help="views to keep, then end (default: 30; with --all, no end)")
@@ -73,22 +83,21 @@ def run(args: argparse.Namespace) -> None:
 
 def _asked_board(args: argparse.Namespace) -> "Board | None":
     from calib.errors import InputError
-    from calib.session.board import Board
-    from calib.session.board_section import SQUARE
+    from calib.session.board_section import read_board
     from calib.session.schema import Section
 
-    if (args.board is None) != (args.square_mm is None):
-        raise InputError("--board and --square-mm belong together: write both, such as --board 9x6 --square-mm 25.")
-    if args.board is None:
+    given = {key: value for key in OPTIONS if (value := getattr(args, key)) is not None}
+    if args.board is None and not given:
         return None
+    if args.board is None or not given.keys() & {"square_mm", "tag_mm"}:
+        raise InputError("--board and --square-mm (or --tag-mm) belong together: write both, such as --board 9x6 --square-mm 25.")
     columns, rows = args.board
-    square = Section({SQUARE.key: args.square_mm}, "The command line").read(SQUARE)["square"]
-    return Board(columns, rows, square.value)
+    return read_board(Section({"columns": columns, "rows": rows, **given}, "The command line"))
 
 
 def _board(text: str) -> tuple[int, int]:
     columns, _, rows = text.partition("x")
-    if not (columns.isdecimal() and rows.isdecimal() and 3 <= int(columns) <= 1000 and 3 <= int(rows) <= 1000):
+    if not (columns.isdecimal() and rows.isdecimal() and 2 <= int(columns) <= 1000 and 2 <= int(rows) <= 1000):
         raise argparse.ArgumentTypeError(f"{text!r} is not a board: write its inner corners as two whole numbers from 3, such as 9x6")
     return int(columns), int(rows)
 

@@ -74,7 +74,7 @@ async def full_setup(pilot: Pilot[None], _: Path) -> None:
 async def wrong_setup(pilot: Pilot[None], _: Path) -> None:
     await see(pilot, "folder:PATH plays back pictures")
     await see(pilot, "Where pictures come from")
-    await pilot.press("tab", "tab", "tab", "tab", *"0.02")
+    await pilot.press("tab", "tab", "tab", "tab", "tab", *"0.02")
     await see(pilot, "if metres were meant")
 
 
