@@ -1,9 +1,9 @@
 """Where a board with markers is in a live picture, as much of it as the picture shows.
 
-Its markers are read in a reduced picture; where they are small there, or none is found, in one twice as fine. A ChArUco's markers stand
-free, and one threshold finds them. If those that are read are not the declared board's, the picture is searched for what it shows instead:
-that takes as long as dozens of frames, so it is done at most a quarter of the time, and what it said is said until a board is found or
-nothing like a marker is there any more.
+Its markers are read in a reduced picture; where they are small there, or none is found, in one twice as fine; and where there is none
+either, in one half as fine, which sees those that are out of focus. A ChArUco's markers stand free, and one threshold finds them where they
+are not small. If those that are read are not the declared board's, the picture is searched for what it shows instead: that takes as long
+as dozens of frames, so it is done at most a quarter of the time, and what it said is said until a board is found.
 """
 
 import time
@@ -24,6 +24,7 @@ from capture.sighting import Sighting, enlarged, grey_of, live_factor, reduced, 
 
 QUICK = (13,)  # px, the threshold that finds a ChArUco's markers of 9 to 130 px as three do
 CELL = 2.2  # px of the reduced picture: markers of smaller cells are missed
+CLEARLY = 0.4  # of the board: so much of it a picture half as fine must show to be believed
 RESTS = 3.0  # times as long as the search for another board took, it rests
 
 
@@ -44,7 +45,7 @@ class CodedFinder:
         height, width = grey.shape
         found = self._found(grey)
         if isinstance(found, NotFound):
-            said = self._in_doubt(grey) if found.in_doubt else ""
+            said = self._in_doubt(grey) if found.markers != "own" else ""
             return Sighting(None, width, height, frame.time_s, problem=said or found.reason)
         self._other = ""
         seen = np.isfinite(found[:, 0])
@@ -65,9 +66,13 @@ class CodedFinder:
         """(count, 2) px of the whole picture."""
         factor = live_factor(grey)
         found = self._in(grey, factor, self._windows)
-        if factor > 1 and (isinstance(found, NotFound) or self._cell_px(found) < CELL * factor):
-            finer = self._in(grey, factor // 2, WINDOWS_TRIED)
-            return found if isinstance(finer, NotFound) and not isinstance(found, NotFound) else finer
+        if isinstance(found, NotFound) or self._cell_px(found) < CELL * factor:
+            finer = self._in(grey, max(factor // 2, 1), WINDOWS_TRIED)
+            found = finer if isinstance(found, NotFound) or not isinstance(finer, NotFound) else found
+        if isinstance(found, NotFound) and found.markers == "none":
+            coarser = self._in(grey, min(2 * factor, *grey.shape), WINDOWS_TRIED)
+            if not isinstance(coarser, NotFound) and np.isfinite(coarser[:, 0]).mean() >= CLEARLY:
+                return coarser
         return found
 
     def _in(self, grey: NDArray[np.uint8], factor: int, windows: tuple[int, ...]) -> NDArray[np.float64] | NotFound:

@@ -23,6 +23,7 @@ ALONG = np.linspace(0.2, 0.45, 6)  # of the step to the next corner: clear of th
 ACROSS = np.linspace(-1, 1, 33)  # places on a profile, in reaches
 SIGMAS = np.geomspace(0.35, 5.0, 20)  # px, blurs that are tried
 NEAR = (0.4, 1.0)  # of the clear way beside an edge: where its colour is told
+WORST = 25  # percent of the corners, beside which there may be a hand
 MOST = 48  # corners, drawn from all: more tell no more
 FEWEST = 4  # corners of either kind, or edges in either direction
 
@@ -54,7 +55,7 @@ def measure_light(grey: NDArray[np.uint8], corners: Floats, board: Board) -> Lig
     white = light[np.broadcast_to(white_behind[..., None, None] == (ACROSS > 0), light.shape) & near]
     brightest = light.max()
     clipped = float((white >= min(brightest, FULL)).mean()) if brightest >= VIDEO_FULL and white.size else 0.0
-    contrast = float(np.percentile(np.concatenate([fit.white - fit.black for fit in fits]), 10))
+    contrast = float(np.percentile(np.concatenate([fit.white - fit.black for fit in fits]), WORST))
     return Light(_blur(grey, lattice, fits, starts_white), Exposure(clipped, contrast))
 
 

@@ -34,6 +34,7 @@ FEWEST = 4
 ROUNDED = 1.0  # px, that a marker's side comes out shorter, as its outline goes through the middles of its outermost pixels
 OTHER_SIZE = 0.1  # of a marker, which is seen to some hundredths
 OTHER_SPACING = 0.02  # of a tag: measured corners tell it to thousandths, a lens bends it by one or two
+FOUND_SPACING = 0.03  # of a tag: corners by cornerSubPix, of tags of 20 px
 OUTLINE = (3, 3)  # px, cornerSubPix's half-size around the corners of a tag's outline
 ROUGH_SPACING = 0.06  # of a tag: what these tell
 
@@ -63,7 +64,10 @@ def rough_corners(grey: NDArray[np.uint8], board: Board, windows: tuple[int, ...
     found = _own(own, board, grey)
     if np.isfinite(found[:, 0]).sum() < FEWEST:
         return NotFound(f"hardly any corner of the {board} board can be seen: {ADVICE}")
-    return _further(found, board, grey)
+    found = _further(found, board, grey)
+    if isinstance(board.coding, AprilGrid) and (wrong := _other_spacing(found, board, board.coding, FOUND_SPACING)):
+        return NotFound(wrong)
+    return found
 
 
 def _measured(grey: NDArray, rough: Floats, board: Board) -> Measured:
@@ -86,19 +90,19 @@ def one_board(read: Markers, board: Board) -> Markers | NotFound:
         return NotFound(
             f"markers with numbers up to {read.numbers.max()} are seen, where a {board} board has 0 to {len(places) - 1}: correct columns, "
             "rows or dictionary in session.yaml, or show this board alone",
-            in_doubt=True,
+            "other",
         )
     if not len(known.numbers):
-        return NotFound(f"no marker of the {board} board found: {ADVICE}", in_doubt=True)
+        return NotFound(f"no marker of the {board} board found: {ADVICE}", "none")
     groups = Links.of(known, places[known.numbers], _pitch(board)).groups
     if len(groups[0]) < 2 and len(known.numbers) < FEWEST:
-        return NotFound(f"no two markers lie as on the {board} board: {ADVICE}, or correct board in session.yaml", in_doubt=True)
+        return NotFound(f"no two markers lie as on the {board} board: {ADVICE}, or correct board in session.yaml", "none")
     twice = _twice(known)
     if twice is not None and len(groups[0]) > 1:
         return NotFound(f"marker {twice} of the {board} board is seen twice: show one board alone, with each of its markers once")
     if len(groups[0]) < 2 or (len(groups) > 1 and len(groups[1]) > 1):
         reason = f"the markers lie not as on one {board} board: correct board in session.yaml, or show one board alone"
-        return NotFound(reason, in_doubt=True)
+        return NotFound(reason, "other")
     return known.some(groups[0])
 
 

@@ -25,5 +25,6 @@ class NotFound:
 
     reason: str
     """To be said with the picture's name."""
-    in_doubt: bool = False
-    """Whether the board may be another one than was declared, as far as its markers tell: `other_coding` looks into that."""
+    markers: Literal["none", "other", "own"] = "own"
+    """Of a board with markers: whether hardly any was read, or those that were read may be another board's; `other_coding` then looks
+    into that."""

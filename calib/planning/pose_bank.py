@@ -61,8 +61,8 @@ class Bank:
 
 
 def bank(board: Board, camera: Camera, reach: Reach) -> Bank:
-    """Every pose of a lattice that leaves the board wholly in the picture, or one with markers enough of it: farther boards, which cover
-    less, at more places.
+    """Every pose of a lattice that leaves the board wholly in the picture, and for one with markers others around it, in which it reaches
+    out: farther boards, which cover less, at more places.
 
     Raises:
         InputError: there is none.
@@ -76,14 +76,14 @@ def bank(board: Board, camera: Camera, reach: Reach) -> Bank:
             turn = np.array([*tilt, 0.0])
             turned = rim @ cv2.Rodrigues(turn)[0].T
             away = depth + turned[:, 2:]  # (4, 1) m
-            if board.coding:
-                least, most = low * depth + INSIDE * np.array(board.half), high * depth - INSIDE * np.array(board.half)
-            else:
-                least, most = (low * away - turned[:, :2]).max(0), (high * away - turned[:, :2]).min(0)  # m: where its middle may be
+            least, most = (low * away - turned[:, :2]).max(0), (high * away - turned[:, :2]).min(0)  # m: where its middle may be
             if (least < most).all():
-                across = np.linspace(least[0], most[0], 3 + level)
-                down = np.linspace(least[1], most[1], 3 + level // 2)
-                poses += [np.array([*turn, x, y, depth]) for x, y in product(across, down)]
+                poses += [np.array([*turn, *place, depth]) for place in _places(least, most, level)]
+            if board.coding:
+                inside = INSIDE * np.array(board.half)
+                poses += [
+                    np.array([*turn, *place, depth]) for place in _places(low * depth + inside, high * depth - inside, level, rim=True)
+                ]
     if not poses:
         raise InputError(
             f"A board of {board} corners and {board.square * 1000:g} mm is nowhere wholly in the picture between {reach.near:g} and "
@@ -92,6 +92,14 @@ def bank(board: Board, camera: Camera, reach: Reach) -> Bank:
     corners = np.array([seen_bare(board, camera, pose) for pose in poses])
     enough = enough_seen(corners, board)
     return Bank(np.array(poses)[enough], corners[enough])
+
+
+def _places(least: Array, most: Array, level: int, *, rim: bool = False) -> list[Array]:
+    """(2,) m each, for the board's middle: a lattice between two limits, or its outermost places alone."""
+    across, down = np.linspace(least[0], most[0], 3 + level), np.linspace(least[1], most[1], 3 + level // 2)
+    outermost = product(range(len(across)), range(len(down)))
+    ends = {0, len(across) - 1}, {0, len(down) - 1}
+    return [np.array([across[i], down[j]]) for i, j in outermost if not rim or i in ends[0] or j in ends[1]]
 
 
 def enough_seen(corners: Array, board: Board) -> NDArray[np.bool_]:
