@@ -6,29 +6,17 @@ v4l2:/dev/video0?size=1640x1232. A session that has pictures is continued. Ctrl-
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from calib.commands.arguments import positive
-from calib.session.coding import DICTIONARIES, TYPES
-
-if TYPE_CHECKING:
-    from calib.session.board import Board
-
-OPTIONS = ("type", "square_mm", "marker_mm", "dictionary", "legacy_pattern", "tag_mm", "spacing")
-"""Of a board, as session.yaml names them."""
+from calib.commands.board_options import add_coding, asked_board
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("session", type=Path, metavar="SESSION", help="the session folder, which is made if need be")
     parser.add_argument("--source", required=True, help="where frames come from; `capture sources` lists the cameras")
     parser.add_argument("--board", type=_board, metavar="CxR", help="inner corners of a new session's board, or its tags, such as 9x6")
-    parser.add_argument("--type", choices=TYPES, help="the kind of board (default: checkerboard)")
     parser.add_argument("--square-mm", type=positive, metavar="MM", help="side of a square")
-    parser.add_argument("--marker-mm", type=positive, metavar="MM", help="side of a charuco's marker")
-    parser.add_argument("--dictionary", choices=tuple(DICTIONARIES), metavar="NAME", help="of a charuco's markers, such as DICT_4X4_250")
-    parser.add_argument("--legacy-pattern", action="store_true", default=None, help="for boards of calib.io, or of OpenCV before 4.6")
-    parser.add_argument("--tag-mm", type=positive, metavar="MM", help="side of an aprilgrid's tag")
-    parser.add_argument("--spacing", type=positive, metavar="PART", help="between an aprilgrid's tags, in sides of one, such as 0.3")
+    add_coding(parser)
     parser.add_argument("--cover-from", type=Path, metavar="FILE", help="session.yaml that describes cover and camera of a new session")
     parser.add_argument("--bare", action="store_true", help="the cover is off: record into bare/")
     parser.add_argument("--views", type=_count, metavar="N", help="views to keep, then end (default: 30; with --all, no end)")
@@ -56,7 +44,7 @@ def run(args: argparse.Namespace) -> None:
     if args.all and (args.burst > 1 or args.every):
         raise InputError("--burst and --every choose among good views: leave them out, or leave --all out.")
     like = read_setup(args.cover_from) if args.cover_from else None
-    board = board_of(args.session, _asked_board(args), like)
+    board = board_of(args.session, asked_board(args), like)
     views = args.views or (None if args.all else 30)
     with Reader(source) as reader, Recorder(args.session, board, like=like, bare=args.bare) as recorder, ending_by(reader.close) as wish:
         narrator = Narrator(reader, recorder, views, json=args.json)
@@ -79,20 +67,6 @@ def run(args: argparse.Namespace) -> None:
         print_json(narrator.as_json(ended=ended))
     else:
         narrator.sum_up()
-
-
-def _asked_board(args: argparse.Namespace) -> "Board | None":
-    from calib.errors import InputError
-    from calib.session.board_section import read_board
-    from calib.session.schema import Section
-
-    given = {key: value for key in OPTIONS if (value := getattr(args, key)) is not None}
-    if args.board is None and not given:
-        return None
-    if args.board is None or not given.keys() & {"square_mm", "tag_mm"}:
-        raise InputError("--board and --square-mm (or --tag-mm) belong together: write both, such as --board 9x6 --square-mm 25.")
-    columns, rows = args.board
-    return read_board(Section({"columns": columns, "rows": rows, **given}, "The command line"))
 
 
 def _board(text: str) -> tuple[int, int]:

@@ -58,11 +58,13 @@ def off(found: NDArray[np.float64] | None, truth: NDArray[np.float64]) -> NDArra
 def enlarged(picture: Grey, corners: NDArray[np.float64], factor: int) -> tuple[Grey, NDArray[np.float64]]:
     height, width = picture.shape
     size = width * factor, height * factor
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC), np.uint8), (corners + 0.5) * factor - 0.5
+    large = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC), np.uint8)
+    return large, np.asarray((corners + 0.5) * factor - 0.5)
 
 
 def moved(pixels: Grey, x: float, y: float) -> Grey:
-    return np.asarray(cv2.warpAffine(pixels, np.array([[1.0, 0, x], [0, 1.0, y]]), pixels.shape[::-1], borderMode=cv2.BORDER_REPLICATE))
+    shift = np.array([[1.0, 0, x], [0, 1.0, y]])
+    return np.asarray(cv2.warpAffine(pixels, shift, pixels.shape[::-1], borderMode=cv2.BORDER_REPLICATE), np.uint8)
 
 
 @each_kind
@@ -288,7 +290,7 @@ def test_photographs_of_a_board_with_markers_are_recorded(name: str, tmp_path: P
     [
         ("--marker-mm", "marker_mm is missing: write a number"),
         ("--dictionary", "dictionary is missing: write one of OpenCV's names"),
-        ("--square-mm", "--board and --square-mm (or --tag-mm) belong together"),
+        ("--square-mm", "--board and --square-mm belong together"),
         ("--type", "marker_mm is not a known key"),
     ],
 )
