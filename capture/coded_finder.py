@@ -11,7 +11,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.corners.coded import rough_corners
+from calib.corners.coded import live_corners
 from calib.corners.detection import NotFound
 from calib.corners.markers import WINDOWS_TRIED, marker_cells
 from calib.corners.other_coding import other_coding
@@ -59,7 +59,7 @@ class CodedFinder:
         """In the whole picture, anew: it shows markers that the reduced one does not."""
         if sighting.corners is None:
             return None
-        found = rough_corners(grey_of(frame), self._board)
+        found = live_corners(grey_of(frame), self._board)
         return None if isinstance(found, NotFound) or no_pose(np.isfinite(found[:, 0]), self._board) else found
 
     def _found(self, grey: NDArray[np.uint8]) -> NDArray[np.float64] | NotFound:
@@ -76,7 +76,7 @@ class CodedFinder:
         return found
 
     def _in(self, grey: NDArray[np.uint8], factor: int, windows: tuple[int, ...]) -> NDArray[np.float64] | NotFound:
-        found = rough_corners(reduced(grey, factor), self._board, windows)
+        found = live_corners(reduced(grey, factor), self._board, windows)
         return found if isinstance(found, NotFound) else enlarged(found, factor)
 
     def _cell_px(self, corners: NDArray[np.float64]) -> float:

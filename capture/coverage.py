@@ -25,7 +25,8 @@ Array = NDArray[np.float64]
 TARGET = 0.1  # px, the predicted sigma of the undistorted position that is enough
 CELLS = (9, 12)  # rows and columns of the coverage maps
 FINE = 16  # samples across a cell, for the part of it that a board covers
-ASKED = {"cell": 1.0, "depth": 4.0, "side": 2.0}  # views: the plain rule wants so many for each cell, depth and side tilted away
+ASKED = {"cell": 1.0, "depth": 4.0, "side": 2.0, "over": 2.0}
+"""Views: the plain rule wants so many for each cell, depth, side tilted away, and border that the board reaches over, if it can."""
 ENOUGH = 0.1  # what a further view may still be worth when the plain rule is content
 ELSEWHERE = 0.25  # of the picture's width: how far off a corner counts that one of two views has, and the other has not
 CELLS_WORTH = 4.0  # a board over a quarter of the picture counts as much to the plain rule as a new depth or a new tilt
@@ -95,8 +96,10 @@ class PlainGuide:
         self._bank = bank(board, camera, self._reach)
         self._covered = np.array([self._covers(SeenView(*view)) for view in zip(self._bank.corners, self._bank.poses, strict=True)])
         cells, levels = CELLS[0] * CELLS[1], len(self._reach.levels())
-        self._asked = np.repeat(list(ASKED.values()), (cells, levels, 4)) * self._covered.any(0)  # no board fills the outermost cells
-        self._worth = np.repeat((CELLS_WORTH / cells, 1.0, 1.0), (cells, levels, 4))
+        self._asked = np.repeat(list(ASKED.values()), (cells, levels, 4, 4)) * self._covered.any(
+            0
+        )  # no checkerboard fills the outermost cells
+        self._worth = np.repeat((CELLS_WORTH / cells, 1.0, 1.0, 1.0), (cells, levels, 4, 4))
 
     def next_pose(self, views: Sequence[SeenView]) -> Hint | None:
         best = self._best(self._done(views))
@@ -127,7 +130,8 @@ class PlainGuide:
         return np.sum([self._covers(view) for view in views], axis=0) if views else np.zeros(len(self._asked))
 
     def _covers(self, view: SeenView) -> Array:
-        """The part of each cell, then one for the view's depth and for each side that is away: left, right, top, bottom."""
+        """The part of each cell, then one for the view's depth, for each side that is away and for each border that the board reaches over:
+        left, right, top, bottom."""
         levels = self._reach.levels()
         pose = pose_of(view, self._board, self._camera)
         depth, sides = np.zeros(len(levels)), np.zeros(4)
@@ -135,7 +139,9 @@ class PlainGuide:
             across, down = tilt_of(pose)
             depth[np.abs(1 / levels - 1 / pose[5]).argmin()] = 1
             sides[:] = across < 0, across > 0, down < 0, down > 0
-        return np.concatenate([covered_cells(seen_outline(view.corners, self._board), self._camera).ravel(), depth, sides])
+        over, around = np.zeros(4), outline(view.corners, self._board)
+        over[::2], over[1::2] = around.min(0) < 0, around.max(0) > (self._camera.width - 1, self._camera.height - 1)
+        return np.concatenate([covered_cells(seen_outline(view.corners, self._board), self._camera).ravel(), depth, sides, over])
 
 
 class InformedGuide:

@@ -29,6 +29,7 @@ WINDOWS = (2, 10)  # px, its limits
 STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
 STRAY = 0.05  # of the distance of two corners: how far one may be from where it and others say
 LEAST_STRAY = 0.7  # px: at least
+MOST_OWN = 0.98  # of what is said of a corner: beyond, others say hardly anything
 FEWEST = 4
 """Corners or markers that tell something of others."""
 ROUNDED = 1.0  # px, that a marker's side comes out shorter, as its outline goes through the middles of its outermost pixels
@@ -44,7 +45,7 @@ def find_coded(grey: NDArray[np.uint8], every_bit: NDArray, board: Board) -> Det
     rough = rough_corners(grey, board)
     if isinstance(rough, NotFound):
         return rough
-    measured = _measured(every_bit, rough, board)
+    measured = _measured(every_bit, _further(rough, board, grey), board)
     if isinstance(board.coding, AprilGrid) and (wrong := _other_spacing(measured.corners, board, board.coding, OTHER_SPACING)):
         return NotFound(wrong)
     if np.isfinite(measured.corners[:, 0]).sum() < FEWEST:
@@ -53,8 +54,8 @@ def find_coded(grey: NDArray[np.uint8], every_bit: NDArray, board: Board) -> Det
 
 
 def rough_corners(grey: NDArray[np.uint8], board: Board, windows: tuple[int, ...] = WINDOWS_TRIED) -> Floats | NotFound:
-    """(count, 2) px by cornerSubPix, to a tenth, NaN where a corner is not seen; `windows` as of `read_markers`. The live picture makes
-    do with these."""
+    """(count, 2) px by cornerSubPix, to a tenth, of the corners around markers that were read, NaN elsewhere; `windows` as of
+    `read_markers`."""
     assert board.coding
     own = one_board(read_markers(grey, board.coding.dictionary, border_of(board.coding), windows), board)
     if isinstance(own, NotFound):
@@ -64,10 +65,15 @@ def rough_corners(grey: NDArray[np.uint8], board: Board, windows: tuple[int, ...
     found = _own(own, board, grey)
     if np.isfinite(found[:, 0]).sum() < FEWEST:
         return NotFound(f"hardly any corner of the {board} board can be seen: {ADVICE}")
-    found = _further(found, board, grey)
     if isinstance(board.coding, AprilGrid) and (wrong := _other_spacing(found, board, board.coding, FOUND_SPACING)):
         return NotFound(wrong)
     return found
+
+
+def live_corners(grey: NDArray[np.uint8], board: Board, windows: tuple[int, ...] = WINDOWS_TRIED) -> Floats | NotFound:
+    """The same and the corners beside them. As none is measured, each must be where the others alone say that it is."""
+    rough = rough_corners(grey, board, windows)
+    return rough if isinstance(rough, NotFound) else _without_strays(_further(rough, board, grey), board, by_others=True)
 
 
 def _measured(grey: NDArray, rough: Floats, board: Board) -> Measured:
@@ -227,8 +233,8 @@ def _refined(grey: NDArray[np.uint8], near: LocalMap, wanted: NDArray[np.bool_],
     return _without_strays(found, board)
 
 
-def _without_strays(corners: Floats, board: Board) -> Floats:
-    """(count, 2) px, NaN where a corner is not where it and those around it say, the farthest first."""
+def _without_strays(corners: Floats, board: Board, *, by_others: bool = False) -> Floats:
+    """(count, 2) px, NaN where a corner is not where it and those around it say, or those around it alone; the farthest first."""
     unit = 2 * board.half[0] / (board.columns - 1)
     kept = corners.copy()
     while (seen := np.flatnonzero(np.isfinite(kept[:, 0]))).size >= FEWEST:
@@ -236,6 +242,8 @@ def _without_strays(corners: Floats, board: Board) -> Floats:
         near = LocalMap.of(points, kept[seen], points, FOUND_NOISE)
         allowed = np.maximum(STRAY * np.linalg.norm(near.steps, axis=-1).min(1), LEAST_STRAY)
         off = np.linalg.norm(near.pixels - kept[seen], axis=1) / allowed
+        if by_others:
+            off /= 1 - np.minimum(near.leverage, MOST_OWN)
         if off.max() <= 1:
             break
         kept[seen[off >= max(off.max() / 2, 1)]] = np.nan

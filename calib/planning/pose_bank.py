@@ -25,7 +25,7 @@ LEVELS = 3  # depths, evenly spaced in inverse depth, in which refraction is lin
 LARGEST, SMALLEST = 0.75, 0.25  # of the picture's shorter side, the board's longer one: the reach, where none is stated
 INSIDE = 0.3  # of half a board with markers, from the picture's border to its middle: two thirds of it are seen at a side
 FEWEST_SEEN = 0.4  # of its corners: in a corner of the picture so many are
-FOLDED = 1e-3  # of the distance from the middle: a lens's polynomial that takes a place so far elsewhere has turned back
+WAY = 20  # places from the picture's middle to a corner: a lens's polynomial that turns back on the way is not the lens any more
 FOCAL = 0.8  # of the picture's longer side, where intrinsics are not known: 64 degrees across
 
 
@@ -128,9 +128,12 @@ def seen_bare(board: Board, camera: Camera, pose: Array) -> Array:
     seen = np.asarray(cv2.projectPoints(_solid(board), pose[:3], pose[3:], matrix(camera), _lens(camera))[0], np.float64).reshape(-1, 2)
     if not board.coding:
         return seen
-    straight = cv2.projectPoints(_solid(board), pose[:3], pose[3:], np.eye(3), None)[0].reshape(-1, 2)
-    back = cv2.undistortPoints(seen.reshape(-1, 1, 2), matrix(camera), _lens(camera)).reshape(-1, 2)
-    folded = np.linalg.norm(back - straight, axis=1) > FOLDED * (1 + np.linalg.norm(straight, axis=1))
+    place = _solid(board) @ cv2.Rodrigues(pose[:3])[0].T + pose[3:]
+    way = np.linspace(0, 1, WAY)[:, None, None] * np.column_stack(
+        [place[:, :2] / place[:, 2:], np.zeros(len(place))]
+    )  # from the middle out
+    there = cv2.projectPoints(way.reshape(-1, 3), np.zeros(3), np.array([0, 0, 1.0]), matrix(camera), _lens(camera))[0].reshape(WAY, -1, 2)
+    folded = (np.diff(np.linalg.norm(there - there[0], axis=-1), axis=0) < 0).any(0)
     return in_picture(np.where(folded[:, None], np.nan, seen), camera)
 
 

@@ -52,7 +52,7 @@ def off(found: NDArray[np.float64] | None, truth: NDArray[np.float64]) -> NDArra
     """(n,) px, of the corners that were found."""
     assert found is not None
     apart = np.linalg.norm(found - truth, axis=1)
-    return apart[np.isfinite(apart)]
+    return np.asarray(apart[np.isfinite(apart)])
 
 
 def enlarged(picture: Grey, corners: NDArray[np.float64], factor: int) -> tuple[Grey, NDArray[np.float64]]:
