@@ -11,7 +11,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.corners.coded import live_corners
+from calib.corners.coded import find_coded, live_corners
 from calib.corners.detection import NotFound
 from calib.corners.markers import WINDOWS_TRIED, marker_cells
 from calib.corners.other_coding import other_coding
@@ -56,11 +56,13 @@ class CodedFinder:
         return Sighting(found, width, height, frame.time_s, square=square, window=0.0, blur=light.blur, exposure=light.exposure)
 
     def refine(self, frame: Frame, sighting: Sighting) -> NDArray[np.float64] | None:
-        """In the whole picture, anew: it shows markers that the reduced one does not."""
+        """As calib measures, in the whole picture: it shows markers that the reduced one does not, and to measure takes a third of the time
+        that reading them does."""
         if sighting.corners is None:
             return None
-        found = live_corners(grey_of(frame), self._board)
-        return None if isinstance(found, NotFound) or no_pose(np.isfinite(found[:, 0]), self._board) else found
+        grey = grey_of(frame)
+        found = find_coded(grey, grey, self._board)
+        return None if isinstance(found, NotFound) or no_pose(np.isfinite(found.corners[:, 0]), self._board) else found.corners
 
     def _found(self, grey: NDArray[np.uint8]) -> NDArray[np.float64] | NotFound:
         """(count, 2) px of the whole picture."""

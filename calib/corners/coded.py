@@ -29,6 +29,9 @@ WINDOWS = (2, 10)  # px, its limits
 STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
 STRAY = 0.05  # of the distance of two corners: how far one may be from where it and others say
 LEAST_STRAY = 0.7  # px: at least
+AROUND = 0.6  # of what shows nothing but a corner's own edges: where its four squares are looked at
+FAINT = 0.5  # of the usual contrast: less is no corner
+UNLIKE = 0.5  # of the contrast, between two squares that are opposite
 MOST_OWN = 0.98  # of what is said of a corner: beyond, others say hardly anything
 FEWEST = 4
 """Corners or markers that tell something of others."""
@@ -71,9 +74,25 @@ def rough_corners(grey: NDArray[np.uint8], board: Board, windows: tuple[int, ...
 
 
 def live_corners(grey: NDArray[np.uint8], board: Board, windows: tuple[int, ...] = WINDOWS_TRIED) -> Floats | NotFound:
-    """The same and the corners beside them. As none is measured, each must be where the others alone say that it is."""
+    """The same and the corners beside them. As none is measured, each must be where the others alone say that it is, and look like one."""
     rough = rough_corners(grey, board, windows)
-    return rough if isinstance(rough, NotFound) else _without_strays(_further(rough, board, grey), board, by_others=True)
+    if isinstance(rough, NotFound):
+        return rough
+    kept = _without_strays(_further(rough, board, grey), board, by_others=True)
+    return _crossing(grey, kept, board) if np.isfinite(kept[:, 0]).sum() >= FEWEST else kept
+
+
+def _crossing(grey: NDArray[np.uint8], corners: Floats, board: Board) -> Floats:
+    """(count, 2) px, NaN where four places around a corner are not dark, light, dark, light, as two edges that cross leave them."""
+    seen = np.flatnonzero(np.isfinite(corners[:, 0]))
+    steps = _map(board.points()[seen], corners[seen], board, FOUND_NOISE).steps[seen] * (AROUND * _free(board))  # (N, 2, 2) px
+    around = np.stack([steps.sum(1), steps[:, 0] - steps[:, 1], -steps.sum(1), steps[:, 1] - steps[:, 0]], 1)
+    places = (corners[seen, None] + around).astype(np.float32)
+    light = np.asarray(cv2.remap(grey, places[..., 0], places[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float64)
+    contrast = np.abs(light[:, ::2].sum(1) - light[:, 1::2].sum(1)) / 2
+    apart = np.abs(light[:, :2] - light[:, 2:]).max(1)
+    wrong = (contrast < FAINT * np.median(contrast)) | (apart > UNLIKE * contrast)
+    return np.where(np.isin(np.arange(board.count), seen[wrong])[:, None], np.nan, corners)
 
 
 def _measured(grey: NDArray, rough: Floats, board: Board) -> Measured:
