@@ -168,13 +168,14 @@ def test_the_bank_of_a_board_with_markers_reaches_out_of_the_picture(camera: Cam
 
 @pytest.mark.parametrize("kind", [CHARUCO, GRID], ids=["charuco", "aprilgrid"])
 def test_what_the_bank_asks_for_can_be_found(kind: Kind) -> None:
-    """Poses of the bank that reach out of the picture, drawn small: the live finder sees most corners that the bank counts on, where they
-    are."""
+    """Poses of the bank that reach out of the picture, drawn small and so not tilted about both axes: the live finder sees most corners that
+    the bank counts on, where they are."""
     k, board = LENS.matrix, kind.board
     lens = Intrinsics(Number(k[0, 0]), Number(k[1, 1]), Number(k[0, 2]), Number(k[1, 2]), tuple(map(Number, LENS.distortion[:4])))
     camera = Camera(LENS.width, LENS.height, intrinsics=lens)
     found = bank(board, camera, Reach.of(board, camera))
-    reaching = np.flatnonzero(np.isnan(found.corners[..., 0]).any(1) & (found.poses[:, 5] < np.median(found.poses[:, 5])))
+    near, simple = found.poses[:, 5] < np.median(found.poses[:, 5]), (found.poses[:, :2] != 0).sum(1) < 2
+    reaching = np.flatnonzero(np.isnan(found.corners[..., 0]).any(1) & near & simple)
     counted, apart = 0, []
     for pose in np.random.default_rng(4).choice(reaching, 4, replace=False):
         sighting = finder_of(board).look(Frame(kind.view(found.poses[pose]).picture, 0, 1.0))

@@ -17,14 +17,16 @@ import pytest
 import yaml
 from textual.pilot import Pilot
 
+from calib.corners.detect import eight_bits
+from calib.io.images import read_grey
 from calib.planning.pose_bank import Reach, seen_bare
 from calib.session.camera import Camera
 from calib.session.cover import Cover
 from calib.session.session import session_to_yaml
 from capture.coverage import Hint, SeenView, SessionProgress, hint
-from capture.recording_loop import Shutter
+from capture.find import finder_of
+from capture.frames import Frame
 from capture.session_file import read_setup
-from capture.tui.camera import Watch
 from capture.tui.child import Child
 from capture.tui.collect import CollectScreen
 from capture.tui.diagnosing import as_text
@@ -92,8 +94,8 @@ async def charuco_setup(pilot: Pilot[None], _: Path) -> None:
     await see(pilot, "folder:PATH plays back pictures")
     await pilot.press("tab", "tab", "enter", "down", "enter")
     await see(pilot, "marker_mm")
-    await pilot.press("tab", "tab", "tab", *"20", "tab", *"25")
-    await see(pilot, "less than square_mm")
+    await pilot.press("tab", "tab", "tab", *"20", "tab", *"15", "tab", "ctrl+u", *"DICT_9X9")
+    await see(pilot, "one of OpenCV's names")
 
 
 async def aprilgrid_setup(pilot: Pilot[None], _: Path) -> None:
@@ -136,15 +138,15 @@ async def collect_charuco(pilot: Pilot[None], session: Path) -> None:
     await pilot.press("ctrl+s")
     await see(pilot, "no more pictures")
     await see(pilot, "1 view")
-    assert (session / "frames" / "0000.png").exists()
-    board, camera, _ = read_setup(session / "session.yaml")
     screen = pilot.app.screen
     assert isinstance(screen, CollectScreen)
-    step = next(iter(Watch(screen.plan, Shutter(), lambda _: None).run(lambda _: None)))
-    assert step.sighting.corners is not None
-    pose = np.array([0.0, -0.5, 0.0, 0.1, 0.0, 0.25])
-    outside = hint(pose, seen_bare(board, camera, pose), [SeenView(step.sighting.corners)], board, camera, Reach.of(board, camera))
-    screen._watch, screen._found = None, step.sighting.corners
+    await until(pilot, lambda: screen._adviser is not None and not screen._improving)
+    await pilot.pause(0.5)
+    board, camera, _ = read_setup(session / "session.yaml")
+    screen._found = finder_of(board).look(Frame(eight_bits(read_grey(session / "frames" / "0000.png")), 0, 1.0)).corners
+    assert screen._found is not None
+    pose = np.array([0.0, -0.5, 0.0, 0.15, 0.0, 0.25])
+    outside = hint(pose, seen_bare(board, camera, pose), [SeenView(screen._found)], board, camera, Reach.of(board, camera))
     screen.post_message(CollectScreen.Advised(1, outside, PROGRESS))
     await see(pilot, "over the right edge (a part outside)")
     await see(pilot, "The maps would be 0.31 px")
