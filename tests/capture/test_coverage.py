@@ -168,8 +168,8 @@ def test_the_bank_of_a_board_with_markers_reaches_out_of_the_picture(camera: Cam
 
 @pytest.mark.parametrize("kind", [CHARUCO, GRID], ids=["charuco", "aprilgrid"])
 def test_what_the_bank_asks_for_can_be_found(kind: Kind) -> None:
-    """Poses of the bank that reach out of the picture, drawn small and so not tilted about both axes: the live finder sees most corners that
-    the bank counts on, where they are."""
+    """Poses of the bank that reach out of the picture, drawn small and so not tilted about both axes: the live finder sees most corners
+    that the bank counts on, where they are."""
     k, board = LENS.matrix, kind.board
     lens = Intrinsics(Number(k[0, 0]), Number(k[1, 1]), Number(k[0, 2]), Number(k[1, 2]), tuple(map(Number, LENS.distortion[:4])))
     camera = Camera(LENS.width, LENS.height, intrinsics=lens)
