@@ -6,7 +6,8 @@ its own noise, 0.1 s earlier. Each is then spoiled in one way at a time, rendere
 direction; blurred to a sigma of 2.5 px and more; moved by 3 px since the frame before; overexposed until white is cut off; cut by a border
 that runs through the outermost corners or squares; and offered again. The speed at 3280x2464 is taken on warped pictures of that size,
 without a board on their clutter alone. Boards with
-markers are drawn (fixtures/coded_pictures.py), half a minute each. Thresholds were chosen with other seeds than the one that runs by default.
+markers are drawn (fixtures/coded_pictures.py), half a minute each. Thresholds were chosen with other seeds than the one
+that runs by default.
 """
 
 import sys

@@ -21,7 +21,8 @@ Floats = NDArray[np.float64]
 BORDER = 0.2  # of a tag's side: its black border
 FREE = 0.83  # of the small square's side
 FARTHEST = 0.4  # of a tag's side
-CLEAR = 0.8  # of what lies between an edge and the next one beside it
+CLEAR = 0.8  # of what lies between a tag's edge and its bits
+CLEAR_OF_MARKER = 0.6  # of what lies between a square's edge and its marker: from there on, blur brings the marker's black
 NOISE = 0.1  # px, of corners that were found
 
 
@@ -45,7 +46,7 @@ class Lattice:
             case None:
                 return Lattice._whole(corners, board)
             case Charuco(marker):
-                return Lattice._some(corners, board, board.square, CLEAR * (1 - marker / board.square) / 2)
+                return Lattice._some(corners, board, board.square, CLEAR_OF_MARKER * (1 - marker / board.square) / 2)
             case AprilGrid(spacing):
                 reach = min(FREE * spacing, FARTHEST)
                 return Lattice._some(corners, board, 2 * reach * board.square, CLEAR * BORDER / (2 * reach))
@@ -56,7 +57,7 @@ class Lattice:
         seen = np.isfinite(corners[:, 0])
         unit = 2 * board.half[0] / (board.columns - 1)
         points = board.points()[seen] / unit
-        near = LocalMap.of(points, corners[seen], points, NOISE)
+        near = LocalMap.of(points, corners[seen], points, NOISE, changing=True)
         bends = (normals(near.steps) * near.bends).sum(-1)
         return Lattice(corners[seen], near.steps * (step / unit), bends / (near.steps**2).sum(-1), clear)
 

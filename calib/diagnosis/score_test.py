@@ -93,6 +93,7 @@ class Optimum:
         imitated = np.linalg.solve(known.T @ known + precision[:fitted, :fitted], known.T @ rows[:, fitted:])
         left = rows[:, fitted:] - known @ imitated
         starts = np.cumsum([len(view) for view in residual])[:-1]
+        unfinished = known.T @ off + precision[:fitted, :fitted] @ self.deviation  # zero where the fit ended exactly at its optimum
         dispersion = float(off @ off) / max(1, self._freedom())
 
         def scored(effect: Effect) -> ScoreTest:
@@ -101,7 +102,7 @@ class Optimum:
             columns = parameters.entries(unknown.param.name for unknown in effect.unknowns)
             new, unlike = rows[:, columns], left[:, columns - fitted]
             information = new.T @ unlike
-            score = new.T @ off  # the fitted parameters' own score cancels against their prior: the fit has converged
+            score = new.T @ off - imitated[:, columns - fitted].T @ unfinished  # else an effect they imitate would seem to explain it
             chi2 = float(score @ np.linalg.solve(information + precision[np.ix_(columns, columns)], score))
             by_view = np.array([part.sum(0) for part in np.split(unlike * off[:, None], starts)])
             by_view += (score - by_view.sum(0)) / len(by_view)  # the prior's share
@@ -109,6 +110,11 @@ class Optimum:
             return ScoreTest(effect, unlike, float((new**2).sum()), chi2, len(score), p_value, float(off @ off), information, score)
 
         return [scored(effect) for effect in effects]
+
+    @property
+    def deviation(self) -> Array:
+        """(S,) of the fitted parameters' vector from its prior's mean."""
+        return np.asarray(self.model.parameters.vector(self.joint.values).numpy())
 
     def parameters(self, effects: Sequence[Effect] = ()) -> Parameters:
         """The fitted ones, where the fit ended, then those of further effects, where these are not there."""

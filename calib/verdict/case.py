@@ -125,8 +125,7 @@ class Case:
         off = np.concatenate([eliminated(view.own, view.residual) for view in views])
         rows = np.concatenate([eliminated(view.own, view.shared) for view in views])
         precision = at.prior_precision()
-        deviation = at.model.parameters.vector(at.joint.values).numpy()
-        gradient = rows.T @ off + precision @ deviation
+        gradient = rows.T @ off + precision @ at.deviation
         return float(np.sqrt(gradient @ np.linalg.solve(rows.T @ rows + precision, gradient)))
 
     @property

@@ -105,7 +105,9 @@ def test_a_point_on_a_board_that_is_partly_seen(fitted: tuple[Kind, Path], capsy
 def test_a_diagnosis_finds_nothing_where_nothing_is(fitted: tuple[Kind, Path], capsys: pytest.CaptureFixture[str]) -> None:
     _, folder = fitted
     assert main(["diagnose", str(folder / "calibration"), "--json"]) == 0
-    assert said(capsys)["accepted"] == []
+    found = said(capsys)
+    assert found["accepted"] == []
+    assert found["verdict"]["word"] == "trusted", found["verdict"]
 
 
 def test_the_session_is_read_again_as_it_was_written(fitted: tuple[Kind, Path]) -> None:

@@ -26,6 +26,8 @@ HIDDEN = {
     "wave": ("free_field",),
     "tilted": (),
     "clean": (),
+    "charuco": (),
+    "aprilgrid": (),
 }
 
 
