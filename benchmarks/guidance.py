@@ -29,9 +29,9 @@ from calib.session.board import Board
 from calib.session.camera import Camera
 from calib.threads import single_thread
 from capture.coverage import CELLS, InformedGuide, PlainGuide, SeenView
-from capture.finder import Sighting
 from capture.gate import new
 from capture.guidance import GRID
+from capture.sighting import Sighting
 from fixtures.map_errors import motions, rays_of, seen_at
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, Scene, paper_cone, scene
 

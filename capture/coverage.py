@@ -14,19 +14,21 @@ from numpy.typing import NDArray
 
 from calib.planning.design import MOST, Design
 from calib.planning.hints import tilt_of, words
-from calib.planning.pose_bank import Reach, bank, bare_pose, rim
+from calib.planning.pose_bank import Reach, bank, bare_pose, outline
 from calib.session.board import Board
 from calib.session.camera import Camera
-from capture.finder import Sighting
 from capture.gate import new
+from capture.sighting import Sighting
 
 Array = NDArray[np.float64]
 
 TARGET = 0.1  # px, the predicted sigma of the undistorted position that is enough
 CELLS = (9, 12)  # rows and columns of the coverage maps
 FINE = 16  # samples across a cell, for the part of it that a board covers
-ASKED = {"cell": 1.0, "depth": 4.0, "side": 2.0}  # views: the plain rule wants so many for each cell, depth and side tilted away
+ASKED = {"cell": 1.0, "depth": 4.0, "side": 2.0, "over": 2.0}
+"""Views: the plain rule wants so many for each cell, depth, side tilted away, and border that the board reaches over, if it can."""
 ENOUGH = 0.1  # what a further view may still be worth when the plain rule is content
+ELSEWHERE = 0.25  # of the picture's width: how far off a corner counts that one of two views has, and the other has not
 CELLS_WORTH = 4.0  # a board over a quarter of the picture counts as much to the plain rule as a new depth or a new tilt
 
 
@@ -35,7 +37,7 @@ class SeenView:
     """A view that was kept."""
 
     corners: Array
-    """(count, 2) px"""
+    """(count, 2) px, NaN where not seen."""
     pose: Array | None = None
     """(6,) T_camera_board, rotation vector (rad) and translation (m); None: as the bare camera would see it."""
 
@@ -45,7 +47,7 @@ class Hint:
     """Where to hold the board next."""
 
     outline: Array
-    """(N, 2) px, the polygon through the board's outermost corners."""
+    """(N, 2) px, the polygon through the board's outermost corners; a board with markers may reach out of the picture."""
     pose: Array
     """(6,) rotation vector (rad) and translation (m)."""
     words: str
@@ -94,8 +96,10 @@ class PlainGuide:
         self._bank = bank(board, camera, self._reach)
         self._covered = np.array([self._covers(SeenView(*view)) for view in zip(self._bank.corners, self._bank.poses, strict=True)])
         cells, levels = CELLS[0] * CELLS[1], len(self._reach.levels())
-        self._asked = np.repeat(list(ASKED.values()), (cells, levels, 4)) * self._covered.any(0)  # no board fills the outermost cells
-        self._worth = np.repeat((CELLS_WORTH / cells, 1.0, 1.0), (cells, levels, 4))
+        self._asked = np.repeat(list(ASKED.values()), (cells, levels, 4, 4)) * self._covered.any(
+            0
+        )  # no checkerboard fills the outermost cells
+        self._worth = np.repeat((CELLS_WORTH / cells, 1.0, 1.0, 1.0), (cells, levels, 4, 4))
 
     def next_pose(self, views: Sequence[SeenView]) -> Hint | None:
         best = self._best(self._done(views))
@@ -126,7 +130,8 @@ class PlainGuide:
         return np.sum([self._covers(view) for view in views], axis=0) if views else np.zeros(len(self._asked))
 
     def _covers(self, view: SeenView) -> Array:
-        """The part of each cell, then one for the view's depth and for each side that is away: left, right, top, bottom."""
+        """The part of each cell, then one for the view's depth, for each side that is away and for each border that the board reaches over:
+        left, right, top, bottom."""
         levels = self._reach.levels()
         pose = pose_of(view, self._board, self._camera)
         depth, sides = np.zeros(len(levels)), np.zeros(4)
@@ -134,7 +139,9 @@ class PlainGuide:
             across, down = tilt_of(pose)
             depth[np.abs(1 / levels - 1 / pose[5]).argmin()] = 1
             sides[:] = across < 0, across > 0, down < 0, down > 0
-        return np.concatenate([covered_cells(view.corners[rim(self._board)], self._camera).ravel(), depth, sides])
+        over, around = np.zeros(4), outline(view.corners, self._board)
+        over[::2], over[1::2] = around.min(0) < 0, around.max(0) > (self._camera.width - 1, self._camera.height - 1)
+        return np.concatenate([covered_cells(seen_outline(view.corners, self._board), self._camera).ravel(), depth, sides, over])
 
 
 class InformedGuide:
@@ -186,15 +193,19 @@ class InformedGuide:
         return self._design.known() + sum((self._design.information[self._nearest(view)] for view in later), np.zeros(()))
 
     def _nearest(self, view: SeenView) -> int:
-        return int(((self._design.corners - upright(view.corners, self._board)) ** 2).sum((1, 2)).argmin())
+        apart = ((self._design.corners - upright(view.corners, self._board)) ** 2).sum(2)  # (P, count) px^2
+        one, other = np.isfinite(self._design.corners[..., 0]), np.isfinite(upright(view.corners, self._board)[:, 0])
+        apart = np.where(one & other, apart, np.where(one | other, (ELSEWHERE * self._camera.width) ** 2, 0))
+        return int((apart.sum(1) / (one | other).sum(1)).argmin())
 
     def _used(self, views: Sequence[SeenView]) -> NDArray[np.bool_]:
         """(P,) which poses the gate would refuse, because there is such a view."""
         used, squares = np.zeros(len(self._design.poses), bool), self._squares()
         for view in views:
             corners = upright(view.corners, self._board)
-            near = np.sqrt(((self._design.corners - corners) ** 2).sum(2).mean(1))  # (P,) px
-            for pose in np.flatnonzero(near < squares):
+            apart = ((self._design.corners - corners) ** 2).sum(2)  # (P, count) px^2, NaN where one of the two does not see the corner
+            both = np.isfinite(apart).sum(1)
+            for pose in np.flatnonzero((both > 0) & (np.nansum(apart, 1) < both * squares**2)):
                 now = Sighting(self._design.corners[pose], self._camera.width, self._camera.height, 0.0, square=squares[pose])
                 used[pose] |= new(now, None, [corners]) is not None
         return used
@@ -202,12 +213,12 @@ class InformedGuide:
     def _squares(self) -> Array:
         """(P,) px, the side of a square in each pose of the bank, on the mean."""
         grid = self._design.corners.reshape(-1, self._board.rows, self._board.columns, 2)
-        across, down = (np.linalg.norm(np.diff(grid, axis=axis), axis=-1).mean((1, 2)) for axis in (2, 1))
-        return np.asarray((across + down) / 2)
+        steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=-1).reshape(len(grid), -1) for axis in (2, 1)]
+        return np.asarray(np.nanmean(np.concatenate(steps, 1), 1))
 
     def _glass(self, views: Sequence[SeenView]) -> Array:
         """CELLS of the patch: the share of ASKED views that crossed it."""
-        crossed = np.sum([covered_cells(view.corners[rim(self._board)], self._camera) for view in views], axis=0)
+        crossed = np.sum([covered_cells(seen_outline(view.corners, self._board), self._camera) for view in views], axis=0)
         glass = np.zeros(CELLS)
         where = np.isfinite(self._design.glass[..., 0])
         row, column = (np.clip(self._design.glass[where] * CELLS, 0, np.array(CELLS) - 1).astype(int)).T
@@ -224,14 +235,22 @@ def upright(corners: Array, board: Board) -> Array:
     """(count, 2) px of the same board in the order in which its columns run to the right, as in the bank."""
     grid = corners.reshape(board.rows, board.columns, 2)
     turns = [np.rot90(grid, quarter) for quarter in (range(4) if board.rows == board.columns else (0, 2))]
-    return max(turns, key=lambda turned: float((turned[:, -1, 0] - turned[:, 0, 0]).sum())).reshape(-1, 2)
+    return max(turns, key=lambda turned: float(np.nansum(np.diff(turned[..., 0], axis=1)))).reshape(-1, 2)
 
 
 def hint(pose: Array, corners: Array, views: Sequence[SeenView], board: Board, camera: Camera, reach: Reach) -> Hint:
     """In words as seen from the last view, where the person still stands."""
     present = pose_of(views[-1], board, camera) if views else None
-    outline = corners[rim(board)]
-    return Hint(outline, pose, words(pose, outline, (camera.width, camera.height), present, (reach.near, reach.far)))
+    around = outline(corners, board)
+    return Hint(around, pose, words(pose, around, (camera.width, camera.height), present, (reach.near, reach.far)))
+
+
+def seen_outline(corners: Array, board: Board) -> Array:
+    """(N, 2) px, around those of (count, 2) px that are seen."""
+    seen = np.isfinite(corners[:, 0])
+    if seen.all():
+        return outline(corners, board)
+    return np.asarray(cv2.convexHull(corners[seen].astype(np.float32)).reshape(-1, 2), np.float64)
 
 
 def covered_cells(outline: Array, camera: Camera) -> Array:

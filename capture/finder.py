@@ -1,48 +1,26 @@
-"""Where the board is in a live picture, quickly, and what the gate wants to know of it.
+"""Where a checkerboard is in a live picture, quickly, and what the gate wants to know of it.
 
 The search runs in a picture reduced by a whole number, where squares of 5 px are found: of 10 px at 1640x1232, of 20 at 3280x2464. Only
 the board's squares are looked at in full: their edges for sharpness, their insides for the exposure, and their corners once a frame is to
 be kept.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calib.corners.detect import half_window, is_regular, refine
 from calib.corners.ordering import canonical_order
 from calib.session.board import Board
-from capture.exposure import Exposure, measure_exposure
+from capture.exposure import measure_exposure
 from capture.frames import Frame
 from capture.lattice import Lattice, find_lattice
 from capture.saddles import find_saddles
-from capture.sharpness import Blur, measure_blur
+from capture.sharpness import measure_blur
+from capture.sighting import Sighting, enlarged, grey_of, live_factor, reduced, side
 
-LIVE = 960  # px, the longer side of the picture searched, at most
 CLUTTER = 300  # saddles besides the board's, stronger than the weakest of its corners
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Sighting:
-    """What was seen of the board in one frame."""
-
-    corners: NDArray[np.float64] | None
-    """(count, 2) px of the full frame, in the order of `canonical_order`, to some tenths of a pixel. None: no whole board was found."""
-    width: int
-    height: int
-    time_s: float
-    part: NDArray[np.float64] | None = None
-    """(n, 2) px, the corners seen of something that is a checkerboard, but not the whole of this board."""
-    too_large: bool = False
-    """Whether that has more columns or rows than the board."""
-    square: float = np.nan
-    """px, mean side of a square."""
-    window: float = np.nan
-    """px, how far around itself a corner is measured."""
-    blur: Blur | None = None
-    exposure: Exposure | None = None
 
 
 class Finder:
@@ -52,28 +30,28 @@ class Finder:
         self._board = board
 
     def look(self, frame: Frame) -> Sighting:
-        grey = _grey(frame.pixels)
+        grey = grey_of(frame)
         height, width = grey.shape
-        factor = min(-(-max(height, width) // LIVE), height, width)
+        factor = live_factor(grey)
         partial = Sighting(None, width, height, frame.time_s)
         for coarser in (factor, min(2 * factor, height, width)):  # the second sees boards that are out of focus
-            small = _reduced(grey, coarser)
+            small = reduced(grey, coarser)
             lattice = find_lattice(find_saddles(small, CLUTTER + self._board.count))
             if lattice is None:
                 continue
             corners = self._whole(lattice, small)
             if corners is not None:
-                return self._measured(grey, _enlarged(corners, coarser), frame.time_s)
+                return self._measured(grey, enlarged(corners, coarser), frame.time_s)
             if partial.part is None:
-                part, larger = _enlarged(lattice.points[lattice.seen], coarser), self._is_larger(lattice)
-                partial = replace(partial, part=part, too_large=larger, square=_side(lattice.points) * coarser)
+                part, larger = enlarged(lattice.points[lattice.seen], coarser), self._is_larger(lattice)
+                partial = replace(partial, part=part, too_large=larger, square=side(lattice.points) * coarser)
         return partial
 
     def refine(self, frame: Frame, sighting: Sighting) -> NDArray[np.float64] | None:
         """(count, 2) px, to some hundredths, as `calib.corners` starts from; only the board's area is touched. None: no regular board."""
         if sighting.corners is None:
             return None
-        grey = _grey(frame.pixels)
+        grey = grey_of(frame)
         around = 3 * half_window(sighting.corners, self._board)
         low = np.maximum(np.floor(sighting.corners.min(0)).astype(int) - around, 0)
         high = np.ceil(sighting.corners.max(0)).astype(int) + around + 1
@@ -98,7 +76,7 @@ class Finder:
             width,
             height,
             time_s,
-            square=_side(corners.reshape(self._board.rows, self._board.columns, 2)),
+            square=side(corners.reshape(self._board.rows, self._board.columns, 2)),
             window=half_window(corners, self._board),
             blur=measure_blur(grey, corners, self._board),
             exposure=measure_exposure(grey, corners, self._board),
@@ -120,22 +98,3 @@ def _complete(points: NDArray, board: Board) -> NDArray[np.float64] | None:
     windows = np.lib.stride_tricks.sliding_window_view(seen, (board.rows, board.columns)).all((-1, -2))
     row, column = np.unravel_index(windows.argmax(), windows.shape)
     return np.asarray(points[row : row + board.rows, column : column + board.columns]) if windows.any() else None
-
-
-def _side(grid: NDArray) -> float:
-    """px, mean distance between neighbours in (rows, columns, 2), some of which may be NaN."""
-    return float(np.nanmean(np.concatenate([np.linalg.norm(np.diff(grid, axis=axis), axis=-1).ravel() for axis in (0, 1)])))
-
-
-def _grey(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    return pixels if pixels.ndim == 2 else np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), np.uint8)
-
-
-def _reduced(grey: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
-    """The picture in blocks of factor x factor px, which is ten times faster than any other ratio; what is left at the end is dropped."""
-    height, width = (size // factor for size in grey.shape)
-    return np.asarray(cv2.resize(grey[: height * factor, : width * factor], (width, height), interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def _enlarged(corners: NDArray, factor: int) -> NDArray[np.float64]:
-    return np.asarray((corners + 0.5) * factor - 0.5)

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.finder import Sighting
 from capture.frames import PAUSE_S
+from capture.sighting import Sighting
 
 BORDER = 1.5  # squares: the next corner of a board that is seen only in part would lie beyond a border nearer than this
 CLIPPED = 0.05  # of white: beyond, more than one white square in twenty has lost its level, and the corners around it lean
@@ -21,6 +21,8 @@ STREAK = 2.0  # px: the board moved so far while the shutter was open, and as fa
 SIGMA = 2.0  # px: here the corners of squares of 15 to 28 px are a third worse than in focus, at 2.5 twice as bad, at 3 some are lost
 MOVED = 1.0  # squares, RMS: nearer, the corners look through nearly the same glass
 TILTED = 0.1  # squares, RMS after shift, turn and size are taken out: what a tilt by about 15 degrees changes
+SHARED = 0.8  # of the corners that are seen: a view that shows more than that besides is new
+AFFINE = 4  # corners that tell an affine motion, and whether it is one
 
 FOUND = "No board in view: hold the whole board in the picture, evenly lit and in focus."
 WRONG = "The board in view has more corners than the session's: show the session's board, or correct its columns and rows."
@@ -50,7 +52,7 @@ def judge(now: Sighting, before: Sighting | None, kept: Sequence[NDArray[np.floa
     Args:
         now: what was seen in it.
         before: the same of the frame before it; None if there was none: then it is not known whether the board is still.
-        kept: (count, 2) px each, the corners of the views that the session has.
+        kept: (count, 2) px each, the corners of the views that the session has; NaN where not seen.
         alone: for a photograph by itself, which only its own blur can tell to have been taken in motion.
     """
     for check in CHECKS:
@@ -63,6 +65,8 @@ def judge(now: Sighting, before: Sighting | None, kept: Sequence[NDArray[np.floa
 def board_found(now: Sighting, _before: Sighting | None, _kept: Sequence[NDArray[np.float64]]) -> str | None:
     if now.corners is not None:
         return None
+    if now.problem:
+        return f"{now.problem[0].upper()}{now.problem[1:]}."
     if now.part is None:
         return FOUND
     if now.too_large:
@@ -83,7 +87,11 @@ def well_exposed(now: Sighting, _before: Sighting | None, _kept: Sequence[NDArra
 def new(now: Sighting, _before: Sighting | None, kept: Sequence[NDArray[np.float64]]) -> str | None:
     corners = _corners(now)
     for other in kept:
-        if _rms(corners - other) < MOVED * now.square and _rms(_shape_change(corners, other)) < TILTED * now.square:
+        both = np.isfinite(corners[:, 0]) & np.isfinite(other[:, 0])
+        if both.sum() < SHARED * np.isfinite(corners[:, 0]).sum():
+            continue
+        here, there = corners[both], other[both]
+        if _rms(here - there) < MOVED * now.square and _rms(_shape_change(here, there)) < TILTED * now.square:
             return KNOWN
     return None
 
@@ -91,9 +99,12 @@ def new(now: Sighting, _before: Sighting | None, kept: Sequence[NDArray[np.float
 def still(now: Sighting, before: Sighting | None, _kept: Sequence[NDArray[np.float64]]) -> str | None:
     if before is None or before.corners is None or not 0 < now.time_s - before.time_s < PAUSE_S:
         return WAIT
-    corners = _corners(now)
+    both = np.isfinite(_corners(now)[:, 0]) & np.isfinite(before.corners[:, 0])
+    if both.sum() < AFFINE:
+        return WAIT
+    corners, earlier = _corners(now)[both], before.corners[both]
     terms = np.column_stack([corners - corners.mean(0), np.ones(len(corners))])
-    smooth = terms @ np.linalg.lstsq(terms, corners - before.corners, rcond=None)[0]  # an affine motion: noise of single corners goes
+    smooth = terms @ np.linalg.lstsq(terms, corners - earlier, rcond=None)[0]  # an affine motion: noise of single corners goes
     fastest = np.linalg.norm(smooth, axis=1).max() / (now.time_s - before.time_s)
     return MOVING if fastest > SPEED else None
 
@@ -119,7 +130,8 @@ def _corners(sighting: Sighting) -> NDArray[np.float64]:
 
 def _cut(now: Sighting, points: NDArray, near: float) -> str | None:
     """What to do about (n, 2) px that are nearer than this to a border; None if none are."""
-    gaps = np.array([points.min(0), (now.width - 1, now.height - 1) - points.max(0)]).T  # (x and y, start and end)
+    low, high = np.nanmin(points, 0), np.nanmax(points, 0)
+    gaps = np.array([low, (now.width - 1, now.height - 1) - high]).T  # (x and y, start and end)
     axis, end = np.unravel_index(gaps.argmin(), gaps.shape)
     if gaps[axis, end] >= near:
         return None

@@ -37,7 +37,7 @@ class Request:
     cover: Cover
     reach: Reach
     views: tuple[NDArray[np.float64], ...]
-    """(count, 2) px each."""
+    """(count, 2) px each, NaN where not seen."""
     target_px: float
 
 
@@ -135,7 +135,7 @@ def answers(request: Request) -> Iterator[Answer]:
     from calib.progress import Silent
     from calib.threads import single_thread
 
-    views = [View(f"{number:04d}", corners, np.ones(len(corners))) for number, corners in enumerate(request.views)]
+    views = [View(f"{number:04d}", corners, np.isfinite(corners[:, 0]).astype(np.float64)) for number, corners in enumerate(request.views)]
     setup = Setup(request.board, request.camera, request.camera.intrinsics, request.cover)
     poses = bank(request.board, request.camera, request.reach).poses
     with single_thread():

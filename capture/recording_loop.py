@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from calib.corners.detect import eight_bits
 from calib.io.images import read_grey
-from capture.finder import Finder, Sighting
 from capture.frames import Frame
 from capture.gate import Verdict, judge
 from capture.recorder import Recorder
+from capture.sighting import LiveFinder, Sighting
 
 UNMEASURED = Verdict(False, "Hold the board still and closer: its corners cannot be measured in the whole picture.")
 
@@ -65,7 +65,7 @@ class Step:
 
 def record(
     frames: Iterable[Frame],
-    finder: Finder,
+    finder: LiveFinder,
     recorder: Recorder,
     plan: Plan,
     kept: list[NDArray[np.float64]],
@@ -105,7 +105,7 @@ def record(
             return
 
 
-def corners_of(pictures: Iterable[Path], finder: Finder) -> list[NDArray[np.float64]]:
+def corners_of(pictures: Iterable[Path], finder: LiveFinder) -> list[NDArray[np.float64]]:
     """(count, 2) px for every picture in which the board is seen: what a session has before it is continued."""
     sightings = (finder.look(Frame(eight_bits(read_grey(picture)), 0, 0.0)) for picture in pictures)
     return [sighting.corners for sighting in sightings if sighting.corners is not None]

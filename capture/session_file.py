@@ -9,6 +9,7 @@ from calib.io.files import reading
 from calib.io.yaml_reader import read_yaml
 from calib.session.board import Board
 from calib.session.camera import Camera
+from calib.session.coding import AprilGrid, Charuco
 from calib.session.cover import Cover
 from calib.session.schema import Section
 from calib.session.session import FORMAT, session_from_mapping, session_to_yaml
@@ -34,22 +35,20 @@ def board_of(session: Path, asked: Board | None, like: Setup | None = None) -> B
         described = file.exists()
     if not described:
         if asked is None:
-            raise InputError(f"{session} has no session.yaml yet: describe the board by --board 9x9 --square-mm 20 (inner corners).")
+            raise InputError(
+                f"{session} has no session.yaml yet: describe the board by --board 9x9 --square-mm 20 (inner corners), with "
+                "--type where it has markers."
+            )
         return asked
     if "corners" in read_yaml(file):
         raise InputError(
             f"{file} names a corners file, so calib would not look at new pictures: drop the key corners, or record elsewhere."
         )
     board, _, cover = read_setup(file)
-    if board.coding:
-        raise InputError(
-            f"{file} describes a {board} board, which capture cannot see yet: take its pictures with another program, put them into "
-            "frames/ and run calib fit, or record a checkerboard elsewhere."
-        )
     if asked not in (None, board):
         raise InputError(
             f"{file} describes a board of {_described(board)} where {_described(asked)} were asked for: "
-            "leave --board and --square-mm out, correct the file, or record elsewhere."
+            "leave --board and what belongs to it out, correct the file, or record elsewhere."
         )
     if like and like[2] != cover:
         raise InputError(f"{file} describes another cover than --cover-from's: leave that out, correct the file, or record elsewhere.")
@@ -69,4 +68,11 @@ def write_setup(session: Path, board: Board, size: tuple[int, int], like: Setup 
 
 
 def _described(board: Board) -> str:
-    return f"{board} corners and {board.square * 1000:g} mm"
+    match board.coding:
+        case None:
+            return f"{board} corners and {board.square * 1000:g} mm"
+        case Charuco(marker, dictionary, legacy_pattern):
+            pattern = " in the legacy pattern" if legacy_pattern else ""
+            return f"{board}, {board.square * 1000:g} mm, with markers of {marker * 1000:g} mm of {dictionary}{pattern}"
+        case AprilGrid(spacing):
+            return f"{board}, {board.square * 1000:g} mm, spacing {spacing:g}"

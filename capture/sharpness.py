@@ -40,6 +40,11 @@ def measure_blur(grey: NDArray[np.uint8], corners: NDArray[np.float64], board: B
     column_normal, column_variance = _sides(grey, grid.swapaxes(0, 1))
     widened = np.sqrt((row_variance + WEIGHT**2) * (column_variance + WEIGHT**2))
     between = _correlation(grey, grid) * widened - WEIGHT**2 * (column_normal @ row_normal)
+    return blur_of(row_normal, row_variance, column_normal, column_variance, between)
+
+
+def blur_of(row_normal: NDArray, row_variance: float, column_normal: NDArray, column_variance: float, between: float) -> Blur | None:
+    """From (2,) unit normals of a board's two directions of edges, px^2 across each, and px^2 between the two."""
     equations = np.stack([_product(*pair) for pair in ((row_normal,) * 2, (column_normal,) * 2, (column_normal, row_normal))])
     known = np.array([row_variance, column_variance, between])
     if not np.isfinite(known).all() or abs(np.linalg.det(equations)) < 1e-3:
@@ -62,7 +67,7 @@ def _sides(grey: NDArray, lines: NDArray) -> tuple[NDArray[np.float64], float]:
     middles = ends[0][:, :, None] + ALONG[:, None] * side[:, :, None]  # (lines, sides, along, 2)
     steps = ACROSS[:, None] * ((reach / height)[..., None] * onward)[:, :, None]  # (lines, sides, across, 2)
     places = middles[..., None, :] + steps[:, :, None]
-    profile = _sampled(grey, places).mean(2)
+    profile = sampled(grey, places).mean(2)
     first, last = profile[..., :4].mean(-1), profile[..., -4:].mean(-1)
     with np.errstate(divide="ignore", invalid="ignore"):
         part = (profile - first[..., None]) / (last - first)[..., None]
@@ -72,14 +77,19 @@ def _sides(grey: NDArray, lines: NDArray) -> tuple[NDArray[np.float64], float]:
 
 def _correlation(grey: NDArray, grid: NDArray) -> float:
     """Between the blur across columns and the blur across rows, from the grey where they cross, weighted over a small window."""
-    square = _sampled(grey, (grid[:-1, :-1] + grid[:-1, 1:] + grid[1:, :-1] + grid[1:, 1:]) / 4)
+    square = sampled(grey, (grid[:-1, :-1] + grid[:-1, 1:] + grid[1:, :-1] + grid[1:, 1:]) / 4)
     same, other = (square[:-1, :-1] + square[1:, 1:]) / 2, (square[:-1, 1:] + square[1:, :-1]) / 2
-    offsets = np.stack(np.meshgrid(WINDOW, WINDOW), -1).reshape(-1, 2)
-    weights = np.exp(-(offsets**2).sum(-1) / (2 * WEIGHT**2))
-    light = _sampled(grey, grid[1:-1, 1:-1, None] + offsets) @ weights / weights.sum()
+    light = light_at(grey, grid[1:-1, 1:-1])
     with np.errstate(divide="ignore", invalid="ignore"):
         product = (2 * light - same - other) / (same - other)
     return float(np.sin(np.pi / 2 * np.clip(np.median(product), -1, 1)))
+
+
+def light_at(grey: NDArray, corners: NDArray) -> NDArray[np.float64]:
+    """(...) grey levels where edges cross, in the weighted mean over a small window, of (..., 2) px."""
+    offsets = np.stack(np.meshgrid(WINDOW, WINDOW), -1).reshape(-1, 2)
+    weights = np.exp(-(offsets**2).sum(-1) / (2 * WEIGHT**2))
+    return np.asarray(sampled(grey, corners[..., None, :] + offsets) @ weights / weights.sum())
 
 
 def _product(one: NDArray, other: NDArray) -> NDArray[np.float64]:
@@ -87,7 +97,7 @@ def _product(one: NDArray, other: NDArray) -> NDArray[np.float64]:
     return np.array([one[0] * other[0], one[0] * other[1] + one[1] * other[0], one[1] * other[1]])
 
 
-def _sampled(grey: NDArray, places: NDArray) -> NDArray[np.float64]:
+def sampled(grey: NDArray, places: NDArray) -> NDArray[np.float64]:
     """(...) brightness at (..., 2) px."""
     flat = places.reshape(len(places), -1, 2).astype(np.float32)
     return np.asarray(cv2.remap(grey, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float64).reshape(

@@ -37,8 +37,9 @@ LAYERS = {
     "capture": (
         ("errors", "frames", "exposure", "saddles", "sharpness", "settings_drift", "interrupt", "process"),
         ("disk", "lattice", "reader", "sources"),
-        ("finder", "session_file"),
-        ("gate", "recorder"),
+        ("sighting", "coded_light", "session_file"),
+        ("finder", "coded_finder"),
+        ("find", "gate", "recorder"),
         ("coverage", "recording_loop"),
         ("guidance", "narrator", "serve"),
         ("tui",),

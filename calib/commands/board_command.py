@@ -19,8 +19,12 @@ if TYPE_CHECKING:
     from calib.sheet.sheet import Sheet
     from calib.sheet.target import Pattern
 
-OPTIONS = ("square_mm", "tag_mm", "spacing", "marker", "dictionary")
-BY_TYPE = {"checkerboard": ("square_mm",), "charuco": ("square_mm", "marker", "dictionary"), "aprilgrid": ("tag_mm", "spacing")}
+OPTIONS = ("square_mm", "tag_mm", "spacing", "marker", "dictionary", "legacy_pattern")
+BY_TYPE = {
+    "checkerboard": ("square_mm",),
+    "charuco": ("square_mm", "marker", "dictionary", "legacy_pattern"),
+    "aprilgrid": ("tag_mm", "spacing"),
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,6 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--spacing", type=_spacing, metavar="PART", help="between an aprilgrid's tags, in sides of one, by default 0.3")
     parser.add_argument("--marker", type=_part, metavar="PART", help="side of a charuco's marker, in sides of a square, by default 0.75")
     parser.add_argument("--dictionary", choices=tuple(DICTIONARIES), metavar="NAME", help="of a charuco's markers, by default DICT_4X4_250")
+    legacy = "a charuco that begins with a white square where its rows of squares are even, as calib.io's do, and OpenCV's before 4.6"
+    parser.add_argument("--legacy-pattern", action="store_true", default=None, help=legacy)
     parser.add_argument(
         "--paper",
         type=_papers,
@@ -80,7 +86,8 @@ def _pattern(args: argparse.Namespace) -> "Pattern":
     for option in OPTIONS:
         if getattr(args, option) is not None and option not in BY_TYPE[args.type]:
             raise InputError(f"--{option.replace('_', '-')} says nothing of a board of --type {args.type}: leave it out.")
-    shape = {option: given for option in ("spacing", "marker", "dictionary") if (given := getattr(args, option)) is not None}
+    shaped = set(BY_TYPE[args.type]) - {"square_mm", "tag_mm"}
+    shape = {option: given for option in shaped if (given := getattr(args, option)) is not None}
     columns, rows = args.columns or (6 if args.type == "aprilgrid" else 9), args.rows or 6
     if args.type == "aprilgrid":
         return AprilGrid(columns, rows, **shape)

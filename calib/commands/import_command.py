@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_output, millimetres, whole_size
-from calib.errors import InputError
+from calib.commands.board_options import add_coding, asked_board
 
 if TYPE_CHECKING:
     from calib.importing.session_draft import Draft
-    from calib.session.board import Board
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,14 +21,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("mrcal-corners", "CORNERS.vnl", "corners found by mrgingham or another detector"),
         ("ros", "FILE.tar.gz", "the archive of ROS's camera_calibration"),
         ("kalibr", "FOLDER", "camchain.yaml, target.yaml and the pictures in cam0/, cam1/, ...; checkerboards and aprilgrids"),
-        ("images", "FOLDER", "pictures of a checkerboard"),
+        ("images", "FOLDER", "pictures of a board"),
     ):
         own = sources.add_parser(name, help=words, description=words[0].upper() + words[1:] + ".")
         own.add_argument("path", type=Path, metavar=metavar)
         if name != "mrcal":
             required = name != "kalibr"
-            own.add_argument("--board", type=whole_size, required=required, metavar="AxB", help="inner corners, columns x rows")
-            own.add_argument("--square-mm", type=millimetres, required=required, metavar="S", help="side of a square")
+            pictured = name in ("ros", "images")
+            tags = ", or an aprilgrid's tags" if pictured else ""
+            own.add_argument("--board", type=whole_size, required=required, metavar="AxB", help=f"inner corners, columns x rows{tags}")
+            own.add_argument("--square-mm", type=millimetres, required=required and not pictured, metavar="S", help="side of a square")
+            if pictured:
+                add_coding(own)
         if name == "ros":
             own.add_argument("--camera", choices=("left", "right"), help="which one of a stereo pair")
         if name == "kalibr":
@@ -56,21 +59,10 @@ def _draft(args: argparse.Namespace) -> "Draft":
 
     if args.source == "mrcal":
         return from_cameramodel(args.path)
-    board = _board(args)
+    board = asked_board(args)
     if args.source == "kalibr":
         return from_kalibr(args.path, board, args.camera)
     assert board
     if args.source == "mrcal-corners":
         return from_corners(args.path, board, args.size)
     return from_tar(args.path, board, args.camera) if args.source == "ros" else from_pictures(args.path, board)
-
-
-def _board(args: argparse.Namespace) -> "Board | None":
-    from calib.session.board import Board
-
-    if (args.board is None) != (args.square_mm is None):
-        raise InputError("--board and --square-mm belong together: give both, such as --board 9x6 --square-mm 25.")
-    if args.board is None:
-        return None
-    columns, rows = args.board
-    return Board(columns, rows, args.square_mm / 1000)

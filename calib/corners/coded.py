@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from calib.corners.detection import Detection, NotFound
 from calib.corners.local_map import LocalMap
 from calib.corners.marker_links import Links
-from calib.corners.markers import Markers, border_of, marker_places, read_markers
+from calib.corners.markers import WINDOWS_TRIED, Markers, border_of, marker_places, read_markers
 from calib.corners.measure import Measured, measure
 from calib.corners.strays import FOUND_NOISE, without_strays
 from calib.session.board import Board
@@ -27,20 +27,37 @@ BORDER = 3.0  # px of the picture, where no corner is measured
 WINDOW = 0.6  # of what shows nothing but a corner's own edges: cornerSubPix's half-size
 WINDOWS = (2, 10)  # px, its limits
 STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
+AROUND = 0.6  # of what shows nothing but a corner's own edges: where its four squares are looked at
+FAINT = 0.5  # of the usual contrast: less is no corner
+UNLIKE = 0.5  # of the contrast, between two squares that are opposite
 FEWEST = 4
 """Corners or markers that tell something of others."""
 ROUNDED = 1.0  # px, that a marker's side comes out shorter, as its outline goes through the middles of its outermost pixels
 OTHER_SIZE = 0.1  # of a marker, which is seen to some hundredths
 OTHER_SPACING = 0.02  # of a tag: measured corners tell it to thousandths, a lens bends it by one or two
+FOUND_SPACING = 0.03  # of a tag: corners by cornerSubPix, of tags of 20 px
 OUTLINE = (3, 3)  # px, cornerSubPix's half-size around the corners of a tag's outline
 ROUGH_SPACING = 0.06  # of a tag: what these tell
 
 
 def find_coded(grey: NDArray[np.uint8], every_bit: NDArray, board: Board) -> Detection | NotFound:
     """In a (H, W) picture: `grey` is looked at, `every_bit`, uint8 or uint16, measured."""
+    rough = rough_corners(grey, board)
+    if isinstance(rough, NotFound):
+        return rough
+    measured = _measured(every_bit, _further(rough, board, grey), board)
+    if isinstance(board.coding, AprilGrid) and (wrong := _other_spacing(measured.corners, board, board.coding, OTHER_SPACING)):
+        return NotFound(wrong)
+    if np.isfinite(measured.corners[:, 0]).sum() < FEWEST:
+        return NotFound(f"hardly any corner of the {board} board can be measured: {ADVICE}")
+    return Detection(measured.corners, measured.covariances, "coded")
+
+
+def rough_corners(grey: NDArray[np.uint8], board: Board, windows: tuple[int, ...] = WINDOWS_TRIED) -> Floats | NotFound:
+    """(count, 2) px by cornerSubPix, to a tenth, of the corners around markers that were read, NaN elsewhere; `windows` as of
+    `read_markers`."""
     assert board.coding
-    read = read_markers(grey, board.coding.dictionary, border_of(board.coding))
-    own = one_board(read, board)
+    own = one_board(read_markers(grey, board.coding.dictionary, border_of(board.coding), windows), board)
     if isinstance(own, NotFound):
         return own
     if wrong := _misprint(own, board, grey):
@@ -48,12 +65,31 @@ def find_coded(grey: NDArray[np.uint8], every_bit: NDArray, board: Board) -> Det
     found = _own(own, board, grey)
     if np.isfinite(found[:, 0]).sum() < FEWEST:
         return NotFound(f"hardly any corner of the {board} board can be seen: {ADVICE}")
-    measured = _measured(every_bit, _further(found, board, grey), board)
-    if isinstance(board.coding, AprilGrid) and (wrong := _other_spacing(measured.corners, board, board.coding, OTHER_SPACING)):
+    if isinstance(board.coding, AprilGrid) and (wrong := _other_spacing(found, board, board.coding, FOUND_SPACING)):
         return NotFound(wrong)
-    if np.isfinite(measured.corners[:, 0]).sum() < FEWEST:
-        return NotFound(f"hardly any corner of the {board} board can be measured: {ADVICE}")
-    return Detection(measured.corners, measured.covariances, "coded")
+    return found
+
+
+def live_corners(grey: NDArray[np.uint8], board: Board, windows: tuple[int, ...] = WINDOWS_TRIED) -> Floats | NotFound:
+    """The same and the corners beside them. As none is measured, each must be where the others alone say that it is, and look like one."""
+    rough = rough_corners(grey, board, windows)
+    if isinstance(rough, NotFound):
+        return rough
+    kept = without_strays(_further(rough, board, grey), board, by_others=True)
+    return _crossing(grey, kept, board) if np.isfinite(kept[:, 0]).sum() >= FEWEST else kept
+
+
+def _crossing(grey: NDArray[np.uint8], corners: Floats, board: Board) -> Floats:
+    """(count, 2) px, NaN where four places around a corner are not dark, light, dark, light, as two edges that cross leave them."""
+    seen = np.flatnonzero(np.isfinite(corners[:, 0]))
+    steps = _map(board.points()[seen], corners[seen], board, FOUND_NOISE).steps[seen] * (AROUND * _free(board))  # (N, 2, 2) px
+    around = np.stack([steps.sum(1), steps[:, 0] - steps[:, 1], -steps.sum(1), steps[:, 1] - steps[:, 0]], 1)
+    places = (corners[seen, None] + around).astype(np.float32)
+    light = np.asarray(cv2.remap(grey, places[..., 0], places[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float64)
+    contrast = np.abs(light[:, ::2].sum(1) - light[:, 1::2].sum(1)) / 2
+    apart = np.abs(light[:, :2] - light[:, 2:]).max(1)
+    wrong = (contrast < FAINT * np.median(contrast)) | (apart > UNLIKE * contrast)
+    return np.where(np.isin(np.arange(board.count), seen[wrong])[:, None], np.nan, corners)
 
 
 def _measured(grey: NDArray, rough: Floats, board: Board) -> Measured:
@@ -75,18 +111,20 @@ def one_board(read: Markers, board: Board) -> Markers | NotFound:
     if foreign >= max(3, len(known.numbers) / 5):
         return NotFound(
             f"markers with numbers up to {read.numbers.max()} are seen, where a {board} board has 0 to {len(places) - 1}: correct columns, "
-            "rows or dictionary in session.yaml, or show this board alone"
+            "rows or dictionary in session.yaml, or show this board alone",
+            "other",
         )
     if not len(known.numbers):
-        return NotFound(f"no marker of the {board} board found: {ADVICE}")
+        return NotFound(f"no marker of the {board} board found: {ADVICE}", "none")
     groups = Links.of(known, places[known.numbers], _pitch(board)).groups
     if len(groups[0]) < 2 and len(known.numbers) < FEWEST:
-        return NotFound(f"no two markers lie as on the {board} board: {ADVICE}, or correct board in session.yaml")
+        return NotFound(f"no two markers lie as on the {board} board: {ADVICE}, or correct board in session.yaml", "none")
     twice = _twice(known)
     if twice is not None and len(groups[0]) > 1:
         return NotFound(f"marker {twice} of the {board} board is seen twice: show one board alone, with each of its markers once")
     if len(groups[0]) < 2 or (len(groups) > 1 and len(groups[1]) > 1):
-        return NotFound(f"the markers lie not as on one {board} board: correct board in session.yaml, or show one board alone")
+        reason = f"the markers lie not as on one {board} board: correct board in session.yaml, or show one board alone"
+        return NotFound(reason, "other")
     return known.some(groups[0])
 
 

@@ -25,3 +25,6 @@ class NotFound:
 
     reason: str
     """To be said with the picture's name."""
+    markers: Literal["none", "other", "own"] = "own"
+    """Of a board with markers: whether hardly any was read, or those that were read may be another board's; `other_coding` then looks
+    into that."""

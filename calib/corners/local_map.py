@@ -25,6 +25,8 @@ class LocalMap:
     """(N, 2 axes, 2) px for each unit along the board's x and y."""
     bends: Floats
     """(N, 2 axes, 2) px for each squared unit."""
+    leverage: Floats
+    """(N,) by how much a point at such a place draws the map there to itself, 0 to 1."""
 
     @staticmethod
     def of(points: Floats, pixels: Floats, at: Floats, noise: float, *, changing: bool = False) -> "LocalMap":
@@ -51,4 +53,5 @@ class LocalMap:
         normal[:, cubic, cubic] += (noise / (STEADY * unit)) ** 2
         normal[:, range(6), range(6)] += 1e-9
         fitted = np.linalg.solve(normal, right)
-        return LocalMap(fitted[:, 0] + pixels.mean(0), fitted[:, 1:3], fitted[:, [3, 5]])
+        leverage = np.linalg.inv(normal)[:, 0, 0]
+        return LocalMap(fitted[:, 0] + pixels.mean(0), fitted[:, 1:3], fitted[:, [3, 5]], leverage)

@@ -20,6 +20,8 @@ FAMILIES = (
 """Dictionaries that begin alike with the largest alone, and how wide their markers' borders are, cells."""
 ALL_BUT_ERRORS = 0.9
 """Of the numbers."""
+LINKED = 0.8
+"""Of the markers in a picture: another board must explain so many, where two boards in one picture would explain the rest."""
 FEWEST = 3
 """Markers in a picture that are no accident."""
 MOST_COLUMNS = 40
@@ -44,7 +46,7 @@ def other_coding(pictures: Pictures, board: Board) -> str:
     seen = {family: _numbers(pictures, *family) for family in FAMILIES}
     name, cells = max(seen, key=lambda family: len(seen[family]))
     numbers = seen[name, cells]
-    if len(numbers) <= max(FEWEST * len(pictures) / 2, 2 * sum(len(markers.numbers) for markers in read)):
+    if len(numbers) <= max(FEWEST, FEWEST * len(pictures) / 2, 2 * sum(len(markers.numbers) for markers in read)):
         return ""
     alike = [other for other in DICTIONARIES if other.rpartition("_")[0] == name.rpartition("_")[0] and name.endswith("_1000")] or [name]
     smallest = next(other for other in alike if other == name or np.mean(numbers < DICTIONARIES[other]) > ALL_BUT_ERRORS)
@@ -62,26 +64,31 @@ def _other_places(read: Sequence[Markers], board: Board) -> str:
     """The markers can be read, but lie not as declared."""
     if isinstance(board.coding, Charuco):
         legacy = board.coding.legacy_pattern
-        if board.rows % 2 and _fit(read, replace(board, coding=replace(board.coding, legacy_pattern=not legacy))):
+        if board.rows % 2 and _fit(read, replace(board, coding=replace(board.coding, legacy_pattern=not legacy)), LINKED):
             kind, write = ("new", "false") if legacy else ("legacy", "true")
             return f"the markers lie as on a board of the {kind} pattern: write board.legacy_pattern: {write} in session.yaml."
         for part in PARTS:
-            if _fit(read, replace(board, coding=replace(board.coding, marker=part * board.square))):
+            if _fit(read, replace(board, coding=replace(board.coding, marker=part * board.square)), LINKED):
                 return f"the markers are of about {part:.1f} of a square: correct board.marker_mm in session.yaml."
     corners = 2 if isinstance(board.coding, AprilGrid) else 1
     for columns in range(2, MOST_COLUMNS):
-        if _fit(read, replace(board, columns=corners * columns)):
+        if _fit(read, replace(board, columns=corners * columns), LINKED):
             return (
                 f"the markers lie as on a board with {columns} columns, not as on {board}: write board.columns: {columns} in session.yaml."
             )
     return ""
 
 
-def _fit(read: Sequence[Markers], board: Board) -> bool:
-    """Whether most lie as on this board, or on one with more rows."""
+def _fit(read: Sequence[Markers], board: Board, linked: float = 0.0) -> bool:
+    """Whether in most pictures such a part of the markers, and enough of them, lie as on this board, or on one with more rows."""
     most = 1 + max(int(markers.numbers.max(initial=0)) for markers in read)
     taller = replace(board, rows=board.rows + 2 * most)
-    return _most(read, lambda markers: not isinstance(one_board(markers, taller), NotFound))
+
+    def holds(markers: Markers) -> bool:
+        own = one_board(markers, taller)
+        return not isinstance(own, NotFound) and len(own.numbers) >= linked * len(markers.numbers)
+
+    return _most(read, holds)
 
 
 def _most(read: Sequence[Markers], holds: Callable[[Markers], bool]) -> bool:

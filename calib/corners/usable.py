@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.corners.view import Rejected, View
 from calib.session.board import Board
@@ -15,14 +16,16 @@ FLATTEST = 0.5
 
 def with_poses(views: Sequence[View], board: Board) -> tuple[tuple[View, ...], tuple[Rejected, ...]]:
     """The views whose corners are enough for a pose, and the others with the reason."""
-    reasons = [_reason(view, board) for view in views]
+    reasons = [no_pose(view.seen, board) for view in views]
     rejected = tuple(Rejected(view.name, reason) for view, reason in zip(views, reasons, strict=True) if reason)
     return tuple(view for view, reason in zip(views, reasons, strict=True) if not reason), rejected
 
 
-def _reason(view: View, board: Board) -> str:
-    if view.count < FEWEST_CORNERS:
-        return f"only {view.count} corners are seen, and a pose needs {FEWEST_CORNERS}"
-    points = board.points()[view.seen] / board.square
+def no_pose(seen: NDArray[np.bool_], board: Board) -> str:
+    """Why a view of these (count,) corners gives no pose; empty if it does."""
+    count = int(np.count_nonzero(seen))
+    if count < FEWEST_CORNERS:
+        return f"only {count} corners are seen, and a pose needs {FEWEST_CORNERS}"
+    points = board.points()[seen] / board.square
     across = np.linalg.svd(points - points.mean(0), compute_uv=False)[1] / len(points) ** 0.5
     return "the corners that are seen lie on one line, which gives no pose" if across < FLATTEST else ""

@@ -1,4 +1,4 @@
-"""A plain folder of pictures of a checkerboard."""
+"""A plain folder of pictures of a board."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path

@@ -26,7 +26,7 @@ class Design:
     poses: Array
     """(P, 6) T_camera_board: rotation vector (rad) and translation (m)."""
     corners: Array
-    """(P, count, 2) px, where the camera sees the board's corners through the cover in each."""
+    """(P, count, 2) px, where the camera sees the board's corners through the cover in each; NaN where it does not."""
     information: Array
     """(P, R, R) of each pose, the board's pose itself unknown."""
     seen: Array

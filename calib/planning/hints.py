@@ -1,4 +1,7 @@
-"""Where to hold the board, in words: "closer, to the left edge, tilt the right side away". Sides are the picture's."""
+"""Where to hold the board, in words: "closer, to the left edge, tilt the right side away". Sides are the picture's.
+
+A board with markers may be wanted "over the left edge (a part outside)".
+"""
 
 import cv2
 import numpy as np
@@ -58,9 +61,12 @@ def _distance(depth: float, present: NDArray | None, reach: tuple[float, float])
 
 
 def _place(outline: NDArray, size: tuple[int, int]) -> str:
-    at = []
+    at, over = [], False
     for low, high, length in zip(outline.min(0), outline.max(0), size, strict=True):
         before, after = low / length, 1 - high / length
-        at.append(0 if before < EDGE and before < after / 2 else 2 if after < EDGE and after < before / 2 else 1)
+        at.append(0 if before < EDGE and before < after - abs(after) / 2 else 2 if after < EDGE and after < before - abs(before) / 2 else 1)
+        over |= min(before, after) < 0
     place = PLACES[at[1]][at[0]]
+    if over:
+        return f"over {place} (a part outside)" if place else "in the middle (parts outside)"
     return f"to {place}" if place else "in the middle"

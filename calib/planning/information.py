@@ -26,6 +26,7 @@ from calib.optics.build import covered_path, footprint, with_relief
 from calib.optics.projection import project
 from calib.optics.relief import Relief
 from calib.planning.design import Design
+from calib.planning.pose_bank import enough_seen, in_picture
 from calib.progress import Silent
 from calib.session.board import Board
 from calib.session.camera import Camera
@@ -65,7 +66,7 @@ class Survey:
     poses: Array
     """(P, 6)"""
     corners: Array
-    """(P, count, 2) px"""
+    """(P, count, 2) px, NaN where not seen."""
     information: Array
     """(P, S, S) at 1 px of noise per axis."""
     jacobian: Array
@@ -100,16 +101,17 @@ def survey(model: CameraModel, board: Board, camera: Camera, poses: Array, cells
     """Look at every pose of a bank through the cover.
 
     Args:
-        poses: (P, 6); those in which some corner would not be in the picture are dropped.
+        poses: (P, 6); those in which some corner would not be in the picture are dropped, of a board with markers those in which few would.
         cells: rows and columns of the picture in whose middles the maps are judged.
         depths: (D,) m, at which they are.
     """
     placed, points = torch.from_numpy(poses), torch.from_numpy(board.points())
     points = model.path.place(points.repeat(len(poses), 1), model.means, placed.repeat_interleave(board.count, 0))
     corners = project(model.path, model.means, points).numpy().reshape(len(poses), board.count, 2)
-    inside = ((corners > 0) & (corners < [camera.width - 1, camera.height - 1])).all((1, 2))  # false for NaN
-    poses, corners = poses[inside], corners[inside]
-    views = tuple(View(str(index), seen, np.ones(board.count)) for index, seen in enumerate(corners))
+    corners = in_picture(corners, camera)
+    enough = enough_seen(corners, board)
+    poses, corners = poses[enough], corners[enough]
+    views = tuple(View(str(index), seen, np.isfinite(seen[:, 0]).astype(np.float64)) for index, seen in enumerate(corners))
     x, y = ((np.arange(n) + 0.5) / n * length - 0.5 for n, length in zip(cells[::-1], (camera.width, camera.height), strict=True))
     pixels = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     jacobian, motions, lost = undistorted_jacobian(model.path, model.parameters, pixels)
@@ -117,7 +119,7 @@ def survey(model: CameraModel, board: Board, camera: Camera, poses: Array, cells
     changed, moved = (np.einsum("nabs,ad->ndbs", part[~lost], at).reshape(-1, part.shape[-1]) for part in (jacobian, motions))
     jacobian = jacobian - motions @ np.linalg.lstsq(moved, changed, rcond=None)[0]
     jacobian[lost] = np.nan
-    informed = view_information(model, Observations.of(views, board), placed[torch.from_numpy(inside)])
+    informed = view_information(model, Observations.of(views, board), placed[torch.from_numpy(enough)])
     return Survey(model, poses, corners, informed, jacobian.reshape(*cells, 2, 2, -1), depths, on_patch(model, pixels).reshape(*cells, 2))
 
 

@@ -1,6 +1,7 @@
 """The poses in which a person can hold the board before this camera: some hundred, over the picture, depths and tilts.
 
-The cover is not seen here. It shifts the picture of the board by some pixels, for which the picture's margin leaves room.
+A board with markers may reach out of the picture, where a cover bends most. The cover is not seen here. It shifts the picture of the
+board by some pixels, for which the picture's margin leaves room.
 """
 
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.corners.usable import FEWEST_CORNERS
 from calib.errors import InputError
 from calib.session.board import Board
 from calib.session.camera import Camera
@@ -21,6 +23,9 @@ AROUND = 0.5  # squares, that must be in the picture around the outermost corner
 TILT = np.radians(32)  # about each axis: at 45 degrees about both, corners are hard to find
 LEVELS = 3  # depths, evenly spaced in inverse depth, in which refraction is linear
 LARGEST, SMALLEST = 0.75, 0.25  # of the picture's shorter side, the board's longer one: the reach, where none is stated
+INSIDE = 0.3  # of half a board with markers, from the picture's border to its middle: two thirds of it are seen at a side
+FEWEST_SEEN = 0.4  # of its corners: in a corner of the picture so many are
+WAY = 20  # places from the picture's middle to a corner: a lens's polynomial that turns back on the way is not the lens any more
 FOCAL = 0.8  # of the picture's longer side, where intrinsics are not known: 64 degrees across
 
 
@@ -52,11 +57,12 @@ class Bank:
     poses: Array
     """(P, 6) T_camera_board: rotation vector (rad) and translation (m)."""
     corners: Array
-    """(P, count, 2) px"""
+    """(P, count, 2) px, NaN outside of the picture."""
 
 
 def bank(board: Board, camera: Camera, reach: Reach) -> Bank:
-    """Every pose of a lattice that leaves the board wholly in the picture: farther boards, which cover less, at more places.
+    """Every pose of a lattice that leaves the board wholly in the picture, and for one with markers others around it, in which it reaches
+    out: farther boards, which cover less, at more places.
 
     Raises:
         InputError: there is none.
@@ -72,15 +78,40 @@ def bank(board: Board, camera: Camera, reach: Reach) -> Bank:
             away = depth + turned[:, 2:]  # (4, 1) m
             least, most = (low * away - turned[:, :2]).max(0), (high * away - turned[:, :2]).min(0)  # m: where its middle may be
             if (least < most).all():
-                across = np.linspace(least[0], most[0], 3 + level)
-                down = np.linspace(least[1], most[1], 3 + level // 2)
-                poses += [np.array([*turn, x, y, depth]) for x, y in product(across, down)]
+                poses += [np.array([*turn, *place, depth]) for place in _places(least, most, level)]
+            if board.coding:
+                inside = INSIDE * np.array(board.half)
+                poses += [
+                    np.array([*turn, *place, depth]) for place in _places(low * depth + inside, high * depth - inside, level, rim=True)
+                ]
     if not poses:
         raise InputError(
             f"A board of {board} corners and {board.square * 1000:g} mm is nowhere wholly in the picture between {reach.near:g} and "
             f"{reach.far:g} m: hold it farther away, or correct its numbers."
         )
-    return Bank(np.array(poses), np.array([seen_bare(board, camera, pose) for pose in poses]))
+    corners = np.array([seen_bare(board, camera, pose) for pose in poses])
+    enough = enough_seen(corners, board)
+    return Bank(np.array(poses)[enough], corners[enough])
+
+
+def _places(least: Array, most: Array, level: int, *, rim: bool = False) -> list[Array]:
+    """(2,) m each, for the board's middle: a lattice between two limits, or its outermost places alone."""
+    across, down = np.linspace(least[0], most[0], 3 + level), np.linspace(least[1], most[1], 3 + level // 2)
+    outermost = product(range(len(across)), range(len(down)))
+    ends = {0, len(across) - 1}, {0, len(down) - 1}
+    return [np.array([across[i], down[j]]) for i, j in outermost if not rim or i in ends[0] or j in ends[1]]
+
+
+def enough_seen(corners: Array, board: Board) -> NDArray[np.bool_]:
+    """(P,) whether poses in which these (P, count, 2) px are seen, NaN where not, are worth asking for."""
+    needed = board.count if not board.coding else max(FEWEST_SEEN * board.count, 2 * FEWEST_CORNERS)
+    return np.asarray(np.isfinite(corners[..., 0]).sum(1) >= min(needed, board.count))
+
+
+def in_picture(corners: Array, camera: Camera) -> Array:
+    """(..., 2) px, NaN where that is not in the picture."""
+    inside = ((corners > 0) & (corners < [camera.width - 1, camera.height - 1])).all(-1, keepdims=True)  # false for NaN
+    return np.where(inside, corners, np.nan)
 
 
 def matrix(camera: Camera) -> Array:
@@ -93,14 +124,23 @@ def matrix(camera: Camera) -> Array:
 
 
 def seen_bare(board: Board, camera: Camera, pose: Array) -> Array:
-    """(count, 2) px, where the bare camera sees the corners of a board at (6,)."""
-    seen = cv2.projectPoints(_solid(board), pose[:3], pose[3:], matrix(camera), _lens(camera))[0]
-    return np.asarray(seen, np.float64).reshape(-1, 2)
+    """(count, 2) px, where the bare camera sees the corners of a board at (6,); of one with markers, NaN outside of the picture."""
+    seen = np.asarray(cv2.projectPoints(_solid(board), pose[:3], pose[3:], matrix(camera), _lens(camera))[0], np.float64).reshape(-1, 2)
+    if not board.coding:
+        return seen
+    place = _solid(board) @ cv2.Rodrigues(pose[:3])[0].T + pose[3:]
+    way = np.linspace(0, 1, WAY)[:, None, None] * np.column_stack(
+        [place[:, :2] / place[:, 2:], np.zeros(len(place))]
+    )  # from the middle out
+    there = cv2.projectPoints(way.reshape(-1, 3), np.zeros(3), np.array([0, 0, 1.0]), matrix(camera), _lens(camera))[0].reshape(WAY, -1, 2)
+    folded = (np.diff(np.linalg.norm(there - there[0], axis=-1), axis=0) < 0).any(0)
+    return in_picture(np.where(folded[:, None], np.nan, seen), camera)
 
 
 def bare_pose(board: Board, camera: Camera, corners: Array) -> Array | None:
-    """(6,) the pose that (count, 2) px would show to the bare camera; None where no pose does."""
-    found, turn, shift = cv2.solvePnP(_solid(board), corners, matrix(camera), _lens(camera), flags=cv2.SOLVEPNP_IPPE)
+    """(6,) the pose that (count, 2) px, NaN where not seen, would show to the bare camera; None where no pose does."""
+    seen = np.isfinite(corners[:, 0])
+    found, turn, shift = cv2.solvePnP(_solid(board)[seen], corners[seen], matrix(camera), _lens(camera), flags=cv2.SOLVEPNP_IPPE)
     pose = np.concatenate([np.ravel(turn), np.ravel(shift)]) if found else np.full(6, np.nan)
     return pose if np.isfinite(pose).all() and pose[5] > 0 else None
 
@@ -109,6 +149,18 @@ def rim(board: Board) -> NDArray[np.intp]:
     """(N,) which corners lie on the board's outline, in order around it."""
     index = np.arange(board.count).reshape(board.rows, board.columns)
     return np.concatenate([index[0], index[1:, -1], index[-1, -2::-1], index[-2:0:-1, 0]])
+
+
+def outline(corners: Array, board: Board) -> Array:
+    """(N, 2) px, the board's outermost corners in order around it, from (count, 2) px; those that are not seen are where a plane through
+    the others has them."""
+    around = rim(board)
+    seen = np.isfinite(corners[:, 0])
+    if seen[around].all():
+        return corners[around]
+    plane = cv2.findHomography(board.points()[seen], corners[seen])[0]
+    said = cv2.perspectiveTransform(board.points()[around].reshape(-1, 1, 2), plane).reshape(-1, 2)
+    return np.where(seen[around, None], corners[around], said)
 
 
 def _borders(camera: Camera) -> tuple[Array, Array]:

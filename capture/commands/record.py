@@ -6,19 +6,17 @@ v4l2:/dev/video0?size=1640x1232. A session that has pictures is continued. Ctrl-
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from calib.commands.arguments import positive
-
-if TYPE_CHECKING:
-    from calib.session.board import Board
+from calib.commands.board_options import add_coding, asked_board
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("session", type=Path, metavar="SESSION", help="the session folder, which is made if need be")
     parser.add_argument("--source", required=True, help="where frames come from; `capture sources` lists the cameras")
-    parser.add_argument("--board", type=_board, metavar="CxR", help="inner corners of the board, such as 9x6, for a new session")
-    parser.add_argument("--square-mm", type=positive, metavar="MM", help="side of a square, for a new session")
+    parser.add_argument("--board", type=_board, metavar="CxR", help="inner corners of a new session's board, or its tags, such as 9x6")
+    parser.add_argument("--square-mm", type=positive, metavar="MM", help="side of a square")
+    add_coding(parser)
     parser.add_argument("--cover-from", type=Path, metavar="FILE", help="session.yaml that describes cover and camera of a new session")
     parser.add_argument("--bare", action="store_true", help="the cover is off: record into bare/")
     parser.add_argument("--views", type=_count, metavar="N", help="views to keep, then end (default: 30; with --all, no end)")
@@ -33,7 +31,7 @@ def run(args: argparse.Namespace) -> None:
 
     from calib.commands.printing import print_json
     from calib.errors import InputError, NotEnoughDataError, RefracalError
-    from capture.finder import Finder
+    from capture.find import finder_of
     from capture.interrupt import ending_by
     from capture.narrator import Narrator
     from capture.reader import Reader
@@ -46,7 +44,7 @@ def run(args: argparse.Namespace) -> None:
     if args.all and (args.burst > 1 or args.every):
         raise InputError("--burst and --every choose among good views: leave them out, or leave --all out.")
     like = read_setup(args.cover_from) if args.cover_from else None
-    board = board_of(args.session, _asked_board(args), like)
+    board = board_of(args.session, asked_board(args), like)
     views = args.views or (None if args.all else 30)
     with Reader(source) as reader, Recorder(args.session, board, like=like, bare=args.bare) as recorder, ending_by(reader.close) as wish:
         narrator = Narrator(reader, recorder, views, json=args.json)
@@ -55,7 +53,7 @@ def run(args: argparse.Namespace) -> None:
                 for view, frame in enumerate(islice(reader, views), start=1):
                     narrator.kept(recorder.keep(frame), view)
             else:
-                finder = Finder(board)
+                finder = finder_of(board)
                 plan = Plan(views or 0, args.burst, args.every)
                 for step in record(reader, finder, recorder, plan, corners_of(recorder.pictures, finder)):
                     narrator.tell(step)
@@ -71,24 +69,9 @@ def run(args: argparse.Namespace) -> None:
         narrator.sum_up()
 
 
-def _asked_board(args: argparse.Namespace) -> "Board | None":
-    from calib.errors import InputError
-    from calib.session.board import Board
-    from calib.session.board_section import SQUARE
-    from calib.session.schema import Section
-
-    if (args.board is None) != (args.square_mm is None):
-        raise InputError("--board and --square-mm belong together: write both, such as --board 9x6 --square-mm 25.")
-    if args.board is None:
-        return None
-    columns, rows = args.board
-    square = Section({SQUARE.key: args.square_mm}, "The command line").read(SQUARE)["square"]
-    return Board(columns, rows, square.value)
-
-
 def _board(text: str) -> tuple[int, int]:
     columns, _, rows = text.partition("x")
-    if not (columns.isdecimal() and rows.isdecimal() and 3 <= int(columns) <= 1000 and 3 <= int(rows) <= 1000):
+    if not (columns.isdecimal() and rows.isdecimal() and 2 <= int(columns) <= 1000 and 2 <= int(rows) <= 1000):
         raise argparse.ArgumentTypeError(f"{text!r} is not a board: write its inner corners as two whole numbers from 3, such as 9x6")
     return int(columns), int(rows)
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.finder import Finder
+from capture.find import finder_of
 from capture.frames import Frame, FrameSource
 from capture.reader import Reader
 from capture.recorder import Recorder
@@ -112,7 +112,7 @@ class Watch:
         board = board_of(task.session, task.asked[0])
         like = None if described else task.asked
         with self._reader as reader, Recorder(task.session, board, like=like, bare=task.bare) as recorder:
-            finder = Finder(board)
+            finder = finder_of(board)
             kept = corners_of(recorder.pictures, finder)
             begun(tuple(kept))
             for step in record(reader, finder, recorder, Plan(views=None), kept, self._shutter):

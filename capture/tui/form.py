@@ -6,19 +6,34 @@ from dataclasses import dataclass
 
 from calib.errors import InputError
 from calib.session.board import Board
+from calib.session.board_section import KEYS
 from calib.session.camera import Camera, camera_to_yaml
 from calib.session.cover import SHAPES, Cover, cover_to_yaml
 from calib.session.schema import Quantity, Section
 from calib.session.session import session_from_mapping, session_to_yaml
 from capture.session_file import Setup
 
-BOARD = ("columns", "rows", "square_mm")
+BOARD = {kind: tuple(key for key in keys if key != "type") for kind, keys in KEYS.items()}
+"""What there is to type of each type of board."""
 WHERE = "The set-up"
+ALONE: Mapping[str, Mapping[str, object]] = {
+    "checkerboard": {"columns": 3, "rows": 3, "square_mm": 1},
+    "charuco": {"columns": 3, "rows": 3, "square_mm": 1e5, "marker_mm": 0.05, "dictionary": "DICT_APRILTAG_36h10"},
+    "aprilgrid": {"columns": 2, "rows": 2, "tag_mm": 1, "spacing": 0.3},
+}
+"""What stands beside a value that is judged by itself: it goes with any."""
+ANSWERS = {"yes": True, "no": False, "true": True, "false": False}
 
 HELP = {
     "columns": "The board's inner corners along one row: one less than its squares.",
     "rows": "The board's inner corners along one column: one less than its squares.",
     "square_mm": "The side of one square in millimetres. Measure over many squares and divide.",
+    "kind": "What is printed on it. charuco and aprilgrid have markers: they may reach out of the picture, and be held any way up.",
+    "marker_mm": "The side of one marker in millimetres, with its black border.",
+    "dictionary": "The name of its markers, as OpenCV has it, such as DICT_4X4_250; it often stands on the print.",
+    "legacy_pattern": "yes for boards of calib.io, or of OpenCV before 4.6, whose upper left square is white; else no.",
+    "tag_mm": "The side of one tag in millimetres, with its black border.",
+    "spacing": "The gap between two tags, in sides of a tag: 0.3 on Kalibr's own.",
     "shape": "The cover in front of the camera. none: there is none, only the lens is calibrated.",
     "inner_radius_mm": "Millimetres from the cover's axis to its inner face, at the height of the lens.",
     "radius_slope": "By how much the radius grows downwards: -0.1 is 1 mm narrower every 10 mm.",
@@ -31,6 +46,8 @@ HELP = {
     "centre_mm": "x, y, z in mm from the lens to the dome's centre.",
 }
 """What each value is, for someone who has never seen a session.yaml. Its rule is said when it is broken."""
+TAGS = {"columns": "How many tags there are along one row.", "rows": "How many tags there are along one column."}
+"""The same of an aprilgrid, where it differs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,14 +57,19 @@ class Typed:
     board: Mapping[str, str]
     shape: str
     cover: Mapping[str, str]
+    kind: str = "checkerboard"
 
 
-def problem(key: str, text: str, shape: str) -> str | None:
+def explained(key: str, kind: str) -> str:
+    """What a value is, on a board of this type."""
+    return TAGS.get(key, "") if kind == "aprilgrid" and key in TAGS else HELP.get(key, "")
+
+
+def problem(key: str, text: str, shape: str, kind: str = "checkerboard") -> str | None:
     """What is wrong with one value by itself, or None."""
     try:
-        if key in BOARD:
-            section = Section({key: _number(text)}, WHERE, "board")
-            session_from_mapping(_mapping({"columns": 3, "rows": 3, "square_mm": 1, **section.values}, {"shape": "none"}), WHERE)
+        if key in BOARD[kind]:
+            session_from_mapping(_mapping({"type": kind, **ALONE[kind], key: _value(key, text)}, {"shape": "none"}), WHERE)
         else:
             quantity = _quantity(key, shape)
             Section(_written(quantity, text), WHERE, "cover").read(quantity)
@@ -58,7 +80,7 @@ def problem(key: str, text: str, shape: str) -> str | None:
 
 def read_form(typed: Typed, camera: Camera | None = None) -> Setup:
     """The set-up, with the camera of another session if there is one; an InputError says what to write instead."""
-    board = {key: _number(text) for key, text in typed.board.items()}
+    board = {"type": typed.kind, **{key: _value(key, text) for key, text in typed.board.items()}}
     cover: dict[str, object] = {"shape": typed.shape}
     for quantity in SHAPES[typed.shape]:
         cover |= _written(quantity, typed.cover.get(quantity.key, ""))
@@ -70,7 +92,8 @@ def write_form(board: Board, cover: Cover) -> Typed:
     written = session_to_yaml(board, Camera(1, 1), cover)["board"]
     assert isinstance(written, Mapping)
     texts = {key: _text(value) for key, value in cover_to_yaml(cover).items() if key != "shape"}
-    return Typed({key: _text(written[key]) for key in BOARD}, cover.shape, texts)
+    kind = str(written.get("type", "checkerboard"))
+    return Typed({key: _text(written[key]) for key in BOARD[kind]}, cover.shape, texts, kind)
 
 
 def _mapping(board: Mapping[str, object], cover: Mapping[str, object], camera: Camera | None = None) -> dict[str, object]:
@@ -90,6 +113,11 @@ def _written(quantity: Quantity, text: str) -> dict[str, object]:
     return {quantity.key: [_number(part) for part in re.split(r"[,;\s]+", _joined(text).strip(" []"))]}
 
 
+def _value(key: str, text: str) -> object:
+    """Of a board."""
+    return ANSWERS.get(text.strip().lower(), text.strip()) if key == "legacy_pattern" else _number(text)
+
+
 def _number(text: str) -> object:
     """A number, `25 ± 10` (or `25 +- 10`) as a number with its sigma, 0 for an exact one, or the text itself, which the rules refuse."""
     value, pair, sigma = _joined(text.strip()).partition("±")
@@ -107,6 +135,8 @@ def _joined(text: str) -> str:
 
 
 def _text(value: object) -> str:
+    if isinstance(value, bool | str):
+        return value if isinstance(value, str) else "yes" if value else "no"
     if isinstance(value, list):
         return ", ".join(map(_text, value))
     if isinstance(value, Mapping):

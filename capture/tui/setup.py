@@ -1,6 +1,6 @@
 """Set-up: the camera, the board and the cover, every value checked as it is typed."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, cast
 
@@ -15,13 +15,14 @@ from textual.widgets import Button, Input, Label, Select, Static
 
 from calib.errors import InputError
 from calib.io.images import list_images
+from calib.session.coding import DICTIONARIES
 from calib.session.cover import SHAPES
 from capture.session_file import Setup, board_of, read_setup
 from capture.sources.registry import SCHEMES, open_source
 from capture.tui.camera import Task
 from capture.tui.collect import CollectScreen
 from capture.tui.fit import FitScreen
-from capture.tui.form import BOARD, HELP, Typed, problem, read_form, write_form
+from capture.tui.form import BOARD, Typed, explained, problem, read_form, write_form
 from capture.tui.page import TYPING, Field, Page, onward, typed
 
 BARE_VIEWS = 10
@@ -30,7 +31,13 @@ SOURCE_HELP = "Where pictures come from: v4l2:/dev/video0, libcamera:0, rpicam:0
 LIKE_HELP = "Another session, its folder: board, cover and lens are taken from there. May stay empty."
 PHASE_HELP = "First without the cover, to find the lens; then through it, without touching the focus."
 COVER_ON = "NOW PUT THE COVER ON, and leave the focus alone. Check the source, then Start."
-EMPTY = Typed({"columns": "9", "rows": "6", "square_mm": ""}, "cone", {"refractive_index": "1.5", "outside_index": "1", "tilt_deg": "0, 0"})
+BOARDS = {
+    "checkerboard": {"columns": "9", "rows": "6"},
+    "charuco": {"columns": "9", "rows": "6", "dictionary": "DICT_4X4_250", "legacy_pattern": "no"},
+    "aprilgrid": {"columns": "6", "rows": "6", "spacing": "0.3"},
+}
+"""What stands in the form before anything is typed."""
+EMPTY = Typed(BOARDS["checkerboard"], "cone", {"refractive_index": "1.5", "outside_index": "1", "tilt_deg": "0, 0"})
 
 
 class SetupScreen(Page):
@@ -41,10 +48,7 @@ class SetupScreen(Page):
     SetupScreen .row Label { width: 19; }
     SetupScreen .row Input { width: 1fr; }
     SetupScreen .row Select { width: 1fr; }
-    SetupScreen #board Label { width: auto; padding: 0 1 0 3; }
-    SetupScreen #board Label.first { width: 19; padding: 0; }
-    SetupScreen #board Input { width: 9; }
-    SetupScreen #cover { grid-size: 2; grid-rows: 1; grid-gutter: 0 1; height: auto; }
+    SetupScreen #board, SetupScreen #cover { grid-size: 2; grid-rows: 1; grid-gutter: 0 1; height: auto; }
     SetupScreen #start { width: 30; margin: 1 0 0 19; }
     SetupScreen #hint { height: 2; padding: 0 1; color: $text-muted; }
     SetupScreen #problem { height: 3; }
@@ -86,10 +90,8 @@ class SetupScreen(Page):
             yield _row("source", Field(self._source, id="source", compact=True))
             yield Static("", id="cameras", markup=False)
             yield _row("like (optional)", Field(id="like", compact=True))
-            with Horizontal(id="board", classes="row"):
-                for key in BOARD:
-                    yield Label(f"board {key}" if key == "columns" else key, id=f"label-{key}", classes="first" if key == "columns" else "")
-                    yield Field(EMPTY.board[key], name=key, compact=True)
+            yield _row("board type", Select([(kind, kind) for kind in BOARD], value=EMPTY.kind, allow_blank=False, id="kind", compact=True))
+            yield Grid(id="board")
             yield _row(
                 "cover shape", Select([(shape, shape) for shape in SHAPES], value="cone", allow_blank=False, id="shape", compact=True)
             )
@@ -133,9 +135,9 @@ class SetupScreen(Page):
             state = f"{self.session}: continued, {_views(self._taken(True))} without cover and {_views(self._taken(False))} through it."
             self.query_one("#like", Input).disabled = True
         elif not self.query("#cover Input"):
-            await self._show_cover(EMPTY)
+            await self._show(EMPTY)
         self.query_one("#state", Static).update(COVER_ON if self._covered else state)
-        for each in self.query("#board Input, #cover Input, #shape"):
+        for each in self.query("#kind, #board Input, #cover Input, #shape"):
             each.disabled = described
         self.query_one("#phase", Select).value = self._bare_is_missing() and not self._covered
         self.query_one("#start" if described and self._source else "#source").focus()
@@ -163,29 +165,34 @@ class SetupScreen(Page):
         if message.sources and not field.value:
             field.value = message.sources[0]
 
+    @on(Select.Changed, "#kind")
+    async def _other_board(self) -> None:
+        kind = str(self.query_one("#kind", Select).value)
+        if [each.name for each in self.query("#board Input")] != list(BOARD[kind]):
+            await self._show_fields("#board", BOARD[kind], BOARDS[kind])
+
     @on(Select.Changed, "#shape")
     async def _reshape(self) -> None:
         shape = str(self.query_one("#shape", Select).value)
         if [each.name for each in self.query("#cover Input")] != [quantity.key for quantity in SHAPES[shape]]:
-            await self._show_cover(Typed({}, shape, EMPTY.cover))
+            await self._show_fields("#cover", [quantity.key for quantity in SHAPES[shape]], EMPTY.cover)
         self.query_one("#phase", Select).value = self._bare_is_missing()
 
     async def _fill(self, setup: Setup) -> None:
         typed = write_form(setup[0], setup[2])
-        for key, text in typed.board.items():
-            self._input(key).value = text
-        await self._show_cover(typed)
+        await self._show(typed)
+        self.query_one("#kind", Select).value = typed.kind
         self.query_one("#shape", Select).value = typed.shape
 
-    async def _show_cover(self, typed: Typed) -> None:
-        place = self.query_one("#cover", Grid)
-        async with self.batch():
-            await place.remove_children()
-            keys = [quantity.key for quantity in SHAPES[typed.shape]]
-            await place.mount_all(_row(key, Field(typed.cover.get(key, ""), name=key, compact=True)) for key in keys)
+    async def _show(self, typed: Typed) -> None:
+        await self._show_fields("#board", BOARD[typed.kind], typed.board)
+        await self._show_fields("#cover", [quantity.key for quantity in SHAPES[typed.shape]], typed.cover)
 
-    def _input(self, key: str) -> Input:
-        return next(each for each in self.query(Input) if each.name == key)
+    async def _show_fields(self, place: str, keys: Sequence[str], texts: Mapping[str, str]) -> None:
+        grid = self.query_one(place, Grid)
+        async with self.batch():
+            await grid.remove_children()
+            await grid.mount_all(_row(key, _field(key, texts.get(key, ""))) for key in keys)
 
     @on(Input.Changed)
     async def _check(self, event: Input.Changed) -> None:
@@ -205,7 +212,7 @@ class SetupScreen(Page):
             elif field.id == "like":
                 await self._follow(field.value)
             else:
-                return problem(field.name or "", field.value, str(self.query_one("#shape", Select).value))
+                return problem(field.name or "", field.value, *(str(self.query_one(each, Select).value) for each in ("#shape", "#kind")))
         except InputError as error:
             return str(error)
         return None
@@ -224,9 +231,10 @@ class SetupScreen(Page):
 
     @on(DescendantFocus)
     def _explain(self, event: DescendantFocus) -> None:
-        texts = {"source": SOURCE_HELP, "like": LIKE_HELP, "phase": PHASE_HELP, "shape": HELP["shape"], "start": "Enter begins to record."}
-        widget = event.widget
-        self.query_one("#hint", Static).update(texts.get(widget.id or "", HELP.get(widget.name or "", "")))
+        texts = {"source": SOURCE_HELP, "like": LIKE_HELP, "phase": PHASE_HELP, "start": "Enter begins to record."}
+        widget, kind = event.widget, str(self.query_one("#kind", Select).value)
+        key = widget.id or widget.name or ""
+        self.query_one("#hint", Static).update(texts.get(key, explained(key, kind)))
 
     def action_onward(self) -> None:
         onward(self)
@@ -259,8 +267,8 @@ class SetupScreen(Page):
             asked = read_setup(self.session / "session.yaml")
             board_of(self.session, None)
         else:
-            shape = str(self.query_one("#shape", Select).value)
-            typed = Typed({key: texts[key] for key in BOARD}, shape, {q.key: texts.get(q.key, "") for q in SHAPES[shape]})
+            shape, kind = (str(self.query_one(each, Select).value) for each in ("#shape", "#kind"))
+            typed = Typed({key: texts[key] for key in BOARD[kind]}, shape, {q.key: texts.get(q.key, "") for q in SHAPES[shape]}, kind)
             asked = read_form(typed, self._like[1] if self._like else None)
         task = Task(self.session, texts["source"], asked, bare=cast(bool, self.query_one("#phase", Select).value))
         _check_folder(task)
@@ -284,6 +292,11 @@ def _check_folder(task: Task) -> None:
 
 def _row(label: str, field: Input | Select[Any]) -> Horizontal:
     return Horizontal(Label(label, id=f"label-{field.name or field.id}"), field, classes="row")
+
+
+def _field(key: str, text: str) -> Field:
+    suggested = SuggestFromList(DICTIONARIES, case_sensitive=False) if key == "dictionary" else None
+    return Field(text, name=key, suggester=suggested, compact=True)
 
 
 def _views(count: int) -> str:

@@ -1,5 +1,6 @@
 """Where to hold the board next, and when it is enough."""
 
+from dataclasses import replace
 from itertools import product
 
 import cv2
@@ -10,11 +11,15 @@ from numpy.typing import NDArray
 from calib.errors import InputError
 from calib.planning.design import MOST, Design
 from calib.planning.hints import words
-from calib.planning.pose_bank import Reach, bank, bare_pose, rim, seen_bare
+from calib.planning.pose_bank import Reach, bank, bare_pose, outline, rim, seen_bare
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
+from calib.session.coding import Charuco
 from calib.session.schema import Number
 from capture.coverage import CELLS, InformedGuide, PlainGuide, SeenView, covered_cells, upright
+from capture.find import finder_of
+from capture.frames import Frame
+from fixtures.coded_boards import CHARUCO, GRID, LENS, Kind
 
 Array = NDArray[np.float64]
 
@@ -23,8 +28,10 @@ CAMERA = Camera(1640, 1232, intrinsics=Intrinsics(Number(1280.0), Number(1280.0)
 BARREL = Camera(
     1640, 1232, intrinsics=Intrinsics(Number(1000.0), Number(1000.0), Number(830.0), Number(620.0), tuple(map(Number, (-0.25, 0.05, 0, 0))))
 )
+CODED = replace(BOARD, coding=Charuco(0.015, "DICT_4X4_250"))
 REACH = Reach(0.4, 1.0)
 SIZE = CAMERA.width, CAMERA.height
+ENDS = tuple(product((0, SIZE[0]), (0, SIZE[1])))
 
 each_camera = pytest.mark.parametrize("camera", [CAMERA, BARREL, Camera(1640, 1232)], ids=["pinhole", "barrel", "unknown"])
 
@@ -110,6 +117,112 @@ def test_distance_is_said_as_from_where_the_board_is() -> None:
     assert words(pose, outline, SIZE, pose, (0.4, 1.0)) == "in the middle, facing the camera"
     assert words(near, outline, SIZE, None, (0.4, 1.0)).startswith("near (40 cm)")
     assert words(far, outline, SIZE, None, (0.4, 1.0)).startswith("far (1.0 m)")
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "place"),
+    [
+        (-0.3, 0, "over the left edge (a part outside)"),
+        (0, 0.23, "over the bottom edge (a part outside)"),
+        (0.3, -0.23, "over the top right corner (a part outside)"),
+    ],
+)
+def test_a_board_that_reaches_out_is_named_so(x: float, y: float, place: str) -> None:
+    pose = np.array([0, 0, 0, x, y, 0.5])
+    """What is outside is where the rest of the board has it."""
+    around = outline(seen_bare(CODED, CAMERA, pose), CODED)
+    assert place in words(pose, around, SIZE, None, (0.4, 1.0))
+    plain = seen_bare(BOARD, CAMERA, pose)[rim(BOARD)]
+    assert around == pytest.approx(plain, abs=1e-3), "px; without a lens, a plane through what is seen is the board"
+
+
+def test_a_lens_that_folds_back_shows_no_corner_that_is_outside() -> None:
+    """This polynomial turns back at 0.9 from the middle, and would put what is at 1.5 into the picture again."""
+    lens = Intrinsics(Number(600.0), Number(600.0), Number(820.0), Number(616.0), tuple(map(Number, (-0.4, 0, 0, 0))))
+    folding = replace(CAMERA, intrinsics=lens)
+    seen = seen_bare(CODED, folding, np.array([0, 0, 0, 0.75, 0, 0.5]))
+    assert np.isnan(seen).all()
+
+
+@each_camera
+def test_the_bank_of_a_board_with_markers_reaches_out_of_the_picture(camera: Camera) -> None:
+    """All that a checkerboard has, and others; of each, so much is in the picture as is worth asking for."""
+    found, plain = bank(CODED, camera, REACH), bank(BOARD, camera, REACH)
+    seen = np.isfinite(found.corners[..., 0])
+    assert len(found.poses) > 1.4 * len(plain.poses)
+    assert seen.mean(1).min() >= 0.4
+    reaching = ~seen.all(1)
+    assert 0.25 < reaching.mean() < 0.7
+    inside = found.corners[seen]
+    assert (inside > 0).all()
+    assert (inside < np.array(SIZE) - 1).all()
+    nearest, whole = (
+        [
+            np.linalg.norm(each.corners.reshape(-1, 2)[~np.isnan(each.corners.reshape(-1, 2)[:, 0])] - corner, axis=1).min()
+            for corner in ENDS
+        ]
+        for each in (found, plain)
+    )
+    assert max(nearest) < 0.5 * min(whole), "px: a cover bends most in the corners of the picture"
+
+
+@pytest.mark.parametrize("kind", [CHARUCO, GRID], ids=["charuco", "aprilgrid"])
+def test_what_the_bank_asks_for_can_be_found(kind: Kind) -> None:
+    """Poses of the bank that reach out of the picture, drawn small and so not tilted about both axes: the live finder sees most corners
+    that the bank counts on, where they are."""
+    k, board = LENS.matrix, kind.board
+    lens = Intrinsics(Number(k[0, 0]), Number(k[1, 1]), Number(k[0, 2]), Number(k[1, 2]), tuple(map(Number, LENS.distortion[:4])))
+    camera = Camera(LENS.width, LENS.height, intrinsics=lens)
+    found = bank(board, camera, Reach.of(board, camera))
+    near, simple = found.poses[:, 5] < np.median(found.poses[:, 5]), (found.poses[:, :2] != 0).sum(1) < 2
+    reaching = np.flatnonzero(np.isnan(found.corners[..., 0]).any(1) & near & simple)
+    counted, apart = 0, []
+    for pose in np.random.default_rng(4).choice(reaching, 4, replace=False):
+        sighting = finder_of(board).look(Frame(kind.view(found.poses[pose]).picture, 0, 1.0))
+        assert sighting.corners is not None, sighting.problem
+        off = np.linalg.norm(sighting.corners - found.corners[pose], axis=1)
+        counted += int(np.isfinite(found.corners[pose, :, 0]).sum())
+        apart.append(off[np.isfinite(off)])
+    every = np.concatenate(apart)
+    assert len(every) > 0.6 * counted
+    assert np.mean(every < 0.3) > 0.95, "px; a tag of 25 px at the border is outlined wrongly now and then"
+
+
+def test_the_plain_rule_asks_for_the_borders_where_markers_allow() -> None:
+    guide = PlainGuide(CODED, CAMERA, REACH)
+    views: list[SeenView] = []
+    said = []
+    while (hint := guide.next_pose(views)) is not None:
+        views.append(SeenView(seen_bare(CODED, CAMERA, hint.pose)))
+        said.append(hint.words)
+        assert len(views) < 40
+    for side in ("left", "right", "top", "bottom"):
+        assert sum("a part outside" in words and side in words.split(" (a")[0] for words in said) >= 2
+    assert guide.progress(views).enough
+    whole = [view for view in views if np.isfinite(view.corners).all()]
+    assert whole
+    assert not guide.progress(whole).enough
+    assert guide.progress(whole).image.min() < guide.progress(views).image.min(), "the outermost cells"
+
+
+def test_the_informed_guide_knows_views_of_a_part() -> None:
+    """Two poses at which half of the board is seen: what was seen at one tells of the other nothing."""
+    found = bank(CODED, CAMERA, REACH)
+    left, right = (int(np.argmin(((found.poses[:, :3] ** 2).sum(1) > 0) + np.abs(found.poses[:, 3] - x))) for x in (-1, 1))
+    corners = found.corners[[left, right]]
+    assert np.isnan(corners).any((1, 2)).all()
+    glass = np.zeros((*CELLS, 2))
+    spread = np.ones((*CELLS, 2, 2, 2))
+    information = np.array([np.diag([50.0, 0.0]), np.diag([0.0, 50.0])])
+    design = Design(found.poses[[left, right]], corners, information, np.zeros((2, 2)), 0, spread, np.array([0.7]), glass)
+    guide = InformedGuide(CODED, CAMERA, REACH, design)
+    first = SeenView(corners[0])
+    hint = guide.next_pose([first])
+    assert hint
+    assert hint.pose == pytest.approx(design.poses[1])
+    assert np.isfinite(hint.outline).all()
+    assert hint.outline[:, 0].max() > SIZE[0], "the frame goes on where the picture ends"
+    assert guide.next_pose([first, SeenView(corners[1])]) is None
 
 
 def test_covered_cells_are_the_outlines_area() -> None:

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from calib.corners.detect import find_corners, refine
 from calib.io.images import list_images, read_grey
 from calib.session.board import Board
-from capture.finder import Finder, Sighting
+from capture.finder import Finder
 from capture.frames import Frame
+from capture.sighting import Sighting
 from tests.corners.test_detect import Scene, rms
 
 BOARD = Board(9, 9, 0.02)

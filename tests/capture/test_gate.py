@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from calib.io.images import read_grey
 from calib.session.board import Board
 from capture.exposure import Exposure
-from capture.finder import Finder, Sighting
+from capture.finder import Finder
 from capture.frames import Frame
 from capture.gate import CHECKS, DARK, FOUND, GLARE, GOOD, HIDDEN, KNOWN, MOVING, SOFT, STREAKED, WAIT, WRONG, judge
 from capture.sharpness import Blur
+from capture.sighting import Sighting
 
 BOARD = Board(9, 9, 0.02)
 FIXTURES = Path(__file__).parents[2] / "fixtures"

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from calib.errors import InputError
 from calib.io.frames_table import read_table
 from calib.session.board import Board
+from calib.session.coding import AprilGrid, Charuco
 from calib.session.cover import Cover
 from calib.session.session import read_session
 from capture.frames import Frame
@@ -191,12 +192,19 @@ def test_the_board_is_described_once(tmp_path: Path) -> None:
         board_of(tmp_path, None)
 
 
-def test_a_board_with_markers_is_not_recorded(tmp_path: Path) -> None:
+def test_a_board_with_markers_is_described_as_any_other(tmp_path: Path) -> None:
     grid = {"type": "aprilgrid", "columns": 6, "rows": 6, "tag_mm": 24.0, "spacing": 0.3}
     described = {"format": 1, "board": grid, "camera": {"width": 800, "height": 600}, "cover": {"shape": "none"}}
     (tmp_path / "session.yaml").write_text(yaml.safe_dump(described))
-    with pytest.raises(InputError, match="describes a 6x6 AprilGrid board, which capture cannot see yet"):
-        board_of(tmp_path, None)
+    board = Board(12, 12, 0.024, coding=AprilGrid(0.3))
+    assert board_of(tmp_path, None) == board_of(tmp_path, board) == board
+    for other, words in (
+        (Board(12, 12, 0.024), "12x12 corners and 24 mm"),
+        (Board(12, 12, 0.024, coding=AprilGrid(0.2)), "6x6 AprilGrid, 24 mm, spacing 0.2"),
+        (Board(9, 6, 0.02, coding=Charuco(0.015, "DICT_4X4_250")), "9x6 ChArUco, 20 mm, with markers of 15 mm of DICT_4X4_250"),
+    ):
+        with pytest.raises(InputError, match=f"describes a board of 6x6 AprilGrid, 24 mm, spacing 0.3 where {words} were asked for"):
+            board_of(tmp_path, other)
 
 
 def test_a_table_that_is_none_is_refused(tmp_path: Path) -> None:

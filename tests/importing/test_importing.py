@@ -87,6 +87,13 @@ def test_kalibr_s_aprilgrid(tmp_path: Path) -> None:
     assert np.ptp(session.board.points(), axis=0) == pytest.approx([0.088 * (6 + 5 * 0.3), 0.088 * (5 + 4 * 0.3)])
 
 
+@pytest.mark.parametrize("source", ["ros", "images"])
+def test_pictures_of_a_board_with_markers(source: str, tmp_path: Path) -> None:
+    made = recordings.tar(tmp_path / "calibrationdata.tar.gz") if source == "ros" else recordings.write_pictures(tmp_path / "p")
+    flags = ["--type", "aprilgrid", "--board", "6x5", "--tag-mm", "88", "--spacing", "0.3"]
+    assert imported([source, str(made), *flags], tmp_path / "s").board == Board(12, 10, 0.088, coding=AprilGrid(0.3))
+
+
 def test_a_board_given_wins_over_kalibr_s_target(tmp_path: Path) -> None:
     session = imported(["kalibr", str(recordings.kalibr(tmp_path / "k")), "--board", "7x6", "--square-mm", "30"], tmp_path / "s")
     assert session.board.square == 0.03

@@ -3,6 +3,7 @@
 import os
 import signal
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +14,15 @@ from calib.apply.map_uncertainty import predicted_sigma
 from calib.corners.view import View
 from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.levenberg_marquardt import normal_equations
+from calib.estimation.observations import Observations
 from calib.estimation.residual_blocks import landings, pixel_weights
 from calib.estimation.stated_priors import priors_of
 from calib.estimation.surface_prior import Smoothness
 from calib.fitting.stages import Settings, Setup
-from calib.planning.information import PlanningFit, estimate, view_information
+from calib.planning.information import PlanningFit, estimate, survey, view_information
 from calib.planning.pose_bank import Reach, bank
 from calib.session.camera import Camera
+from calib.session.coding import Charuco
 from calib.session.cover import Cover
 from calib.session.freeing import with_free
 from capture.coverage import CELLS, InformedGuide, SeenView
@@ -142,6 +145,22 @@ def test_poses_that_the_cover_pushes_out_of_the_picture_are_dropped(few: Plannin
     poses = np.array([[0, 0, 0, 0, 0, 0.8], [0, 0, 0, 0.6, 0, 0.8]])
     design = few.design(setup, poses, CELLS, DEPTHS)
     assert design.poses == pytest.approx(poses[:1])
+
+
+def test_of_a_board_with_markers_what_is_seen_counts(few: PlanningFit, made: Scene) -> None:
+    """Oracle: the same view with the other corners taken from its observations. A pose in which too little is seen is dropped."""
+    board = replace(made.board, coding=Charuco(0.75 * made.board.square, "DICT_4X4_250"))
+    half_out, far_out = np.array([0.1, -0.2, 0, 0.5, 0, 0.8]), np.array([0, 0, 0, 0.62, 0.46, 0.8])
+    found = survey(few.model, board, CAMERA, np.array([half_out, far_out]), CELLS, DEPTHS)
+    assert len(survey(few.model, made.board, CAMERA, np.array([half_out]), CELLS, DEPTHS).poses) == 0
+    assert found.poses == pytest.approx(half_out[None])
+    seen = np.isfinite(found.corners[0, :, 0])
+    assert 0.4 <= seen.mean() < 0.9
+    assert (found.corners[0, seen] < [CAMERA.width - 1, CAMERA.height - 1]).all()
+    view = View("", found.corners[0], seen.astype(float))
+    whole = Observations.of((view,), made.board)
+    assert len(whole.pixels) == seen.sum()
+    assert found.information == pytest.approx(view_information(few.model, whole, torch.from_numpy(half_out[None])), rel=1e-6)
 
 
 def test_the_bank_knows_what_views_in_its_poses_tell(setup: Setup) -> None:

@@ -174,6 +174,10 @@ def test_remarks_go_to_stderr(options: list[str], says: str, tmp_path: Path, cap
 CODED = [
     (["--type", "charuco"], Board(9, 6, 0.02, coding=Charuco(0.015, "DICT_4X4_250"))),
     (["--type", "charuco", "--columns", "6", "--marker", "0.7", "--dictionary", "DICT_5X5_100", "--square-mm", "18"], None),
+    (
+        ["--type", "charuco", "--columns", "6", "--rows", "7", "--legacy-pattern", "--square-mm", "18"],
+        Board(6, 7, 0.018, coding=Charuco(0.0135, "DICT_4X4_250", legacy_pattern=True)),
+    ),
     (["--type", "aprilgrid"], None),
     (
         ["--type", "aprilgrid", "--columns", "5", "--rows", "4", "--spacing", "0.25", "--tag-mm", "24"],

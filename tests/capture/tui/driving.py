@@ -66,6 +66,7 @@ async def describe(pilot: Pilot[None], source: str) -> None:
     """Fill the empty form with the fixtures' set-up."""
     await write(pilot, source)
     await write(pilot, "")  # like
+    await pilot.press("tab")  # the board is a checkerboard
     for text in ("9", "9", "20"):
         await write(pilot, text)
     await pilot.press("tab")  # the shape is a cone

@@ -43,7 +43,7 @@ async def _from_nothing(address: str, session: Path, size: tuple[int, int], fold
         await browser.see("Where pictures come from")
         await _keep(browser, size, "1-new")
         await browser.write(f"folder:{FIXTURE / 'bare'}")
-        await browser.press("Tab")
+        await browser.press("Tab", "Tab")
         for text in ("9", "9", "20"):
             await browser.write(text)
         await browser.press("Tab")

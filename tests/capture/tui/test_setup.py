@@ -33,7 +33,7 @@ async def _fast(session: Path) -> None:
         await see(pilot, "a new session")
         fields = [*("9", "9", "20"), *CONE]
         keys = [part for text in fields for part in ("<ctrl+u>", "<ctrl+k>", text, "<enter>")]
-        burst(pilot, "<enter>", "<enter>", *keys[:12], "<tab>", *keys[12:-1], "<ctrl+s>")
+        burst(pilot, "<enter>", "<enter>", "<tab>", *keys[:12], "<tab>", *keys[12:-1], "<ctrl+s>")
         await see(pilot, "[WITHOUT COVER]")
         await see(pilot, "no more pictures")
 
@@ -76,7 +76,7 @@ async def _corrected(session: Path) -> None:
         await pilot.press("enter")
         await write(pilot, str(FIXTURE))
         await see(pilot, "41.95")
-        await pilot.press("enter", "enter")
+        await pilot.press("tab", "enter", "enter")
         await write(pilot, "20.1")
         await pilot.press("ctrl+s")
         await see(pilot, "no more pictures")

@@ -11,11 +11,22 @@ from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
+import yaml
 from textual.pilot import Pilot
 
-from capture.coverage import Hint, SessionProgress
+from calib.corners.detect import eight_bits
+from calib.io.images import read_grey
+from calib.planning.pose_bank import Reach, seen_bare
+from calib.session.camera import Camera
+from calib.session.cover import Cover
+from calib.session.session import session_to_yaml
+from capture.coverage import Hint, SeenView, SessionProgress, hint
+from capture.find import finder_of
+from capture.frames import Frame
+from capture.session_file import read_setup
 from capture.tui.child import Child
 from capture.tui.collect import CollectScreen
 from capture.tui.diagnosing import as_text
@@ -23,6 +34,7 @@ from capture.tui.effects import EffectsScreen
 from capture.tui.fit import FitScreen
 from capture.tui.fitting import fit_session
 from capture.tui.results import ResultsScreen
+from fixtures.coded_boards import CHARUCO, LENS
 from tests.capture.tui.driving import SIZES, describe, drive, running, see, shown, until
 from tests.capture.tui.test_effects import FINDING, NUMBERS
 from tests.capture.tui.test_session import FIXTURE
@@ -74,8 +86,24 @@ async def full_setup(pilot: Pilot[None], _: Path) -> None:
 async def wrong_setup(pilot: Pilot[None], _: Path) -> None:
     await see(pilot, "folder:PATH plays back pictures")
     await see(pilot, "Where pictures come from")
-    await pilot.press("tab", "tab", "tab", "tab", *"0.02")
+    await pilot.press("tab", "tab", "tab", "tab", "tab", *"0.02")
     await see(pilot, "if metres were meant")
+
+
+async def charuco_setup(pilot: Pilot[None], _: Path) -> None:
+    await see(pilot, "folder:PATH plays back pictures")
+    await pilot.press("tab", "tab", "enter", "down", "enter")
+    await see(pilot, "marker_mm")
+    await pilot.press("tab", "tab", "tab", *"20", "tab", *"15", "tab", "ctrl+u", *"DICT_9X9")
+    await see(pilot, "one of OpenCV's names")
+
+
+async def aprilgrid_setup(pilot: Pilot[None], _: Path) -> None:
+    await see(pilot, "folder:PATH plays back pictures")
+    await pilot.press("tab", "tab", "enter", "down", "down", "enter")
+    await see(pilot, "tag_mm")
+    await pilot.press("tab")
+    await see(pilot, "How many tags there are along one row")
 
 
 async def continued_setup(pilot: Pilot[None], session: Path) -> None:
@@ -102,6 +130,26 @@ async def collect_enough(pilot: Pilot[None], session: Path) -> None:
     pilot.app.screen.post_message(CollectScreen.Advised(3, None, done))
     await pilot.press("a")
     await see(pilot, "ENOUGH")
+
+
+async def collect_charuco(pilot: Pilot[None], session: Path) -> None:
+    """A board over the left edge, and wanted over the right one."""
+    await see(pilot, "continued")
+    await pilot.press("ctrl+s")
+    await see(pilot, "no more pictures")
+    await see(pilot, "1 view")
+    screen = pilot.app.screen
+    assert isinstance(screen, CollectScreen)
+    await until(pilot, lambda: screen._adviser is not None and not screen._improving)
+    await pilot.pause(0.5)
+    board, camera, _ = read_setup(session / "session.yaml")
+    screen._found = finder_of(board).look(Frame(eight_bits(read_grey(session / "frames" / "0000.png")), 0, 1.0)).corners
+    assert screen._found is not None
+    pose = np.array([0.0, -0.5, 0.0, 0.15, 0.0, 0.25])
+    outside = hint(pose, seen_bare(board, camera, pose), [SeenView(screen._found)], board, camera, Reach.of(board, camera))
+    screen.post_message(CollectScreen.Advised(1, outside, PROGRESS))
+    await see(pilot, "over the right edge (a part outside)")
+    await see(pilot, "The maps would be 0.31 px")
 
 
 async def fit(pilot: Pilot[None], session: Path) -> None:
@@ -183,7 +231,7 @@ async def help_page(pilot: Pilot[None], session: Path) -> None:
     await see(pilot, "The last line has every key")
 
 
-NEW: tuple[Story, ...] = (new_setup, full_setup, wrong_setup)
+NEW: tuple[Story, ...] = (new_setup, full_setup, wrong_setup, charuco_setup, aprilgrid_setup)
 CONTINUED: tuple[Story, ...] = (
     *(continued_setup, collect, collect_enough, fit, fit_failed),
     *(results, results_dropped, results_doubtful, effects, effects_working, export, help_page),
@@ -191,11 +239,13 @@ CONTINUED: tuple[Story, ...] = (
 
 
 @pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
-@pytest.mark.parametrize("story", [*NEW, *CONTINUED], ids=lambda story: story.__name__)
+@pytest.mark.parametrize("story", [*NEW, *CONTINUED, collect_charuco], ids=lambda story: story.__name__)
 def test_looks_as_it_should(story: Story, size: tuple[int, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)  # so that the paths on the screen are the same everywhere
     for name in ("bare", "frames"):
         shutil.copytree(FIXTURE / name, tmp_path / "camera" / name)
+    if story is collect_charuco:
+        record_charuco(tmp_path)
     if story in CONTINUED:
         (tmp_path / "session" / "frames").mkdir(parents=True)
         shutil.copy(FIXTURE / "session.yaml", tmp_path / "session")
@@ -207,8 +257,19 @@ def test_looks_as_it_should(story: Story, size: tuple[int, int], tmp_path: Path,
     drive(_compare(story, size))
 
 
+def record_charuco(folder: Path) -> None:
+    """A session without a cover, and one photograph for it."""
+    (folder / "session").mkdir()
+    camera = Camera(LENS.width, LENS.height)
+    described = {"format": 1, **session_to_yaml(CHARUCO.board, camera, Cover("none", {}))}
+    (folder / "session" / "session.yaml").write_text(yaml.safe_dump(described))
+    shutil.rmtree(folder / "camera")
+    (folder / "camera").mkdir()
+    cv2.imwrite(str(folder / "camera" / "0.png"), CHARUCO.view(np.array([0.2, 0.3, 0.1, -0.09, 0.0, 0.25])).picture)
+
+
 async def _compare(story: Story, size: tuple[int, int]) -> None:
-    source = "folder:camera" if story in CONTINUED else ""
+    source = "" if story in NEW else "folder:camera"
     async with running(Path("session"), source, size) as pilot:
         await story(pilot, Path("session"))
         seen = shown(pilot) + "\n"

@@ -63,7 +63,7 @@ def test_from_a_source_to_maps_over_a_lost_connection(tmp_path: Path, terminals:
     first = Tmux(tmp_path / "first", [*command, "--source", f"folder:{FIXTURE / 'bare'}"])
     terminals.append(first)
     first.see("Where pictures come from")
-    first.press("Tab", "Tab")
+    first.press("Tab", "Tab", "Tab")
     for text in ("9", "9", "20"):
         first.write(text)
     first.press("Tab")

@@ -1,0 +1,310 @@
+"""Boards with markers in the live picture: found as far as it shows them, judged, recorded, and refused in a sentence where they are not
+the declared ones."""
+
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calib.corners.detection import Detection
+from calib.corners.find import find_board
+from calib.session.board import Board
+from calib.session.session import read_session
+from capture.coded_finder import CodedFinder
+from capture.find import finder_of
+from capture.frames import Frame
+from capture.gate import DARK, GLARE, GOOD, KNOWN, MOVING, SOFT, STREAKED, WAIT, judge
+from capture.sighting import Sighting
+from fixtures.coded_boards import CHARUCO, GRID, KINDS, LEGACY, LENS, PARTIAL, WHOLE
+from fixtures.coded_pictures import Lens
+from tests.capture.recordings import capture
+
+Grey = NDArray[np.uint8]
+
+each_kind = pytest.mark.parametrize("name", KINDS)
+each_pose = pytest.mark.parametrize("pose", ["whole", "partial"])
+POSES = {"whole": WHOLE, "partial": PARTIAL}
+
+
+@cache
+def drawn(name: str, pose: str = "whole") -> tuple[Grey, NDArray[np.float64]]:
+    """The picture and its corners, px."""
+    view = KINDS[name].view(POSES[pose])
+    return view.picture, view.corners
+
+
+def look(pixels: Grey, board: Board, time_s: float = 1.0) -> Sighting:
+    return finder_of(board).look(Frame(pixels, 0, time_s))
+
+
+def sentence(pixels: Grey, board: Board) -> str:
+    """The verdict on a board that is held still, in a new session."""
+    return judge(look(pixels, board), look(pixels, board, 0.9), ()).sentence
+
+
+def off(found: NDArray[np.float64] | None, truth: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) px, of the corners that were found."""
+    assert found is not None
+    apart = np.linalg.norm(found - truth, axis=1)
+    return np.asarray(apart[np.isfinite(apart)])
+
+
+def enlarged(picture: Grey, corners: NDArray[np.float64], factor: int) -> tuple[Grey, NDArray[np.float64]]:
+    height, width = picture.shape
+    size = width * factor, height * factor
+    large = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC), np.uint8)
+    return large, np.asarray((corners + 0.5) * factor - 0.5)
+
+
+def moved(pixels: Grey, x: float, y: float) -> Grey:
+    shift = np.array([[1.0, 0, x], [0, 1.0, y]])
+    return np.asarray(cv2.warpAffine(pixels, shift, pixels.shape[::-1], borderMode=cv2.BORDER_REPLICATE), np.uint8)
+
+
+@each_kind
+@each_pose
+def test_corners_are_where_they_are_and_none_is_made_up(name: str, pose: str) -> None:
+    """To some tenths of a pixel, from markers and edges alone; those that calib would find in the picture, but for a few."""
+    picture, truth = drawn(name, pose)
+    seen = look(picture, KINDS[name].board)
+    errors = off(seen.corners, truth)
+    assert np.sqrt((errors**2).mean()) < 0.2
+    assert errors.max() < 1
+    whole = find_board(picture, KINDS[name].board)
+    assert isinstance(whole, Detection)
+    assert len(errors) >= 0.95 * np.isfinite(whole.corners[:, 0]).sum()
+
+
+@pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
+@each_pose
+def test_large_pictures_are_searched_reduced_and_refined_in_full(name: str, pose: str) -> None:
+    """Three times the picture's width is two blocks of pixels by two: markers are read in these."""
+    picture, truth = enlarged(*drawn(name, pose), 3)
+    finder = finder_of(KINDS[name].board)
+    frame = Frame(picture, 0, 1.0)
+    seen = finder.look(frame)
+    assert np.sqrt((off(seen.corners, truth) ** 2).mean()) < 0.5, "px of the whole picture"
+    refined = off(finder.refine(frame, seen), truth)
+    assert np.sqrt((refined**2).mean()) < 0.3, "px; the picture was enlarged, and its grain with it"
+    assert len(refined) >= len(off(seen.corners, truth)) - 2
+
+
+def test_markers_too_small_for_the_reduced_picture_are_read_in_a_finer_one() -> None:
+    """Of 22 px, cells of 1.8 px in blocks of two by two."""
+    view = CHARUCO.view(np.array([0.2, 0.3, -0.5, 0.0, 0.0, 0.7]), lens=Lens(width=1000, height=300, focal=1000.0))
+    picture, truth = view.picture, view.corners
+    assert len(off(look(picture, CHARUCO.board).corners, truth)) > 0.9 * CHARUCO.board.count
+
+
+@pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
+@pytest.mark.parametrize("added", [0.0, 0.8, 1.6])
+def test_blur_is_measured_in_px(name: str, added: float) -> None:
+    """Oracle: normal blurs add their variances; the pictures' own is 0.7 px and the pixel's square."""
+    picture = enlarged(*drawn(name), 1)[0]
+    seen = look(np.asarray(cv2.GaussianBlur(picture, (0, 0), added), np.uint8) if added else picture, KINDS[name].board)
+    if seen.corners is None:
+        assert added > 1, "its markers cannot be read any more"
+        return
+    assert seen.blur
+    assert seen.blur.sigma == pytest.approx((0.7**2 + 1 / 12 + added**2) ** 0.5, abs=0.1)
+    assert seen.blur.streak < 1.5
+
+
+@pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
+@pytest.mark.parametrize("angle", np.linspace(0, np.pi, 5)[:-1])
+def test_a_streak_is_measured_in_any_direction(name: str, angle: float) -> None:
+    picture, _ = enlarged(*drawn(name), 2)
+    passing = [moved(picture, *(4 * step * np.array([np.cos(angle), np.sin(angle)]))) for step in np.linspace(-0.5, 0.5, 21)]
+    streaked = np.asarray(np.mean(passing, 0).round(), np.uint8)
+    seen = look(streaked, KINDS[name].board)
+    assert seen.blur
+    assert seen.blur.streak == pytest.approx(4.0, abs=1.0)  # its spread is no normal blur's
+    assert sentence(streaked, KINDS[name].board) == STREAKED
+
+
+@pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
+@each_pose
+def test_the_gate_keeps_a_good_view_once(name: str, pose: str) -> None:
+    picture, _ = drawn(name, pose)
+    board = KINDS[name].board
+    now, before = look(picture, board), look(picture, board, 0.9)
+    assert judge(now, before, ()).sentence == GOOD
+    assert judge(now, None, ()).sentence == WAIT
+    assert judge(look(moved(picture, 2.5, 0), board), before, ()).sentence == MOVING
+    assert now.corners is not None
+    assert judge(now, before, [now.corners]).sentence == KNOWN
+    other, _ = drawn(name, "partial" if pose == "whole" else "whole")
+    elsewhere = look(other, board).corners
+    assert elsewhere is not None
+    assert judge(now, before, [elsewhere]).sentence == GOOD
+
+
+def test_a_view_that_shows_what_a_hand_hid_is_new() -> None:
+    picture, truth = drawn("charuco")
+    hidden = picture.copy()
+    hidden[:, int(truth[:, 0].mean()) :] = 120
+    half, whole = look(hidden, CHARUCO.board), look(picture, CHARUCO.board)
+    assert half.corners is not None
+    assert whole.corners is not None
+    assert judge(whole, whole, [half.corners]).sentence != KNOWN
+    assert judge(half, half, [whole.corners]).sentence == KNOWN
+
+
+@pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
+def test_light_and_focus_are_judged(name: str) -> None:
+    picture, _ = drawn(name)
+    board = KINDS[name].board
+    assert sentence(np.asarray(np.minimum(picture * 1.6, 255), np.uint8), board) == GLARE
+    assert sentence(np.asarray(picture * 0.15, np.uint8), board) == DARK
+    large, _ = enlarged(picture, truth_of(name), 3)
+    assert sentence(np.asarray(cv2.GaussianBlur(large, (0, 0), 1.0), np.uint8), board) == SOFT, "2.1 px of its own, enlarged, and more"
+
+
+def truth_of(name: str) -> NDArray[np.float64]:
+    return drawn(name)[1]
+
+
+def test_too_little_of_a_board_is_said() -> None:
+    """Two markers and the corners around them."""
+    picture, truth = drawn("charuco")
+    grid = truth.reshape(6, 9, 2)
+    covered = np.full_like(picture, 120)
+    low, high = grid[:2, :2].reshape(-1, 2).min(0), grid[:2, :2].reshape(-1, 2).max(0)
+    around = (high - low).max()
+    (left, top), (right, bottom) = (low - 1.2 * around).astype(int), (high + 0.3 * around).astype(int)
+    area = np.s_[max(top, 0) : bottom, max(left, 0) : right]
+    covered[area] = picture[area]
+    said = sentence(covered, CHARUCO.board)
+    assert "show more of" in said
+
+
+MISTAKES: dict[str, tuple[str, Callable[[Board], Board], str]] = {
+    "dictionary": ("charuco", lambda _: CHARUCO.with_coding(dictionary="DICT_6X6_250"), "show markers of DICT_4X4_50 with a black border"),
+    "marker": ("charuco", lambda _: CHARUCO.with_coding(marker=0.01), "correct board.marker_mm"),
+    "columns": ("charuco", lambda board: replace(board, columns=10), "write board.columns: 9"),
+    "legacy": ("legacy", lambda _: LEGACY.with_coding(legacy_pattern=False), "write board.legacy_pattern: true"),
+    "rows": ("charuco", lambda board: replace(board, rows=4), "are seen, where a 9x4 ChArUco board has 0 to 24"),
+    "tags": ("aprilgrid", lambda board: replace(board, columns=10), "write board.columns: 6"),
+    "spacing": ("aprilgrid", lambda _: GRID.with_coding(spacing=0.25), "0.30 of their side apart, where 0.25 is declared"),
+    "other type": ("aprilgrid", lambda _: CHARUCO.board, "show markers of DICT_APRILTAG_36h11 with a black border of two cells"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES.values(), ids=MISTAKES.keys())
+def test_another_board_than_the_declared_one_is_named(mistake: tuple[str, Callable[[Board], Board], str]) -> None:
+    name, change, says = mistake
+    said = sentence(drawn(name)[0], change(KINDS[name].board))
+    assert says in said
+    assert said[0].isupper()
+    assert said.endswith(".")
+    assert not said.endswith("..")
+
+
+@pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
+def test_a_mirrored_board_is_told(name: str) -> None:
+    assert "can be read in a mirror alone" in sentence(np.ascontiguousarray(drawn(name)[0][:, ::-1]), KINDS[name].board)
+
+
+def test_two_boards_and_a_marker_twice_are_told() -> None:
+    away = np.array([0, 0, 0, 0, 0, 0.38])
+    both = np.hstack([CHARUCO.view(away).picture, CHARUCO.view(away, seed=2).picture])
+    assert "is seen twice: show one board alone" in sentence(both, CHARUCO.board)
+    parts = np.hstack([both[:, :240], np.full((360, 100), 150, np.uint8), both[:, 720:]])  # of no marker two
+    assert "lie not as on one 9x6 ChArUco board" in sentence(parts, CHARUCO.board)
+
+
+def test_what_the_picture_shows_instead_is_said_until_it_shows_the_board(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The search for it rests meanwhile: it takes as long as many frames."""
+    searches = []
+
+    def other(*_: object) -> str:
+        searches.append(0)
+        return "They are others."
+
+    monkeypatch.setattr("capture.coded_finder.other_coding", other)
+    monkeypatch.setattr("capture.coded_finder.RESTS", 1e9)
+    finder, wall = CodedFinder(CHARUCO.board), np.full((360, 480), 120, np.uint8)
+    for _ in range(3):
+        assert finder.look(Frame(wall, 0, 1.0)).problem == "They are others"
+    assert len(searches) == 1
+    assert finder.look(Frame(drawn("charuco")[0], 0, 1.0)).corners is not None
+    assert "no marker of the 9x6 ChArUco board found" in finder.look(Frame(wall, 0, 1.0)).problem
+
+
+@pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
+@pytest.mark.parametrize("shape", [(1, 1), (5, 7), (3, 2000), (480, 640), (481, 643, 3)])
+@pytest.mark.parametrize("level", [0, 255])
+def test_pictures_of_nothing(name: str, shape: tuple[int, ...], level: int) -> None:
+    seen = look(np.full(shape, level, np.uint8), KINDS[name].board)
+    assert seen.corners is None
+    assert "no marker of" in seen.problem
+
+
+ASKED = {
+    "charuco": ("--type", "charuco", "--board", "9x6", "--square-mm", "20", "--marker-mm", "15", "--dictionary", "DICT_4X4_250"),
+    "legacy": (
+        *("--type", "charuco", "--board", "6x7", "--square-mm", "25", "--marker-mm", "17.5", "--dictionary", "DICT_5X5_100"),
+        "--legacy-pattern",
+    ),
+    "aprilgrid": ("--type", "aprilgrid", "--board", "6x6", "--tag-mm", "24", "--spacing", "0.3"),
+}
+
+
+def recording(folder: Path, name: str) -> Path:
+    """Photographs of three poses, two of them of a board that reaches out of the picture, the first one twice."""
+    folder.mkdir()
+    for pose in ("whole", "partial"):
+        cv2.imwrite(str(folder / f"{pose}.png"), drawn(name, pose)[0])
+        cv2.imwrite(str(folder / f"{pose}-turned.png"), np.ascontiguousarray(drawn(name, pose)[0][::-1, ::-1]))
+    shutil.copy(folder / "whole.png", folder / "whole-again.png")
+    return folder
+
+
+@pytest.mark.parametrize("name", ASKED)
+def test_photographs_of_a_board_with_markers_are_recorded(name: str, tmp_path: Path) -> None:
+    source = recording(tmp_path / "photos", name)
+    session = tmp_path / "session"
+    done = capture("record", session, "--source", f"folder:{source}", *ASKED[name])
+    assert done.returncode == 0, done.stderr
+    found = read_session(session)
+    assert str(found.board) == str(KINDS[name].board)
+    assert found.board.points() == pytest.approx(KINDS[name].board.points())
+    assert (name == "legacy") == ("legacy_pattern: true" in (session / "session.yaml").read_text())
+    assert len(found.frames) == 4, done.stderr
+    assert "This view is already there" in done.stderr
+    again = capture("record", session, "--source", f"folder:{source}")
+    assert again.returncode == 3, "the session goes on, with its own board, and has all of these views"
+    wrong = capture("record", session, "--source", f"folder:{source}", "--board", "9x6", "--square-mm", "20")
+    assert wrong.returncode == 2
+    assert f"describes a board of {KINDS[name].board}, " in wrong.stderr
+
+
+@pytest.mark.parametrize(
+    ("left_out", "says"),
+    [
+        ("--marker-mm", "marker_mm is missing: write a number"),
+        ("--dictionary", "dictionary is missing: write one of OpenCV's names"),
+        ("--square-mm", "--board and --square-mm belong together"),
+        ("--type", "marker_mm is not a known key"),
+    ],
+)
+def test_a_board_that_is_half_described_is_refused(left_out: str, says: str, tmp_path: Path) -> None:
+    flags = list(ASKED["charuco"])
+    place = flags.index(left_out)
+    done = capture("record", tmp_path / "session", "--source", f"folder:{tmp_path}", *flags[:place], *flags[place + 2 :])
+    assert done.returncode == 2
+    assert says in done.stderr
+    assert not (tmp_path / "session").exists()
+
+
+def test_every_kind_has_its_finder() -> None:
+    for kind in KINDS.values():
+        assert isinstance(finder_of(kind.board), CodedFinder)
+    assert not isinstance(finder_of(Board(9, 6, 0.02)), CodedFinder)
+    assert LENS.width < 960, "drawn pictures are not reduced"
