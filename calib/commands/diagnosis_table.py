@@ -19,7 +19,7 @@ def print_diagnosis(finding: Diagnosis, better: Calibration) -> None:
     console.print(_errors(finding))
     for candidate in finding.candidates:
         if candidate.accepted:
-            said = "; ".join(found(candidate.effect, better, candidate.parameters)) or "parameters of every view"
+            said = "; ".join(found(candidate.effect, better, candidate.parameters))
             console.print(f"{candidate.title}: {said}", markup=False, highlight=False, soft_wrap=True)
     console.print(_considered(finding))
     for remark in finding.remarks:

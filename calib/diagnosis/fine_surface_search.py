@@ -47,4 +47,5 @@ def suspected_place(at: Optimum) -> Tensor | None:
 def surroundings(at: Optimum, board: Board, camera: Camera, *, place: bool) -> Surroundings:
     """What effects may go by there; the place on the glass only if it is asked for, as it takes a while."""
     free = frozenset(at.model.priors.sigmas)
-    return Surroundings(board, camera.width, camera.height, at.model.path, at.joint.values, free, suspected_place(at) if place else None)
+    found = suspected_place(at) if place else None
+    return Surroundings(board, camera.width, camera.height, at.model.path, at.joint.values, free, camera.shutter, found)

@@ -12,6 +12,7 @@ from torch import Tensor
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
 from calib.session.board import Board
+from calib.session.shutter import Shutter
 from calib.session.tolerances import Tolerance
 
 
@@ -55,6 +56,8 @@ class Surroundings:
     """Of the path as it is fitted."""
     estimated: frozenset[str] = frozenset()
     """Parameters that the fit estimates already."""
+    shutter: Shutter | None = None
+    """None: the session does not say."""
     place: Tensor | None = None
     """(2,) chart coordinates of the glass where the residual asks for a finer relief; None where it was not asked for."""
 

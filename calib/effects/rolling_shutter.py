@@ -21,7 +21,8 @@ class RollingShutter(Effect):
 
     @classmethod
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:
-        return () if there.path.shutter else (cls(),)
+        still = there.shutter and not there.shutter.rolling
+        return () if there.path.shutter or still else (cls(),)
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:

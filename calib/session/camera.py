@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.session.schema import Number, Quantity, Section
+from calib.session.shutter import Shutter, read_shutter, shutter_to_yaml
 
 COEFFICIENTS = (0, 4, 5, 8, 12, 14)
 """How many distortion coefficients OpenCV's model may have."""
@@ -39,10 +40,12 @@ class Camera:
     """None: to be found from pictures without the cover."""
     lens_coefficients: int | None = None
     """How many distortion coefficients to fit. None: the fewest that held-out views ask for."""
+    shutter: Shutter | None = None
+    """None: it is not known whether lines are read one after the other."""
 
 
 def read_camera(section: Section) -> Camera:
-    section.only(("model", "width", "height", "intrinsics", "lens_coefficients"))
+    section.only(("model", "width", "height", "intrinsics", "lens_coefficients", "shutter"))
     counts = f"one of the whole numbers {', '.join(map(str, COEFFICIENTS))}"
     return Camera(
         width=section.whole("width", 1, 100_000),
@@ -50,6 +53,7 @@ def read_camera(section: Section) -> Camera:
         model=section.text("model", "the camera's name", default=""),
         intrinsics=_read_intrinsics(section) if "intrinsics" in section.values else None,
         lens_coefficients=section.choice("lens_coefficients", COEFFICIENTS, counts) if "lens_coefficients" in section.values else None,
+        shutter=read_shutter(section),
     )
 
 
@@ -68,6 +72,8 @@ def camera_to_yaml(camera: Camera) -> dict[str, object]:
         written["intrinsics"] = intrinsics
     if camera.lens_coefficients is not None:
         written["lens_coefficients"] = camera.lens_coefficients
+    if camera.shutter:
+        written["shutter"] = shutter_to_yaml(camera.shutter)
     return written
 
 

@@ -68,7 +68,7 @@ class Situation:
 
     def surroundings(self, estimated: Sequence[str] = (), placed: bool = True) -> Surroundings:
         place = torch.tensor([sum(ends) / 2 for ends in zip(self.relief.low, self.relief.high, strict=True)]) if self.relief else None
-        return Surroundings(BOARD, WIDTH, HEIGHT, self.path, self.values, frozenset(estimated), place if placed else None)
+        return Surroundings(BOARD, WIDTH, HEIGHT, self.path, self.values, frozenset(estimated), None, place if placed else None)
 
     def calibration(self, effects: Sequence[AddedEffect] = (), poses: Tensor | None = None) -> Calibration:
         return Calibration(

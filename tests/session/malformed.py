@@ -198,6 +198,12 @@ MALFORMED: tuple[Malformed, ...] = (
     Malformed("value missing", _yaml("thickness_mm: 3.0", "thickness_mm: {sigma: 3.0}"), ("cover.thickness_mm.value is missing",)),
     Malformed("sigma misspelt", _yaml("[0.0, -30.0]", "[0.0, {value: -30.0, sgima: 1}]"), ("cover.axis_offset_mm[1].sgima", "sigma?")),
     Malformed("three coefficients", _yaml("[0, 0, 0, 0, 0]", "[0, 0, 0]"), ("distortion is a list of 3", "0, 4, 5, 8, 12, 14")),
+    Malformed("shutter", _yaml("  width", "  shutter: rolling\n  width"), ("camera.shutter is", "{type: rolling, readout_ms: 30}")),
+    Malformed("shutter type", _yaml("  width", "  shutter: {type: roling}\n  width"), ("camera.shutter.type is", "rolling or global")),
+    Malformed(
+        "readout", _yaml("  width", "  shutter: {type: rolling, readout_ms: -3}\n  width"), ("readout_ms is -3", "from 0.01 to 1000")
+    ),
+    Malformed("global readout", _yaml("  width", "  shutter: {type: global, readout_ms: 3}\n  width"), ("readout_ms is 3", "drop the key")),
     Malformed("lens_coefficients", _yaml("  width", "  lens_coefficients: 6\n  width"), ("camera.lens_coefficients is 6", "4, 5, 8")),
     Malformed("camera outside the cone", _yaml("-30.0", "-42.0"), ("cover.axis_offset_mm", "outside the cone", "41.95 mm")),
     Malformed("camera outside the dome", _yaml(CONE, DOME), ("cover.centre_mm", "outside the dome", "50 mm")),

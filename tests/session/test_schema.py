@@ -55,7 +55,22 @@ scalars = st.one_of(
 keys = st.one_of(
     words,
     st.sampled_from(["format", "board", "camera", "cover", "columns", "rows", "square_mm", "width", "height", "model", "intrinsics"]),
-    st.sampled_from(["fx", "fy", "cx", "cy", "distortion", "lens_coefficients", "shape", "value", "sigma", *(q.key for q in QUANTITIES)]),
+    st.sampled_from(
+        [
+            "fx",
+            "fy",
+            "cx",
+            "cy",
+            "distortion",
+            "lens_coefficients",
+            "shutter",
+            "readout_ms",
+            "shape",
+            "value",
+            "sigma",
+            *(q.key for q in QUANTITIES),
+        ]
+    ),
 )
 nested = st.recursive(
     scalars, lambda inner: st.one_of(st.lists(inner, max_size=5), st.dictionaries(keys, inner, max_size=5)), max_leaves=12

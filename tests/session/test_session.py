@@ -115,7 +115,14 @@ def random_setup(shape: str, rng: np.random.Generator, digits: int) -> dict[str,
         cover[quantity.key] = entries if quantity.components else entries[0]
     intrinsics = {key: number(300, 400) for key in ("fx", "fy", "cx", "cy")} | {"distortion": [number(-1, 1) for _ in range(8)]}
     intrinsics["correlations"] = [[uniform(-0.05, 0.05) for _ in range(row)] for row in range(1, 12)]
-    camera = {"width": 320, "height": 240, "model": "any", "intrinsics": intrinsics, "lens_coefficients": 8}
+    camera = {
+        "width": 320,
+        "height": 240,
+        "model": "any",
+        "intrinsics": intrinsics,
+        "lens_coefficients": 8,
+        "shutter": {"type": "rolling", "readout_ms": 33.3},
+    }
     return {"board": {"columns": 6, "rows": 5, "square_mm": uniform(1, 100)}, "camera": camera, "cover": cover}
 
 
