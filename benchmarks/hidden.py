@@ -51,7 +51,7 @@ class Hidden:
     def drawn(cls, kind: type[Effect], seed: int) -> Self | None:
         """An effect in a random direction of its parameters, at a random place. None: it cannot be seen here."""
         rng = np.random.default_rng(seed)
-        made = bare(seed) if kind is FlatPort else scene(1000 + seed, VIEWS, (4, 4), 1e-5, 0.0, cover=GLASS)
+        made = bare(seed) if kind in (FlatPort, EntrancePupil) else scene(1000 + seed, VIEWS, (4, 4), 1e-5, 0.0, cover=GLASS)
         outer = made.path.cover[-1] if made.path.cover else None
         place = None
         if outer and outer.relief:
