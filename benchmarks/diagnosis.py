@@ -1,8 +1,9 @@
 """What the diagnosis names when an effect of known size is hidden: `python -m benchmarks.diagnosis [--seeds 3] [--clean 40]`.
 
-Each session has 20 views of 81 corners, 0.1 px noise per axis, uneven glass of 1.15 mm (no cover for flat_port and entrance_pupil), and one effect at once,
-three and ten times the smallest size that moves a corner by the noise: the largest shift over all corners, poses refitted, is then 0.1,
-0.3 and 1 px. Absorbed is the part of the shift's sum of squares that the fit of the glass takes up; a diagnosis can see the rest.
+Each session has 20 views of 81 corners, 0.1 px noise per axis, uneven glass of 1.15 mm (no cover for flat_port and entrance_pupil), and one
+effect at once, three and ten times the smallest size that moves a corner by the noise: the largest shift over all corners, poses refitted,
+is then 0.1, 0.3 and 1 px. Absorbed is the part of the shift's sum of squares that the fit of the glass takes up; a diagnosis can see the
+rest.
 """
 
 from __future__ import annotations
@@ -40,7 +41,8 @@ class Outcome:
     """What became of one hidden effect."""
 
     said: str
-    """right, by name or by a family that the truth is in, wrong, missed, or unseen: so large that some corner is out of sight, or a window in air thicker than 20 mm."""
+    """right, by name or by a family that the truth is in, wrong, missed, or
+    unseen: so large that some corner is out of sight, or a window in air thicker than 20 mm."""
     wrong: tuple[str, ...] = ()
     shift: float = float("nan")
     """px RMS, poses refitted."""

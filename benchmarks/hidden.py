@@ -13,6 +13,7 @@ from torch import Tensor
 from calib.calibration import Calibration
 from calib.corners.view import View
 from calib.effects.effect import Effect, Surroundings
+from calib.effects.entrance_pupil import EntrancePupil
 from calib.effects.fine_surface import CENTRES, FineSurface
 from calib.effects.flat_port import WALL, FlatPort
 from calib.estimation.poses import refit_poses
