@@ -1,13 +1,14 @@
 """What these views cannot tell apart: the rivals of every accepted effect, and how probable each is.
 
 An accepted effect is taken out, every other that would explain about as much is fitted in its place, and the corners' marginal likelihoods
-are compared (Bayes factors, equal odds beforehand). A name stands alone if it is almost sure; else it is the most probable of a family.
+are compared. One beside which the accepted effect is needed all the same is no rival of it, but something else that may be missing (Bayes factors, equal odds beforehand). A name stands alone if it is almost sure; else it is the most probable of a family.
 
 Source: R. E. Kass, A. E. Raftery, Bayes factors (1995).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,7 +51,7 @@ def settle(loop: Loop, tempered: float) -> tuple[Family, ...]:
     """
     found = []
     for effect in loop.model.effects:
-        rivals = _rivals(loop, effect)
+        rivals = _rivals(loop, effect, tempered)
         names = [effect, *(rival.test.effect for rival in rivals)]
         likely = np.array([loop.joint.log_marginal, *(rival.joint.log_marginal for rival in rivals)])
         weighed = tempered * likely
@@ -67,8 +68,9 @@ def settle(loop: Loop, tempered: float) -> tuple[Family, ...]:
     return tuple(found)
 
 
-def _rivals(loop: Loop, effect: Effect) -> list[Rival]:
-    """The others that would explain as much in its place, fitted there. What has no cause takes no name's place."""
+def _rivals(loop: Loop, effect: Effect, tempered: float) -> list[Rival]:
+    """The others that would explain as much in its place, fitted there, and leave it nothing to explain. What has no cause takes no name's
+    place."""
     without = loop.base.with_effects(e for e in loop.model.effects if e is not effect)
     at = Optimum(without, loop.observations, without.fitted(loop.observations, loop.joint.poses, loop.joint.start))
     if not at.joint.finite:
@@ -82,6 +84,9 @@ def _rivals(loop: Loop, effect: Effect) -> list[Rival]:
         if test.chi2 < enough and proposed.judged_by_score:
             continue
         model, joint = with_most_probable(without, test.effect, loop.observations, at.joint.poses)
-        if joint.finite:
+        if not joint.finite or tempered * (joint.log_marginal - loop.joint.log_marginal) < math.log(WORTH_NAMING):
+            continue
+        _, both = with_most_probable(loop.model, test.effect, loop.observations, loop.joint.poses)
+        if tempered * (both.log_marginal - joint.log_marginal) < math.log(ALONE / (1 - ALONE)):
             rivals.append(Rival(replace(test, effect=model.effects[-1]), without, model, joint))
     return rivals

@@ -99,7 +99,7 @@ class CentralModel:
         away = max((self.half, self.double), key=lambda misfit: misfit.drift_px)
         if away.drift_px > LIMIT:
             yield (
-                f"a cover's distortion depends on depth and a central camera's does not: fitted at {self.at.depth:g} m, this one goes "
+                f"this camera's distortion depends on depth and a central camera's does not: fitted at {self.at.depth:g} m, this one goes "
                 f"wrong by up to {away.drift_px:.2f} px more or less at {away.depth:g} m: export one for each depth in use."
             )
 

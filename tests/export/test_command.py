@@ -45,7 +45,7 @@ def test_a_file_for_every_depth_and_the_misfit_on_the_terminal(saved: Path, tmp_
         stated = [line.partition(": ")[2] for line in path.read_text().splitlines() if "Misfit" in line]
         assert len(stated) == 3
         assert all(misfit in err for misfit in stated)
-    assert "a cover's distortion depends on depth and a central camera's does not: fitted at 0.2 m, this one goes wrong by up to" in err
+    assert "this camera's distortion depends on depth and a central camera's does not: fitted at 0.2 m, this one goes wrong by up to" in err
 
 
 def test_a_central_camera_is_not_warned_about(bare: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
