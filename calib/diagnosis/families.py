@@ -1,17 +1,20 @@
 """What these views cannot tell apart: the rivals of every accepted effect, and how probable each is.
 
-An accepted effect is taken out, every other that would explain about as much is fitted in its place, and the corners' marginal likelihoods
-are compared. One beside which the accepted effect is needed all the same is no rival of it, but something else that may be missing (Bayes factors, equal odds beforehand). A name stands alone if it is almost sure; else it is the most probable of a family.
+An accepted effect is taken out, every other that can do much of what it does is fitted in its place, and the corners' marginal likelihoods
+are compared (Bayes factors, equal odds beforehand). A name stands alone if it is almost sure; else it is the most probable of a family.
 
-Source: R. E. Kass, A. E. Raftery, Bayes factors (1995).
+Sources: R. E. Kass, A. E. Raftery, Bayes factors (1995); Q. H. Vuong, Likelihood ratio tests for model selection and non-nested
+hypotheses (1989).
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy import stats
 
 from calib.diagnosis.finding import Family
 from calib.diagnosis.fine_surface_search import surroundings
@@ -23,13 +26,19 @@ from calib.effects.effect import Effect
 from calib.effects.registry import KINDS
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
+from calib.estimation.objective import HUBER
+from calib.estimation.observations import Observations
+from calib.estimation.residuals import residuals
+
+Fit = tuple[CameraModel, JointFit]
 
 ALONE = 0.95
 """The probability from which a name stands alone."""
 WORTH_NAMING = 0.01
 """The least of a member's."""
-AS_MUCH = 0.5
-"""Of what the accepted effect would lower the sum of squares by: a rival would do so much, to first order."""
+MUCH = 0.5
+"""A rival does so much of what the accepted effect does: of the squares of its shifts, beside what the other parameters can do; where one of
+them has parameters of single views, of what the sum of squares would fall by."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,20 +52,16 @@ class Rival:
     joint: JointFit
 
 
-def settle(loop: Loop, tempered: float) -> tuple[Family, ...]:
-    """The families of the accepted effects. Where a rival is more probable than what was accepted, it takes its place in the loop's model.
-
-    Args:
-        tempered: 0 to 1, how much a corner counts where what is left is not all noise.
-    """
+def settle(loop: Loop) -> tuple[Family, ...]:
+    """The families of the accepted effects. Where a rival is more probable than what was accepted, it takes its place in the loop's model."""
     found = []
     for effect in loop.model.effects:
-        rivals = _rivals(loop, effect, tempered)
+        rivals = _rivals(loop, effect)
         names = [effect, *(rival.test.effect for rival in rivals)]
-        likely = np.array([loop.joint.log_marginal, *(rival.joint.log_marginal for rival in rivals)])
-        weighed = tempered * likely
-        chances = np.exp(weighed - weighed.max()) / np.exp(weighed - weighed.max()).sum()
-        best = int(chances.argmax())
+        fits = [(loop.model, loop.joint), *((rival.model, rival.joint) for rival in rivals)]
+        best = int(np.argmax([joint.log_marginal for _, joint in fits]))
+        odds = [_odds(fit, fits[best], loop.observations) for fit in fits]
+        chances = np.array(odds) / sum(odds)
         if best:
             better = rivals[best - 1]
             loop.replace(better.test, better.without, better.model, better.joint)
@@ -68,25 +73,55 @@ def settle(loop: Loop, tempered: float) -> tuple[Family, ...]:
     return tuple(found)
 
 
-def _rivals(loop: Loop, effect: Effect, tempered: float) -> list[Rival]:
-    """The others that would explain as much in its place, fitted there, and leave it nothing to explain. What has no cause takes no name's
-    place."""
+def _odds(fit: Fit, best: Fit, observations: Observations) -> float:
+    """Of a fit against the most probable one: by their marginal likelihoods or, where that is less sure of itself, by how the views agree that
+    these differ (Vuong's test, in which neither model need be right)."""
+    if fit is best:
+        return 1.0
+    apart = best[1].log_marginal - fit[1].log_marginal
+    each = _by_view(best, observations) - _by_view(fit, observations)
+    agreed = float(stats.norm.sf(apart / (each.std(ddof=1) * len(each) ** 0.5)))
+    return max(float(np.exp(-apart)), agreed / (1 - agreed))
+
+
+def _by_view(fit: Fit, observations: Observations) -> NDArray[np.float64]:
+    """(V,) the logarithm of the probability of each view's corners at the fit, up to a constant of the view; Huber's loss."""
+    model, joint = fit
+    size = (
+        residuals(model.path, joint.values, observations, joint.poses).image.nan_to_num(0.0).norm(dim=-1)
+        * observations.weight
+        / joint.sigma
+    )
+    loss = torch.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2) / 2 + 2 * np.log(joint.sigma)
+    return -np.array([float(view.sum()) for view in observations.per_view(loss)])
+
+
+def _rivals(loop: Loop, effect: Effect) -> list[Rival]:
+    """The others that do much of what it does, fitted in its place. What has no cause takes no name's place."""
     without = loop.base.with_effects(e for e in loop.model.effects if e is not effect)
     at = Optimum(without, loop.observations, without.fitted(loop.observations, loop.joint.poses, loop.joint.start))
     if not at.joint.finite:
         return []
     present = {e.name for e in loop.model.effects}
     there = surroundings(at, loop.board, loop.camera, place=False)
-    enough = AS_MUCH * at.candidate(effect).chi2
+    own = at.test(effect)
+    moved = _moved(own, loop.joint)
     rivals = []
     for proposed in (e for kind in KINDS if kind.has_cause and kind.name not in present for e in kind.propose(there)):
         test = at.candidate(proposed)
-        if test.chi2 < enough and proposed.judged_by_score:
+        shared = moved.size and test.jacobian.size
+        done = float(((test.span().T @ moved) ** 2).sum() / (moved @ moved)) if shared else test.chi2 / own.chi2
+        if done < MUCH:
             continue
         model, joint = with_most_probable(without, test.effect, loop.observations, at.joint.poses)
-        if not joint.finite or tempered * (joint.log_marginal - loop.joint.log_marginal) < math.log(WORTH_NAMING):
-            continue
-        _, both = with_most_probable(loop.model, test.effect, loop.observations, loop.joint.poses)
-        if tempered * (both.log_marginal - joint.log_marginal) < math.log(ALONE / (1 - ALONE)):
+        if joint.finite:
             rivals.append(Rival(replace(test, effect=model.effects[-1]), without, model, joint))
     return rivals
+
+
+def _moved(test: ScoreTest, joint: JointFit) -> NDArray[np.float64]:
+    """(2M,) by how much a fitted effect moves corners, over sigma, beside what the other parameters can do; (0,) of parameters of views."""
+    if not test.jacobian.size:
+        return np.zeros(0)
+    sizes = [(joint.values[u.param.name].numpy().ravel() - u.neutral) / u.param.scale for u in test.effect.unknowns]
+    return np.asarray(test.jacobian @ np.concatenate(sizes))
