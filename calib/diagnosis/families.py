@@ -37,8 +37,8 @@ ALONE = 0.95
 WORTH_NAMING = 0.01
 """The least of a member's."""
 MUCH = 0.5
-"""A rival does so much of what the accepted effect does: of the squares of its shifts, beside what the other parameters can do; where one of
-them has parameters of single views, of what the sum of squares would fall by."""
+"""A rival does so much of what the accepted effect does: of the squares of its shifts, beside what other parameters can do; where one of them
+has parameters of single views, of what the sum of squares would fall by."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +53,7 @@ class Rival:
 
 
 def settle(loop: Loop) -> tuple[Family, ...]:
-    """The families of the accepted effects. Where a rival is more probable than what was accepted, it takes its place in the loop's model."""
+    """The families of the accepted effects. A rival that is more probable than what was accepted takes its place in the loop's model."""
     found = []
     for effect in loop.model.effects:
         rivals = _rivals(loop, effect)
@@ -74,8 +74,8 @@ def settle(loop: Loop) -> tuple[Family, ...]:
 
 
 def _odds(fit: Fit, best: Fit, observations: Observations) -> float:
-    """Of a fit against the most probable one: by their marginal likelihoods or, where that is less sure of itself, by how the views agree that
-    these differ (Vuong's test, in which neither model need be right)."""
+    """Of a fit against the most probable one: by their marginal likelihoods or, where that is less sure of itself, by how the views agree
+    that these differ (Vuong's test, in which neither model need be right)."""
     if fit is best:
         return 1.0
     apart = best[1].log_marginal - fit[1].log_marginal
@@ -85,13 +85,10 @@ def _odds(fit: Fit, best: Fit, observations: Observations) -> float:
 
 
 def _by_view(fit: Fit, observations: Observations) -> NDArray[np.float64]:
-    """(V,) the logarithm of the probability of each view's corners at the fit, up to a constant of the view; Huber's loss."""
+    """(V,) the logarithm of the probability of each view's corners at the fit, up to a constant of the view, with Huber's loss."""
     model, joint = fit
-    size = (
-        residuals(model.path, joint.values, observations, joint.poses).image.nan_to_num(0.0).norm(dim=-1)
-        * observations.weight
-        / joint.sigma
-    )
+    missed = residuals(model.path, joint.values, observations, joint.poses).image.nan_to_num(0.0)
+    size = missed.norm(dim=-1) * observations.weight / joint.sigma
     loss = torch.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2) / 2 + 2 * np.log(joint.sigma)
     return -np.array([float(view.sum()) for view in observations.per_view(loss)])
 
