@@ -37,8 +37,8 @@ ALONE = 0.95
 WORTH_NAMING = 0.01
 """The least of a member's."""
 MUCH = 0.5
-"""A rival does so much of what the accepted effect does: of the squares of its shifts, beside what other parameters can do; where one of them
-has parameters of single views, of what the sum of squares would fall by."""
+"""A rival does so much of what the accepted effect does: of the squares of its shifts, beside what other parameters can do; where one of
+them has parameters of single views, of what the sum of squares would fall by."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
