@@ -41,6 +41,10 @@ MUCH = 0.5
 them has parameters of single views, of what the sum of squares would fall by."""
 
 
+PASSES = 3
+"""At most: an effect that gave way changes what its neighbours' rivals are worth."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Rival:
     """Another effect in the place of an accepted one."""
@@ -54,6 +58,16 @@ class Rival:
 
 def settle(loop: Loop) -> tuple[Family, ...]:
     """The families of the accepted effects. A rival that is more probable than what was accepted takes its place in the loop's model."""
+    for _ in range(PASSES):
+        before = loop.model
+        found = _families(loop)
+        if loop.model is before:
+            break
+    return found
+
+
+def _families(loop: Loop) -> tuple[Family, ...]:
+    """One effect after the other; where one gave way, what was said of those before it is out of date."""
     found = []
     for effect in loop.model.effects:
         rivals = _rivals(loop, effect)
