@@ -95,8 +95,9 @@ def diagnose(calibration: Calibration, progress: Progress = Silent(), holdout: S
             evaluate(base, holdout, progress, halves=halves).rms_px,
             evaluate(found, holdout, progress, halves=halves).rms_px,
         )
-    noise = _noise(after, calibration)
-    still = burst_noise(on_board(after.image, calibration.views), poses)
+    grid = on_board(after.image, calibration.views)
+    still = burst_noise(grid, poses)
+    noise = still if np.isfinite(still) else short_scale_noise(grid, calibration.board)
     finding = Diagnosis(
         noise_px=noise,
         noise_from="pictures of one pose of the board" if np.isfinite(still) else "the residual's short-scale part",
@@ -118,13 +119,6 @@ def _depths(model: CameraModel, joint: JointFit, observations: Observations) -> 
     timed = observations.with_times(joint.values)
     depth = model.path.place(observations.corners, timed, joint.poses[observations.view])[:, 2].numpy()
     return np.asarray(np.bincount(observations.view.numpy(), depth) / np.bincount(observations.view.numpy()))
-
-
-def _noise(left: Residuals, calibration: Calibration) -> float:
-    """px, of what is left: from the pictures of one pose of the board, or its short-scale part."""
-    grid = on_board(left.image, calibration.views)
-    still = burst_noise(grid, board_poses(calibration.views))
-    return still if np.isfinite(still) else short_scale_noise(grid, calibration.board)
 
 
 def _missed(model: CameraModel, joint: JointFit, observations: Observations) -> Residuals:

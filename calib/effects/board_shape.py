@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.effects.effect import Effect, Surroundings, Unknown
+from calib.effects.effect import Effect, Surroundings, Unknown, linear_evidence
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
 from calib.session.tolerances import BOARD_SHAPE
@@ -65,9 +65,7 @@ class BoardShape(Effect):
         def evidence(form: Self) -> float:
             spread = np.array([unknown.sigma / unknown.param.scale for unknown in form.unknowns])
             count = len(spread)
-            weighed = np.eye(count) + spread[:, None] * information[:count, :count] * spread
-            scaled = spread * score[:count]
-            return float(scaled @ np.linalg.solve(weighed, scaled) - np.linalg.slogdet(weighed)[1]) / 2
+            return linear_evidence(information[:count, :count], score[:count], spread)
 
         return max((form for form in self.alternatives() if form.degree <= self.degree), key=evidence)
 

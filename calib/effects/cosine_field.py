@@ -13,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.effects.effect import Effect, Unknown
+from calib.effects.effect import Effect, Unknown, linear_evidence
 from calib.optics.params import Param, Values
 
 WAVES = 9
@@ -56,9 +56,7 @@ class CosineField(Effect):
 
         def evidence(form: Self) -> float:
             spread = np.tile(form.size * form._falls(torch.float64).numpy().ravel() / mine, 2)  # of my parameters over their scales
-            weighed = np.eye(len(score)) + spread[:, None] * information * spread
-            scaled = spread * score
-            return float(scaled @ np.linalg.solve(weighed, scaled) - np.linalg.slogdet(weighed)[1]) / 2
+            return linear_evidence(information, score, spread)
 
         return max(forms, key=evidence)
 

@@ -111,3 +111,16 @@ class Effect(Protocol):
     def apply(self, path: Path) -> Path:
         """The path with it."""
         ...
+
+
+def linear_evidence(information: NDArray[np.float64], score: NDArray[np.float64], spread: NDArray[np.float64]) -> float:
+    """The logarithm of the residual's probability with an effect, over that without it, its parameters integrated out, to first order.
+
+    Args:
+        information: (k, k) as `Effect.tuned` has it.
+        score: (k,) likewise.
+        spread: (k,) the prior's standard deviation of each parameter, over its scale.
+    """
+    weighed = np.eye(len(spread)) + spread[:, None] * information * spread
+    scaled = spread * score
+    return float(scaled @ np.linalg.solve(weighed, scaled) - np.linalg.slogdet(weighed)[1]) / 2
