@@ -154,7 +154,7 @@ def _candidates(loop: Loop, accepted: tuple[str, ...]) -> list[Candidate]:
     listed = []
     for (name, shape), trial in loop.trials.items():
         taken = name in accepted and any(e.name == name and e.form == shape for e in loop.model.effects)
-        joint = loop.joint if taken else trial.joint
+        joint = loop.joint if taken else trial.fit and trial.fit.joint
         effect = next(e for e in loop.model.effects if e.name == name) if taken else trial.test.effect
         listed.append(
             Candidate(

@@ -72,18 +72,34 @@ class Optimum:
     observations: Observations
     joint: JointFit
 
-    def candidate(self, effect: Effect) -> ScoreTest:
-        """The score of one effect, with the prior that suits the residual."""
-        test = self.test(effect)
-        tuned = effect.tuned(test.information, test.score)
-        return test if tuned == effect else self.test(tuned)
+    def candidates(self, effects: Sequence[Effect]) -> list[ScoreTest]:
+        """The scores of effects, each without the others, with the priors that suit the residual."""
+        found = self.tests(effects)
+        tuned = [test.effect.tuned(test.information, test.score) for test in found]
+        again = iter(self.tests([new for new, test in zip(tuned, found, strict=True) if new != test.effect]))
+        return [test if new == test.effect else next(again) for new, test in zip(tuned, found, strict=True)]
 
     def test(self, effect: Effect) -> ScoreTest:
         """The score of one effect as it is."""
         return self.tests((effect,))[0]
 
     def tests(self, effects: Sequence[Effect]) -> list[ScoreTest]:
-        """The scores of effects as they are, each without the others, from one linearisation of them all."""
+        """The scores of effects as they are, each without the others, from one linearisation of all that have no parameter in common."""
+        found: dict[int, ScoreTest] = {}
+        waiting = dict(enumerate(effects))
+        while waiting:
+            names: set[str] = set()
+            together: dict[int, Effect] = {}
+            for index, effect in waiting.items():
+                own = {effect.name, *(unknown.param.name for unknown in effect.unknowns)}
+                if not names & own:
+                    names |= own
+                    together[index] = effect
+            found |= zip(together, self._tests(tuple(together.values())), strict=True)
+            waiting = {index: effect for index, effect in waiting.items() if index not in together}
+        return [found[index] for index in range(len(effects))]
+
+    def _tests(self, effects: Sequence[Effect]) -> list[ScoreTest]:
         views = list(self.equations(effects))
         place = columns(self.model.with_effects(effects).path.view_parts)
         own = np.concatenate([np.r_[place[part]] for part in self.model.path.view_parts])

@@ -5,8 +5,9 @@ from collections.abc import Iterator, Sequence
 from calib.diagnosis.finding import Family
 from calib.diagnosis.nearest_effects import nearest_named
 from calib.diagnosis.score_test import Optimum
-from calib.diagnosis.selection import Loop, Trial
+from calib.diagnosis.selection import Loop
 from calib.diagnosis.separating_view import separating_view
+from calib.diagnosis.trial import LEAST_GAIN, Trial
 from calib.diagnosis.variance_split import Share
 from calib.effects.effect import Effect
 from calib.planning.hints import words
@@ -24,10 +25,12 @@ def verdict(trial: Trial, *, taken: bool) -> str:
         return "found"
     if trial.test.absorbed > ABSORBED:
         return "absorbed"
-    if trial.joint and not trial.joint.finite:
-        return "not finite"
     if not trial.gain:
-        return "not asked for"
+        if not trial.fit:
+            return "not asked for"
+        if not trial.fit.joint.finite:
+            return "not finite"
+        return "another helped more" if trial.lowers > LEAST_GAIN else "too small"
     if trial.passes:
         return "another helped more"
     if trial.large:

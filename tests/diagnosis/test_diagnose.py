@@ -16,13 +16,17 @@ from calib.diagnosis.finding import Diagnosis
 from calib.diagnosis.held_out import Gain, HeldOut, gain
 from calib.diagnosis.named_effects import with_named
 from calib.diagnosis.score_test import ScoreTest
-from calib.diagnosis.selection import Trial
 from calib.diagnosis.sentences import verdict
+from calib.diagnosis.trial import Fit, Trial
 from calib.effects.board_shape import BoardShape
 from calib.errors import InputError, NotEnoughDataError
+from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.parameters import Parameters
+from calib.estimation.priors import NONE
+from calib.optics import path
+from calib.optics.lens_model import LensModel
 from calib.progress import Silent
 from tests.diagnosis.hide import fitted, hidden
 
@@ -140,9 +144,9 @@ def test_a_gain_is_tested_over_views() -> None:
 def test_what_helps_at_the_fitted_depths_only_is_not_taken() -> None:
     test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
     folds, worse, better = Gain(0.2, 0.1, (0.08, 0.12), 1e-4), Gain(0.2, 0.21, (-0.02, 0.0), 1.0), Gain(0.2, 0.15, (-0.01, 0.1), 0.2)
-    assert Trial(test, folds).passes
-    assert Trial(test, folds, bands=better).passes
-    failed = Trial(test, folds, bands=worse)
+    assert Trial(test, gain=folds).passes
+    assert Trial(test, gain=folds, bands=better).passes
+    failed = Trial(test, gain=folds, bands=worse)
     assert not failed.passes
     assert verdict(failed, taken=False) == "fails at other depths"
 
@@ -150,16 +154,16 @@ def test_what_helps_at_the_fitted_depths_only_is_not_taken() -> None:
 def test_what_corners_may_be_off_by_is_no_effect() -> None:
     """1 % of 0.013 px is the root of two times that squared, 0.0019 px; the same share of 0.13 px is an effect."""
     test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
-    assert not Trial(test, Gain(0.0133, 0.01315, (1e-4, 2e-4), 1e-4)).passes
-    assert Trial(test, Gain(0.133, 0.1315, (1e-3, 2e-3), 1e-4)).passes
+    assert not Trial(test, gain=Gain(0.0133, 0.01315, (1e-4, 2e-4), 1e-4)).passes
+    assert Trial(test, gain=Gain(0.133, 0.1315, (1e-3, 2e-3), 1e-4)).passes
     assert Gain(0.1, 0.2, (-0.1, -0.1), 1.0).explained == 0
 
 
 def test_a_candidate_whose_fit_is_not_finite_is_not_taken() -> None:
     test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
     nothing = torch.zeros(0, 0, dtype=torch.float64)
-    joint = JointFit({}, nothing, nothing, 0.1, None, Parameters.none({}), Outcome.NOT_FINITE, 1, -np.inf, -np.inf)
-    trial = Trial(test, joint=joint)
+    joint = JointFit({}, nothing, nothing, 0.0, 0.1, None, Parameters.none({}), Outcome.NOT_FINITE, 1, -np.inf, -np.inf)
+    trial = Trial(test, Fit(CameraModel(path.Path(LensModel(0)), {}, NONE), joint))
     assert not trial.passes
     assert verdict(trial, taken=False) == "not finite"
 
