@@ -124,7 +124,7 @@ def _rivals(loop: Loop, effect: Effect) -> list[Rival]:
         done = float(((test.span().T @ moved) ** 2).sum() / (moved @ moved)) if shared else test.chi2 / own.chi2
         if done < MUCH:
             continue
-        model, joint = with_most_probable(without, test.effect, loop.observations, at.joint.poses)
+        model, joint = with_most_probable(without, test.effect, loop.observations, at.joint)
         if joint.finite:
             rivals.append(Rival(replace(test, effect=model.effects[-1]), without, model, joint))
     return rivals

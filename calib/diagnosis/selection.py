@@ -20,7 +20,7 @@ from calib.diagnosis.trial import LEAST_GAIN, Fit, Trial, worth
 from calib.effects.effect import Effect, Surroundings
 from calib.effects.registry import EFFECTS, FIELDS
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.joint_fit import JointFit
+from calib.estimation.joint_fit import ROUGH, JointFit
 from calib.estimation.observations import Observations
 from calib.progress import Advance
 from calib.session.board import Board
@@ -120,7 +120,7 @@ class Loop:
         """Fit to all views."""
         self._say(f"trying {test.effect.name}")
         wider = self.model.with_effect(test.effect)
-        joint = wider.fitted(self.observations, self.joint.poses, self.joint.start)
+        joint = wider.fitted(self.observations, self.joint.poses, self.joint.start, ROUGH)
         lowers = 1 - (joint.cost / self.joint.cost) ** 0.5 if joint.finite else -np.inf
         trial = Trial(test, Fit(wider, joint), lowers, among)
         key = test.effect.name, test.effect.form
@@ -133,7 +133,7 @@ class Loop:
         is, in their most probable forms."""
         found = []
         for trial in trials:
-            model, joint = with_most_probable(self.model, trial.test.effect, self.observations, trial.fitted.joint.poses)
+            model, joint = with_most_probable(self.model, trial.test.effect, self.observations, trial.fitted.joint)
             if joint.log_marginal > self.joint.log_marginal:
                 found.append(replace(trial, fit=Fit(model, joint)))
         return found
@@ -162,7 +162,7 @@ class Loop:
 
     def _accept(self, trial: Trial) -> None:
         """Take an effect in, with the noise and the prior estimated anew; where such a fit is not finite, the trial's stands."""
-        wider, joint = with_most_probable(self.model, trial.test.effect, self.observations, trial.fitted.joint.poses)
+        wider, joint = with_most_probable(self.model, trial.test.effect, self.observations, trial.fitted.joint)
         self.model, self.joint = (wider, joint) if joint.finite else (trial.fitted.model, trial.fitted.joint)
         self.known.clear()
         self._say(f"found {trial.test.effect.name}")
