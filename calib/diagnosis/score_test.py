@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from calib.diagnosis.jackknife import jackknife
 from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.elimination import ViewEquations, eliminated, information, orthonormal, view_equations
@@ -40,7 +41,8 @@ class ScoreTest:
     """By how much its parameters would lower the sum of squares."""
     dof: int
     p_value: float
-    """From how the views agree, if there are enough of them for its parameters; else from chi2 over the residual's dispersion."""
+    """From how the views agree, if there are enough of them for its parameters, by the better of two tests; else from chi2 over the
+    residual's dispersion."""
 
     cost: float
     """The fit's sum of squares."""
@@ -121,10 +123,14 @@ class Optimum:
             new, unlike = rows[:, entries], left[:, entries - fitted]
             information = new.T @ unlike
             score = new.T @ off - imitated[:, entries - fitted].T @ unfinished  # else an effect they imitate would seem to explain it
-            chi2 = float(score @ np.linalg.solve(information + precision[np.ix_(entries, entries)], score))
-            by_view = np.array([part.sum(0) for part in np.split(unlike * off[:, None], starts)])
-            by_view += (score - by_view.sum(0)) / len(by_view)  # the prior's share
-            p_value = _p_value(by_view, chi2, len(score), dispersion)
+            hessian = information + precision[np.ix_(entries, entries)]
+            chi2 = float(score @ np.linalg.solve(hessian, score))
+            if len(score) > len(views) // 3:
+                p_value = float(stats.chi2.sf(chi2 / max(dispersion, 1e-12), len(score)))
+            else:
+                by_view = np.array([part.sum(0) for part in np.split(unlike * off[:, None], starts)])
+                by_view += (score - by_view.sum(0)) / len(by_view)  # the prior's share
+                p_value = min(1.0, 2 * min(_hotelling(by_view), jackknife(residual, np.split(unlike, starts), score, hessian)))
             return ScoreTest(effect, unlike, float((new**2).sum()), chi2, len(score), p_value, float(off @ off), information, score)
 
         return [scored(effect) for effect in effects]
@@ -171,12 +177,10 @@ class Optimum:
         return 2 * len(self.observations.pixels) - self.joint.poses.numel()
 
 
-def _p_value(by_view: Array, chi2: float, dof: int, dispersion: float) -> float:
-    """Hotelling's T^2: whether the views' scores of the effect's parameters, (V, k), agree on a direction away from neutral. It bears views
-    with bad corners, whose own scatter enters its denominator."""
-    views = len(by_view)
-    if dof > views // 3:
-        return float(stats.chi2.sf(chi2 / max(dispersion, 1e-12), dof))
+def _hotelling(by_view: Array) -> float:
+    """The p-value of Hotelling's T^2: whether the views' scores of the effect's parameters, (V, k), agree on a direction away from neutral.
+    It bears views with bad corners, whose own scatter enters its denominator."""
+    views, dof = by_view.shape
     mean = by_view.mean(0)
     scatter = np.cov(by_view, rowvar=False).reshape(dof, dof)
     scale = np.sqrt(np.maximum(scatter.diagonal(), 1e-300))

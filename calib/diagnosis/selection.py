@@ -102,19 +102,24 @@ class Loop:
         Args:
             among: candidates of which none passed before.
         """
-        at = Optimum(self.model, self.observations, self.joint)
-        there = surroundings(at, self.board, self.camera, place=any(kind.needs_place for kind in effects))
-        scores = at.candidates(tuple(_proposed(effects, there, self.model.effects)))
-        for test in scores:
-            key = test.effect.name, test.effect.form
-            if key not in self.trials or (not self.trials[key].gain and test.p_value < self.trials[key].test.p_value):
-                self.trials[key] = Trial(test)
-        self._note_confounded(scores)
+        scores = self.scores(effects)
         promising = (c for c in scores if c.effect.judged_by_score and c.p_value < WORTH_TRYING and c.promises > LEAST_GAIN)
         always = [c for c in scores if not c.effect.judged_by_score]
         chosen = always + sorted(promising, key=lambda c: 2 * c.dof - c.chi2)[:TRIED]
         tried = [self._try(test, among + len(scores)) for test in chosen]
         return [trial for trial in tried if trial.lowers > LEAST_GAIN]
+
+    def scores(self, effects: Sequence[type[Effect]]) -> list[ScoreTest]:
+        """What the residual says of each effect."""
+        at = Optimum(self.model, self.observations, self.joint)
+        there = surroundings(at, self.board, self.camera, place=any(kind.needs_place for kind in effects))
+        found = at.candidates(tuple(_proposed(effects, there, self.model.effects)))
+        for test in found:
+            key = test.effect.name, test.effect.form
+            if key not in self.trials or (not self.trials[key].gain and test.p_value < self.trials[key].test.p_value):
+                self.trials[key] = Trial(test)
+        self._note_confounded(found)
+        return found
 
     def _try(self, test: ScoreTest, among: int) -> Trial:
         """Fit to all views."""

@@ -122,8 +122,20 @@ def test_what_was_added_before_and_is_not_needed_is_dropped(bowed: Calibration) 
 
 
 def test_too_few_views_are_refused_in_a_sentence() -> None:
-    with pytest.raises(NotEnoughDataError, match="needs 10 or more"):
-        diagnose(fitted(hidden(None, {}, views=8)), Silent())
+    with pytest.raises(NotEnoughDataError, match="needs 5 or more"):
+        diagnose(fitted(hidden(None, {}, views=4)), Silent())
+
+
+@pytest.mark.parametrize(("effect", "parameters", "said"), [(BOW, TRUTH, "board_shape (error down by up to "), (None, {}, "No effect's")])
+def test_with_few_views_the_scores_speak_and_nothing_is_accepted(
+    effect: BoardShape | None, parameters: dict[str, float], said: str
+) -> None:
+    calibration = fitted(hidden(effect, parameters, views=7))
+    better, finding = diagnose(calibration, Silent())
+    assert finding.accepted == ()
+    assert not better.model()[0].target.bends
+    assert finding.remarks[0].startswith("With 7 views nothing can be confirmed on held-out ones: take 10 or more. ")
+    assert said in finding.remarks[0]
 
 
 def test_a_gain_is_tested_over_views() -> None:
