@@ -15,7 +15,7 @@ from calib.diagnosis.families import settle
 from calib.diagnosis.finding import Candidate, Diagnosis, Family, ParameterEstimate, Quality
 from calib.diagnosis.held_out import FOLDS, bands, folds
 from calib.diagnosis.selection import ROUNDS, TRIED, Loop
-from calib.diagnosis.sentences import remarks, unconfirmed_scores, verdict
+from calib.diagnosis.sentences import formulas_of, remarks, unconfirmed_scores, verdict
 from calib.diagnosis.starting_model import base_model, model_of
 from calib.diagnosis.variance_split import Scene, Share
 from calib.effects.effect import Effect
@@ -93,7 +93,8 @@ def diagnose(calibration: Calibration, progress: Progress = Silent(), holdout: S
         before, after = _missed(model, joint, observations), _missed(loop.model, loop.joint, observations)
         shares = split_of(calibration, model, joint, observations, before)
         organising = organising_of(split_of(calibration, loop.model, loop.joint, observations, after))
-        said = (*unconfirmed, *remarks(loop, families, organising, timed=are_timed(calibration.views)))
+        formulas = tuple(formulas_of(loop))
+        said = (*unconfirmed, *remarks(loop, families, formulas, organising, timed=are_timed(calibration.views)))
     accepted = tuple(effect.name for effect in loop.model.effects)
     found = with_fit(calibration, loop.model, loop.joint, observations)
     held = first.rms, last.rms
@@ -114,6 +115,7 @@ def diagnose(calibration: Calibration, progress: Progress = Silent(), holdout: S
         candidates=tuple(_candidates(loop, accepted)),
         accepted=accepted,
         families=families,
+        formulas=formulas,
         before=Quality(before.rms_px, before.rmse_cm, held[0]),
         after=Quality(after.rms_px, after.rmse_cm, held[1]),
         unexplained=_unexplained(after, noise, observations, loop.joint),

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from calib.diagnosis.closed_forms import ClosedForm
 from calib.diagnosis.variance_split import Share
 from calib.fitting.declared import PREFIXES
 from calib.fitting.rounding import with_sigma
@@ -102,6 +103,8 @@ class Diagnosis:
     """What cannot be told, a sentence each."""
     families: tuple[Family, ...] = ()
     """Of the accepted effects that these views cannot tell from others."""
+    formulas: tuple[ClosedForm, ...] = ()
+    """The closed forms nearest to an accepted free field, the best first."""
 
     def as_json(self) -> dict[str, Any]:
         """The contract's object."""
@@ -116,6 +119,7 @@ class Diagnosis:
             "candidates": [asdict(candidate) for candidate in self.candidates],
             "accepted": list(self.accepted),
             "families": [asdict(family) for family in self.families],
+            "formulas": [asdict(formula) for formula in self.formulas],
             "before": before,
             "after": after,
             "unexplained": {"fraction": self.unexplained, "organised_by": self.organised_by},

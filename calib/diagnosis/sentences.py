@@ -2,6 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 
+import torch
+
+from calib.diagnosis.closed_forms import ClosedForm, closed_forms
 from calib.diagnosis.finding import Family
 from calib.diagnosis.nearest_effects import nearest_named
 from calib.diagnosis.score_test import Optimum, ScoreTest
@@ -10,11 +13,14 @@ from calib.diagnosis.separating_view import separating_view
 from calib.diagnosis.trial import ALPHA, LEAST_GAIN, Trial
 from calib.diagnosis.variance_split import Share
 from calib.effects.effect import Effect
+from calib.effects.free_field import FreeField
 from calib.planning.hints import words
 
 ABSORBED = 0.95
 """The part of an effect that the fitted parameters can imitate, from which it is said to be absorbed."""
 
+MUCH = 0.5
+"""The part of a field that a formula must be, to be worth a word: noise alone makes up to a fifth (tests/diagnosis/test_closed_forms)."""
 SCORED = 3
 """Effects that are named by their scores alone."""
 TELLS = 1.2
@@ -40,7 +46,7 @@ def verdict(trial: Trial, *, taken: bool) -> str:
     return "too small" if trial.confirmed else "not confirmed"
 
 
-def remarks(loop: Loop, families: Sequence[Family], left: Sequence[Share], *, timed: bool) -> Iterator[str]:
+def remarks(loop: Loop, families: Sequence[Family], formulas: Sequence[ClosedForm], left: Sequence[Share], *, timed: bool) -> Iterator[str]:
     """What cannot be told, and what is left."""
     yield from map(str, families)
     told = {name for family in families for name in family.members}
@@ -52,6 +58,7 @@ def remarks(loop: Loop, families: Sequence[Family], left: Sequence[Share], *, ti
             yield f"These views cannot tell {effect.name} from {' or '.join(like)}. {separation(loop, effect, tuple(others.values()))}"
         if not effect.has_cause:
             yield f"free_field has no name: it describes the error and mends it, but what causes it is not known. {_nearest(loop, effect)}"
+            yield from map(str, formulas[:1])
     if not timed and any(effect.name == "focal_drift" for effect in loop.model.effects):
         yield "There are no times in frames.csv, so the order of the files stood for them."
     for share in left[:1]:
@@ -59,6 +66,16 @@ def remarks(loop: Loop, families: Sequence[Family], left: Sequence[Share], *, ti
             f"{100 * share.fraction:.0f} % of what is left goes with {share.organised_by}, where noise would give "
             f"{100 * share.chance:.0f} %: something there is not explained."
         )
+
+
+def formulas_of(loop: Loop) -> list[ClosedForm]:
+    """The closed forms that are much of an accepted free field."""
+    fields = [effect for effect in loop.model.effects if isinstance(effect, FreeField)]
+    points = loop.board.points()
+    x, y = torch.from_numpy(points).unbind(-1)
+    shifts = [field.shift(x, y, loop.joint.values) for field in fields]
+    near = [closed_forms(points, torch.stack(one, -1).numpy(), loop.board.square) for one in shifts]
+    return [form for forms in near for form in forms if form.explains > MUCH]
 
 
 def unconfirmed_scores(scores: Sequence[ScoreTest], views: int, needed: int) -> tuple[str, ...]:

@@ -70,5 +70,8 @@ def test_what_is_hidden_is_found(finding: tuple[str, Calibration, Diagnosis], tm
         error = map_error(better, FIXTURES / name / "truth.npz", near=40.0)
         print(error.by_depth)
         assert max(error.by_depth.values()) < 0.15
+    if name == "wave":
+        assert said.formulas[0].words == f"a wave of {1e3 * truth_of['print_wave'][1]:.0f} mm along x"
+        assert said.formulas[0].explains > 0.95
     if HIDDEN[name]:
         assert said.after.held_out_px < 0.6 * said.before.held_out_px
