@@ -27,7 +27,6 @@ from fixtures.synthetic import HEIGHT, WIDTH, Scene, scene
 
 Array = NDArray[np.float64]
 
-VIEWS = 20
 NOISE = 0.1
 """px per axis"""
 SMALL = {"m": 1e-5, "rad": 1e-4, "px": 0.01, "": 1e-4}
@@ -47,12 +46,14 @@ class Hidden:
     direction: dict[str, Tensor]
     own: Tensor
     """(V, 6)"""
+    seed: int
+    """Of the noise."""
 
     @classmethod
-    def drawn(cls, kind: type[Effect], seed: int) -> Self | None:
+    def drawn(cls, kind: type[Effect], seed: int, views: int) -> Self | None:
         """An effect in a random direction of its parameters, at a random place. None: it cannot be seen here."""
         rng = np.random.default_rng(seed)
-        made = bare(seed) if kind in (FlatPort, EntrancePupil) else scene(1000 + seed, VIEWS, (4, 4), 1e-5, 0.0, cover=GLASS)
+        made = bare(seed, views) if kind in (FlatPort, EntrancePupil) else scene(1000 + seed, views, (4, 4), 1e-5, 0.0, cover=GLASS)
         outer = made.path.cover[-1] if made.path.cover else None
         place = None
         if outer and outer.relief:
@@ -62,15 +63,15 @@ class Hidden:
         if not forms:
             return None
         spread = DRAWN.get(forms[0].per_view, ())
-        own = torch.from_numpy(rng.normal(0, spread, (VIEWS, len(spread))))
-        return cls(made, forms[0], direction(forms[0], rng), own).scaled()
+        own = torch.from_numpy(rng.normal(0, spread, (views, len(spread))))
+        return cls(made, forms[0], direction(forms[0], rng), own, seed).scaled()
 
     @classmethod
-    def under_water(cls, seed: int) -> Self:
+    def under_water(cls, seed: int, views: int) -> Self:
         """A port in water, which has no size: it is there or not."""
         port = FlatPort("water")
         there = {u.param.name: torch.tensor(u.begin - u.neutral, dtype=torch.float64) for u in port.unknowns}
-        return cls(bare(seed), port, there, torch.zeros(VIEWS, 0, dtype=torch.float64))
+        return cls(bare(seed, views), port, there, torch.zeros(views, 0, dtype=torch.float64), seed)
 
     def possible(self, size: float) -> bool:
         """Whether there is such a thing, and every corner is still seen."""
@@ -90,20 +91,24 @@ class Hidden:
         moved = {u.param.name: u.neutral + size * self.direction.get(u.param.name, torch.zeros(())) for u in self.effect.unknowns}
         values = {**self.made.values, **moved}
         poses = torch.cat([self.made.poses, size * self.own], 1)
-        seen = self.made.observations.timed([float(i) for i in range(VIEWS)], HEIGHT)
+        seen = self.made.observations.timed([float(i) for i in range(len(self.made.views))], HEIGHT)
         timed = seen.with_times(values)
         pixels = project(path, timed, path.place(seen.corners, timed, poses[seen.view]), start=seen.pixels).numpy()
-        return with_corners(self.made, noisy(pixels, noise))
+        return with_corners(self.made, self.noisy(pixels, noise))
 
     def shift(self, size: float) -> Array:
         """(M, 2) px by which corners are moved, poses refitted to the true path."""
         moved = self.session(size, noise=0.0).observations
         return refit_poses(self.made.path, self.made.values, moved, self.made.poses)[1].image.numpy()
 
+    def noisy(self, pixels: Array, sigma: float) -> Array:
+        """(M, 2) px with noise that is the same for every size."""
+        return np.asarray(pixels + np.random.default_rng(self.seed).normal(0, sigma, pixels.shape))
+
     def absorbed(self, size: float, fit: Calibration) -> float:
         """The part of the shift's sum of squares that the fit takes up: what is left of it with the very same noise is compared."""
         pixels = self.made.observations.pixels.numpy()
-        left = left_by(fit) - left_by(calibrate(with_corners(self.made, noisy(pixels, NOISE)), Settings()))
+        left = left_by(fit) - left_by(calibrate(with_corners(self.made, self.noisy(pixels, NOISE)), Settings()))
         return 1.0 - float((left**2).sum() / (self.shift(size) ** 2).sum())
 
 
@@ -119,19 +124,14 @@ def direction(effect: Effect, rng: np.random.Generator) -> dict[str, Tensor]:
     return {u.param.name: torch.from_numpy(np.asarray(rng.normal(size=u.param.shape))) * SMALL[u.param.unit] for u in effect.unknowns}
 
 
-def bare(seed: int) -> Scene:
+def bare(seed: int, views: int) -> Scene:
     """The same boards without a cover."""
-    covered = scene(1000 + seed, VIEWS, (4, 4), 1e-5, 0.0, cover=GLASS)
+    covered = scene(1000 + seed, views, (4, 4), 1e-5, 0.0, cover=GLASS)
     path = replace(covered.path, cover=())
     values = {name: value for name, value in covered.values.items() if name.startswith("camera.")}
     seen = covered.observations
     pixels = project(path, values, path.place(seen.corners, values, covered.poses[seen.view]), start=seen.pixels).numpy()
     return with_corners(replace(covered, cover=Cover("none", {}), path=path, values=values), pixels)
-
-
-def noisy(pixels: Array, sigma: float) -> Array:
-    """(M, 2) px with noise that is the same every time."""
-    return np.asarray(pixels + np.random.default_rng(VIEWS).normal(0, sigma, pixels.shape))
 
 
 def with_corners(made: Scene, pixels: Array) -> Scene:

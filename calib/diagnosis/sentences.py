@@ -12,7 +12,7 @@ from calib.diagnosis.selection import Loop
 from calib.diagnosis.separating_view import separating_view
 from calib.diagnosis.trial import ALPHA, LEAST_GAIN, Trial
 from calib.diagnosis.variance_split import Share
-from calib.effects.effect import Effect
+from calib.effects.effect import Effect, possible
 from calib.effects.free_field import FreeField
 from calib.planning.hints import words
 
@@ -51,10 +51,11 @@ def remarks(loop: Loop, families: Sequence[Family], formulas: Sequence[ClosedFor
     yield from map(str, families)
     told = {name for family in families for name in family.members}
     for effect in loop.model.effects:
-        like = sorted(loop.confounded.get(effect.name, ()))
+        present = {e.name for e in loop.model.effects}
+        asked = {e.name: e for e in _asked(loop)}
+        like = sorted(loop.confounded.get(effect.name, set()) & (asked.keys() | present))
         if like and effect.name not in told:
-            present = {e.name for e in loop.model.effects}
-            others = {name: trial.test.effect for (name, _), trial in loop.trials.items() if name in like and name not in present}
+            others = {name: asked[name] for name in like if name not in present}
             yield f"These views cannot tell {effect.name} from {' or '.join(like)}. {separation(loop, effect, tuple(others.values()))}"
         if not effect.has_cause:
             yield f"free_field has no name: it describes the error and mends it, but what causes it is not known. {_nearest(loop, effect)}"
@@ -66,6 +67,12 @@ def remarks(loop: Loop, families: Sequence[Family], formulas: Sequence[ClosedFor
             f"{100 * share.fraction:.0f} % of what is left goes with {share.organised_by}, where noise would give "
             f"{100 * share.chance:.0f} %: something there is not explained."
         )
+
+
+def _asked(loop: Loop) -> list[Effect]:
+    """The effects that were asked about and that there can be in the model as it is: one on a window that was dropped is none."""
+    every = (trial.test.effect for trial in loop.trials.values())
+    return [effect for effect in every if possible(effect, loop.model.path)]
 
 
 def formulas_of(loop: Loop) -> list[ClosedForm]:
@@ -107,7 +114,7 @@ def _nearest(loop: Loop, effect: Effect) -> str:
     """The named effects that can do part of what a field does."""
     without = loop.base.with_effects(e for e in loop.model.effects if e is not effect)
     joint = without.fitted(loop.observations, loop.joint.poses)
-    named = [trial.test.effect for trial in loop.trials.values() if trial.test.effect.has_cause]
+    named = [effect for effect in _asked(loop) if effect.has_cause]
     present = {e.name for e in loop.model.effects}
     near = nearest_named(Optimum(without, loop.observations, joint), effect, loop.joint.values, [e for e in named if e.name not in present])
     if not near:

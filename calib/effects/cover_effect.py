@@ -19,6 +19,7 @@ class CoverEffect(Effect):
     """Those that this cover has."""
     name: ClassVar[str]
     about: ClassVar[str] = "the cover"
+    on_cover: ClassVar[bool] = True
     candidates: ClassVar[dict[str, Tolerance]]
     """Every parameter that may be meant, and its prior around what is stated."""
 

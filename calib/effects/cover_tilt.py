@@ -21,6 +21,7 @@ class CoverTilt(Effect):
     """Those about which a turn changes this shape: xz of a cone or cylinder, xy of a window. A turned dome is the same dome."""
     name: ClassVar[str] = "cover_tilt"
     about: ClassVar[str] = "the cover"
+    on_cover: ClassVar[bool] = True
     advice: ClassVar[str] = "hold the board as near as it fits into the picture"
 
     @classmethod

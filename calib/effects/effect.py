@@ -76,6 +76,8 @@ class Effect(Protocol):
     """False where its neutral point says little of what it does: then it is always fitted."""
     needs_place: ClassVar[bool] = False
     """Whether it asks where on the glass the residual wants a finer relief, which takes a while to find."""
+    on_cover: ClassVar[bool] = False
+    """Whether it changes a cover: where there is none, or no more, there is no such effect."""
     has_cause: ClassVar[bool] = True
     """False where it mends an error whose cause it does not name."""
 
@@ -111,6 +113,11 @@ class Effect(Protocol):
     def apply(self, path: Path) -> Path:
         """The path with it."""
         ...
+
+
+def possible(effect: Effect | type[Effect], path: Path) -> bool:
+    """Whether there can be such an effect there."""
+    return bool(path.cover) or not effect.on_cover
 
 
 def linear_evidence(information: NDArray[np.float64], score: NDArray[np.float64], spread: NDArray[np.float64]) -> float:

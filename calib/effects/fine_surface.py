@@ -23,6 +23,7 @@ class FineSurface(Effect):
     high: tuple[float, float]
     name: ClassVar[str] = "fine_surface"
     about: ClassVar[str] = "the cover"
+    on_cover: ClassVar[bool] = True
     needs_place: ClassVar[bool] = True
     advice: ClassVar[str] = "fill the place in question with corners: a board with smaller squares, or more views there"
 

@@ -21,6 +21,7 @@ class InnerSurface(Effect):
     high: tuple[float, float]
     name: ClassVar[str] = "inner_surface"
     about: ClassVar[str] = "the cover"
+    on_cover: ClassVar[bool] = True
     advice: ClassVar[str] = "hold the board as near as it fits into the picture, where parallax tells the two surfaces apart"
 
     @classmethod

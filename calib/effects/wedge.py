@@ -18,6 +18,7 @@ class Wedge(Effect):
     axes: str
     name: ClassVar[str] = "wedge"
     about: ClassVar[str] = "the cover"
+    on_cover: ClassVar[bool] = True
     advice: ClassVar[str] = "hold the board as near as it fits into the picture, at its left and its right side"
 
     @classmethod

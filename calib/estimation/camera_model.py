@@ -9,7 +9,7 @@ from functools import reduce
 import torch
 from torch import Tensor
 
-from calib.effects.effect import Effect
+from calib.effects.effect import Effect, possible
 from calib.estimation.joint_fit import AGAIN, ROUNDS, JointFit, Start, fit_joint
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
@@ -46,8 +46,8 @@ class CameraModel:
         return CameraModel(effect.apply(self.path), {**self.means, **values}, self.priors.beside(sigmas), (*self.effects, effect))
 
     def with_effects(self, effects: Iterable[Effect]) -> CameraModel:
-        """The model with some effects more."""
-        return reduce(CameraModel.with_effect, effects, self)
+        """The model with some effects more, but for those on a cover that is not there: a window that was found may be dropped."""
+        return reduce(lambda model, effect: model.with_effect(effect) if possible(effect, model.path) else model, effects, self)
 
     def neutral(self, effect: Effect) -> Values:
         """The parameters of an effect where it is not there."""

@@ -1,0 +1,59 @@
+"""What is said of effects that were asked about while a window was in the model, and not since it was dropped."""
+
+import numpy as np
+import torch
+
+from calib.diagnosis.held_out import folds
+from calib.diagnosis.score_test import ScoreTest
+from calib.diagnosis.selection import Loop
+from calib.diagnosis.sentences import remarks
+from calib.diagnosis.starting_model import base_model
+from calib.diagnosis.trial import Trial
+from calib.effects.cover_tilt import CoverTilt
+from calib.effects.detector_bias import DetectorBias
+from calib.effects.effect import Effect, Surroundings, possible
+from calib.effects.flat_port import FlatPort
+from calib.effects.free_field import FreeField
+from calib.effects.registry import KINDS
+from calib.optics.lens_model import LensModel
+from calib.optics.path import Path
+from tests.diagnosis.test_families import bare
+
+TILT = CoverTilt("xy")
+
+
+def loop_without_window() -> Loop:
+    made = bare(DetectorBias(), {"detector_bias.x": 0.0, "detector_bias.y": 0.0}, 0.1)
+    base = base_model(made)
+    there = Surroundings(made.board, made.camera.width, made.camera.height, base.path, base.means)
+    model = base.with_effects([DetectorBias(), *FreeField.propose(there)])
+    seen = made.observations
+    joint = model.fitted(seen, torch.from_numpy(made.poses))
+    loop = Loop(made.board, made.camera, seen, folds(range(20)), None, base, model, joint, lambda *_: None, lambda *_: False)
+    scored = ScoreTest(TILT, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
+    loop.trials["cover_tilt", ""] = Trial(scored)
+    loop.confounded["detector_bias"] = {"cover_tilt"}
+    return loop
+
+
+def test_an_effect_on_a_window_that_was_dropped_is_not_asked_about() -> None:
+    """Its parameters are read by nothing: the information on them has fewer rows than their prior, and no sentence can be true."""
+    said = tuple(remarks(loop_without_window(), (), (), (), timed=True))
+    assert len(said) == 1
+    assert said[0].startswith("free_field has no name")
+    assert "cover_tilt" not in said[0]
+
+
+def test_a_window_takes_what_is_on_it_along() -> None:
+    base = loop_without_window().base
+    assert [e.name for e in base.with_effects([FlatPort("air"), TILT]).effects] == ["flat_port", "cover_tilt"]
+    assert base.with_effects([TILT]).effects == ()
+
+
+def test_effects_on_a_cover_are_proposed_for_covers_alone() -> None:
+    made = bare(DetectorBias(), {"detector_bias.x": 0.0, "detector_bias.y": 0.0}, 0.1)
+    without = Path(LensModel(0))
+    there = Surroundings(made.board, 1640, 1232, without, {}, place=torch.zeros(2))
+    on_cover: list[type[Effect]] = [kind for kind in KINDS if not possible(kind, without)]
+    assert len(on_cover) == 8
+    assert not [kind.name for kind in on_cover if kind.propose(there)]
