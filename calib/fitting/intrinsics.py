@@ -1,30 +1,34 @@
-"""The camera without its cover: intrinsics and lens by Zhang's method (cv2.calibrateCamera).
+"""The camera without its cover: intrinsics and lens, OpenCV's by Zhang's method (cv2.calibrateCamera), wider ones by their rays.
 
 Source: Z. Zhang, A flexible new technique for camera calibration (2000), the paper's reference for its own intrinsics.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calib.corners.usable import with_poses
-from calib.corners.view import Rejected, View, board_poses
+from calib.corners.view import Rejected, View
 from calib.errors import NotEnoughDataError
 from calib.estimation.model_choice import simplest
 from calib.estimation.robust import outlying
 from calib.fitting.bare_covariance import intrinsics_covariance
+from calib.fitting.held_out_views import folds_of, held_out_errors, summed
+from calib.fitting.lens_by_rays import BY_RAYS, LensFit, fit_lens
 from calib.progress import Progress
 from calib.session.board import Board
-from calib.session.camera import COEFFICIENTS, Camera, Intrinsics
+from calib.session.camera import Camera, Intrinsics
+from calib.session.lens import AUTO, COEFFICIENTS, OPENCV
 from calib.session.schema import Number
 
 FEWEST_VIEWS = 4
 LEAST_SPREAD_DEG = 5.0
 """Between the most different normals of the board."""
-FOLDS = 4
 WORTH = 0.02
 """Of the held-out error: more coefficients must leave less by more than this."""
 CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-9)
@@ -48,8 +52,8 @@ class BareFit:
     rms_px: float
     views: tuple[View, ...]
     rejected: tuple[Rejected, ...]
-    held_out_px: dict[int, float]
-    """By number of lens coefficients: the error on held-out views, where it was asked."""
+    held_out_px: dict[str, float]
+    """By number of OpenCV's coefficients, or by the name of another lens model: the error on held-out views, where it was asked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,9 +64,31 @@ class _Solved:
     poses: NDArray[np.float64]  # (V, 6) rotation vector and translation of the board
     rms: float
 
+    def intrinsics(self, views: Sequence[View], board: Board) -> Intrinsics:
+        """From the views that were fitted."""
+        covariance = intrinsics_covariance(views, board, self.camera, self.coefficients, self.poses)
+        sigmas = np.sqrt(covariance.diagonal())
+        correlation = covariance / np.outer(sigmas, sigmas)
+        parameters = (self.camera[0, 0], self.camera[1, 1], self.camera[0, 2], self.camera[1, 2], *self.coefficients)
+        fx, fy, cx, cy, *lens = (Number(float(v), float(s)) for v, s in zip(parameters, sigmas, strict=True))
+        return Intrinsics(fx, fy, cx, cy, tuple(lens), tuple(tuple(row[:i].tolist()) for i, row in enumerate(correlation) if i))
+
+    def errors(self, views: Sequence[View], board: Board) -> NDArray[np.float64]:
+        """(V,) px, the root mean square of views that it was not fitted to, their poses fitted; NaN for one that has none."""
+        return np.array([self._error(view, board) for view in views])
+
+    def _error(self, view: View, board: Board) -> float:
+        points = np.column_stack([board.points(), np.zeros(board.count)])[view.seen]
+        pixels = view.corners[view.seen]
+        found, rotvec, translation = cv2.solvePnP(points, pixels, self.camera, self.coefficients)
+        if not found:
+            return float("nan")
+        seen, _ = cv2.projectPoints(points, rotvec, translation, self.camera, self.coefficients)
+        return float(np.sqrt(((seen.reshape(-1, 2) - pixels) ** 2).sum(-1).mean()))
+
 
 def calibrate_bare(views: Sequence[View], board: Board, camera: Camera, progress: Progress) -> BareFit:
-    """Intrinsics from views of a board, with the number of lens coefficients that `camera` asks for or that held-out views do.
+    """Intrinsics from views of a board, with the lens model and number of coefficients that `camera` asks for or that held-out views do.
 
     Raises:
         NotEnoughDataError: too few views are left.
@@ -71,13 +97,10 @@ def calibrate_bare(views: Sequence[View], board: Board, camera: Camera, progress
     kept, rejected = list(usable), list(poseless)
     _check_enough(kept)
     size = camera.width, camera.height
-    held_out: dict[int, float] = {}
-    count = camera.lens_coefficients
-    if count is None:
-        count, held_out = _choose_count(kept, board, size, progress)
+    model, count, held_out = _choose_lens(kept, board, camera, progress)
     advance = progress.task("Intrinsics", 1)
     while True:
-        solved = _solve(kept, board, size, count)
+        solved: _Solved | LensFit = _solve(kept, board, size, count) if model == OPENCV else fit_lens(model, kept, board, size)
         bad = outlying(solved.per_view)
         if not bad.any():
             break
@@ -95,7 +118,37 @@ def calibrate_bare(views: Sequence[View], board: Board, camera: Camera, progress
             "take more pictures, with the board tilted in different directions."
         )
     advance(1, f"{solved.rms:.3f} px")
-    return BareFit(_intrinsics(solved, kept, board), solved.rms, tuple(kept), tuple(rejected), held_out)
+    return BareFit(solved.intrinsics(kept, board), solved.rms, tuple(kept), tuple(rejected), held_out)
+
+
+def _choose_lens(views: Sequence[View], board: Board, camera: Camera, progress: Progress) -> tuple[str, int, dict[str, float]]:
+    """The lens model and OpenCV's number of coefficients, as stated or by held-out views; and the errors there, where they were asked."""
+    model, count = camera.lens or OPENCV, camera.lens_coefficients
+    if model not in (OPENCV, AUTO):
+        return model, 0, {}
+    size = camera.width, camera.height
+    held_out: dict[str, float] = {}
+    if count is None:
+        count, by_count = _choose_count(views, board, size, progress)
+        held_out = {str(tried): error for tried, error in by_count.items()}
+    if model == OPENCV:
+        return OPENCV, count, held_out
+    if str(count) not in held_out:
+        held_out[str(count)] = summed(held_out_errors(views, board, lambda rest, _: _solve(rest, board, size, count)))
+    best, least = OPENCV, held_out[str(count)]
+    advance = progress.task("Lens models", len(BY_RAYS))
+    for done, other in enumerate(BY_RAYS, 1):
+        with suppress(NotEnoughDataError):  # no such lens sees these views
+            held_out[other] = summed(held_out_errors(views, board, partial(_by_rays, other, board, size)))
+            if held_out[other] < (1 - WORTH) * least:
+                best, least = other, held_out[other]
+        advance(done, other)
+    return best, count, held_out
+
+
+def _by_rays(model: str, board: Board, size: tuple[int, int], views: Sequence[View], fold: int) -> LensFit:
+    del fold
+    return fit_lens(model, views, board, size)
 
 
 def _choose_count(views: Sequence[View], board: Board, size: tuple[int, int], progress: Progress) -> tuple[int, dict[int, float]]:
@@ -103,25 +156,20 @@ def _choose_count(views: Sequence[View], board: Board, size: tuple[int, int], pr
 
     The tilted sensor's fourteen take minutes, so they are tried only where the thin prism's twelve were worth having.
     """
-    poses = board_poses(views)
-    folds = min(FOLDS, int(poses.max() + 1) // 2)
+    folds = folds_of(views)
     advance = progress.task("Lens coefficients", folds * len(COEFFICIENTS))
     previous: list[_Solved | None] = [None] * folds
     scores: dict[int, float] = {}
     for i, count in enumerate(COEFFICIENTS):
         if count == 14 and scores[12] > (1 - WORTH) * scores[8]:
             break
-        per_view = np.empty(len(views))
-        for fold in range(folds):
-            out = poses % folds == fold
-            rest = [view for view, held in zip(views, out, strict=True) if not held]
+
+        def further(rest: Sequence[View], fold: int, i: int = i, count: int = count) -> _Solved:
             solved = previous[fold] = _step(rest, board, size, count, previous[fold])
-            for j in np.flatnonzero(out).tolist():
-                per_view[j] = _held_out_rms(views[j], board, solved)
             advance(i * folds + fold + 1, f"{count} coefficients")
-        # A few bad views would drown the rest: none counts for more than four times its model's median.
-        per_view = np.nan_to_num(per_view, nan=np.inf)
-        scores[count] = float(np.minimum(per_view, 4 * np.median(per_view)).mean())
+            return solved
+
+        scores[count] = summed(held_out_errors(views, board, further))
     advance(folds * len(COEFFICIENTS), "")
     return simplest(scores, WORTH), scores
 
@@ -162,25 +210,6 @@ def _step(views: Sequence[View], board: Board, size: tuple[int, int], count: int
         np.concatenate([np.squeeze(rotvecs, -1), np.squeeze(translations, -1)], 1),
         float(rms),
     )
-
-
-def _held_out_rms(view: View, board: Board, solved: _Solved) -> float:
-    points = np.column_stack([board.points(), np.zeros(board.count)])[view.seen]
-    pixels = view.corners[view.seen]
-    found, rotvec, translation = cv2.solvePnP(points, pixels, solved.camera, solved.coefficients)
-    if not found:
-        return float("nan")
-    seen, _ = cv2.projectPoints(points, rotvec, translation, solved.camera, solved.coefficients)
-    return float(np.sqrt(((seen.reshape(-1, 2) - pixels) ** 2).sum(-1).mean()))
-
-
-def _intrinsics(solved: _Solved, views: Sequence[View], board: Board) -> Intrinsics:
-    covariance = intrinsics_covariance(views, board, solved.camera, solved.coefficients, solved.poses)
-    sigmas = np.sqrt(covariance.diagonal())
-    correlation = covariance / np.outer(sigmas, sigmas)
-    parameters = (solved.camera[0, 0], solved.camera[1, 1], solved.camera[0, 2], solved.camera[1, 2], *solved.coefficients)
-    fx, fy, cx, cy, *lens = (Number(float(v), float(s)) for v, s in zip(parameters, sigmas, strict=True))
-    return Intrinsics(fx, fy, cx, cy, tuple(lens), tuple(tuple(row[:i].tolist()) for i, row in enumerate(correlation) if i))
 
 
 def _spread_deg(normals: NDArray[np.float64]) -> float:

@@ -7,15 +7,18 @@ from calib.errors import InputError
 from calib.optics.cone import Cone
 from calib.optics.cover_frame import CoverFrame, Names
 from calib.optics.dome import Dome
+from calib.optics.fisheye import Fisheye
 from calib.optics.flat import Flat
 from calib.optics.interface import Interface
-from calib.optics.lens_model import COEFFICIENTS, LensModel
+from calib.optics.lens import Lens
+from calib.optics.lens_model import LensModel
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.relief import Relief
 from calib.optics.surface import Surface
 from calib.session.camera import Intrinsics
 from calib.session.cover import Cover
+from calib.session.lens import FISHEYE
 
 BEYOND = 0.2
 """How far the relief's centres reach beyond what the image sees, as a fraction of it, on each side. Without centres beyond the edge a
@@ -27,13 +30,11 @@ LATTICE = 41
 
 def pinhole_path(intrinsics: Intrinsics) -> tuple[Path, dict[str, Tensor]]:
     """The camera without its cover."""
-    lens = intrinsics.distortion
-    if all(number.value == 0 and number.sigma == 0 for number in lens):
-        lens = ()
-    names = ("fx", "fy", "cx", "cy", *COEFFICIENTS[: len(lens)])
-    parameters = (intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, *lens)
-    values = {f"camera.{name}": torch.tensor(number.value, dtype=torch.float64) for name, number in zip(names, parameters, strict=True)}
-    return Path(LensModel(len(lens))), values
+    coefficients = dict(zip(intrinsics.names, intrinsics.distortion, strict=True)) if intrinsics.distorts else {}
+    pinhole = {name: getattr(intrinsics, name) for name in ("fx", "fy", "cx", "cy")}
+    values = {f"camera.{name}": torch.tensor(number.value, dtype=torch.float64) for name, number in (pinhole | coefficients).items()}
+    lens: Lens = Fisheye() if intrinsics.model == FISHEYE else LensModel(len(coefficients))
+    return Path(lens), values
 
 
 def covered_path(intrinsics: Intrinsics, cover: Cover) -> tuple[Path, dict[str, Tensor]]:

@@ -204,6 +204,15 @@ MALFORMED: tuple[Malformed, ...] = (
         "readout", _yaml("  width", "  shutter: {type: rolling, readout_ms: -3}\n  width"), ("readout_ms is -3", "from 0.01 to 1000")
     ),
     Malformed("global readout", _yaml("  width", "  shutter: {type: global, readout_ms: 3}\n  width"), ("readout_ms is 3", "drop the key")),
+    Malformed("lens", _yaml("  width", "  lens: fishy\n  width"), ("camera.lens is", "one of auto, opencv, fisheye")),
+    Malformed(
+        "lens against lens_coefficients",
+        _yaml("  width", "  lens: fisheye\n  lens_coefficients: 8\n  width"),
+        ("camera.lens_coefficients is 8", "lens is fisheye"),
+    ),
+    Malformed("lens against intrinsics", _yaml("  width", "  lens: fisheye\n  width"), ("camera.lens", "opencv, the model of camera.intr")),
+    Malformed("intrinsics model", _yaml("{fx", "{model: equidistant, fx"), ("intrinsics.model", "one of opencv, fisheye")),
+    Malformed("fisheye coefficients", _yaml("{fx", "{model: fisheye, fx"), ("intrinsics.distortion", "4 numbers in cv2.fisheye")),
     Malformed("lens_coefficients", _yaml("  width", "  lens_coefficients: 6\n  width"), ("camera.lens_coefficients is 6", "4, 5, 8")),
     Malformed("camera outside the cone", _yaml("-30.0", "-42.0"), ("cover.axis_offset_mm", "outside the cone", "41.95 mm")),
     Malformed("camera outside the dome", _yaml(CONE, DOME), ("cover.centre_mm", "outside the dome", "50 mm")),
