@@ -70,11 +70,12 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
 def _lens(calibration: Calibration) -> Iterator[str]:
     """Which lens model held-out views chose, where there was a choice of models."""
     intrinsics, tried = calibration.camera.intrinsics, dict(calibration.settings.get("lens_held_out_px", {}))
-    others = {name: error for name, error in tried.items() if name in NAMES}
+    others = {name: error for name, error in tried.items() if name.split()[0] in NAMES}
     if not (intrinsics and others):
         return
-    count, error = min(((name, error) for name, error in tried.items() if name not in NAMES), key=lambda one: one[1])
-    errors = (f"opencv {error:.3f} px with {count} coefficients", *(f"{name} {error:.3f} px" for name, error in others.items()))
+    counts = {name: error for name, error in tried.items() if name.isdigit()}
+    best = min(counts, key=lambda name: counts[name], default="")
+    errors = ([f"opencv {counts[best]:.3f} px with {best} coefficients"] if best else []) + [f"{n} {e:.3f} px" for n, e in others.items()]
     yield f"Lens: {intrinsics.model}, by the error on held-out views: {', '.join(errors)}."
 
 

@@ -12,8 +12,7 @@ from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import landings, pixel_weights
 from calib.estimation.residuals import Residuals, residuals
-from calib.optics.fisheye import COEFFICIENTS as FISHEYE
-from calib.optics.fisheye import Fisheye
+from calib.optics.build import lens_of
 from calib.optics.lens_model import COEFFICIENTS
 from calib.optics.params import Values
 from calib.optics.path import Path
@@ -28,8 +27,9 @@ def pinhole_poses(observations: Observations, values: Values) -> Tensor:
     Returns:
         (V, 6) T_camera_board, rotation vector (rad) and translation (m); NaN for a view whose corners admit no pose.
     """
-    if FISHEYE[0].name in values:
-        return _poses_by_rays(Path(Fisheye()), values, observations)
+    lens = lens_of(values)
+    if lens.wide:
+        return _poses_by_rays(Path(lens), values, observations)
     camera, coefficients = opencv_intrinsics(values)
     poses = [
         _pnp(corners.numpy(), pixels.numpy(), camera, coefficients)

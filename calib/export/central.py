@@ -20,7 +20,7 @@ from calib.export.formats import SPLINED, ExportLens
 from calib.export.lens_fit import fit_lens, project
 from calib.export.sight import CHECKED, FITTED, Sight
 from calib.export.spline_fit import fit_spline, project_spline
-from calib.session.lens import FISHEYE
+from calib.session.lens import FISHEYE, OPENCV
 
 Array = NDArray[np.float64]
 
@@ -118,9 +118,9 @@ def _fit(calibration: Calibration, sight: Sight, check: Sight, depth: float, len
     if depth / 2 <= sight.beyond:
         raise InputError(f"depth {depth:g} m is too near: write {2.1 * sight.beyond:.2g} or more, so that half of it is beyond the cover.")
     k = camera.intrinsics
-    own = k.distortion if (k.model == FISHEYE) == lens.fisheye else ()
+    own = k.distortion if (k.model != OPENCV) == lens.fisheye else ()
     bare = [number.value for number in (k.fx, k.fy, k.cx, k.cy, *own)]
-    same = (k.model == FISHEYE) == lens.fisheye and lens != SPLINED and lens.coefficients >= len(k.distortion)
+    same = k.model == (FISHEYE if lens.fisheye else OPENCV) and lens != SPLINED and lens.coefficients >= len(k.distortion)
     path, _ = calibration.model()
     centre = np.zeros(3) if path.central else sight.nearly_intersect()
     if path.central and not path.adjustments and same:

@@ -4,9 +4,9 @@ Source: Z. Zhang, A flexible new technique for camera calibration (2000), the pa
 """
 
 from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -19,12 +19,15 @@ from calib.estimation.model_choice import simplest
 from calib.estimation.robust import outlying
 from calib.fitting.bare_covariance import intrinsics_covariance
 from calib.fitting.held_out_views import folds_of, held_out_errors, summed
-from calib.fitting.lens_by_rays import BY_RAYS, LensFit, fit_lens
+from calib.fitting.ray_lens import PLAIN, SPLINES, RayLens
 from calib.progress import Progress
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
-from calib.session.lens import AUTO, COEFFICIENTS, OPENCV
+from calib.session.lens import COEFFICIENTS, FISHEYE, OPENCV, SPLINED
 from calib.session.schema import Number
+
+if TYPE_CHECKING:
+    from calib.fitting.lens_by_rays import LensFit
 
 FEWEST_VIEWS = 4
 LEAST_SPREAD_DEG = 5.0
@@ -97,10 +100,10 @@ def calibrate_bare(views: Sequence[View], board: Board, camera: Camera, progress
     kept, rejected = list(usable), list(poseless)
     _check_enough(kept)
     size = camera.width, camera.height
-    model, count, held_out = _choose_lens(kept, board, camera, progress)
+    choice = _choose_lens(kept, board, camera, progress)
     advance = progress.task("Intrinsics", 1)
     while True:
-        solved: _Solved | LensFit = _solve(kept, board, size, count) if model == OPENCV else fit_lens(model, kept, board, size)
+        solved = _fit(choice, kept, board, size)
         bad = outlying(solved.per_view)
         if not bad.any():
             break
@@ -118,37 +121,84 @@ def calibrate_bare(views: Sequence[View], board: Board, camera: Camera, progress
             "take more pictures, with the board tilted in different directions."
         )
     advance(1, f"{solved.rms:.3f} px")
-    return BareFit(solved.intrinsics(kept, board), solved.rms, tuple(kept), tuple(rejected), held_out)
+    return BareFit(solved.intrinsics(kept, board), solved.rms, tuple(kept), tuple(rejected), choice.held_out)
 
 
-def _choose_lens(views: Sequence[View], board: Board, camera: Camera, progress: Progress) -> tuple[str, int, dict[str, float]]:
-    """The lens model and OpenCV's number of coefficients, as stated or by held-out views; and the errors there, where they were asked."""
+@dataclass(frozen=True, slots=True)
+class _Choice:
+    """What is to be fitted."""
+
+    count: int | None = None
+    """Of OpenCV's coefficients."""
+    by_rays: RayLens | None = None
+    """Another lens than OpenCV's."""
+    held_out: dict[str, float] = field(default_factory=dict)
+    """px, the errors that it was chosen by."""
+
+
+def _choose_lens(views: Sequence[View], board: Board, camera: Camera, progress: Progress) -> _Choice:
+    """The lens model, OpenCV's number of coefficients or a spline's of columns: as stated or by held-out views."""
     model, count = camera.lens or OPENCV, camera.lens_coefficients
-    if model not in (OPENCV, AUTO):
-        return model, 0, {}
+    if model == FISHEYE:
+        return _Choice(by_rays=PLAIN)
     size = camera.width, camera.height
+    if model == SPLINED:
+        scores = _by_rays(SPLINES, views, board, size, progress)
+        return _Choice(None, simplest(scores, WORTH), _named(scores))
     held_out: dict[str, float] = {}
     if count is None:
         count, by_count = _choose_count(views, board, size, progress)
         held_out = {str(tried): error for tried, error in by_count.items()}
     if model == OPENCV:
-        return OPENCV, count, held_out
+        return _Choice(count, None, held_out)
     if str(count) not in held_out:
-        held_out[str(count)] = summed(held_out_errors(views, board, lambda rest, _: _solve(rest, board, size, count)))
-    best, least = OPENCV, held_out[str(count)]
-    advance = progress.task("Lens models", len(BY_RAYS))
-    for done, other in enumerate(BY_RAYS, 1):
-        with suppress(NotEnoughDataError):  # no such lens sees these views
-            held_out[other] = summed(held_out_errors(views, board, partial(_by_rays, other, board, size)))
-            if held_out[other] < (1 - WORTH) * least:
-                best, least = other, held_out[other]
-        advance(done, other)
-    return best, count, held_out
+        held_out[str(count)] = summed(held_out_errors(views, board, lambda rest, _: fit_opencv(rest, board, size, count)))
+    scores = _by_rays((PLAIN, *SPLINES), views, board, size, progress)
+    least = held_out[str(count)]
+    held_out |= _named(scores)
+    better = {lens: error for lens, error in scores.items() if error < (1 - WORTH) * least}
+    return _Choice(count, simplest(better, WORTH) if better else None, held_out)
 
 
-def _by_rays(model: str, board: Board, size: tuple[int, int], views: Sequence[View], fold: int) -> LensFit:
-    del fold
-    return fit_lens(model, views, board, size)
+def _fit(choice: _Choice, views: Sequence[View], board: Board, size: tuple[int, int]) -> "_Solved | LensFit":
+    if not choice.by_rays:
+        return fit_opencv(views, board, size, choice.count or 0)
+    from calib.fitting.lens_by_rays import fit_lens
+
+    return fit_lens(choice.by_rays, views, board, size)
+
+
+def _by_rays(
+    lenses: Sequence[RayLens], views: Sequence[View], board: Board, size: tuple[int, int], progress: Progress
+) -> dict[RayLens, float]:
+    """The error on held-out views of each lens, from the simplest on, up to the first spline that is worse than what is coarser; none of a
+    lens that sees no such views."""
+    from calib.fitting.lens_by_rays import fit_lens
+
+    advance = progress.task("Lens models", len(lenses))
+    plain: dict[int, LensFit] = {}
+    scores: dict[RayLens, float] = {}
+
+    def further(lens: RayLens, rest: Sequence[View], fold: int) -> "LensFit":
+        if fold not in plain:
+            plain[fold] = fit_lens(PLAIN, rest, board, size)
+        return plain[fold] if lens == PLAIN else fit_lens(lens, rest, board, size, plain[fold])
+
+    for done, lens in enumerate(lenses, 1):
+        try:
+            scores[lens] = summed(held_out_errors(views, board, partial(further, lens)))
+        except NotEnoughDataError:
+            if lens == lenses[-1] and not scores:
+                raise
+            continue
+        advance(done, str(lens))
+        if lens.columns and scores[lens] > min(scores.values()):
+            break  # finer still is worse still
+    return scores
+
+
+def _named(scores: dict[RayLens, float]) -> dict[str, float]:
+    return {str(lens): error for lens, error in scores.items()}
 
 
 def _choose_count(views: Sequence[View], board: Board, size: tuple[int, int], progress: Progress) -> tuple[int, dict[int, float]]:
@@ -174,7 +224,7 @@ def _choose_count(views: Sequence[View], board: Board, size: tuple[int, int], pr
     return simplest(scores, WORTH), scores
 
 
-def _solve(views: Sequence[View], board: Board, size: tuple[int, int], count: int) -> _Solved:
+def fit_opencv(views: Sequence[View], board: Board, size: tuple[int, int], count: int) -> _Solved:
     """Zhang's method, from few coefficients to many: started with many at once, it stops in poor places."""
     solved = None
     for fewer in COEFFICIENTS:

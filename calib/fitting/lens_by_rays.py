@@ -12,26 +12,29 @@ from torch import Tensor
 
 from calib.corners.view import View
 from calib.errors import NotEnoughDataError
-from calib.estimation.joint_fit import JointFit, fit_joint
+from calib.estimation.joint_fit import AGAIN, ROUNDS, JointFit, fit_joint
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses
 from calib.estimation.priors import Priors
 from calib.estimation.residuals import residuals
+from calib.fitting.ray_lens import RayLens
 from calib.optics.build import pinhole_path
 from calib.optics.params import Values
 from calib.optics.path import Path
+from calib.optics.splined import GRID, SHIFTS, Grid, Splined
 from calib.session.board import Board
 from calib.session.camera import Intrinsics
-from calib.session.lens import FISHEYE, NAMES
+from calib.session.lens import FISHEYE, NAMES, SPLINED
+from calib.session.lens_spline import FEWEST, Spline
 from calib.session.schema import Number
 from calib.threads import single_thread
 
-BY_RAYS = (FISHEYE,)
-"""The models that are fitted here."""
 FOCALS = tuple(2.0 ** (step / 2) for step in range(-5, 4))
 """Of the picture's longer side: where the search begins, from 0.18 (a picture 320 degrees wide) to 2.8 (20 degrees)."""
 MOST_TRIED = 8
 """Views that choose among them."""
+FACTORS = tuple(10.0 ** (step / 2) for step in range(-4, 3))
+"""Sizes of a spline that are tried, times `calib.optics.splined.SIZE`."""
 LOOSE_FOCAL, LOOSE_CENTRE, LOOSE_COEFFICIENT = 1.0, 0.5, 1.0
 """Standard deviations of priors that hold nothing back: of the focal length, of the picture's longer side, and as they are."""
 NO_FIT = "No intrinsics fit these views: take pictures of the board tilted in different directions, and check board.columns and board.rows."
@@ -60,12 +63,20 @@ class LensFit:
         """With each number's standard deviation, and how they are correlated."""
         del views, board
         found = self.joint.estimates()
-        fx, fy, cx, cy, *lens = (found[param.name] for param in self.joint.parameters.free)
-        covariance = self.joint.covariance.numpy()
+        fx, fy, cx, cy, *lens = found.values()
+        covariance = self.joint.covariance.numpy()[: len(found), : len(found)]
         sigmas = np.sqrt(covariance.diagonal())
         correlation = covariance / np.outer(sigmas, sigmas)
         rows = tuple(tuple(row[:i].tolist()) for i, row in enumerate(correlation) if i)
-        return Intrinsics(fx, fy, cx, cy, tuple(lens), rows, FISHEYE)
+        return Intrinsics(fx, fy, cx, cy, tuple(lens), rows, SPLINED if self.spline else FISHEYE, self.spline)
+
+    @property
+    def spline(self) -> Spline | None:
+        if GRID not in self.values:
+            return None
+        grid = Grid.of(self.values)
+        x, y = (tuple(self.values[name].tolist()) for name in SHIFTS)
+        return Spline(grid.size, *grid.shape, x, y)
 
     def errors(self, views: Sequence[View], board: Board) -> Array:
         """(V,) px, the root mean square of views that it was not fitted to, their poses fitted; NaN for one that has none."""
@@ -74,29 +85,68 @@ class LensFit:
         return _by_view(observations, image)
 
 
-def fit_lens(model: str, views: Sequence[View], board: Board, size: tuple[int, int]) -> LensFit:
-    """Focal lengths, principal point and coefficients of a lens.
+def fit_lens(lens: RayLens, views: Sequence[View], board: Board, size: tuple[int, int], start: LensFit | None = None) -> LensFit:
+    """Focal lengths, principal point and coefficients of a lens, and the control points of a spline.
 
     Args:
-        model: of BY_RAYS.
         views: with corners enough for a pose.
         size: px, of the picture.
+        start: of a simpler lens to the same views.
 
     Raises:
         NotEnoughDataError: no such lens sees these views.
     """
-    assert model == FISHEYE
     with single_thread():
-        path, values = _begun(views, board, size)
+        path, values = (Path(start.path.lens), start.values) if start else _begun(views, board, size)
+        priors = _loose(values, size)
         observations = Observations.of(views, board)
-        poses = pinhole_poses(observations, values)
-        if not bool(torch.isfinite(poses).all()):
-            raise NotEnoughDataError(NO_FIT)
-        joint = fit_joint(path, values, observations, poses, priors=_loose(values, size))
-        if not joint.finite:
-            raise NotEnoughDataError(NO_FIT)
-        image = residuals(path, joint.values, observations, joint.poses).image
-        return LensFit(path, joint.values, joint, _by_view(observations, image), float((image**2).sum(-1).nanmean().sqrt()))
+        plain = start or _fitted(path, values, observations, priors)
+        return _with_spline(plain, lens.columns, size, observations, priors) if lens.columns else plain
+
+
+def _fitted(path: Path, values: Values, observations: Observations, priors: Priors, earlier: JointFit | None = None) -> LensFit:
+    poses = earlier.poses if earlier else pinhole_poses(observations, values)
+    if not bool(torch.isfinite(poses).all()):
+        raise NotEnoughDataError(NO_FIT)
+    start = earlier.start if earlier and earlier.values.keys() == values.keys() else None
+    joint = fit_joint(path, values, observations, poses, priors=priors, start=start, rounds=AGAIN if start else ROUNDS)
+    if not joint.finite:
+        raise NotEnoughDataError(NO_FIT)
+    image = residuals(path, joint.values, observations, joint.poses).image
+    return LensFit(path, joint.values, joint, _by_view(observations, image), float((image**2).sum(-1).nanmean().sqrt()))
+
+
+def _with_spline(plain: LensFit, columns: int, size: tuple[int, int], observations: Observations, priors: Priors) -> LensFit:
+    """A fisheye's fit with a spline, whose cells are about square, and whose prior is of the size with the largest evidence."""
+    rows = max(FEWEST, round((columns - 3) * size[1] / size[0]) + 3)
+    grid = Grid(size, (columns, rows))
+    flat = torch.zeros(columns * rows, dtype=torch.float64)
+    path, values = Path(Splined(grid)), {**plain.values, **dict.fromkeys(SHIFTS, flat), GRID: grid.described}
+
+    def of_size(factor: float) -> Priors:
+        roots = dict.fromkeys(SHIFTS, factor * grid.prior_root())
+        return Priors({**priors.sigmas, **dict.fromkeys(SHIFTS, 1.0)}, roots=roots)
+
+    first = _fitted(path, values, observations, of_size(1.0), plain.joint).joint
+    return _fitted(path, values, observations, of_size(_most_probable(first)), first)
+
+
+def _most_probable(fit: JointFit) -> float:
+    """Times the size of a fit's prior of the control points: the size with the largest evidence, to first order, all else being known as
+    well as the fit's prior has it."""
+    precision, root = np.linalg.inv(fit.covariance.numpy()), fit.parameters.free_root()
+    prior = np.linalg.inv(root @ root.T)
+    score = precision @ fit.parameters.vector(fit.values).numpy()
+    own = fit.parameters.entries(SHIFTS)
+
+    def evidence(factor: float) -> float:
+        wider = root.copy()
+        wider[own] *= factor
+        weighed = np.eye(len(root)) + wider.T @ (precision - prior) @ wider
+        scaled = wider.T @ score
+        return float(scaled @ np.linalg.solve(weighed, scaled) - np.linalg.slogdet(weighed)[1]) / 2
+
+    return float(max(FACTORS, key=evidence))
 
 
 def _begun(views: Sequence[View], board: Board, size: tuple[int, int]) -> tuple[Path, Values]:

@@ -15,10 +15,11 @@ from calib.optics.lens_model import LensModel
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.relief import Relief
+from calib.optics.splined import GRID, SHIFTS, Grid, Splined
 from calib.optics.surface import Surface
 from calib.session.camera import Intrinsics
 from calib.session.cover import Cover
-from calib.session.lens import FISHEYE
+from calib.session.lens import FISHEYE, NAMES, OPENCV
 
 BEYOND = 0.2
 """How far the relief's centres reach beyond what the image sees, as a fraction of it, on each side. Without centres beyond the edge a
@@ -33,8 +34,19 @@ def pinhole_path(intrinsics: Intrinsics) -> tuple[Path, dict[str, Tensor]]:
     coefficients = dict(zip(intrinsics.names, intrinsics.distortion, strict=True)) if intrinsics.distorts else {}
     pinhole = {name: getattr(intrinsics, name) for name in ("fx", "fy", "cx", "cy")}
     values = {f"camera.{name}": torch.tensor(number.value, dtype=torch.float64) for name, number in (pinhole | coefficients).items()}
-    lens: Lens = Fisheye() if intrinsics.model == FISHEYE else LensModel(len(coefficients))
-    return Path(lens), values
+    if spline := intrinsics.spline:
+        values |= {name: torch.tensor(shifts, dtype=torch.float64) for name, shifts in zip(SHIFTS, (spline.x, spline.y), strict=True)}
+        values[GRID] = Grid(spline.size, (spline.columns, spline.rows)).described
+    return Path(lens_of(values)), values
+
+
+def lens_of(values: Values) -> Lens:
+    """The lens whose numbers are among the values of a path."""
+    if GRID in values:
+        return Splined(Grid.of(values))
+    if f"camera.{NAMES[FISHEYE][0]}" in values:
+        return Fisheye()
+    return LensModel(sum(f"camera.{name}" in values for name in NAMES[OPENCV]))
 
 
 def covered_path(intrinsics: Intrinsics, cover: Cover) -> tuple[Path, dict[str, Tensor]]:

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.session.lens import AUTO, COEFFICIENTS, COUNTS, MODELS, NAMES, OPENCV
+from calib.session.lens import AUTO, COEFFICIENTS, COUNTS, MODELS, NAMES, OPENCV, SPLINED
+from calib.session.lens_spline import Spline, read_spline, spline_to_yaml
 from calib.session.schema import Number, Quantity, Section
 from calib.session.shutter import Shutter, read_shutter, shutter_to_yaml
 
@@ -16,7 +17,7 @@ LENSES = (AUTO, *MODELS)
 
 @dataclass(frozen=True, slots=True)
 class Intrinsics:
-    """A pinhole with the lens of cv2 or, for wide ones, of cv2.fisheye, in px."""
+    """A pinhole with the lens of cv2 or, for wide ones, of cv2.fisheye, in px; the latter with a spline or without."""
 
     fx: Number
     fy: Number
@@ -28,6 +29,8 @@ class Intrinsics:
     """Of each number but the first, in the order of these fields, with every one before it. Empty: they are independent."""
     model: str = OPENCV
     """Of `calib.session.lens.MODELS`."""
+    spline: Spline | None = None
+    """Of a splined lens, which is a fisheye with this displacement before it."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -60,15 +63,16 @@ class Camera:
 def read_camera(section: Section) -> Camera:
     section.only(("model", "width", "height", "intrinsics", "lens", "lens_coefficients", "shutter"))
     counts = f"one of the whole numbers {', '.join(map(str, COEFFICIENTS))}"
-    intrinsics = _read_intrinsics(section) if "intrinsics" in section.values else None
+    width, height = (section.whole(key, 1, 100_000) for key in ("width", "height"))
+    intrinsics = _read_intrinsics(section, (width, height)) if "intrinsics" in section.values else None
     lens = section.choice("lens", LENSES, f"one of {', '.join(LENSES)}") if "lens" in section.values else None
     if lens not in (None, OPENCV, AUTO) and "lens_coefficients" in section.values:
         raise section.wrong("lens_coefficients", section.values["lens_coefficients"], f"nothing: it is OpenCV's, and lens is {lens}")
     if intrinsics and lens not in (None, AUTO, intrinsics.model):
         raise section.wrong("lens", lens, f"{intrinsics.model}, the model of camera.intrinsics, or drop the key")
     return Camera(
-        width=section.whole("width", 1, 100_000),
-        height=section.whole("height", 1, 100_000),
+        width=width,
+        height=height,
         model=section.text("model", "the camera's name", default=""),
         intrinsics=intrinsics,
         lens=lens,
@@ -87,6 +91,8 @@ def camera_to_yaml(camera: Camera) -> dict[str, object]:
         intrinsics: dict[str, object] = {} if k.model == OPENCV else {"model": k.model}
         intrinsics |= {q.key: q.to_yaml(n) for q, n in zip(PINHOLE, (k.fx, k.fy, k.cx, k.cy), strict=True)}
         intrinsics["distortion"] = [COEFFICIENT.to_yaml(number) for number in k.distortion]
+        if k.spline:
+            intrinsics["spline"] = spline_to_yaml(k.spline)
         if k.correlations:
             intrinsics["correlations"] = [list(row) for row in k.correlations]
         written["intrinsics"] = intrinsics
@@ -99,17 +105,20 @@ def camera_to_yaml(camera: Camera) -> dict[str, object]:
     return written
 
 
-def _read_intrinsics(camera: Section) -> Intrinsics:
+def _read_intrinsics(camera: Section, size: tuple[int, int]) -> Intrinsics:
     section = camera.section("intrinsics", "{fx: 1279.2, fy: 1279.2, cx: 832.8, cy: 636.6, distortion: [0, 0, 0, 0, 0]}")
-    section.only((*(quantity.key for quantity in PINHOLE), "distortion", "correlations", "model"))
+    section.only((*(quantity.key for quantity in PINHOLE), "distortion", "correlations", "model", "spline"))
     model = section.choice("model", MODELS, f"one of {', '.join(MODELS)}") if "model" in section.values else OPENCV
     fx, fy, cx, cy = (section.read(quantity)[quantity.key] for quantity in PINHOLE)
     expected = f"a list of {', '.join(map(str, COUNTS[model]))} numbers in {'OpenCV' if model == OPENCV else 'cv2.fisheye'}'s order"
     written = section.values.get("distortion", [])
     if not isinstance(written, list) or len(written) not in COUNTS[model]:
         raise section.wrong("distortion", written, expected)
+    if model != SPLINED and "spline" in section.values:
+        raise section.wrong("spline", section.values["spline"], f"nothing: a lens of the model {model} has none")
+    spline = read_spline(section, size) if model == SPLINED else None
     distortion = tuple(section.number(f"distortion[{i}]", entry, COEFFICIENT) for i, entry in enumerate(written))
-    return Intrinsics(fx, fy, cx, cy, distortion, _read_correlations(section, 3 + len(written)), model)
+    return Intrinsics(fx, fy, cx, cy, distortion, _read_correlations(section, 3 + len(written)), model, spline)
 
 
 def _read_correlations(section: Section, count: int) -> tuple[tuple[float, ...], ...]:

@@ -20,6 +20,8 @@ from calib.export.formats import COLMAP, ROS
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
 from calib.fitting.intrinsics import calibrate_bare
+from calib.fitting.lens_by_rays import fit_lens
+from calib.fitting.ray_lens import PLAIN, SPLINES
 from calib.fitting.stages import Settings, Setup, fit_stages
 from calib.optics.build import covered_path, pinhole_path
 from calib.optics.projection import project
@@ -32,7 +34,7 @@ from calib.session.schema import Number
 from calib.session.session import read_session
 from calib.threads import single_thread
 from fixtures.synthetic import HEIGHT, WIDTH, bare_views
-from fixtures.wide import BOARD, CAMERA, INTRINSICS, wide_views
+from fixtures.wide import BOARD, CAMERA, INTRINSICS, uneven_views, wide_views
 
 NOISE = 0.1
 DOME = {
@@ -41,7 +43,7 @@ DOME = {
         "inner_radius": 0.05,
         "centre.x": 0.0,
         "centre.y": 0.0,
-        "centre.z": -0.004,
+        "centre.z": -0.02,
         "thickness": 0.003,
         "refractive_index": 1.49,
         "outside_index": 1.333,
@@ -92,7 +94,7 @@ def test_auto_takes_a_fisheye_s_own_model_where_opencv_s_predicts_other_views_wo
     print(fitted.held_out_px)
     assert fitted.intrinsics.model == FISHEYE
     assert fitted.held_out_px[FISHEYE] == pytest.approx(NOISE * 2**0.5, rel=0.1)  # 700 corners
-    assert fitted.held_out_px[FISHEYE] < 0.95 * min(error for name, error in fitted.held_out_px.items() if name != FISHEYE)
+    assert fitted.held_out_px[FISHEYE] < 0.95 * min(error for name, error in fitted.held_out_px.items() if name.isdigit())
 
 
 def test_auto_keeps_opencv_s_model_for_a_usual_lens() -> None:
@@ -101,6 +103,38 @@ def test_auto_keeps_opencv_s_model_for_a_usual_lens() -> None:
     fitted = calibrate_bare(views, Board(9, 9, 0.020), Camera(WIDTH, HEIGHT, lens=AUTO), Silent())
     assert fitted.intrinsics.model == OPENCV
     assert fitted.held_out_px[FISHEYE] > min(fitted.held_out_px.values())
+
+
+def test_a_spline_takes_what_no_formula_says_and_nothing_where_nothing_is() -> None:
+    """Fitted to 30 views and judged on 30 others: with waves of a pixel the error comes down
+    from 0.22 px to the noise, up to a tenth; without any it stays where it is, within 1 %."""
+    size = CAMERA.width, CAMERA.height
+    for waves, least in ((1.0, 1.4), (0.0, 0.99)):
+        seen, others = uneven_views(1, 30, NOISE, waves), uneven_views(2, 30, NOISE, waves)
+        plain = fit_lens(PLAIN, seen, BOARD, size)
+        splined = fit_lens(SPLINES[1], seen, BOARD, size, plain)
+        before, after = (float(np.sqrt((lens.errors(others, BOARD) ** 2).mean())) for lens in (plain, splined))
+        print(f"{waves} px: {before:.4f} to {after:.4f} px")
+        assert before / after > least
+        assert after < 1.1 * NOISE * 2**0.5
+
+
+def test_a_splined_lens_is_chosen_saved_and_read(tmp_path: Path) -> None:
+    """By held-out views; a central format without splines fits its own lens and says by how much it is off."""
+    folder = session(tmp_path / "session", uneven_views(3, 24, NOISE, 1.0), lens="splined")
+    calibration = fit(read_session(folder), Settings(), Silent())
+    again = Calibration.load(calibration.save(tmp_path / "out"))
+    assert again.camera == calibration.camera
+    assert again.camera.intrinsics
+    assert again.camera.intrinsics.spline
+    assert set(again.settings["lens_held_out_px"]) <= set(map(str, SPLINES))
+    others = session(tmp_path / "others", uneven_views(4, 10, NOISE, 1.0))
+    assert evaluate(again, read_session(others), Silent()).rms_px < 1.2 * NOISE * 2**0.5
+    pixels = np.random.default_rng(0).uniform([0, 0], [CAMERA.width - 1, CAMERA.height - 1], (500, 2))
+    _, directions = again.rays(pixels)
+    assert np.abs(again.project(0.5 * directions) - pixels).max() < 1e-6
+    model = best_central(again, 0.5, [lens for lens in ROS if lens.fisheye])
+    assert 0.05 < model.at.rms_px < 2, "what the spline is there for"
 
 
 def test_a_fisheye_goes_all_the_way(tmp_path: Path) -> None:
@@ -147,7 +181,7 @@ def test_what_a_session_states_is_held(tmp_path: Path) -> None:
 
 
 def test_behind_a_dome_a_fisheye_is_estimated_with_the_cover() -> None:
-    """Lens and dome are declared wrong, each by half its tolerance: the focal length by 1 %, the dome's centre by 1 mm. They trade; but within
+    """Lens and dome are declared wrong, each by half its tolerance: the focal length by 1 %, the centre by 1 mm. They trade; but within
     four of their own sigmas both are right, and the corners are fitted to their noise."""
     dome = Cover("dome", DOME)
     path, values = covered_path(INTRINSICS, dome)
@@ -170,4 +204,4 @@ def test_behind_a_dome_a_fisheye_is_estimated_with_the_cover() -> None:
         assert abs(estimates[name].value - true.value) < 4 * estimates[name].sigma, name
     assert estimates["camera.kb1"].sigma < 0.05, "half of what was left open"
     assert fitted.stages[-1].rms_px == pytest.approx(NOISE * 2**0.5, rel=0.15)
-    assert fitted.stages[0].rms_px > 10 * NOISE
+    assert fitted.stages[0].rms_px > 5 * NOISE, "without the dome"
