@@ -37,7 +37,7 @@ def main() -> None:
     parser.add_argument("sessions", nargs="+", type=Path)
     parser.add_argument("--every", type=int, default=1, metavar="N", help="take each N-th view (default: all)")
     args = parser.parse_args()
-    table = Table("session", "views", "lens", "choice, px", "all, px", "s")
+    table = Table("session", "views", "lens", "choice, px", "all, px", "CPU s")
     for folder in args.sessions:
         session = read_session(folder)
         views = with_poses(read_views(session, Silent())[0], session.board)[0][:: args.every]
@@ -50,14 +50,15 @@ def main() -> None:
 def _rows(views: Sequence[View], board: Board, size: Size) -> list[tuple[str, float, float, float]]:
     rows = []
     plain: dict[int, LensFit] = {}
-    for lens in (*COUNTS, PLAIN, *SPLINES):
-        begun = time.monotonic()
+    lenses: tuple[RayLens | int, ...] = (*COUNTS, PLAIN, *SPLINES)
+    for lens in lenses:
+        begun = time.process_time()
         try:
             errors = held_out_errors(views, board, partial(_fit, lens, plain, board, size))
         except NotEnoughDataError:
             errors = np.full(len(views), np.nan)
         name = str(lens) if isinstance(lens, RayLens) else f"opencv {lens}"
-        rows.append((name, summed(errors), float(np.sqrt(np.mean(errors**2))), time.monotonic() - begun))
+        rows.append((name, summed(errors), float(np.sqrt(np.mean(errors**2))), time.process_time() - begun))
     return rows
 
 

@@ -86,16 +86,21 @@ def _refined(
 
 
 def _poses_by_rays(path: Path, values: Values, observations: Observations) -> Tensor:
-    """The same by a lens that cv2.solvePnP does not know: each view's rays are turned to where a pinhole could take its picture."""
-    rays = path.trace(observations.pixels, values)
-    directions = torch.where((rays.failure == 0).unsqueeze(-1), rays.direction.stacked(), torch.nan)
-    each = zip(observations.per_view(observations.corners), observations.per_view(directions), strict=True)
-    begun = [_pnp_by_rays(corners.numpy(), own.numpy()) for corners, own in each]
-    poses = torch.from_numpy(np.stack(begun)) if begun else torch.zeros(0, 6, dtype=torch.float64)
+    """The same by a lens that cv2.solvePnP does not know."""
+    poses = rough_poses(path, values, observations)
     lost = ~torch.isfinite(poses).all(-1)
     if not bool(lost.all()):
         poses[~lost] = refine_poses_in_image(path, values, observations.without(lost), poses[~lost]).blocks
     return poses
+
+
+def rough_poses(path: Path, values: Values, observations: Observations) -> Tensor:
+    """Each view's (6,) pose by any lens: its rays are turned to where a pinhole could take its picture. NaN for a view that has none."""
+    rays = path.trace(observations.pixels, values)
+    directions = torch.where((rays.failure == 0).unsqueeze(-1), rays.direction.stacked(), torch.nan)
+    each = zip(observations.per_view(observations.corners), observations.per_view(directions), strict=True)
+    begun = [_pnp_by_rays(corners.numpy(), own.numpy()) for corners, own in each]
+    return torch.from_numpy(np.stack(begun)) if begun else torch.zeros(0, 6, dtype=torch.float64)
 
 
 def _pnp_by_rays(corners: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:

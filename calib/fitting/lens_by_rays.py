@@ -14,7 +14,7 @@ from calib.corners.view import View
 from calib.errors import NotEnoughDataError
 from calib.estimation.joint_fit import AGAIN, ROUNDS, JointFit, fit_joint
 from calib.estimation.observations import Observations
-from calib.estimation.poses import pinhole_poses
+from calib.estimation.poses import pinhole_poses, rough_poses
 from calib.estimation.priors import Priors
 from calib.estimation.residuals import residuals
 from calib.fitting.ray_lens import RayLens
@@ -50,7 +50,7 @@ class LensFit:
     values: Values
     joint: JointFit
     per_view: Array
-    """(V,) px, the root mean square of each view that it was fitted to."""
+    """(V,) px, the root mean square of each view that it was fitted to, over the corners that it sees."""
     rms: float
     """px, of them together."""
 
@@ -79,10 +79,10 @@ class LensFit:
         return Spline(grid.size, *grid.shape, x, y)
 
     def errors(self, views: Sequence[View], board: Board) -> Array:
-        """(V,) px, the root mean square of views that it was not fitted to, their poses fitted; NaN for one that has none."""
+        """(V,) px, the root mean square of views that it was not fitted to, their poses fitted; NaN for one that it does not see."""
         observations = Observations.of(views, board)
         image = residuals(self.path, self.values, observations, pinhole_poses(observations, self.values)).image
-        return _by_view(observations, image)
+        return np.array([float((own**2).sum(-1).mean().sqrt()) for own in observations.per_view(image)])
 
 
 def fit_lens(lens: RayLens, views: Sequence[View], board: Board, size: tuple[int, int], start: LensFit | None = None) -> LensFit:
@@ -113,7 +113,9 @@ def _fitted(path: Path, values: Values, observations: Observations, priors: Prio
     if not joint.finite:
         raise NotEnoughDataError(NO_FIT)
     image = residuals(path, joint.values, observations, joint.poses).image
-    return LensFit(path, joint.values, joint, _by_view(observations, image), float((image**2).sum(-1).nanmean().sqrt()))
+    squared = (image**2).sum(-1)
+    per_view = np.array([float(own.nanmean().sqrt()) for own in observations.per_view(squared)])
+    return LensFit(path, joint.values, joint, per_view, float(squared.nanmean().sqrt()))
 
 
 def _with_spline(plain: LensFit, columns: int, size: tuple[int, int], observations: Observations, priors: Priors) -> LensFit:
@@ -156,7 +158,7 @@ def _begun(views: Sequence[View], board: Board, size: tuple[int, int]) -> tuple[
     tried = []
     for factor in FOCALS:
         path, values = _equidistant(factor * max(size), size)
-        poses = pinhole_poses(observations, values)
+        poses = rough_poses(path, values, observations)
         seen = torch.isfinite(poses).all(-1)
         if not bool(seen.all()):
             continue
@@ -172,11 +174,6 @@ def _begun(views: Sequence[View], board: Board, size: tuple[int, int]) -> tuple[
 def _equidistant(focal: float, size: tuple[int, int]) -> tuple[Path, dict[str, Tensor]]:
     cx, cy = (Number((length - 1) / 2) for length in size)
     return pinhole_path(Intrinsics(Number(focal), Number(focal), cx, cy, (Number(0.0),) * 4, model=FISHEYE))
-
-
-def _by_view(observations: Observations, image: Tensor) -> Array:
-    """(V,) root mean square of (M, 2) residuals; NaN for a view that has a residual that is."""
-    return np.array([float((own**2).sum(-1).mean().sqrt()) for own in observations.per_view(image)])
 
 
 def _loose(values: Values, size: tuple[int, int]) -> Priors:
