@@ -4,6 +4,7 @@ Source: Z. Zhang, A flexible new technique for camera calibration (2000), the pa
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
@@ -19,7 +20,7 @@ from calib.estimation.model_choice import simplest
 from calib.estimation.robust import outlying
 from calib.fitting.bare_covariance import intrinsics_covariance
 from calib.fitting.held_out_views import folds_of, held_out_errors, summed
-from calib.fitting.ray_lens import PLAIN, SPLINES, RayLens
+from calib.fitting.ray_lens import NO_FIT, PLAIN, SPLINES, RayLens
 from calib.progress import Progress
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
@@ -108,7 +109,12 @@ def calibrate_bare(views: Sequence[View], board: Board, camera: Camera, progress
         if not bad.any():
             break
         rejected += [
-            Rejected(view.name, f"its {error:.2f} px do not fit the {np.median(solved.per_view):.2f} px of the other views")
+            Rejected(
+                view.name,
+                f"its {error:.2f} px do not fit the {np.nanmedian(solved.per_view):.2f} px of the other views"
+                if np.isfinite(error)
+                else "the lens that the other views show does not see its corners",
+            )
             for view, error, out in zip(kept, solved.per_view, bad, strict=True)
             if out
         ]
@@ -144,6 +150,8 @@ def _choose_lens(views: Sequence[View], board: Board, camera: Camera, progress: 
     size = camera.width, camera.height
     if model == SPLINED:
         scores = _by_rays(SPLINES, views, board, size, progress)
+        if not scores:
+            raise NotEnoughDataError(NO_FIT)
         return _Choice(None, simplest(scores, WORTH), _named(scores))
     held_out: dict[str, float] = {}
     if count is None:
@@ -185,14 +193,10 @@ def _by_rays(
         return plain[fold] if lens == PLAIN else fit_lens(lens, rest, board, size, plain[fold])
 
     for done, lens in enumerate(lenses, 1):
-        try:
+        with suppress(NotEnoughDataError):
             scores[lens] = summed(held_out_errors(views, board, partial(further, lens)))
-        except NotEnoughDataError:
-            if lens == lenses[-1] and not scores:
-                raise
-            continue
         advance(done, str(lens))
-        if lens.columns and scores[lens] > min(scores.values()):
+        if lens.columns and scores.get(lens, np.inf) > min(scores.values(), default=np.inf):
             break  # finer still is worse still
     return scores
 
@@ -248,10 +252,7 @@ def _step(views: Sequence[View], board: Board, size: tuple[int, int], count: int
             objects, pixels, size, camera, coefficients, flags=FLAGS[count] | guess, criteria=CRITERIA
         )
     except cv2.error as error:
-        raise NotEnoughDataError(
-            "No intrinsics fit these views: take pictures of the board tilted in different directions, "
-            "and check board.columns and board.rows."
-        ) from error
+        raise NotEnoughDataError(NO_FIT) from error
     lens = np.ravel(bent)[:count].astype(np.float64)
     return _Solved(
         found.astype(np.float64),

@@ -17,7 +17,7 @@ from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, rough_poses
 from calib.estimation.priors import Priors
 from calib.estimation.residuals import residuals
-from calib.fitting.ray_lens import RayLens
+from calib.fitting.ray_lens import NO_FIT, RayLens
 from calib.optics.build import pinhole_path
 from calib.optics.params import Values
 from calib.optics.path import Path
@@ -37,7 +37,6 @@ FACTORS = tuple(10.0 ** (step / 2) for step in range(-4, 3))
 """Sizes of a spline that are tried, times `calib.optics.splined.SIZE`."""
 LOOSE_FOCAL, LOOSE_CENTRE, LOOSE_COEFFICIENT = 1.0, 0.5, 1.0
 """Standard deviations of priors that hold nothing back: of the focal length, of the picture's longer side, and as they are."""
-NO_FIT = "No intrinsics fit these views: take pictures of the board tilted in different directions, and check board.columns and board.rows."
 
 Array = NDArray[np.float64]
 
