@@ -13,6 +13,7 @@ from calib.fitting.declared import comparisons, own_parameters
 from calib.fitting.evaluate import Evaluation
 from calib.fitting.second_look import LOOKS, SecondLook, summed
 from calib.progress import Advance
+from calib.session.lens import NAMES
 
 
 class Bars:
@@ -56,7 +57,7 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
         f"{len(calibration.views)} views with {corners} corners, noise of the corners about {calibration.noise_px:.3f} px, {seconds:.1f} s."
     )
     looks = summed([SecondLook(**look) for look in calibration.settings.get(LOOKS, [])])
-    for line in (*([looks] if looks else []), *_estimates(calibration)):
+    for line in (*([looks] if looks else []), *_lens(calibration), *_estimates(calibration)):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     if validation := calibration.settings.get("cross_validation"):
         console.print(
@@ -64,6 +65,18 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
             f"{validation['fitted_px']:.3f} px."
         )
     _list_rejected(console, calibration.rejected)
+
+
+def _lens(calibration: Calibration) -> Iterator[str]:
+    """Which lens model held-out views chose, where there was a choice of models."""
+    intrinsics, tried = calibration.camera.intrinsics, dict(calibration.settings.get("lens_held_out_px", {}))
+    others = {name: error for name, error in tried.items() if name.split()[0] in NAMES}
+    if not (intrinsics and others):
+        return
+    counts = {name: error for name, error in tried.items() if name.isdigit()}
+    best = min(counts, key=lambda name: counts[name], default="")
+    errors = ([f"opencv {counts[best]:.3f} px with {best} coefficients"] if best else []) + [f"{n} {e:.3f} px" for n, e in others.items()]
+    yield f"Lens: {intrinsics.model}, by the error on held-out views: {', '.join(errors)}."
 
 
 def _estimates(calibration: Calibration) -> Iterator[str]:

@@ -100,6 +100,8 @@ def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
     """The contract's JSON object."""
     from calib.fitting.second_look import LOOKS
 
+    intrinsics, held_out = calibration.camera.intrinsics, calibration.settings.get("lens_held_out_px", {})
+    assert intrinsics
     return {
         "frames_used": len(calibration.views),
         "frames_rejected": [{"file": r.name, "reason": r.reason} for r in calibration.rejected],
@@ -109,4 +111,5 @@ def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
         "seconds": seconds,
         "stages": [{"name": s.name, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in calibration.stages],
         "effects": [found.effect.name for found in calibration.effects],
+        "lens": {"model": intrinsics.model, "coefficients": len(intrinsics.distortion), "held_out_px": held_out},
     } | ({"cross_validation": calibration.settings["cross_validation"]} if "cross_validation" in calibration.settings else {})

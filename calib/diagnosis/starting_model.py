@@ -24,7 +24,7 @@ def base_model(calibration: Calibration) -> CameraModel:
     if calibration.settings.get("intrinsics_from") == "views":
         focal = OWN_FOCAL.sigma * float(values["camera.fx"])
         own = {"camera.fx": focal, "camera.fy": focal, "camera.cx": OWN_CENTRE.sigma, "camera.cy": OWN_CENTRE.sigma}
-        own = {param.name: own.get(param.name, OWN_COEFFICIENT.sigma) for param in path.lens.params}
+        own = {param.name: own.get(param.name, OWN_COEFFICIENT.sigma) for param in path.lens.params if not param.shape}
         priors = Priors({**priors.sigmas, **own})
     if calibration.relief:
         values["relief.amplitudes"] = torch.zeros_like(values["relief.amplitudes"])

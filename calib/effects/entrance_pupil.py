@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 from calib.effects.effect import Effect, Surroundings, Unknown
-from calib.optics.lens_model import PUPIL
+from calib.optics.lens import PUPIL
 from calib.optics.path import Path
 from calib.session.tolerances import ENTRANCE_PUPIL
 
@@ -31,4 +31,4 @@ class EntrancePupil(Effect):
         return tuple(Unknown(param, ENTRANCE_PUPIL.sigma) for param in PUPIL)
 
     def apply(self, path: Path) -> Path:
-        return replace(path, lens=replace(path.lens, pupil=True))
+        return replace(path, lens=path.lens.with_pupil())

@@ -108,12 +108,17 @@ class Parameters:
         sigmas = self.priors.sigmas
         each = (np.broadcast_to(np.asarray(sigmas[p.name]) / p.scale, self.origin[p.name].shape).ravel() for p in self.free)
         spread = np.concatenate([np.zeros(0), *each])
-        places = {name: place.start - self.amplitudes for name, place in self.slices().items()}
+        blocks = {name: slice(place.start - self.amplitudes, place.stop - self.amplitudes) for name, place in self.slices().items()}
+        places = {name: block.start for name, block in blocks.items()}
         correlation = np.eye(len(spread))
         for (one, other), value in self.priors.correlations.items():
             if one in places and other in places:
                 correlation[places[one], places[other]] = correlation[places[other], places[one]] = value
-        return np.asarray(spread[:, None] * cholesky(correlation, lower=True))
+        root = np.asarray(spread[:, None] * cholesky(correlation, lower=True))
+        for param in self.free:
+            if param.name in self.priors.roots:
+                root[blocks[param.name], blocks[param.name]] = self.priors.roots[param.name] / param.scale
+        return root
 
     def sigma(self, name: str, covariance: Tensor) -> Tensor:
         """The standard deviation of a free parameter, shaped as it is and in its unit, from the vector's (S, S) covariance."""

@@ -12,9 +12,13 @@ from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import landings, pixel_weights
 from calib.estimation.residuals import Residuals, residuals
+from calib.optics.build import lens_of
 from calib.optics.lens_model import COEFFICIENTS
 from calib.optics.params import Values
 from calib.optics.path import Path
+
+FLATTEST = 0.1
+"""z of a unit direction: what is flatter, 84 degrees from the middle of its view, gives a pose no start."""
 
 
 def pinhole_poses(observations: Observations, values: Values) -> Tensor:
@@ -23,6 +27,9 @@ def pinhole_poses(observations: Observations, values: Values) -> Tensor:
     Returns:
         (V, 6) T_camera_board, rotation vector (rad) and translation (m); NaN for a view whose corners admit no pose.
     """
+    lens = lens_of(values)
+    if lens.wide:
+        return _poses_by_rays(Path(lens), values, observations)
     camera, coefficients = opencv_intrinsics(values)
     poses = [
         _pnp(corners.numpy(), pixels.numpy(), camera, coefficients)
@@ -76,6 +83,49 @@ def _refined(
     views = tuple(landings(path, none, observations, weights))
     problem = LandingProblem(none, views, poses.new_zeros(0, 0), view_precision(poses), huber)
     return minimise(problem, poses.new_zeros(0), poses, tolerance=tolerance)
+
+
+def _poses_by_rays(path: Path, values: Values, observations: Observations) -> Tensor:
+    """The same by a lens that cv2.solvePnP does not know."""
+    poses = rough_poses(path, values, observations)
+    lost = ~torch.isfinite(poses).all(-1)
+    if not bool(lost.all()):
+        poses[~lost] = refine_poses_in_image(path, values, observations.without(lost), poses[~lost]).blocks
+    return poses
+
+
+def rough_poses(path: Path, values: Values, observations: Observations) -> Tensor:
+    """Each view's (6,) pose by any lens: its rays are turned to where a pinhole could take its picture. NaN for a view that has none."""
+    rays = path.trace(observations.pixels, values)
+    directions = torch.where((rays.failure == 0).unsqueeze(-1), rays.direction.stacked(), torch.nan)
+    each = zip(observations.per_view(observations.corners), observations.per_view(directions), strict=True)
+    begun = [_pnp_by_rays(corners.numpy(), own.numpy()) for corners, own in each]
+    return torch.from_numpy(np.stack(begun)) if begun else torch.zeros(0, 6, dtype=torch.float64)
+
+
+def _pnp_by_rays(corners: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(6,) T_camera_board of (n, 2) m on the board in (n, 3) unit directions, NaN where there is none; NaN if there is no pose."""
+    seen = np.isfinite(directions).all(-1)
+    middle = directions[seen].sum(0)
+    length = np.linalg.norm(middle)
+    if not length > 0:
+        return np.full(6, np.nan)
+    turn = _onto_axis(middle / length)
+    ahead = directions @ turn.T
+    seen &= ahead[:, 2] > FLATTEST
+    pose = _pnp(corners[seen], ahead[seen, :2] / ahead[seen, 2:], np.eye(3), np.zeros(0))
+    if np.isfinite(pose).all():
+        pose[:3] = cv2.Rodrigues(turn.T @ cv2.Rodrigues(pose[:3])[0])[0].ravel()
+        pose[3:] = turn.T @ pose[3:]
+    return pose
+
+
+def _onto_axis(direction: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, 3) rotation that turns a (3,) unit direction onto the z axis, the shortest way."""
+    axis = np.cross(direction, [0, 0, 1.0])
+    sine = float(np.linalg.norm(axis))
+    angle = np.arctan2(sine, direction[2])
+    return np.asarray(cv2.Rodrigues(axis * (angle / sine) if sine > 0 else np.array([angle, 0, 0]))[0], np.float64)
 
 
 def _pnp(

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
 from torch import Tensor
 
 
@@ -17,9 +19,13 @@ class Priors:
     correlations: Mapping[tuple[str, str], float] = field(default_factory=dict)
     """Between scalars, each pair once. Pairs that are not there are independent."""
 
+    roots: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    """Of a parameter with n entries that are correlated among themselves: (n, n) R, in its unit, lower triangular, with R R^T their
+    covariance. Its sigma above is not read."""
+
     def beside(self, sigmas: Mapping[str, float | Tensor]) -> Priors:
         """These, and those of further parameters, which are independent."""
-        return Priors({**self.sigmas, **sigmas}, self.correlations)
+        return Priors({**self.sigmas, **sigmas}, self.correlations, self.roots)
 
 
 NONE = Priors()

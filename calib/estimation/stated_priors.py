@@ -5,7 +5,6 @@ from dataclasses import replace
 
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.priors import Priors
-from calib.optics.lens_model import COEFFICIENTS
 from calib.optics.path import Path
 from calib.session.camera import Intrinsics
 from calib.session.cover import Cover
@@ -49,7 +48,7 @@ def _with(intrinsics: Intrinsics, cover: Cover, found: Mapping[str, Number]) -> 
     """The description with some numbers, by the path's names, in place of its own."""
     parameters = {name: found.get(f"cover.{name}", number) for name, number in cover.parameters.items()}
     fx, fy, cx, cy, *lens = (found.get(name, number) for name, number in _named(intrinsics).items())
-    return Intrinsics(fx, fy, cx, cy, tuple(lens)), replace(cover, parameters=parameters)
+    return replace(intrinsics, fx=fx, fy=fy, cx=cx, cy=cy, distortion=tuple(lens), correlations=()), replace(cover, parameters=parameters)
 
 
 def _correlations(intrinsics: Intrinsics) -> dict[tuple[str, str], float]:
@@ -69,4 +68,4 @@ def _stated(intrinsics: Intrinsics, cover: Cover) -> dict[str, Number]:
 
 def _named(intrinsics: Intrinsics) -> dict[str, Number]:
     pinhole = {f"camera.{name}": getattr(intrinsics, name) for name in ("fx", "fy", "cx", "cy")}
-    return pinhole | {f"camera.{name}": number for name, number in zip(COEFFICIENTS, intrinsics.distortion, strict=False)}
+    return pinhole | {f"camera.{name}": number for name, number in zip(intrinsics.names, intrinsics.distortion, strict=True)}

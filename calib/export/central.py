@@ -20,6 +20,7 @@ from calib.export.formats import SPLINED, ExportLens
 from calib.export.lens_fit import fit_lens, project
 from calib.export.sight import CHECKED, FITTED, Sight
 from calib.export.spline_fit import fit_spline, project_spline
+from calib.session.lens import FISHEYE, OPENCV
 
 Array = NDArray[np.float64]
 
@@ -117,10 +118,12 @@ def _fit(calibration: Calibration, sight: Sight, check: Sight, depth: float, len
     if depth / 2 <= sight.beyond:
         raise InputError(f"depth {depth:g} m is too near: write {2.1 * sight.beyond:.2g} or more, so that half of it is beyond the cover.")
     k = camera.intrinsics
-    bare = [number.value for number in (k.fx, k.fy, k.cx, k.cy, *k.distortion)]
+    own = k.distortion if (k.model != OPENCV) == lens.fisheye else ()
+    bare = [number.value for number in (k.fx, k.fy, k.cx, k.cy, *own)]
+    same = k.model == (FISHEYE if lens.fisheye else OPENCV) and lens != SPLINED and lens.coefficients >= len(k.distortion)
     path, _ = calibration.model()
     centre = np.zeros(3) if path.central else sight.nearly_intersect()
-    if path.central and not path.adjustments and not lens.fisheye and lens != SPLINED and lens.coefficients >= len(k.distortion):
+    if path.central and not path.adjustments and same:
         parameters = np.pad(bare, (0, 4 + lens.coefficients - len(bare)))  # it is one already
     elif lens == SPLINED:
         lens, parameters = fit_spline(sight.tangents(depth, centre), sight.pixels, bare)

@@ -52,10 +52,10 @@ def fit_lens(tangents: Array, pixels: Array, bare: Sequence[float], lens: Export
     Args:
         tangents: (N, 2) x / z and y / z of what each pixel sees.
         pixels: (N, 2) px
-        bare: fx, fy, cx, cy and coefficients of the camera without its cover, where the search starts.
+        bare: fx, fy, cx, cy and coefficients of the camera without its cover, where the search starts; none of another model's.
     """
     if lens.fisheye:
-        return _least(tangents, pixels, np.append(bare[:4], np.zeros(4)), tuple(range(8)), fisheye=True)[0]
+        return _least(tangents, pixels, np.pad(bare, (0, 8 - len(bare))), tuple(range(8)), fisheye=True)[0]
     found = np.pad(bare[:4], (0, COUNT - 4))
     tried = []
     for free in LADDER[lens.coefficients]:

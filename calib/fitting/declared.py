@@ -10,7 +10,6 @@ from calib.calibration import Calibration
 from calib.effects.effect import Unknown
 from calib.estimation.doubt import CONTRADICTED, apart, apart_without
 from calib.fitting.rounding import to_digit_of, with_sigma
-from calib.optics.lens_model import COEFFICIENTS
 from calib.session.camera import COEFFICIENT, PINHOLE
 from calib.session.cover import SHAPES
 from calib.session.schema import Number, Quantity
@@ -150,6 +149,6 @@ def _declared(calibration: Calibration) -> Iterator[tuple[Comparison, float]]:
             yield compared(quantity, f"cover.{name}", declared.cover.parameters[name], cover.parameters[name])
     for quantity, name in zip(PINHOLE, ("fx", "fy", "cx", "cy"), strict=True):
         yield compared(quantity, f"camera.{name}", getattr(declared.intrinsics, name), getattr(camera, name))
-    for name, number, found in zip(COEFFICIENTS, declared.intrinsics.distortion, camera.distortion, strict=False):
+    for name, number, found in zip(camera.names, declared.intrinsics.distortion, camera.distortion, strict=False):
         if number.value or number.sigma or found.sigma:
             yield compared(COEFFICIENT, f"camera.{name}", number, found)

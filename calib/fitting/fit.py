@@ -104,7 +104,7 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
             "steps": settings.steps,
             "exact_hit": settings.exact_hit,
             "intrinsics_from": start.intrinsics_from,
-            "lens_held_out_px": {str(count): error for count, error in start.lens_held_out_px.items()},
+            "lens_held_out_px": start.lens_held_out_px,
             LOOKS: [asdict(look) for look in looks],
             KEY: provenance(session),
         }

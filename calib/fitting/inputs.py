@@ -17,6 +17,7 @@ from calib.io.frames_table import NAME as FRAMES_TABLE
 from calib.io.frames_table import FrameRecord, read_frame_records
 from calib.progress import Progress
 from calib.session.camera import Intrinsics
+from calib.session.lens import OPENCV
 from calib.session.session import Session
 
 
@@ -29,8 +30,8 @@ class Gathered:
     rejected: tuple[Rejected, ...]
     intrinsics: Intrinsics
     intrinsics_from: Literal["session.yaml", "bare", "views"]
-    lens_held_out_px: dict[int, float]
-    """By number of coefficients, the error on held-out views, where the number was chosen by it."""
+    lens_held_out_px: dict[str, float]
+    """By number of OpenCV's coefficients, or by the name of another lens model, the error on held-out views, where it was chosen by it."""
 
 
 def read_views(session: Session, progress: Progress) -> tuple[tuple[View, ...], tuple[Rejected, ...]]:
@@ -59,7 +60,7 @@ def gather(session: Session, progress: Progress) -> Gathered:
     """
     views, rejected = read_views(session, progress)
     bare: tuple[Rejected, ...] = ()
-    tried: dict[int, float] = {}
+    tried: dict[str, float] = {}
     source: Literal["session.yaml", "bare", "views"]
     if session.camera.intrinsics:
         intrinsics = session.camera.intrinsics
@@ -79,8 +80,10 @@ def gather(session: Session, progress: Progress) -> Gathered:
 
 
 def recalibrated(views: Sequence[View], session: Session, intrinsics: Intrinsics, progress: Progress) -> BareFit:
-    """Without a cover, from more corners of the same views: with as many lens coefficients as were chosen before."""
-    return calibrate_bare(views, session.board, replace(session.camera, lens_coefficients=len(intrinsics.distortion)), progress)
+    """Without a cover, from more corners of the same views: with the lens model and as many coefficients as were chosen before."""
+    count = len(intrinsics.distortion) if intrinsics.model == OPENCV else None
+    camera = replace(session.camera, lens=intrinsics.model, lens_coefficients=count)
+    return calibrate_bare(views, session.board, camera, progress)
 
 
 def _check_inside(views: Sequence[View], session: Session) -> None:

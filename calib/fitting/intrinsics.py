@@ -1,30 +1,38 @@
-"""The camera without its cover: intrinsics and lens by Zhang's method (cv2.calibrateCamera).
+"""The camera without its cover: intrinsics and lens, OpenCV's by Zhang's method (cv2.calibrateCamera), wider ones by their rays.
 
 Source: Z. Zhang, A flexible new technique for camera calibration (2000), the paper's reference for its own intrinsics.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calib.corners.usable import with_poses
-from calib.corners.view import Rejected, View, board_poses
+from calib.corners.view import Rejected, View
 from calib.errors import NotEnoughDataError
 from calib.estimation.model_choice import simplest
 from calib.estimation.robust import outlying
 from calib.fitting.bare_covariance import intrinsics_covariance
+from calib.fitting.held_out_views import folds_of, held_out_errors, summed
+from calib.fitting.ray_lens import NO_FIT, PLAIN, SPLINES, RayLens
 from calib.progress import Progress
 from calib.session.board import Board
-from calib.session.camera import COEFFICIENTS, Camera, Intrinsics
+from calib.session.camera import Camera, Intrinsics
+from calib.session.lens import COEFFICIENTS, FISHEYE, OPENCV, SPLINED
 from calib.session.schema import Number
+
+if TYPE_CHECKING:
+    from calib.fitting.lens_by_rays import LensFit
 
 FEWEST_VIEWS = 4
 LEAST_SPREAD_DEG = 5.0
 """Between the most different normals of the board."""
-FOLDS = 4
 WORTH = 0.02
 """Of the held-out error: more coefficients must leave less by more than this."""
 CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-9)
@@ -48,8 +56,8 @@ class BareFit:
     rms_px: float
     views: tuple[View, ...]
     rejected: tuple[Rejected, ...]
-    held_out_px: dict[int, float]
-    """By number of lens coefficients: the error on held-out views, where it was asked."""
+    held_out_px: dict[str, float]
+    """By number of OpenCV's coefficients, or by the name of another lens model: the error on held-out views, where it was asked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,9 +68,31 @@ class _Solved:
     poses: NDArray[np.float64]  # (V, 6) rotation vector and translation of the board
     rms: float
 
+    def intrinsics(self, views: Sequence[View], board: Board) -> Intrinsics:
+        """From the views that were fitted."""
+        covariance = intrinsics_covariance(views, board, self.camera, self.coefficients, self.poses)
+        sigmas = np.sqrt(covariance.diagonal())
+        correlation = covariance / np.outer(sigmas, sigmas)
+        parameters = (self.camera[0, 0], self.camera[1, 1], self.camera[0, 2], self.camera[1, 2], *self.coefficients)
+        fx, fy, cx, cy, *lens = (Number(float(v), float(s)) for v, s in zip(parameters, sigmas, strict=True))
+        return Intrinsics(fx, fy, cx, cy, tuple(lens), tuple(tuple(row[:i].tolist()) for i, row in enumerate(correlation) if i))
+
+    def errors(self, views: Sequence[View], board: Board) -> NDArray[np.float64]:
+        """(V,) px, the root mean square of views that it was not fitted to, their poses fitted; NaN for one that has none."""
+        return np.array([self._error(view, board) for view in views])
+
+    def _error(self, view: View, board: Board) -> float:
+        points = np.column_stack([board.points(), np.zeros(board.count)])[view.seen]
+        pixels = view.corners[view.seen]
+        found, rotvec, translation = cv2.solvePnP(points, pixels, self.camera, self.coefficients)
+        if not found:
+            return float("nan")
+        seen, _ = cv2.projectPoints(points, rotvec, translation, self.camera, self.coefficients)
+        return float(np.sqrt(((seen.reshape(-1, 2) - pixels) ** 2).sum(-1).mean()))
+
 
 def calibrate_bare(views: Sequence[View], board: Board, camera: Camera, progress: Progress) -> BareFit:
-    """Intrinsics from views of a board, with the number of lens coefficients that `camera` asks for or that held-out views do.
+    """Intrinsics from views of a board, with the lens model and number of coefficients that `camera` asks for or that held-out views do.
 
     Raises:
         NotEnoughDataError: too few views are left.
@@ -71,18 +101,20 @@ def calibrate_bare(views: Sequence[View], board: Board, camera: Camera, progress
     kept, rejected = list(usable), list(poseless)
     _check_enough(kept)
     size = camera.width, camera.height
-    held_out: dict[int, float] = {}
-    count = camera.lens_coefficients
-    if count is None:
-        count, held_out = _choose_count(kept, board, size, progress)
+    choice = _choose_lens(kept, board, camera, progress)
     advance = progress.task("Intrinsics", 1)
     while True:
-        solved = _solve(kept, board, size, count)
+        solved = _fit(choice, kept, board, size)
         bad = outlying(solved.per_view)
         if not bad.any():
             break
         rejected += [
-            Rejected(view.name, f"its {error:.2f} px do not fit the {np.median(solved.per_view):.2f} px of the other views")
+            Rejected(
+                view.name,
+                f"its {error:.2f} px do not fit the {np.nanmedian(solved.per_view):.2f} px of the other views"
+                if np.isfinite(error)
+                else "the lens that the other views show does not see its corners",
+            )
             for view, error, out in zip(kept, solved.per_view, bad, strict=True)
             if out
         ]
@@ -95,7 +127,82 @@ def calibrate_bare(views: Sequence[View], board: Board, camera: Camera, progress
             "take more pictures, with the board tilted in different directions."
         )
     advance(1, f"{solved.rms:.3f} px")
-    return BareFit(_intrinsics(solved, kept, board), solved.rms, tuple(kept), tuple(rejected), held_out)
+    return BareFit(solved.intrinsics(kept, board), solved.rms, tuple(kept), tuple(rejected), choice.held_out)
+
+
+@dataclass(frozen=True, slots=True)
+class _Choice:
+    """What is to be fitted."""
+
+    count: int | None = None
+    """Of OpenCV's coefficients."""
+    by_rays: RayLens | None = None
+    """Another lens than OpenCV's."""
+    held_out: dict[str, float] = field(default_factory=dict)
+    """px, the errors that it was chosen by."""
+
+
+def _choose_lens(views: Sequence[View], board: Board, camera: Camera, progress: Progress) -> _Choice:
+    """The lens model, OpenCV's number of coefficients or a spline's of columns: as stated or by held-out views."""
+    model, count = camera.lens or OPENCV, camera.lens_coefficients
+    if model == FISHEYE:
+        return _Choice(by_rays=PLAIN)
+    size = camera.width, camera.height
+    if model == SPLINED:
+        scores = _by_rays(SPLINES, views, board, size, progress)
+        if not scores:
+            raise NotEnoughDataError(NO_FIT)
+        return _Choice(None, simplest(scores, WORTH), _named(scores))
+    held_out: dict[str, float] = {}
+    if count is None:
+        count, by_count = _choose_count(views, board, size, progress)
+        held_out = {str(tried): error for tried, error in by_count.items()}
+    if model == OPENCV:
+        return _Choice(count, None, held_out)
+    if str(count) not in held_out:
+        held_out[str(count)] = summed(held_out_errors(views, board, lambda rest, _: fit_opencv(rest, board, size, count)))
+    scores = _by_rays((PLAIN, *SPLINES), views, board, size, progress)
+    least = held_out[str(count)]
+    held_out |= _named(scores)
+    better = {lens: error for lens, error in scores.items() if error < (1 - WORTH) * least}
+    return _Choice(count, simplest(better, WORTH) if better else None, held_out)
+
+
+def _fit(choice: _Choice, views: Sequence[View], board: Board, size: tuple[int, int]) -> "_Solved | LensFit":
+    if not choice.by_rays:
+        return fit_opencv(views, board, size, choice.count or 0)
+    from calib.fitting.lens_by_rays import fit_lens
+
+    return fit_lens(choice.by_rays, views, board, size)
+
+
+def _by_rays(
+    lenses: Sequence[RayLens], views: Sequence[View], board: Board, size: tuple[int, int], progress: Progress
+) -> dict[RayLens, float]:
+    """The error on held-out views of each lens, from the simplest on, up to the first spline that is worse than what is coarser; none of a
+    lens that sees no such views."""
+    from calib.fitting.lens_by_rays import fit_lens
+
+    advance = progress.task("Lens models", len(lenses))
+    plain: dict[int, LensFit] = {}
+    scores: dict[RayLens, float] = {}
+
+    def further(lens: RayLens, rest: Sequence[View], fold: int) -> "LensFit":
+        if fold not in plain:
+            plain[fold] = fit_lens(PLAIN, rest, board, size)
+        return plain[fold] if lens == PLAIN else fit_lens(lens, rest, board, size, plain[fold])
+
+    for done, lens in enumerate(lenses, 1):
+        with suppress(NotEnoughDataError):
+            scores[lens] = summed(held_out_errors(views, board, partial(further, lens)))
+        advance(done, str(lens))
+        if lens.columns and scores.get(lens, np.inf) > min(scores.values(), default=np.inf):
+            break  # finer still is worse still
+    return scores
+
+
+def _named(scores: dict[RayLens, float]) -> dict[str, float]:
+    return {str(lens): error for lens, error in scores.items()}
 
 
 def _choose_count(views: Sequence[View], board: Board, size: tuple[int, int], progress: Progress) -> tuple[int, dict[int, float]]:
@@ -103,30 +210,25 @@ def _choose_count(views: Sequence[View], board: Board, size: tuple[int, int], pr
 
     The tilted sensor's fourteen take minutes, so they are tried only where the thin prism's twelve were worth having.
     """
-    poses = board_poses(views)
-    folds = min(FOLDS, int(poses.max() + 1) // 2)
+    folds = folds_of(views)
     advance = progress.task("Lens coefficients", folds * len(COEFFICIENTS))
     previous: list[_Solved | None] = [None] * folds
     scores: dict[int, float] = {}
     for i, count in enumerate(COEFFICIENTS):
         if count == 14 and scores[12] > (1 - WORTH) * scores[8]:
             break
-        per_view = np.empty(len(views))
-        for fold in range(folds):
-            out = poses % folds == fold
-            rest = [view for view, held in zip(views, out, strict=True) if not held]
+
+        def further(rest: Sequence[View], fold: int, i: int = i, count: int = count) -> _Solved:
             solved = previous[fold] = _step(rest, board, size, count, previous[fold])
-            for j in np.flatnonzero(out).tolist():
-                per_view[j] = _held_out_rms(views[j], board, solved)
             advance(i * folds + fold + 1, f"{count} coefficients")
-        # A few bad views would drown the rest: none counts for more than four times its model's median.
-        per_view = np.nan_to_num(per_view, nan=np.inf)
-        scores[count] = float(np.minimum(per_view, 4 * np.median(per_view)).mean())
+            return solved
+
+        scores[count] = summed(held_out_errors(views, board, further))
     advance(folds * len(COEFFICIENTS), "")
     return simplest(scores, WORTH), scores
 
 
-def _solve(views: Sequence[View], board: Board, size: tuple[int, int], count: int) -> _Solved:
+def fit_opencv(views: Sequence[View], board: Board, size: tuple[int, int], count: int) -> _Solved:
     """Zhang's method, from few coefficients to many: started with many at once, it stops in poor places."""
     solved = None
     for fewer in COEFFICIENTS:
@@ -150,10 +252,7 @@ def _step(views: Sequence[View], board: Board, size: tuple[int, int], count: int
             objects, pixels, size, camera, coefficients, flags=FLAGS[count] | guess, criteria=CRITERIA
         )
     except cv2.error as error:
-        raise NotEnoughDataError(
-            "No intrinsics fit these views: take pictures of the board tilted in different directions, "
-            "and check board.columns and board.rows."
-        ) from error
+        raise NotEnoughDataError(NO_FIT) from error
     lens = np.ravel(bent)[:count].astype(np.float64)
     return _Solved(
         found.astype(np.float64),
@@ -162,25 +261,6 @@ def _step(views: Sequence[View], board: Board, size: tuple[int, int], count: int
         np.concatenate([np.squeeze(rotvecs, -1), np.squeeze(translations, -1)], 1),
         float(rms),
     )
-
-
-def _held_out_rms(view: View, board: Board, solved: _Solved) -> float:
-    points = np.column_stack([board.points(), np.zeros(board.count)])[view.seen]
-    pixels = view.corners[view.seen]
-    found, rotvec, translation = cv2.solvePnP(points, pixels, solved.camera, solved.coefficients)
-    if not found:
-        return float("nan")
-    seen, _ = cv2.projectPoints(points, rotvec, translation, solved.camera, solved.coefficients)
-    return float(np.sqrt(((seen.reshape(-1, 2) - pixels) ** 2).sum(-1).mean()))
-
-
-def _intrinsics(solved: _Solved, views: Sequence[View], board: Board) -> Intrinsics:
-    covariance = intrinsics_covariance(views, board, solved.camera, solved.coefficients, solved.poses)
-    sigmas = np.sqrt(covariance.diagonal())
-    correlation = covariance / np.outer(sigmas, sigmas)
-    parameters = (solved.camera[0, 0], solved.camera[1, 1], solved.camera[0, 2], solved.camera[1, 2], *solved.coefficients)
-    fx, fy, cx, cy, *lens = (Number(float(v), float(s)) for v, s in zip(parameters, sigmas, strict=True))
-    return Intrinsics(fx, fy, cx, cy, tuple(lens), tuple(tuple(row[:i].tolist()) for i, row in enumerate(correlation) if i))
 
 
 def _spread_deg(normals: NDArray[np.float64]) -> float:

@@ -7,15 +7,19 @@ from calib.errors import InputError
 from calib.optics.cone import Cone
 from calib.optics.cover_frame import CoverFrame, Names
 from calib.optics.dome import Dome
+from calib.optics.fisheye import Fisheye
 from calib.optics.flat import Flat
 from calib.optics.interface import Interface
-from calib.optics.lens_model import COEFFICIENTS, LensModel
+from calib.optics.lens import Lens
+from calib.optics.lens_model import LensModel
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.relief import Relief
+from calib.optics.splined import GRID, SHIFTS, Grid, Splined
 from calib.optics.surface import Surface
 from calib.session.camera import Intrinsics
 from calib.session.cover import Cover
+from calib.session.lens import FISHEYE, NAMES, OPENCV
 
 BEYOND = 0.2
 """How far the relief's centres reach beyond what the image sees, as a fraction of it, on each side. Without centres beyond the edge a
@@ -27,13 +31,22 @@ LATTICE = 41
 
 def pinhole_path(intrinsics: Intrinsics) -> tuple[Path, dict[str, Tensor]]:
     """The camera without its cover."""
-    lens = intrinsics.distortion
-    if all(number.value == 0 and number.sigma == 0 for number in lens):
-        lens = ()
-    names = ("fx", "fy", "cx", "cy", *COEFFICIENTS[: len(lens)])
-    parameters = (intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, *lens)
-    values = {f"camera.{name}": torch.tensor(number.value, dtype=torch.float64) for name, number in zip(names, parameters, strict=True)}
-    return Path(LensModel(len(lens))), values
+    coefficients = dict(zip(intrinsics.names, intrinsics.distortion, strict=True)) if intrinsics.distorts else {}
+    pinhole = {name: getattr(intrinsics, name) for name in ("fx", "fy", "cx", "cy")}
+    values = {f"camera.{name}": torch.tensor(number.value, dtype=torch.float64) for name, number in (pinhole | coefficients).items()}
+    if spline := intrinsics.spline:
+        values |= {name: torch.tensor(shifts, dtype=torch.float64) for name, shifts in zip(SHIFTS, (spline.x, spline.y), strict=True)}
+        values[GRID] = Grid(spline.size, (spline.columns, spline.rows)).described
+    return Path(lens_of(values)), values
+
+
+def lens_of(values: Values) -> Lens:
+    """The lens whose numbers are among the values of a path."""
+    if GRID in values:
+        return Splined(Grid.of(values))
+    if f"camera.{NAMES[FISHEYE][0]}" in values:
+        return Fisheye()
+    return LensModel(sum(f"camera.{name}" in values for name in NAMES[OPENCV]))
 
 
 def covered_path(intrinsics: Intrinsics, cover: Cover) -> tuple[Path, dict[str, Tensor]]:

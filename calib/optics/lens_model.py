@@ -5,19 +5,19 @@ Source: OpenCV's calib3d documentation, "Detailed Description", the equations fo
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import torch
 from torch import Tensor
 
+from calib.optics.lens import PINHOLE, PUPIL, entrance, normalised
 from calib.optics.params import Param, Values
 from calib.optics.rays import LENS, Rays
 from calib.optics.vector import Vector
+from calib.session.lens import NAMES, OPENCV
 
-COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
-"""OpenCV's order."""
-PUPIL = tuple(Param(f"entrance_pupil.{name}", "m", 1e-3) for name in ("e2", "e4"))
-"""By how much the entrance pupil moves along the axis: times the angle's square and its fourth power, rad."""
+COEFFICIENTS = NAMES[OPENCV]
 
 NEWTON_STEPS = 40
 CONVERGED = 1e-6
@@ -33,28 +33,24 @@ class LensModel:
     count: int
     pupil: bool = False
     """Whether the entrance pupil moves."""
+    wide: ClassVar[bool] = False
 
     @property
     def params(self) -> tuple[Param, ...]:
-        pinhole = [Param(f"camera.{name}", "px", 1.0) for name in ("fx", "fy", "cx", "cy")]
-        return (*pinhole, *(Param(f"camera.{name}", "", 1e-3) for name in COEFFICIENTS[: self.count]), *(PUPIL if self.pupil else ()))
+        return (*PINHOLE, *(Param(f"camera.{name}", "", 1e-3) for name in COEFFICIENTS[: self.count]), *(PUPIL if self.pupil else ()))
+
+    def with_pupil(self) -> "LensModel":
+        return replace(self, pupil=True)
 
     def __call__(self, pixels: Tensor, values: Values) -> Rays:
         """(..., 2) px to rays that start at the entrance pupil."""
-        x = (pixels[..., 0] - values["camera.cx"]) / values["camera.fx"]
-        y = (pixels[..., 1] - values["camera.cy"]) / values["camera.fy"]
+        x, y = normalised(pixels, values)
         failed = torch.zeros_like(x, dtype=torch.bool)
         if self.count:
             x, y, failed = undistort(x, y, self._coefficients(values))
         zero = torch.zeros_like(x)
-        start = self._pupil(x, y, values) if self.pupil else zero
+        start = entrance((x * x + y * y).clamp_min(1e-24).sqrt().atan(), values) if self.pupil else zero
         return Rays(Vector(zero, zero, start), Vector(x, y, torch.ones_like(x)).unit(), failed.to(torch.uint8) * LENS)
-
-    def _pupil(self, x: Tensor, y: Tensor, values: Values) -> Tensor:
-        """(...) m along the axis, for rays of these normalised coordinates."""
-        square = (x * x + y * y).clamp_min(1e-24).sqrt().atan() ** 2
-        second, fourth = (values[param.name] for param in PUPIL)
-        return square * (second + square * fourth)
 
     def project(self, points: Tensor, values: Values) -> Tensor:
         """(..., 3) m in front of the pinhole to (..., 2) px, as if there were no cover and the pupil kept still."""

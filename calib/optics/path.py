@@ -13,7 +13,7 @@ from torch import Tensor
 
 from calib.optics.board_target import FLEX, MOTION, POSE, Placement, Target
 from calib.optics.interface import Interface
-from calib.optics.lens_model import LensModel
+from calib.optics.lens import Lens
 from calib.optics.params import LINE, Param, Values
 from calib.optics.rays import Rays
 from calib.optics.relief import Relief
@@ -37,7 +37,7 @@ class Adjustment(Protocol):
 class Path:
     """An ordered tuple of named, frozen, pure stages (the paper's Fig. 3). Its parameters are passed to each call."""
 
-    lens: LensModel
+    lens: Lens
     cover: tuple[Interface, ...] = ()
     target: Target = field(default_factory=Target)
     adjustments: tuple[Adjustment, ...] = ()
@@ -56,6 +56,11 @@ class Path:
         return not (self.cover or self.lens.pupil)
 
     @property
+    def directly_projects(self) -> bool:
+        """Whether the lens alone says which pixel sees a point, beside and behind the pinhole, too."""
+        return self.lens.wide and self.central and not self.adjustments
+
+    @property
     def view_parts(self) -> tuple[str, ...]:
         """What every view has for itself, of `board_target.PARTS`."""
         return (POSE, *([MOTION] if self.shutter else []), *([FLEX] if self.target.flex else []))
@@ -71,7 +76,7 @@ class Path:
         return self.cover[-1].relief if self.cover else None
 
     @property
-    def stages(self) -> tuple[LensModel | Interface, ...]:
+    def stages(self) -> tuple[Lens | Interface, ...]:
         """What a ray passes before the board."""
         return (self.lens, *self.cover)
 

@@ -13,6 +13,8 @@ CONVERGED = 1e-9
 """px"""
 ACCEPTED = 1e-7
 """px: the last step of a pixel that counts as found."""
+SAME = 1e-9
+"""rad: between a point and the ray of its pixel."""
 
 
 def project(path: Path, values: Values, points: Tensor, start: Tensor | None = None) -> Tensor:
@@ -23,8 +25,11 @@ def project(path: Path, values: Values, points: Tensor, start: Tensor | None = N
         start: (N, 2) px to start from; without it, the pixel that would see the point if there were no cover.
 
     Returns:
-        (N, 2) px; NaN for a point that is not in front of the camera and its cover, or that no ray reaches.
+        (N, 2) px; NaN for a point that is not in front of the camera and its cover, or that no ray reaches. A wide lens without a cover
+        sees what is not in front of it, too.
     """
+    if path.directly_projects:
+        return _by_lens(path, values, points)
     front = points[..., 2] > 1e-6
     goal = torch.where(front.unsqueeze(-1), points, torch.ones_like(points))
     pixels = (path.lens.project(goal, values) if start is None else start).clone()
@@ -41,6 +46,14 @@ def project(path: Path, values: Values, points: Tensor, start: Tensor | None = N
         if bool((last[front & usable] < CONVERGED).all()):
             break
     return torch.where((front & ahead & (last < ACCEPTED)).unsqueeze(-1), pixels, torch.full_like(pixels, torch.nan))
+
+
+def _by_lens(path: Path, values: Values, points: Tensor) -> Tensor:
+    """(N, 2) px where the lens images each point, NaN where it sees another direction there."""
+    pixels = path.lens.project(points, values)
+    rays = path.lens(pixels, values)
+    off = (rays.direction.stacked() - points / points.norm(dim=-1, keepdim=True)).norm(dim=-1)
+    return torch.where(((rays.failure == 0) & (off < SAME)).unsqueeze(-1), pixels, torch.full_like(pixels, torch.nan))
 
 
 def _miss(path: Path, values: Values, pixels: Tensor, goal: Tensor, depth: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:

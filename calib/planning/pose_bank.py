@@ -15,6 +15,7 @@ from calib.corners.usable import FEWEST_CORNERS
 from calib.errors import InputError
 from calib.session.board import Board
 from calib.session.camera import Camera
+from calib.session.lens import OPENCV
 
 Array = NDArray[np.float64]
 
@@ -26,6 +27,8 @@ LARGEST, SMALLEST = 0.75, 0.25  # of the picture's shorter side, the board's lon
 INSIDE = 0.3  # of half a board with markers, from the picture's border to its middle: two thirds of it are seen at a side
 FEWEST_SEEN = 0.4  # of its corners: in a corner of the picture so many are
 WAY = 20  # places from the picture's middle to a corner: a lens's polynomial that turns back on the way is not the lens any more
+WIDEST = 4.0  # x / z: 76 degrees from the axis; a board there is seen too flat to be of use
+NEAR_AXIS = 0.1  # rad
 FOCAL = 0.8  # of the picture's longer side, where intrinsics are not known: 64 degrees across
 
 
@@ -125,14 +128,14 @@ def matrix(camera: Camera) -> Array:
 
 def seen_bare(board: Board, camera: Camera, pose: Array) -> Array:
     """(count, 2) px, where the bare camera sees the corners of a board at (6,); of one with markers, NaN outside of the picture."""
-    seen = np.asarray(cv2.projectPoints(_solid(board), pose[:3], pose[3:], matrix(camera), _lens(camera))[0], np.float64).reshape(-1, 2)
+    seen = _projected(_solid(board), pose, camera)
     if not board.coding:
         return seen
     place = _solid(board) @ cv2.Rodrigues(pose[:3])[0].T + pose[3:]
     way = np.linspace(0, 1, WAY)[:, None, None] * np.column_stack(
         [place[:, :2] / place[:, 2:], np.zeros(len(place))]
     )  # from the middle out
-    there = cv2.projectPoints(way.reshape(-1, 3), np.zeros(3), np.array([0, 0, 1.0]), matrix(camera), _lens(camera))[0].reshape(WAY, -1, 2)
+    there = _projected(way.reshape(-1, 3), np.array([0, 0, 0, 0, 0, 1.0]), camera).reshape(WAY, -1, 2)
     folded = (np.diff(np.linalg.norm(there - there[0], axis=-1), axis=0) < 0).any(0)
     return in_picture(np.where(folded[:, None], np.nan, seen), camera)
 
@@ -140,7 +143,11 @@ def seen_bare(board: Board, camera: Camera, pose: Array) -> Array:
 def bare_pose(board: Board, camera: Camera, corners: Array) -> Array | None:
     """(6,) the pose that (count, 2) px, NaN where not seen, would show to the bare camera; None where no pose does."""
     seen = np.isfinite(corners[:, 0])
-    found, turn, shift = cv2.solvePnP(_solid(board)[seen], corners[seen], matrix(camera), _lens(camera), flags=cv2.SOLVEPNP_IPPE)
+    if _is_fisheye(camera):
+        flat, lens, pixels = np.eye(3), np.zeros(0), _normalised(corners[seen], camera)
+    else:
+        flat, lens, pixels = matrix(camera), _lens(camera), corners[seen]
+    found, turn, shift = cv2.solvePnP(_solid(board)[seen], pixels, flat, lens, flags=cv2.SOLVEPNP_IPPE)
     pose = np.concatenate([np.ravel(turn), np.ravel(shift)]) if found else np.full(6, np.nan)
     return pose if np.isfinite(pose).all() and pose[5] > 0 else None
 
@@ -168,12 +175,37 @@ def _borders(camera: Camera) -> tuple[Array, Array]:
     margin = MARGIN * camera.width
     x, y = (np.linspace(margin, length - 1 - margin, 9) for length in (camera.width, camera.height))
     sides = [np.column_stack(np.broadcast_arrays(*side)) for side in ((x[0], y), (x[-1], y), (x, y[0]), (x, y[-1]))]
-    left, right, top, bottom = (cv2.undistortPoints(side, matrix(camera), _lens(camera)).reshape(-1, 2) for side in sides)
+    left, right, top, bottom = (_normalised(side, camera) for side in sides)
     return np.array([left[:, 0].max(), top[:, 1].max()]), np.array([right[:, 0].min(), bottom[:, 1].min()])
 
 
 def _solid(board: Board) -> Array:
     return np.column_stack([board.points(), np.zeros(board.count)])
+
+
+def _projected(points: Array, pose: Array, camera: Camera) -> Array:
+    """(N, 2) px where the bare camera images (N, 3) m on a board at (6,)."""
+    if _is_fisheye(camera):
+        seen = cv2.fisheye.projectPoints(points[:, None], pose[:3], pose[3:], matrix(camera), _lens(camera))[0]
+    else:
+        seen = cv2.projectPoints(points, pose[:3], pose[3:], matrix(camera), _lens(camera))[0]
+    return np.asarray(seen, np.float64).reshape(-1, 2)
+
+
+def _normalised(pixels: Array, camera: Camera) -> Array:
+    """(N, 2) px to (N, 2) x / z and y / z; what a fisheye sees flatter than `WIDEST`, as there."""
+    if not _is_fisheye(camera):
+        return np.asarray(cv2.undistortPoints(pixels, matrix(camera), _lens(camera)), np.float64).reshape(-1, 2)
+    found = cv2.fisheye.undistortPoints(pixels[:, None], matrix(camera), _lens(camera)).reshape(-1, 2)
+    outward = (pixels - matrix(camera)[:2, 2]) / matrix(camera)[[0, 1], [0, 1]]
+    length = np.maximum(np.linalg.norm(outward, axis=-1, keepdims=True), 1e-12)
+    tangent = np.linalg.norm(found, axis=-1, keepdims=True)
+    flat = ~((found * outward).sum(-1, keepdims=True) > 0) | ~(tangent < WIDEST)  # beyond 90 degrees OpenCV's tangent turns round
+    return np.asarray(np.where(flat & (length > NEAR_AXIS), outward / length * WIDEST, found), np.float64)
+
+
+def _is_fisheye(camera: Camera) -> bool:
+    return bool(camera.intrinsics and camera.intrinsics.model != OPENCV)
 
 
 def _lens(camera: Camera) -> Array:

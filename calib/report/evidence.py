@@ -17,6 +17,7 @@ from calib.optics.build import pinhole_path
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.session.camera import Intrinsics
+from calib.session.lens import OPENCV
 from calib.undistortion.ray_field import RayField
 
 Array = NDArray[np.float64]
@@ -113,7 +114,7 @@ def _without_model(calibration: Calibration) -> Residuals | None:
     k = calibration.camera.intrinsics
     assert k
     if calibration.cover.shape == "none":
-        if not any(number.value for number in k.distortion):
+        if k.model == OPENCV and not any(number.value for number in k.distortion):
             return None
         k = Intrinsics(k.fx, k.fy, k.cx, k.cy)
     path, values = pinhole_path(k)

@@ -44,8 +44,7 @@ COVER = (
     Freeable("index", ("refractive_index",), INDEX),
 )
 INTRINSICS = "intrinsics"
-TANGENTIAL_PLACES = (2, 3)
-"""Of p1 and p2 among OpenCV's coefficients."""
+TANGENTIAL_NAMES = ("p1", "p2")
 ALL = "all"
 """Every number that has a tolerance, those aside that the session calls exact."""
 AUTO = "auto"
@@ -88,12 +87,13 @@ def _all_free(intrinsics: Intrinsics, cover: Cover) -> tuple[Intrinsics, Cover]:
 
 
 def _map_intrinsics(intrinsics: Intrinsics, change: Callable[[Number, float], Number]) -> Intrinsics:
-    """Each number changed, given its tolerance; a lens that is stated to have no distortion keeps none."""
+    """Each number changed, given its tolerance; a pinhole that is stated to have no distortion keeps none."""
     fx, fy = (change(number, FOCAL.sigma * number.value) for number in (intrinsics.fx, intrinsics.fy))
     cx, cy = (change(number, PRINCIPAL_POINT.sigma) for number in (intrinsics.cx, intrinsics.cy))
-    lens = intrinsics.distortion if any(number.value or number.sigma for number in intrinsics.distortion) else ()
-    sigmas = [(TANGENTIAL if place in TANGENTIAL_PLACES else RADIAL).sigma for place in range(len(lens))]
-    return Intrinsics(fx, fy, cx, cy, tuple(map(change, lens, sigmas)), intrinsics.correlations[: 3 + len(lens)])
+    lens = intrinsics.distortion if intrinsics.distorts else ()
+    sigmas = [(TANGENTIAL if name in TANGENTIAL_NAMES else RADIAL).sigma for name in intrinsics.names[: len(lens)]]
+    distortion = tuple(map(change, lens, sigmas))
+    return replace(intrinsics, fx=fx, fy=fy, cx=cx, cy=cy, distortion=distortion, correlations=intrinsics.correlations[: 3 + len(lens)])
 
 
 def _freed(number: Number, sigma: float) -> Number:

@@ -62,3 +62,18 @@ def test_parameters_of_effects_stand_beside_it(model: tuple[Path, Values]) -> No
     assert np.diag(precision)[:2] == pytest.approx([0.25, 0.0625])
     assert not precision[:2, 2:].any()
     assert np.allclose(precision[2:, 2:] @ covariance_of(alone), np.eye(4), atol=1e-10)
+
+
+def test_entries_that_are_correlated_among_themselves(model: tuple[Path, Values]) -> None:
+    """They have the covariance that is given, and are independent of the rest."""
+    path, values = model
+    sigmas = {name: float(sigma) for name, sigma in zip(NAMES, SIGMAS, strict=True)}
+    root = np.array([[2.0, 0.0, 0.0], [1.0, 3.0, 0.0], [0.5, -1.0, 0.7]])
+    priors = Priors({**sigmas, "more": 1.0}, CORRELATIONS, {"more": root})
+    alone = Parameters.of(path, values, Priors(sigmas, CORRELATIONS))
+    parameters = Parameters({**values, "more": torch.zeros(3)}, None, (Param("more", "", 0.5, (3,)), *alone.free), priors)
+    precision = parameters.prior_precision(None)
+    assert np.allclose(precision[:3, :3] @ (root @ root.T) / 0.5**2, np.eye(3), rtol=0, atol=1e-12)
+    assert not precision[:3, 3:].any()
+    assert np.allclose(precision[3:, 3:] @ covariance_of(alone), np.eye(len(NAMES)), rtol=0, atol=1e-9)
+    assert np.allclose(Priors(roots={"more": root}).beside({"other": 1.0}).roots["more"], root)

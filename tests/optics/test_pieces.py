@@ -12,7 +12,7 @@ from calib.optics.rays import LENS, Rays
 from calib.optics.relief import Relief
 from calib.optics.snell import refract
 from calib.optics.vector import Vector
-from calib.session.camera import COEFFICIENTS as ACCEPTED_COUNTS
+from calib.session.lens import COEFFICIENTS as ACCEPTED_COUNTS
 from tests.optics import oracle
 
 LENS_NUMBERS = (-0.28, 0.11, 8e-4, -5e-4, -0.02, 0.05, -0.03, 0.01, 1e-3, -2e-4, 7e-4, 3e-4, 0.02, -0.03)

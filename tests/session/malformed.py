@@ -128,6 +128,11 @@ def _bare(session: str | None) -> Callable[[Path], None]:
     return spoil
 
 
+def _lens(first: str, last: str) -> Callable[[Path], None]:
+    """The intrinsics as those of a lens with four coefficients, and with something before and behind its numbers."""
+    return _yaml(INTRINSICS, INTRINSICS.replace("{fx", f"{{{first}, fx").replace("[0, 0, 0, 0, 0]}", f"[0, 0, 0, 0]{last}}}"))
+
+
 def _correlated(rows: str) -> Callable[[Path], None]:
     return _yaml("distortion: [0, 0, 0, 0, 0]}", f"distortion: [0, 0, 0, 0, 0], correlations: {rows}}}")
 
@@ -204,6 +209,27 @@ MALFORMED: tuple[Malformed, ...] = (
         "readout", _yaml("  width", "  shutter: {type: rolling, readout_ms: -3}\n  width"), ("readout_ms is -3", "from 0.01 to 1000")
     ),
     Malformed("global readout", _yaml("  width", "  shutter: {type: global, readout_ms: 3}\n  width"), ("readout_ms is 3", "drop the key")),
+    Malformed("lens", _yaml("  width", "  lens: fishy\n  width"), ("camera.lens is", "one of auto, opencv, fisheye")),
+    Malformed(
+        "lens against lens_coefficients",
+        _yaml("  width", "  lens: fisheye\n  lens_coefficients: 8\n  width"),
+        ("camera.lens_coefficients is 8", "lens is fisheye"),
+    ),
+    Malformed("lens against intrinsics", _yaml("  width", "  lens: fisheye\n  width"), ("camera.lens", "opencv, the model of camera.intr")),
+    Malformed("intrinsics model", _yaml("{fx", "{model: equidistant, fx"), ("intrinsics.model", "one of opencv, fisheye")),
+    Malformed("spline of a fisheye", _lens("model: fisheye", ", spline: 3"), ("intrinsics.spline is 3", "a lens of the model fisheye")),
+    Malformed("spline missing", _lens("model: splined", ""), ("intrinsics.spline is missing", "{columns: 8, rows: 6")),
+    Malformed(
+        "spline of too few",
+        _lens("model: splined", ", spline: {columns: 4, rows: 4, x_px: [0], y_px: [0]}"),
+        ("intrinsics.spline.x_px is a list of 1", "a list of 16 numbers"),
+    ),
+    Malformed(
+        "spline of one row",
+        _lens("model: splined", ", spline: {columns: 4, rows: 1, x_px: [0], y_px: [0]}"),
+        ("intrinsics.spline.rows is 1", "from 4 to 100"),
+    ),
+    Malformed("fisheye coefficients", _yaml("{fx", "{model: fisheye, fx"), ("intrinsics.distortion", "4 numbers in cv2.fisheye")),
     Malformed("lens_coefficients", _yaml("  width", "  lens_coefficients: 6\n  width"), ("camera.lens_coefficients is 6", "4, 5, 8")),
     Malformed("camera outside the cone", _yaml("-30.0", "-42.0"), ("cover.axis_offset_mm", "outside the cone", "41.95 mm")),
     Malformed("camera outside the dome", _yaml(CONE, DOME), ("cover.centre_mm", "outside the dome", "50 mm")),

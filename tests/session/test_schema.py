@@ -62,6 +62,7 @@ keys = st.one_of(
             "cx",
             "cy",
             "distortion",
+            "lens",
             "lens_coefficients",
             "shutter",
             "readout_ms",

@@ -113,14 +113,19 @@ def random_setup(shape: str, rng: np.random.Generator, digits: int) -> dict[str,
         low, high = (100, 200) if large else (max(quantity.low, -20), min(quantity.high, 20))
         entries = [number(low, high) for _ in quantity.names]
         cover[quantity.key] = entries if quantity.components else entries[0]
-    intrinsics = {key: number(300, 400) for key in ("fx", "fy", "cx", "cy")} | {"distortion": [number(-1, 1) for _ in range(8)]}
-    intrinsics["correlations"] = [[uniform(-0.05, 0.05) for _ in range(row)] for row in range(1, 12)]
+    model = ("opencv", "fisheye", "splined")[rng.integers(3)]
+    count = 8 if model == "opencv" else 4
+    intrinsics: dict[str, object] = {} if model == "opencv" else {"model": model}
+    intrinsics |= {key: number(300, 400) for key in ("fx", "fy", "cx", "cy")} | {"distortion": [number(-1, 1) for _ in range(count)]}
+    if model == "splined":
+        intrinsics["spline"] = {"columns": 4, "rows": 5} | {key: [uniform(-9, 9) for _ in range(20)] for key in ("x_px", "y_px")}
+    intrinsics["correlations"] = [[uniform(-0.05, 0.05) for _ in range(row)] for row in range(1, count + 4)]
     camera = {
         "width": 320,
         "height": 240,
         "model": "any",
         "intrinsics": intrinsics,
-        "lens_coefficients": 8,
+        **({"lens_coefficients": 8} if model == "opencv" else {"lens": model}),
         "shutter": {"type": "rolling", "readout_ms": 33.3},
     }
     return {"board": {"columns": 6, "rows": 5, "square_mm": uniform(1, 100)}, "camera": camera, "cover": cover}
