@@ -15,7 +15,8 @@ from calib.corners.view import Rejected, View, board_poses
 from calib.errors import NotEnoughDataError
 from calib.estimation.model_choice import simplest
 from calib.estimation.robust import outlying
-from calib.fitting.bare_covariance import intrinsics_covariance
+from calib.fitting.bare_covariance import freedom, intrinsics_covariance, widened_along
+from calib.fitting.focal_profile import FARTHEST, profiled
 from calib.progress import Progress
 from calib.session.board import Board
 from calib.session.camera import COEFFICIENTS, Camera, Intrinsics
@@ -24,9 +25,17 @@ from calib.session.schema import Number
 FEWEST_VIEWS = 4
 LEAST_SPREAD_DEG = 5.0
 """Between the most different normals of the board."""
+FLAT_DEG = 40.0
+"""The same, below which the error over the focal length may have several minima, and several starts are tried."""
+STARTS = tuple(0.3 * 1.5**i for i in range(8))
+"""Focal lengths over the picture's width, from a lens of 118 degrees to one of 10."""
+REFITS = 5
+"""How often a profile that finds a better minimum is followed there."""
 FOLDS = 4
 WORTH = 0.02
 """Of the held-out error: more coefficients must leave less by more than this."""
+TILT = "tilt the board by about 30 degrees, to each side and up and down, in 6 views"
+"""What the views lack that tell no focal length."""
 CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-9)
 
 FLAGS = {
@@ -60,6 +69,16 @@ class _Solved:
     poses: NDArray[np.float64]  # (V, 6) rotation vector and translation of the board
     rms: float
 
+    @property
+    def focal(self) -> float:
+        """px, along x."""
+        return float(self.camera[0, 0])
+
+    @property
+    def parameters(self) -> NDArray[np.float64]:
+        """(4 + count,) fx, fy, cx, cy and the coefficients."""
+        return np.array([*self.camera[[0, 1, 0, 1], [0, 1, 2, 2]], *self.coefficients])
+
 
 def calibrate_bare(views: Sequence[View], board: Board, camera: Camera, progress: Progress) -> BareFit:
     """Intrinsics from views of a board, with the number of lens coefficients that `camera` asks for or that held-out views do.
@@ -77,7 +96,7 @@ def calibrate_bare(views: Sequence[View], board: Board, camera: Camera, progress
         count, held_out = _choose_count(kept, board, size, progress)
     advance = progress.task("Intrinsics", 1)
     while True:
-        solved = _solve(kept, board, size, count)
+        solved = _least(kept, board, size, count)
         bad = outlying(solved.per_view)
         if not bad.any():
             break
@@ -88,14 +107,15 @@ def calibrate_bare(views: Sequence[View], board: Board, camera: Camera, progress
         ]
         kept = [view for view, out in zip(kept, bad, strict=True) if not out]
         _check_enough(kept)
-    spread = _spread_deg(np.array([cv2.Rodrigues(pose[:3])[0][:, 2] for pose in solved.poses]))
+    spread = _spread_deg(solved)
     if spread < LEAST_SPREAD_DEG:
         raise NotEnoughDataError(
             f"All views without the cover show the board at the same angle, within {spread:.1f} degrees, and no focal length follows: "
-            "take more pictures, with the board tilted in different directions."
+            f"{TILT}."
         )
+    solved, covariance = _profiled(kept, board, size, solved)
     advance(1, f"{solved.rms:.3f} px")
-    return BareFit(_intrinsics(solved, kept, board), solved.rms, tuple(kept), tuple(rejected), held_out)
+    return BareFit(_intrinsics(solved, covariance), solved.rms, tuple(kept), tuple(rejected), held_out)
 
 
 def _choose_count(views: Sequence[View], board: Board, size: tuple[int, int], progress: Progress) -> tuple[int, dict[int, float]]:
@@ -126,16 +146,58 @@ def _choose_count(views: Sequence[View], board: Board, size: tuple[int, int], pr
     return simplest(scores, WORTH), scores
 
 
-def _solve(views: Sequence[View], board: Board, size: tuple[int, int], count: int) -> _Solved:
+def _least(views: Sequence[View], board: Board, size: tuple[int, int], count: int) -> _Solved:
+    """The fit of least error. Where the boards hardly tilt, or seem to, it is sought from several focal lengths."""
+    solved = _solve(views, board, size, count)
+    if _spread_deg(solved) >= FLAT_DEG:
+        return solved
+    started = [_solve(views, board, size, count, share * size[0]) for share in STARTS]
+    best = min(started, key=lambda one: one.rms)
+    return min(solved, _step(views, board, size, count, best), key=lambda one: one.rms)
+
+
+def _profiled(views: Sequence[View], board: Board, size: tuple[int, int], solved: _Solved) -> tuple[_Solved, NDArray[np.float64]]:
+    """The fit, if need be at the better minimum that its profile over the focal length finds, and its covariance: as wide as the profile.
+
+    Raises:
+        NotEnoughDataError: focal lengths that are far apart explain the views about as well.
+    """
+    count = len(solved.coefficients)
+
+    def refit(times: float) -> _Solved:
+        return _step(views, board, size, count, solved, times * solved.focal)
+
+    for _ in range(REFITS):
+        covariance = intrinsics_covariance(views, board, solved.camera, solved.coefficients, solved.poses)
+        sigma = float(covariance[0, 0]) ** 0.5 / solved.focal
+        interval, better = profiled(solved, refit, freedom(views, solved.poses, count), sigma)
+        if better is solved:
+            break
+        solved = min(solved, _step(views, board, size, count, better), key=lambda one: one.rms)
+    if not interval.closed:
+        other = f"{solved.focal / FARTHEST:.0f}" if not interval.low else f"{solved.focal * FARTHEST:.0f}"
+        raise NotEnoughDataError(
+            f"The views without the cover are as well explained by a focal length of {other} px as by one of {solved.focal:.0f} px: {TILT}."
+        )
+    if interval.sigma > sigma:
+        low, high = (refit(times).parameters for times in (interval.low, interval.high))
+        covariance = widened_along((high - low) / (high[0] - low[0]), interval.sigma * solved.focal, covariance)
+    return solved, covariance
+
+
+def _solve(views: Sequence[View], board: Board, size: tuple[int, int], count: int, focal: float | None = None) -> _Solved:
     """Zhang's method, from few coefficients to many: started with many at once, it stops in poor places."""
     solved = None
     for fewer in COEFFICIENTS:
         if fewer < count:
-            solved = _step(views, board, size, fewer, solved)
-    return _step(views, board, size, count, solved)
+            solved = _step(views, board, size, fewer, solved, focal)
+    return _step(views, board, size, count, solved, focal)
 
 
-def _step(views: Sequence[View], board: Board, size: tuple[int, int], count: int, start: _Solved | None) -> _Solved:
+def _step(
+    views: Sequence[View], board: Board, size: tuple[int, int], count: int, start: _Solved | None, focal: float | None = None
+) -> _Solved:
+    """The fit from a start, its focal length held if one is given (px)."""
     points = np.column_stack([board.points(), np.zeros(board.count)]).astype(np.float32)
     objects = [points[view.seen] for view in views]
     pixels = [view.corners[view.seen].astype(np.float32) for view in views]
@@ -144,16 +206,16 @@ def _step(views: Sequence[View], board: Board, size: tuple[int, int], count: int
         coefficients[: len(start.coefficients)] = start.coefficients
     width, height = size
     camera = start.camera.copy() if start else np.array([[width, 0, (width - 1) / 2], [0, width, (height - 1) / 2], [0, 0, 1.0]])
-    guess = cv2.CALIB_USE_INTRINSIC_GUESS if start else 0
+    guess = cv2.CALIB_USE_INTRINSIC_GUESS if start or focal else 0
+    if focal:
+        camera[:2, :2] *= focal / camera[0, 0]
+        guess |= cv2.CALIB_FIX_FOCAL_LENGTH
     try:
         rms, found, bent, rotvecs, translations, _, _, per_view = cv2.calibrateCameraExtended(
             objects, pixels, size, camera, coefficients, flags=FLAGS[count] | guess, criteria=CRITERIA
         )
     except cv2.error as error:
-        raise NotEnoughDataError(
-            "No intrinsics fit these views: take pictures of the board tilted in different directions, "
-            "and check board.columns and board.rows."
-        ) from error
+        raise NotEnoughDataError(f"No intrinsics fit these views: check board.columns and board.rows, and {TILT}.") from error
     lens = np.ravel(bent)[:count].astype(np.float64)
     return _Solved(
         found.astype(np.float64),
@@ -167,24 +229,26 @@ def _step(views: Sequence[View], board: Board, size: tuple[int, int], count: int
 def _held_out_rms(view: View, board: Board, solved: _Solved) -> float:
     points = np.column_stack([board.points(), np.zeros(board.count)])[view.seen]
     pixels = view.corners[view.seen]
-    found, rotvec, translation = cv2.solvePnP(points, pixels, solved.camera, solved.coefficients)
+    try:
+        found, rotvec, translation = cv2.solvePnP(points, pixels, solved.camera, solved.coefficients)
+    except cv2.error:  # corners from which no pose follows
+        found = False
     if not found:
         return float("nan")
     seen, _ = cv2.projectPoints(points, rotvec, translation, solved.camera, solved.coefficients)
     return float(np.sqrt(((seen.reshape(-1, 2) - pixels) ** 2).sum(-1).mean()))
 
 
-def _intrinsics(solved: _Solved, views: Sequence[View], board: Board) -> Intrinsics:
-    covariance = intrinsics_covariance(views, board, solved.camera, solved.coefficients, solved.poses)
+def _intrinsics(solved: _Solved, covariance: NDArray[np.float64]) -> Intrinsics:
     sigmas = np.sqrt(covariance.diagonal())
     correlation = covariance / np.outer(sigmas, sigmas)
-    parameters = (solved.camera[0, 0], solved.camera[1, 1], solved.camera[0, 2], solved.camera[1, 2], *solved.coefficients)
-    fx, fy, cx, cy, *lens = (Number(float(v), float(s)) for v, s in zip(parameters, sigmas, strict=True))
+    fx, fy, cx, cy, *lens = (Number(float(v), float(s)) for v, s in zip(solved.parameters, sigmas, strict=True))
     return Intrinsics(fx, fy, cx, cy, tuple(lens), tuple(tuple(row[:i].tolist()) for i, row in enumerate(correlation) if i))
 
 
-def _spread_deg(normals: NDArray[np.float64]) -> float:
-    """Degrees between the two most different of (V, 3) unit normals."""
+def _spread_deg(solved: _Solved) -> float:
+    """Degrees between the two most different normals of the board."""
+    normals = np.array([cv2.Rodrigues(pose[:3])[0][:, 2] for pose in solved.poses])
     return float(np.degrees(np.arccos(np.clip((normals @ normals.T).min(), -1, 1))))
 
 
