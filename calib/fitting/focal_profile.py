@@ -20,6 +20,8 @@ SMALLEST_STEP = 1e-4
 """Of the focal length. A linearised standard deviation of less is known to nobody."""
 BETTER = 1e-3
 """Of the sum of squares, in its own standard deviations squared: what is lower by more is another minimum."""
+LEAST_RMS = 1e-6
+"""px: what rounding leaves of corners that are exact."""
 
 
 class Fit(Protocol):
@@ -70,7 +72,7 @@ def profiled(fit: F, refit: Callable[[float], F], freedom: int, sigma: float) ->
         while away < np.log(FARTHEST) and reached < LEVEL:
             away, before = min(max(2 * away, step), np.log(FARTHEST)), away
             there = refit(float(np.exp(sign * away)))
-            excess = freedom * (there.rms**2 / fit.rms**2 - 1)
+            excess = freedom * (there.rms**2 / max(fit.rms, LEAST_RMS) ** 2 - 1)
             if excess < -BETTER and there.rms < best.rms:
                 best = there
             previous, reached = reached, max(0.0, excess) ** 0.5

@@ -4,7 +4,8 @@ Source: Z. Zhang, A flexible new technique for camera calibration (2000), the pa
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -151,8 +152,11 @@ def _least(views: Sequence[View], board: Board, size: tuple[int, int], count: in
     solved = _solve(views, board, size, count)
     if _spread_deg(solved) >= FLAT_DEG:
         return solved
-    started = [_solve(views, board, size, count, share * size[0]) for share in STARTS]
-    best = min(started, key=lambda one: one.rms)
+    started = []
+    for share in STARTS:
+        with suppress(NotEnoughDataError):
+            started.append(_solve(views, board, size, count, share * size[0]))
+    best = min(started, key=lambda one: one.rms, default=solved)
     return min(solved, _step(views, board, size, count, best), key=lambda one: one.rms)
 
 
@@ -165,7 +169,10 @@ def _profiled(views: Sequence[View], board: Board, size: tuple[int, int], solved
     count = len(solved.coefficients)
 
     def refit(times: float) -> _Solved:
-        return _step(views, board, size, count, solved, times * solved.focal)
+        try:
+            return _step(views, board, size, count, solved, times * solved.focal)
+        except NotEnoughDataError:  # nothing fits there
+            return replace(solved, rms=np.inf)
 
     for _ in range(REFITS):
         covariance = intrinsics_covariance(views, board, solved.camera, solved.coefficients, solved.poses)
@@ -181,7 +188,8 @@ def _profiled(views: Sequence[View], board: Board, size: tuple[int, int], solved
         )
     if interval.sigma > sigma:
         low, high = (refit(times).parameters for times in (interval.low, interval.high))
-        covariance = widened_along((high - low) / (high[0] - low[0]), interval.sigma * solved.focal, covariance)
+        along = (high - low) / (high[0] - low[0]) if high[0] > low[0] else covariance[0] / covariance[0, 0]
+        covariance = widened_along(along, interval.sigma * solved.focal, covariance)
     return solved, covariance
 
 
@@ -206,6 +214,7 @@ def _step(
         coefficients[: len(start.coefficients)] = start.coefficients
     width, height = size
     camera = start.camera.copy() if start else np.array([[width, 0, (width - 1) / 2], [0, width, (height - 1) / 2], [0, 0, 1.0]])
+    camera[:2, 2] = np.clip(camera[:2, 2], 1, np.array(size) - 2)  # OpenCV starts from nowhere else
     guess = cv2.CALIB_USE_INTRINSIC_GUESS if start or focal else 0
     if focal:
         camera[:2, :2] *= focal / camera[0, 0]

@@ -10,6 +10,9 @@ from calib.session.shutter import Shutter, read_shutter, shutter_to_yaml
 COEFFICIENTS = (0, 4, 5, 8, 12, 14)
 """How many distortion coefficients OpenCV's model may have."""
 
+MOST_PIXELS = 2**28
+"""Of a picture: the largest sensors have as many, and its map takes 2.4 GB."""
+
 PINHOLE = (Quantity("fx", low=1, high=1e7), Quantity("fy", low=1, high=1e7), Quantity("cx"), Quantity("cy"))
 COEFFICIENT = Quantity("distortion")
 CORRELATION = Quantity("correlations", low=-1, high=1)
@@ -47,9 +50,12 @@ class Camera:
 def read_camera(section: Section) -> Camera:
     section.only(("model", "width", "height", "intrinsics", "lens_coefficients", "shutter"))
     counts = f"one of the whole numbers {', '.join(map(str, COEFFICIENTS))}"
+    width, height = (section.whole(key, 1, 100_000) for key in ("width", "height"))
+    if width * height > MOST_PIXELS:
+        raise section.wrong("height", height, f"the pictures' own: {width}x{height} px are more than a sensor has, {MOST_PIXELS:,} at most")
     return Camera(
-        width=section.whole("width", 1, 100_000),
-        height=section.whole("height", 1, 100_000),
+        width=width,
+        height=height,
         model=section.text("model", "the camera's name", default=""),
         intrinsics=_read_intrinsics(section) if "intrinsics" in section.values else None,
         lens_coefficients=section.choice("lens_coefficients", COEFFICIENTS, counts) if "lens_coefficients" in section.values else None,
