@@ -76,6 +76,6 @@ def profiled(fit: F, refit: Callable[[float], F], freedom: int, sigma: float) ->
             if excess < -BETTER and there.rms < best.rms:
                 best = there
             previous, reached = reached, max(0.0, excess) ** 0.5
-        share = (LEVEL - previous) / (reached - previous) if reached > LEVEL else 1.0
+        share = (LEVEL - previous) / (reached - previous) if LEVEL < reached < np.inf else 1.0
         ends.append(float(np.exp(sign * (before + share * (away - before)))) if reached >= LEVEL else (0.0, np.inf)[sign > 0])
     return Interval(*ends), best

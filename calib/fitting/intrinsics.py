@@ -262,8 +262,10 @@ def _spread_deg(solved: _Solved) -> float:
 
 
 def _check_enough(views: Sequence[View]) -> None:
-    if len(views) < FEWEST_VIEWS:
+    poses = len(set(board_poses(views).tolist()))
+    if poses < FEWEST_VIEWS:
+        of = f" of {poses} poses of the board" if poses < len(views) else ""
         raise NotEnoughDataError(
-            f"Intrinsics need {FEWEST_VIEWS} usable views without the cover and there are {len(views)}: "
+            f"Intrinsics need {FEWEST_VIEWS} usable views without the cover, each of a pose of its own, and there are {len(views)}{of}: "
             "take more pictures of the board, tilted in different directions."
         )

@@ -43,8 +43,8 @@ def unsure_focal_length(case: Case) -> Iterator[Reason]:
     if unsure:
         worst = max(unsure, key=lambda name: unsure[name])
         said = (
-            f"the focal length is known to {100 * unsure[worst]:.2g} % only ({numbers[worst].value:.0f} ± {numbers[worst].sigma:.2g} px), and "
-            f"so are metres that are measured with it: {TILT}."
+            f"the focal length is known to {100 * unsure[worst]:.2g} % only ({numbers[worst].value:.0f} ± {numbers[worst].sigma:.2g} px), "
+            f"and so are metres that are measured with it: {TILT}."
         )
         yield Reason(said, case.next.capture(), tuple(unsure))
 
