@@ -32,6 +32,8 @@ STARTS = tuple(0.3 * 1.5**i for i in range(8))
 """Focal lengths over the picture's width, from a lens of 118 degrees to one of 10."""
 REFITS = 5
 """How often a profile that finds a better minimum is followed there."""
+WIDER = 1.1
+"""A profile's standard deviation over the linearised one, from where on it counts: below, the error is a parabola."""
 FOLDS = 4
 WORTH = 0.02
 """Of the held-out error: more coefficients must leave less by more than this."""
@@ -180,13 +182,13 @@ def _profiled(views: Sequence[View], board: Board, size: tuple[int, int], solved
         interval, better = profiled(solved, refit, freedom(views, solved.poses, count), sigma)
         if better is solved:
             break
-        solved = min(solved, _step(views, board, size, count, better), key=lambda one: one.rms)
+        solved = min(better, _step(views, board, size, count, better), key=lambda one: one.rms)
     if not interval.closed:
         other = f"{solved.focal / FARTHEST:.0f}" if not interval.low else f"{solved.focal * FARTHEST:.0f}"
         raise NotEnoughDataError(
             f"The views without the cover are as well explained by a focal length of {other} px as by one of {solved.focal:.0f} px: {TILT}."
         )
-    if interval.sigma > sigma:
+    if interval.sigma > WIDER * sigma:
         low, high = (refit(times).parameters for times in (interval.low, interval.high))
         along = (high - low) / (high[0] - low[0]) if high[0] > low[0] else covariance[0] / covariance[0, 0]
         covariance = widened_along(along, interval.sigma * solved.focal, covariance)

@@ -8,12 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.degenerate import WRONG
 from calib.corners.view import View
 from calib.errors import NotEnoughDataError
-from calib.fitting.intrinsics import calibrate_bare
+from calib.fitting.intrinsics import TILT, calibrate_bare
 from calib.progress import Silent
 from calib.session.board import Board
 from fixtures.calibrated import CAMERA
+from fixtures.degenerate import bare_session
 from fixtures.synthetic import bare_views
 
 BOARD = Board(9, 9, 0.020)
@@ -49,3 +51,16 @@ def test_one_burst_is_no_choice_of_a_lens() -> None:
     views = tuple(replace(view, pose_id="only") for view in bare_views(3, 8, 0.1))
     with pytest.raises(NotEnoughDataError, match="poses of the board"):
         calibrate_bare(views, BOARD, replace(BARE, lens_coefficients=None), Silent())
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("flat", 5010), ("flat", 5016), ("one depth", 5005), ("small", 5024)])
+def test_the_truth_is_within_five_sigma(kind: str, seed: int) -> None:
+    """Or there is no calibration. The linearised sigma at the first minimum was 22 to 53 times too small for these."""
+    shown = bare_session(kind, seed)
+    try:
+        k = calibrate_bare(shown.views, shown.board, shown.camera, Silent()).intrinsics
+    except NotEnoughDataError as error:
+        assert TILT in str(error)
+        return
+    off = [abs(n.value - true) / n.sigma for n, true in zip((k.fx, k.fy, k.cx, k.cy), shown.pinhole, strict=True)]
+    assert max(off) < WRONG

@@ -18,7 +18,8 @@ def maps(scattered: bool) -> tuple[np.ndarray, np.ndarray]:
         x, y = rng.uniform(-60, 460, (90, 110)), rng.uniform(-60, 360, (90, 110))
     else:
         x, y = np.meshgrid(np.linspace(-15, 415, 110), np.linspace(-15, 315, 90))
-    return np.float32(4 * x).round() / 4 + 0.125, np.float32(4 * y).round() / 4 + 0.125  # exact when shifted, and no ties
+    across, down = ((np.round(4 * at) / 4 + 0.125).astype(np.float32) for at in (x, y))  # exact when shifted, and no ties
+    return across, down
 
 
 @pytest.mark.parametrize("scattered", [False, True])
@@ -38,18 +39,19 @@ def test_parts_join_to_the_whole(kind: int, border: int, scattered: bool, monkey
 
 
 def test_opencv_s_limit_is_where_it_is_said() -> None:
+    many = np.zeros((MOST + 1, 1), np.float32)
     with pytest.raises(cv2.error, match="SHRT_MAX"):
-        cv2.remap(np.zeros((2, 2), np.uint8), *np.zeros((2, MOST + 1, 1), np.float32), cv2.INTER_LINEAR)
+        cv2.remap(np.zeros((2, 2), np.uint8), many, many, cv2.INTER_LINEAR)
 
 
 @pytest.mark.parametrize("rows", [MOST, MOST + 1, 100_000])
 def test_as_many_points_as_are_asked(rows: int) -> None:
-    table = np.float32(np.arange(12).reshape(3, 4))  # linear in both: 4 y + x
+    table = np.arange(12, dtype=np.float32).reshape(3, 4)  # linear in both: 4 y + x
     x, y = np.random.default_rng(2).uniform(0, 2, (2, rows, 1)).astype(np.float32)
     assert np.abs(remap(table, x, y, cv2.INTER_LINEAR, cv2.BORDER_REPLICATE) - (4 * y + x)).max() < 0.1  # cv2 counts in 1/32 px
 
 
 def test_a_picture_40000_px_wide() -> None:
     source = np.arange(40_000, dtype=np.float32)[None].repeat(3, 0)
-    x, y = (np.float32(at) for at in np.meshgrid(np.arange(39_990, -10, -1), [1]))
+    x, y = np.meshgrid(np.arange(39_990, -10, -1, dtype=np.float32), np.ones(1, np.float32))
     assert np.array_equal(remap(source, x, y, cv2.INTER_LINEAR, cv2.BORDER_REPLICATE), np.maximum(x, 0))
