@@ -30,6 +30,8 @@ FLAT_DEG = 40.0
 """The same, below which the error over the focal length may have several minima, and several starts are tried."""
 STARTS = tuple(0.3 * 1.5**i for i in range(8))
 """Focal lengths over the picture's width, from a lens of 118 degrees to one of 10."""
+LENS_OF_STARTS = 5
+"""Lens coefficients with which the starts are compared, at most."""
 REFITS = 5
 """How often a profile that finds a better minimum is followed there."""
 WIDER = 1.1
@@ -124,7 +126,8 @@ def calibrate_bare(views: Sequence[View], board: Board, camera: Camera, progress
 def _choose_count(views: Sequence[View], board: Board, size: tuple[int, int], progress: Progress) -> tuple[int, dict[int, float]]:
     """The fewest coefficients within 2 % of the least error on views that the fit has not seen.
 
-    The tilted sensor's fourteen take minutes, so they are tried only where the thin prism's twelve were worth having.
+    The tilted sensor's fourteen take minutes, so they are tried only where the thin prism's twelve were worth having, and where boards
+    tilt: a sensor's tilt is told from theirs by nothing else.
     """
     poses = board_poses(views)
     folds = min(FOLDS, int(poses.max() + 1) // 2)
@@ -132,7 +135,7 @@ def _choose_count(views: Sequence[View], board: Board, size: tuple[int, int], pr
     previous: list[_Solved | None] = [None] * folds
     scores: dict[int, float] = {}
     for i, count in enumerate(COEFFICIENTS):
-        if count == 14 and scores[12] > (1 - WORTH) * scores[8]:
+        if count == 14 and (scores[12] > (1 - WORTH) * scores[8] or any(one and _spread_deg(one) < FLAT_DEG for one in previous)):
             break
         per_view = np.empty(len(views))
         for fold in range(folds):
@@ -157,7 +160,7 @@ def _least(views: Sequence[View], board: Board, size: tuple[int, int], count: in
     started = []
     for share in STARTS:
         with suppress(NotEnoughDataError):
-            started.append(_solve(views, board, size, count, share * size[0]))
+            started.append(_solve(views, board, size, min(count, LENS_OF_STARTS), share * size[0]))
     best = min(started, key=lambda one: one.rms, default=solved)
     return min(solved, _step(views, board, size, count, best), key=lambda one: one.rms)
 
