@@ -29,11 +29,8 @@ from calib.fitting.stages import Settings
 from calib.session.session import read_session, session_to_yaml
 from calib.threads import single_thread
 from calib.verdict.judge import judge
-from fixtures.degenerate import KINDS, Shown, bare_session, covered_session
+from fixtures.degenerate import KINDS, WRONG, Shown, bare_session, covered_session
 from fixtures.map_errors import errors
-
-WRONG = 5.0
-"""Standard deviations."""
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.degenerate import WRONG
 from calib.corners.view import View
 from calib.errors import NotEnoughDataError
 from calib.fitting.intrinsics import calibrate_bare
 from calib.progress import Silent
 from calib.session.board import Board
 from fixtures.calibrated import CAMERA
-from fixtures.degenerate import bare_session
+from fixtures.degenerate import WRONG, bare_session
 from fixtures.synthetic import bare_views
 
 BOARD = Board(9, 9, 0.020)
@@ -53,9 +52,9 @@ def test_one_burst_is_no_choice_of_a_lens() -> None:
         calibrate_bare(views, BOARD, replace(BARE, lens_coefficients=None), Silent())
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("flat", 5010), ("flat", 5016), ("one depth", 5005), ("small", 5024)])
+@pytest.mark.parametrize(("kind", "seed"), [("flat", 5010), ("flat", 5016), ("one depth", 5005)])
 def test_the_truth_is_within_five_sigma(kind: str, seed: int) -> None:
-    """Or there is no calibration. The linearised sigma at the first minimum was 22 to 53 times too small for these."""
+    """Or there is no calibration. The linearised sigma at the first minimum put the truth 26 to 53 of it away."""
     shown = bare_session(kind, seed)
     try:
         k = calibrate_bare(shown.views, shown.board, shown.camera, Silent()).intrinsics
