@@ -21,8 +21,8 @@ from calib.corners.view import View
 from calib.errors import NotEnoughDataError
 from calib.fitting.held_out_views import Fitted, held_out_errors, summed
 from calib.fitting.inputs import read_views
-from calib.fitting.intrinsics import fit_opencv
 from calib.fitting.lens_by_rays import LensFit, fit_lens
+from calib.fitting.opencv_lens import fit_opencv
 from calib.fitting.ray_lens import PLAIN, SPLINES, RayLens
 from calib.progress import Silent
 from calib.session.board import Board

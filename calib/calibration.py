@@ -20,7 +20,7 @@ from calib.calibration_file import check_arrays, read_arrays, relief_from_yaml
 from calib.corners.view import Rejected, View, capture_times
 from calib.effects.effect import Effect
 from calib.effects.serialise import effect_from_yaml, effect_to_yaml
-from calib.errors import InputError
+from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.stated_priors import priors_of
@@ -170,8 +170,13 @@ class Calibration:
         return made.x, made.y
 
     def save(self, folder: str | FilePath) -> FilePath:
-        """Write calibration.yaml and calibration.npz into a folder, and return the first's path."""
+        """Write calibration.yaml and calibration.npz into a folder, and return the first's path.
+
+        Raises:
+            NotEnoughDataError: it has numbers that could not be read back; nothing is written then.
+        """
         folder = FilePath(folder)
+        _check_readable(self._as_mapping(""))
         make_folder(folder)
         digest = save_npz(
             folder / "calibration.npz",
@@ -233,6 +238,17 @@ class Calibration:
             return _from_mapping(said, path)
         except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise InputError(f"{path} is not a whole calibration ({error}): fit the session again.") from error
+
+
+def _check_readable(said: dict[str, Any]) -> None:
+    for camera, cover in ((said["camera"], said["cover"]), (said["declared"]["camera"], said["declared"]["cover"])):
+        try:
+            session_from_mapping({"board": said["board"], "camera": camera, "cover": cover}, "calibration.yaml")
+        except InputError as error:
+            raise NotEnoughDataError(
+                f"The views leave a number of the camera or cover open, so that no calibration is written: take more views, tilted, near "
+                f"and far, or hold more numbers with --free ({str(error).rstrip('.')})."
+            ) from error
 
 
 def _from_mapping(said: dict[str, Any], path: FilePath) -> Calibration:

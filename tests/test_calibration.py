@@ -275,3 +275,19 @@ def test_paths_that_cannot_be_looked_up_get_their_sentence(tmp_path: Path, monke
     monkeypatch.setattr(Path, "is_dir", locked)
     with pytest.raises(InputError, match=r"cannot be read \(Permission denied\)"):
         Calibration.load(tmp_path)
+
+
+def test_what_could_not_be_read_back_is_not_written(calibration: Calibration, tmp_path: Path) -> None:
+    """A sigma that is not a number, and correlations that no numbers have."""
+    k = calibration.camera.intrinsics
+    assert k
+    for spoiled in (replace(k, fx=Number(k.fx.value, float("nan"))), replace(BARE, correlations=((0.99,), (0.99, -0.99), (0.0, 0.0, 0.0)))):
+        with pytest.raises(NotEnoughDataError, match=r"no calibration is written.*camera.intrinsics"):
+            replace(calibration, camera=replace(calibration.camera, intrinsics=spoiled)).save(tmp_path / "out")
+        assert not (tmp_path / "out" / "calibration.yaml").exists()
+        assert not (tmp_path / "out" / "calibration.npz").exists()
+
+
+def test_more_folds_than_views(made: Scene, tmp_path: Path) -> None:
+    with pytest.raises(NotEnoughDataError, match="9 folds need as many poses of the board"):
+        fit(read_session(write_session(tmp_path, made)), replace(SHORT, folds=9), Silent())

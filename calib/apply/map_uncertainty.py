@@ -20,6 +20,7 @@ from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import ROWS
 from calib.optics.path import Path
 from calib.undistortion.depth_map import DepthMap
+from calib.undistortion.remap import remap
 
 Array = NDArray[np.float64]
 
@@ -49,7 +50,7 @@ class SigmaField:
         column, inside_x = _among(x, self.nodes_x)
         row, inside_y = _among(y, self.nodes_y)
         sigma = self.at_nodes(depth).astype(np.float32)
-        found = cv2.remap(sigma, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        found = remap(sigma, column, row, cv2.INTER_LINEAR, cv2.BORDER_REPLICATE)
         return np.where(inside_x & inside_y, found, np.float32(np.nan))
 
     def of_map(self, made: DepthMap) -> NDArray[np.float32]:

@@ -23,6 +23,7 @@ from calib.undistortion.crop import cropped
 from calib.undistortion.depth_stack import DepthStack, depth_stack
 from calib.undistortion.grids import Array, Mask
 from calib.undistortion.ray_field import RayField, check_depth
+from calib.undistortion.remap import MOST, remap
 from calib.undistortion.window import Window
 
 NEAR = 0.1
@@ -123,7 +124,7 @@ class Undistorter:
             raise InputError(f"the result does not fit into an array of {into.dtype} of shape {into.shape}: make it like the picture.")
         linear = self._interpolation == cv2.INTER_LINEAR
         border = cv2.BORDER_CONSTANT if linear else cv2.BORDER_REPLICATE
-        straight = cv2.remap(image, *self.maps, self._interpolation, into, border)
+        straight = remap(image, *self.maps, self._interpolation, border, into)
         if not linear and self._holes:
             straight[~self.valid] = 0
         return cast(Image, straight)
@@ -208,4 +209,5 @@ def _fast(x: NDArray[np.float32], y: NDArray[np.float32], valid: Mask, field: Ra
     for axis, size in ((x, field.width), (y, field.height)):
         np.clip(axis, 0, size - 1, out=axis)
         np.copyto(axis, -1, where=~valid)
-    return cv2.convertMaps(x, y, cv2.CV_16SC2) if FIXED_POINT else (x, y)
+    small = max(*x.shape, field.width, field.height) <= MOST  # 16 bits hold no more
+    return cv2.convertMaps(x, y, cv2.CV_16SC2) if FIXED_POINT and small else (x, y)

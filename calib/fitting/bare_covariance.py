@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.corners.view import View
+from calib.errors import NotEnoughDataError
 from calib.session.board import Board
 
 Array = NDArray[np.float64]
@@ -27,6 +28,9 @@ def intrinsics_covariance(views: Sequence[View], board: Board, matrix: Array, co
 
     Returns:
         (4 + n, 4 + n) of fx, fy, cx, cy and the coefficients.
+
+    Raises:
+        NotEnoughDataError: the views leave one of them open.
     """
     count = 4 + len(coefficients)
     points = np.column_stack([board.points(), np.zeros(board.count)])
@@ -40,6 +44,22 @@ def intrinsics_covariance(views: Sequence[View], board: Board, matrix: Array, co
         jacobian.append(shared - by_pose @ (by_pose.T @ shared))
     rows = np.concatenate(jacobian)  # (2M, 4 + n)
     lengths = np.linalg.norm(rows, axis=0)
+    left = freedom(views, poses, len(coefficients))
+    if left <= 0 or not np.isfinite(rows).all() or not lengths.all():
+        raise NotEnoughDataError(
+            "The views without the cover leave some of the intrinsics open: "
+            "take more pictures of the board, tilted in different directions."
+        )
     _, told, directions = np.linalg.svd(rows / lengths, full_matrices=False)
     root = directions.T / np.maximum(told, LEAST_TOLD * told[0]) / lengths[:, None]
-    return np.asarray(square / (len(rows) - poses.size - count) * root @ root.T)
+    return np.asarray(square / left * root @ root.T)
+
+
+def freedom(views: Sequence[View], poses: Array, coefficients: int) -> int:
+    """Residuals less parameters of a camera with so many lens coefficients."""
+    return 2 * sum(view.count for view in views) - poses.size - 4 - coefficients
+
+
+def widened_along(direction: Array, sigma: float, covariance: Array) -> Array:
+    """The covariance of parameters that change along `direction`, (n,) with 1 at the first, as far as `sigma` of the first says."""
+    return np.asarray(covariance + (sigma**2 - covariance[0, 0]) * np.outer(direction, direction))

@@ -44,6 +44,8 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
     told = Setup(session.board, session.camera, start.intrinsics, session.cover)
     setup = told.freed(settings)
     grids: dict[str, float] = {}
+    if settings.folds:
+        _check_enough(views, rejected, for_folds=settings.folds)
     if settings.grid is None:
         _check_enough(views, rejected, for_folds=GRID_FOLDS)
         grid, grids = choose_grid(setup, views, settings, progress)

@@ -17,7 +17,8 @@ from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, rough_poses
 from calib.estimation.priors import Priors
 from calib.estimation.residuals import residuals
-from calib.fitting.ray_lens import NO_FIT, RayLens
+from calib.fitting.bare_advice import NO_FIT
+from calib.fitting.ray_lens import RayLens
 from calib.optics.build import pinhole_path
 from calib.optics.params import Values
 from calib.optics.path import Path
@@ -58,9 +59,9 @@ class LensFit:
         """(V, 6)"""
         return np.asarray(self.joint.poses.numpy(), np.float64)
 
-    def intrinsics(self, views: Sequence[View], board: Board) -> Intrinsics:
+    @property
+    def intrinsics(self) -> Intrinsics:
         """With each number's standard deviation, and how they are correlated."""
-        del views, board
         found = self.joint.estimates()
         fx, fy, cx, cy, *lens = found.values()
         covariance = self.joint.covariance.numpy()[: len(found), : len(found)]

@@ -4,8 +4,6 @@ from dataclasses import dataclass
 
 from calib.session.lens import FISHEYE, SPLINED
 
-NO_FIT = "No intrinsics fit these views: take pictures of the board tilted in different directions, and check board.columns and board.rows."
-
 
 @dataclass(frozen=True, slots=True)
 class RayLens:

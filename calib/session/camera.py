@@ -9,6 +9,9 @@ from calib.session.lens_spline import Spline, read_spline, spline_to_yaml
 from calib.session.schema import Number, Quantity, Section
 from calib.session.shutter import Shutter, read_shutter, shutter_to_yaml
 
+MOST_PIXELS = 2**28
+"""Of a picture: the largest sensors have as many, and its map takes 2.4 GB."""
+
 PINHOLE = (Quantity("fx", low=1, high=1e7), Quantity("fy", low=1, high=1e7), Quantity("cx"), Quantity("cy"))
 COEFFICIENT = Quantity("distortion")
 CORRELATION = Quantity("correlations", low=-1, high=1)
@@ -70,6 +73,8 @@ def read_camera(section: Section) -> Camera:
         raise section.wrong("lens_coefficients", section.values["lens_coefficients"], f"nothing: it is OpenCV's, and lens is {lens}")
     if intrinsics and lens not in (None, AUTO, intrinsics.model):
         raise section.wrong("lens", lens, f"{intrinsics.model}, the model of camera.intrinsics, or drop the key")
+    if width * height > MOST_PIXELS:
+        raise section.wrong("height", height, f"the pictures' own: {width}x{height} px are more than a sensor has, {MOST_PIXELS:,} at most")
     return Camera(
         width=width,
         height=height,

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from calib.errors import InputError
+from calib.session.camera import MOST_PIXELS
+
 
 @dataclass(frozen=True, slots=True)
 class Window:
@@ -16,3 +19,10 @@ class Window:
     """px of the bare pinhole camera."""
     zoom: tuple[float, float] = (1.0, 1.0)
     """How many of its pixels one of the picture's is wide and high."""
+
+    def __post_init__(self) -> None:
+        if self.width * self.height > MOST_PIXELS:
+            raise InputError(
+                f"a picture of {self.width}x{self.height} px is too large for memory: write a width and height of {MOST_PIXELS:,} px "
+                "in all at most."
+            )

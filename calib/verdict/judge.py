@@ -24,7 +24,7 @@ from calib.verdict.next_commands import NextCommands
 from calib.verdict.orientation import orientation
 from calib.verdict.principal_point import principal_point
 from calib.verdict.residual import residual
-from calib.verdict.sureness import too_few_views, unsure_maps
+from calib.verdict.sureness import too_few_views, unsure_focal_length, unsure_maps
 from calib.verdict.unevenness import unevenness
 from calib.verdict.verdict import Reason, Verdict
 
@@ -46,6 +46,7 @@ CHECKS: tuple[Check, ...] = (
     depths_asked_for,
     too_few_views,
     unsure_maps,
+    unsure_focal_length,
 )
 """In the order in which their reasons stand; of equally grave ones, the first says what to do next. What explains others comes first."""
 

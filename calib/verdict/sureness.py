@@ -9,8 +9,9 @@ from calib.apply.map_uncertainty import ray_errors
 from calib.calibration import Calibration
 from calib.corners.view import board_poses
 from calib.diagnosis.starting_model import base_model
+from calib.fitting.bare_advice import TILT
 from calib.verdict.case import Case
-from calib.verdict.thresholds import FIGURE_UNKNOWNS, TELLS, UNSURE
+from calib.verdict.thresholds import FIGURE_UNKNOWNS, TELLS, UNSURE, UNSURE_FOCAL
 from calib.verdict.verdict import Reason
 
 SAMPLED = 300
@@ -30,6 +31,22 @@ def too_few_views(case: Case) -> Iterator[Reason]:
             "tell them."
         )
         yield Reason(said, case.next.capture())
+
+
+def unsure_focal_length(case: Case) -> Iterator[Reason]:
+    """Of a camera without a cover, whose maps have no standard deviation of their own."""
+    k = case.calibration.camera.intrinsics
+    if not k or case.calibration.settings.get("intrinsics_from") != "views" or case.calibration.covariance.size:
+        return
+    numbers = {"camera.fx": k.fx, "camera.fy": k.fy}
+    unsure = {name: number.sigma / number.value for name, number in numbers.items() if number.sigma > UNSURE_FOCAL * number.value}
+    if unsure:
+        worst = max(unsure, key=lambda name: unsure[name])
+        said = (
+            f"the focal length is known to {100 * unsure[worst]:.2g} % only ({numbers[worst].value:.0f} ± {numbers[worst].sigma:.2g} px), "
+            f"and so are metres that are measured with it: {TILT}."
+        )
+        yield Reason(said, case.next.capture(), tuple(unsure))
 
 
 def unsure_maps(case: Case) -> Iterator[Reason]:

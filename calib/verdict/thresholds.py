@@ -47,6 +47,8 @@ place is a straight line over inverse depth; the standard deviation of a line th
 beyond their ends, 1.8 times what it is at the ends."""
 UNSURE = 0.5
 """px, predicted standard deviation of the maps at the corners: from there a map is known to less than a pixel."""
+UNSURE_FOCAL = 0.01
+"""Standard deviation of the focal length over it: distances that are measured with it are off by as much."""
 TELLS = 2
 """Unknowns of camera and glass that one view of a flat board tells, its pose aside: a homography has eight numbers, six are the pose's
 (Z. Zhang, A flexible new technique for camera calibration, 2000)."""

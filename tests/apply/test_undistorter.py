@@ -165,3 +165,26 @@ def test_a_depth_image_nearer_than_near_is_unknown(calibration: Calibration) -> 
 def test_wrong_input_is_one_sentence(calibration: Calibration, wrong: Callable[[Calibration], object], says: str) -> None:
     with pytest.raises(InputError, match=says):
         wrong(calibration)
+
+
+@pytest.mark.parametrize("size", [(2, 32_767), (40_000, 3)])
+def test_a_picture_that_is_longer_than_opencv_takes(calibration: Calibration, size: tuple[int, int]) -> None:
+    """The picture is a ramp over the camera's own columns: what is seen of it is where it was seen."""
+    undistorter = Undistorter(calibration, 0.5, size=size, crop=0.5)
+    ramp = np.arange(W, dtype=np.float32)[None].repeat(H, 0)
+    straight = undistorter.undistort(ramp)
+    assert straight.shape == size[::-1]
+    assert undistorter.valid.any()
+    assert np.abs(straight - undistorter.maps[0])[undistorter.valid].max() < 0.05  # cv2 counts in 1/32 px
+
+
+def test_a_camera_that_is_wider_than_opencv_takes() -> None:
+    wide = lens_alone(scene(1, views=1), 40_000, 4, 3e4, 3e4, 2e4, 2.0)
+    undistorter = Undistorter(wide, 0.5)
+    ramp = np.arange(40_000, dtype=np.float32)[None].repeat(4, 0)
+    assert np.abs(undistorter.undistort(ramp) - ramp).max() < 0.05
+
+
+def test_a_picture_that_no_memory_holds_is_refused(calibration: Calibration) -> None:
+    with pytest.raises(InputError, match="32767x32767 px is too large for memory"):
+        Undistorter(calibration, 0.5, size=(32_767, 32_767))

@@ -8,7 +8,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from calib.fitting.intrinsics import CRITERIA, calibrate_bare
+from calib.fitting.intrinsics import calibrate_bare
+from calib.fitting.opencv_lens import CRITERIA
 from calib.fitting.stages import Settings, Setup
 from calib.progress import Silent
 from calib.session.board import Board

@@ -203,6 +203,11 @@ MALFORMED: tuple[Malformed, ...] = (
     Malformed("value missing", _yaml("thickness_mm: 3.0", "thickness_mm: {sigma: 3.0}"), ("cover.thickness_mm.value is missing",)),
     Malformed("sigma misspelt", _yaml("[0.0, -30.0]", "[0.0, {value: -30.0, sgima: 1}]"), ("cover.axis_offset_mm[1].sgima", "sigma?")),
     Malformed("three coefficients", _yaml("[0, 0, 0, 0, 0]", "[0, 0, 0]"), ("distortion is a list of 3", "0, 4, 5, 8, 12, 14")),
+    Malformed(
+        "more pixels than a sensor has",
+        _yaml("width: 320\n  height: 240", "width: 100000\n  height: 100000"),
+        ("camera.height is 100000", "100000x100000 px are more"),
+    ),
     Malformed("shutter", _yaml("  width", "  shutter: rolling\n  width"), ("camera.shutter is", "{type: rolling, readout_ms: 30}")),
     Malformed("shutter type", _yaml("  width", "  shutter: {type: roling}\n  width"), ("camera.shutter.type is", "rolling or global")),
     Malformed(

@@ -26,7 +26,7 @@ from calib.verdict.judge import CHECKS
 from calib.verdict.medium import medium
 from calib.verdict.principal_point import SENSOR_MODES, other_mode, principal_point
 from calib.verdict.residual import residual
-from calib.verdict.sureness import too_few_views, unsure_maps
+from calib.verdict.sureness import too_few_views, unsure_focal_length, unsure_maps
 from calib.verdict.thresholds import BEYOND_NOISE, TAKEN_UP, WORSE_THAN_BARE
 from calib.verdict.unevenness import unevenness
 from calib.verdict.verdict import Word
@@ -214,6 +214,18 @@ def test_maps_that_are_hardly_known(good: Calibration) -> None:
     (reason,) = asked(unsure_maps, replace(good, covariance=1e4 * good.covariance), (0.5,))
     assert "px at 0.5 m" in reason.sentence
     assert not asked(unsure_maps, good, (0.5,))
+
+
+@pytest.mark.parametrize(("sigma", "doubted"), [(9.9, False), (10.1, True), (52.0, True)])
+def test_a_focal_length_that_is_hardly_known(good: Calibration, sigma: float, doubted: bool) -> None:
+    """Of a camera without a cover, from its own views: 1000 px within that."""
+    k = Intrinsics(Number(1000.0, sigma), Number(1000.0, 1.0), Number(1640.0, 5.0), Number(1232.0, 5.0))
+    bare = replace(good, camera=Camera(3280, 2464, intrinsics=k), covariance=np.zeros((0, 0)))
+    plain = replace(bare, settings=bare.settings | {"intrinsics_from": "views"})
+    reasons = asked(unsure_focal_length, plain)
+    assert [reason.suspects for reason in reasons] == [("camera.fx",)] * doubted
+    assert all("tilt the board by about 30 degrees" in reason.sentence for reason in reasons)
+    assert not asked(unsure_focal_length, bare), "the session states it"
 
 
 def test_a_board_in_centimetres_or_in_metres(good: Calibration) -> None:

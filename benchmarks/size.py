@@ -1,0 +1,68 @@
+"""What `calib fit` takes for many corners, in time and memory: `python -m benchmarks.size [--corners 10000 100000 1000000]`.
+
+Views of one large board behind the paper's cone, from a corners file to the report. Linear means that the last two columns stay.
+"""
+
+import argparse
+import math
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import yaml
+
+from calib.corners.corners_file import write_corners
+from calib.session.board import Board
+from calib.session.camera import Camera
+from calib.session.session import session_to_yaml
+from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, paper_cone, scene
+
+SIDE = 0.16
+"""m, of the board, whatever its squares."""
+NOISE = 0.1
+"""px per axis"""
+
+
+def write_session(folder: Path, corners: int, views: int) -> int:
+    """A session of about so many corners; how many it has."""
+    across = max(3, round(math.sqrt(corners / views)))
+    board = Board(across, across, SIDE / (across - 1))
+    made = scene(1, views, noise=NOISE, board=board, cover=paper_cone(), depths=(0.35, 1.2))
+    setup = session_to_yaml(board, Camera(WIDTH, HEIGHT, intrinsics=INTRINSICS), made.cover)
+    (folder / "session.yaml").write_text(yaml.safe_dump({"format": 1, **setup, "corners": "corners.vnl"}))
+    write_corners(folder / "corners.vnl", made.views)
+    return views * board.count
+
+
+def taken(command: list[str]) -> tuple[int, float, float, float]:
+    """The exit code of a command; its wall clock and its processor's s; and the most memory, GB."""
+    begun = time.monotonic()
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    assert process.stderr
+    said = process.stderr.read()
+    _, status, used = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        print(said.decode(errors="replace")[-400:], file=sys.stderr)
+    return process.returncode, time.monotonic() - begun, used.ru_utime + used.ru_stime, used.ru_maxrss / 1e6
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--corners", type=int, nargs="+", default=[10_000, 100_000, 1_000_000])
+    parser.add_argument("--views", type=int, default=10)
+    asked = parser.parse_args()
+    print("| corners | views | exit code | s | processor s | GB | processor ms a corner | KB a corner |\n|---|---|---|---|---|---|---|---|")
+    for corners in asked.corners:
+        with TemporaryDirectory() as folder:
+            count = write_session(Path(folder), corners, asked.views)
+            code, wall, processor, memory = taken([sys.executable, "-m", "calib", "fit", folder])
+        each = f"{1e3 * processor / count:.2f} | {1e6 * memory / count:.1f}"
+        print(f"| {count} | {asked.views} | {code} | {wall:.0f} | {processor:.0f} | {memory:.2f} | {each} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,64 @@
+"""Views that say too little of a camera: refused with a sentence that says what is missing, or a sigma that is honest.
+
+`fixtures.degenerate` draws them; `python -m benchmarks.degenerate` counts.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.corners.view import View
+from calib.errors import NotEnoughDataError
+from calib.fitting.intrinsics import calibrate_bare
+from calib.progress import Silent
+from calib.session.board import Board
+from fixtures.calibrated import CAMERA
+from fixtures.degenerate import WRONG, bare_session
+from fixtures.synthetic import bare_views
+
+BOARD = Board(9, 9, 0.020)
+BARE = replace(CAMERA, intrinsics=None, lens_coefficients=0)
+
+
+def without(views: tuple[View, ...], index: int, corners: np.ndarray) -> tuple[View, ...]:
+    return tuple(replace(view, corners=corners) if i == index else view for i, view in enumerate(views))
+
+
+@pytest.mark.parametrize("place", [0, 2], ids=["first", "third"])
+@pytest.mark.parametrize("shape", ["point", "line"])
+@pytest.mark.parametrize("count", [0, None], ids=["pinhole", "count chosen"])
+def test_a_view_whose_pixels_are_a_line_is_rejected(place: int, shape: str, count: int | None) -> None:
+    views = bare_views(3, 8, 0.1)
+    flat = np.full((81, 2), 300.0) if shape == "point" else np.stack([np.linspace(100, 900, 81), np.linspace(50, 250, 81)], -1)
+    found = calibrate_bare(without(views, place, flat), BOARD, replace(BARE, lens_coefficients=count), Silent())
+    assert [one.name for one in found.rejected] == [views[place].name]
+    assert "one line or point" in found.rejected[0].reason
+    assert found.intrinsics.fx.value == pytest.approx(2558.36, rel=0.005)
+
+
+def test_corners_that_are_no_board_end_with_a_sentence() -> None:
+    """Not even a pose follows from them, for which OpenCV raises."""
+    rng = np.random.default_rng(0)
+    views = tuple(View(f"{i}.png", rng.uniform(0, 2000, (81, 2)), np.ones(81)) for i in range(6))
+    with pytest.raises(NotEnoughDataError, match="tilt the board by about 30 degrees"):
+        calibrate_bare(views, BOARD, replace(BARE, lens_coefficients=None), Silent())
+
+
+def test_one_burst_is_no_choice_of_a_lens() -> None:
+    """Pictures of one pose of the board: nothing can be held out."""
+    views = tuple(replace(view, pose_id="only") for view in bare_views(3, 8, 0.1))
+    with pytest.raises(NotEnoughDataError, match="poses of the board"):
+        calibrate_bare(views, BOARD, replace(BARE, lens_coefficients=None), Silent())
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("flat", 5010), ("flat", 5016), ("one depth", 5005)])
+def test_the_truth_is_within_five_sigma(kind: str, seed: int) -> None:
+    """Or there is no calibration. The linearised sigma at the first minimum put the truth 26 to 53 of it away."""
+    shown = bare_session(kind, seed)
+    try:
+        k = calibrate_bare(shown.views, shown.board, shown.camera, Silent()).intrinsics
+    except NotEnoughDataError:
+        return
+    off = [abs(n.value - true) / n.sigma for n, true in zip((k.fx, k.fy, k.cx, k.cy), shown.pinhole, strict=True)]
+    assert max(off) < WRONG
