@@ -23,6 +23,7 @@ def again_html(evidence: Evidence, folder: Path) -> str:
         "refracal": calibration.refracal,
         **{key: value for key, value in origin.items() if key != "session"},
         "gauge": calibration.gauge,
+        "calibration_sha256": calibration.digest,
     }
     rest = yaml.safe_dump(
         {key: value for key, value in settings.items() if key not in (KEY, ASKED, DIAGNOSED, "diagnosis")},
@@ -35,7 +36,8 @@ def again_html(evidence: Evidence, folder: Path) -> str:
         f"<pre>{escape(lines)}</pre>"
         + table(("", ""), [(escape(key), f"<code>{escape(str(value))}</code>") for key, value in facts.items()])
         + "<p>calibration.yaml and calibration.npz hold the corners, the poses and all numbers: the fit can be made again from them alone. "
-        "session_sha256 is the SHA-256 of what <code>sha256sum</code> prints for the files of the session that the fit read.</p>"
+        "session_sha256 is the SHA-256 of what <code>sha256sum</code> prints for the files of the session that the fit read, "
+        "calibration_sha256 the SHA-256 of calibration.npz.</p>"
         + f"<details><summary>Settings and outcome</summary><pre>{escape(rest)}</pre></details>"
     )
 
