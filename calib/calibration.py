@@ -17,11 +17,11 @@ import yaml
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.calibration_file import check_arrays, read_arrays, relief_from_yaml
+from calib.calibration_file import CALIBRATION, check_arrays, read_arrays, relief_from_yaml
 from calib.corners.view import Rejected, View, capture_times
 from calib.effects.effect import Effect
 from calib.effects.serialise import effect_from_yaml, effect_to_yaml
-from calib.errors import InputError
+from calib.errors import InputError, brief
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.stated_priors import priors_of
@@ -246,7 +246,7 @@ class Calibration:
         try:
             return _from_mapping(said, arrays, path)
         except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
-            raise InputError(f"{path} is not a whole calibration ({error}): fit the session again.") from error
+            raise InputError(f"{path} is not a whole calibration ({brief(error)}): fit the session again.") from error
 
 
 def _read_pair(path: FilePath) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
@@ -257,16 +257,16 @@ def _read_pair(path: FilePath) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]
             raise InputError(f"{path} does not exist: give the calibration.yaml that calib fit wrote.")
         said = read_yaml(place)
         if said.get("format") != FORMAT:
-            raise InputError(f"{path}: format is {said.get('format')!r} where this version of calib reads {FORMAT}: fit the session again.")
+            shown = brief(repr(said.get("format")))
+            raise InputError(f"{path}: format is {shown} where this version of calib reads {FORMAT}: fit the session again.")
         arrays, digest = read_arrays(in_force(path.with_suffix(".npz")))
-        if "arrays_sha256" not in said:
-            raise InputError(f"{path} is not a whole calibration (arrays_sha256 is missing): fit the session again.")
-        if said["arrays_sha256"] == digest:
+        if said.get("arrays_sha256", digest) == digest:
             return said, arrays
     raise InputError(f"{path} and {path.with_suffix('.npz').name} do not belong together: fit the session again.")
 
 
 def _from_mapping(said: dict[str, Any], arrays: dict[str, NDArray[Any]], path: FilePath) -> Calibration:
+    CALIBRATION(said, "")
     board, camera, cover = session_from_mapping({key: said[key] for key in ("board", "camera", "cover")}, str(path))
     _, declared, declared_cover = session_from_mapping(
         {"board": said["board"], "camera": said["declared"]["camera"], "cover": said["declared"]["cover"]}, f"{path}: declared"
@@ -278,7 +278,7 @@ def _from_mapping(said: dict[str, Any], arrays: dict[str, NDArray[Any]], path: F
         raise ValueError("there is a relief and no cover")
     effects = tuple(AddedEffect(*effect_from_yaml(one)) for one in said["effects"])
     check_arrays(arrays, relief, board, sum(PARTS[part] for part in (POSE, *(added.effect.per_view for added in effects)) if part))
-    return Calibration(
+    read = Calibration(
         board=board,
         camera=camera,
         cover=cover,
@@ -302,6 +302,9 @@ def _from_mapping(said: dict[str, Any], arrays: dict[str, NDArray[Any]], path: F
         stated=Declared(declared.intrinsics, declared_cover, tuple(map(str, said["declared"].get("doubted", ())))),
         refracal=said["refracal"],
     )
+    if read.covariance.size and len(read.covariance) != (count := read.camera_model().parameters.count):
+        raise ValueError(f"covariance is of {len(read.covariance)} parameters where {count} were estimated")
+    return read
 
 
 def _rows(rows: NDArray[np.float64], width: int, name: str) -> Tensor:

@@ -18,6 +18,7 @@ from calib.corners.detection import NotFound
 from calib.corners.find import find_board
 from calib.corners.view import View
 from calib.errors import InputError, NotEnoughDataError
+from calib.io.files import MOST_TEXT, read_file
 from calib.io.images import read_grey
 from calib.progress import Progress
 from calib.undistortion.grids import Array
@@ -135,25 +136,27 @@ def _pixels(points: Sequence[Point]) -> Array:
 def _read(path: Path, numeric: tuple[str, ...], words: tuple[str, ...]) -> list[tuple[dict[str, str], list[float]]]:
     """Each line's words, and its parameters in order."""
     try:
-        lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip() and not line.startswith("#")]
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}): check its name and permissions.") from error
+        text = read_file(path, MOST_TEXT).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is not a text file: write CSV in UTF-8.") from error
-    reader = csv.DictReader(lines, skipinitialspace=True)
-    header = [name.strip() for name in reader.fieldnames or ()]
-    reader.fieldnames = header
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    try:
+        reader = csv.reader(lines, skipinitialspace=True)
+        header = [name.strip() for name in next(reader, ())]
+        table = [dict(zip(header, cells, strict=False)) for cells in reader]
+    except csv.Error as error:
+        raise InputError(f"{path} is not a CSV table ({error}): write a line of {','.join((*words, *numeric))} for each entry.") from error
     if missing := [name for name in numeric if name not in header]:
         raise InputError(f"{path} has no column {missing[0]}: begin it with a line such as {','.join((*words, *numeric))}.")
     rows: list[tuple[dict[str, str], list[float]]] = []
-    for row in reader:
+    for row in table:
         try:
             found = [float(row[name]) for name in numeric]
-        except (TypeError, ValueError):
+        except (LookupError, ValueError):
             found = [math.nan]
         if not all(map(math.isfinite, found)):
             raise InputError(f"{path}, entry {len(rows) + 1}: {', '.join(numeric)} are not all numbers: correct that line.")
-        rows.append(({name: (row.get(name) or "").strip() for name in words}, found))
+        rows.append(({name: row.get(name, "").strip() for name in words}, found))
     if not rows:
         raise InputError(f"{path} holds no entry: write a line for each below the header.")
     return rows

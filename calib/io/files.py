@@ -3,6 +3,7 @@
 import errno
 import os
 import secrets
+import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from io import BytesIO
@@ -28,6 +29,10 @@ ADVICE = {
     errno.ENAMETOOLONG: "choose a shorter name",
 }
 """What a person can do about a write that failed."""
+MOST_TEXT = 16 << 20
+"""Bytes of a table or a description: a larger one is something else."""
+MOST_BYTES = 2 << 30
+"""Bytes of a picture, or of arrays."""
 OPEN_FILES = Path("/proc/self/fd")
 """Where Linux shows a process its open files; an unnamed one gets its name by way of it."""
 
@@ -103,6 +108,36 @@ def reading(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise InputError(f"{error.filename or path} cannot be read ({error.strerror}): check its name and permissions.") from error
+
+
+def read_file(path: Path, most: int = MOST_BYTES) -> bytes:
+    """The bytes of a regular file, of `most` at most.
+
+    Raises:
+        InputError: it cannot be read, is too large, or is something else, such as a pipe that would never end.
+    """
+    with reading(path):
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))  # a pipe without a writer is opened at once
+        with open(handle, "rb") as file:  # noqa: PTH123 - of a handle
+            check_regular(path, os.fstat(handle).st_mode)
+            data = file.read(most + 1)
+    if len(data) > most:
+        raise InputError(f"{path} is larger than the {_size(most)} that such a file may have: give another.")
+    return data
+
+
+def check_regular(path: Path, mode: int | None = None) -> None:
+    """InputError where a path is of something else than a file, or of nothing; `mode` is what the system says of it, if that was asked."""
+    with reading(path):
+        mode = path.stat().st_mode if mode is None else mode
+        if stat.S_ISDIR(mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(mode):
+        raise InputError(f"{path} is not a file but a pipe or a device: copy what it gives into a file, and give that.")
+
+
+def _size(count: int) -> str:
+    return f"{count >> 30} GB" if count >= 1 << 30 else f"{count >> 20} MB"
 
 
 def make_folder(folder: Path) -> None:

@@ -63,20 +63,20 @@ def _options(settings: dict[str, Any]) -> list[str]:
     """What was not left at its default."""
     usual, asked = Settings(), settings.get(ASKED, {})
     words: list[str] = []
-    if settings["method"] != usual.method:
-        words += ["--method", str(settings["method"])]
-    if settings["grid"] and tuple(settings["grid"]) != usual.grid:
-        words += ["--grid", "x".join(str(n) for n in settings["grid"])]
-    if tuple(settings["free"]) != usual.free:
-        words += ["--free", ",".join(settings["free"]) or "none"]
+    if (method := settings.get("method", usual.method)) != usual.method:
+        words += ["--method", method]
+    if (grid := settings.get("grid")) and tuple(grid) != usual.grid:
+        words += ["--grid", "x".join(map(str, grid))]
+    if (free := tuple(settings.get("free", usual.free))) != usual.free:
+        words += ["--free", ",".join(free) or "none"]
     by_library = ["auto"] if "diagnosis" in settings and DIAGNOSED not in settings else []
     if effects := asked.get("effects") or by_library:
         words += ["--effects", ",".join(effects)]
     if validation := settings.get("cross_validation"):
         words += ["--folds", str(validation["folds"])]
-    if settings["steps"] != usual.steps:
-        words += ["--steps", str(settings["steps"])]
-    if not settings["exact_hit"]:
+    if (steps := settings.get("steps", usual.steps)) != usual.steps:
+        words += ["--steps", str(steps)]
+    if not settings.get("exact_hit", usual.exact_hit):
         words.append("--neglect-shift")
     if depths := asked.get("depths", []):
         words += ["--depth", *(str(depth) for depth in depths)]

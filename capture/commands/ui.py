@@ -23,7 +23,7 @@ def run(args: argparse.Namespace) -> None:
         from capture.sources.registry import open_source
 
         open_source(args.source)
-    if (args.session / "session.yaml").exists():
+    if _described(args.session):
         from capture.session_file import board_of
 
         board_of(args.session, None)
@@ -36,6 +36,18 @@ def run(args: argparse.Namespace) -> None:
     from capture.tui.app import CaptureApp
 
     CaptureApp(args.session, args.source).run()
+
+
+def _described(session: Path) -> bool:
+    """Whether it has a session.yaml; InputError where its folders may not be read, which the screen would do at every turn."""
+    from calib.io.files import reading
+    from calib.io.images import list_images
+
+    with reading(session):
+        for folder in (session, session / "frames", session / "bare"):
+            if folder.is_dir():
+                list_images(folder)
+        return (session / "session.yaml").exists()
 
 
 def _check_terminal() -> None:

@@ -1,7 +1,7 @@
 """Kills fit, diagnose, export and report, and looks at what is left in the folder that they write to: the old set or the new one.
 
 python -m tests.fuzz.kills --kills 200. Every second kill is at a moment drawn over the command's duration, the others at a change of the
-folder, each in its turn. A line says how many left the old set and how many the new one, and how many had to be settled first: their
+folder, from the first to the last. A line says how many left the old set and how many the new one, and how many had to be settled first: their
 writer was killed while moving a set that was in force, which the next reader goes on with.
 """
 
@@ -167,7 +167,7 @@ def main() -> int:
                 time.sleep(draw.uniform(0, whole.seconds))
                 os.kill(child, signal.SIGKILL)
             else:
-                child = _fork([*command.arguments, str(out)], change=turn // 2 % whole.changes)
+                child = _fork([*command.arguments, str(out)], change=turn * len(tried) * whole.changes // args.kills)
             os.waitpid(child, 0)
             left += any(path.name.endswith(".tmp") for path in out.rglob("*"))
             found, moving = judged(out, command, whole)
