@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    from calib.commands.printing import print_json
+    from calib.commands.printing import print_json, print_paths
     from calib.io.files import check_writable, reading, write_atomically
     from calib.sheet.layout import lay_out
     from calib.sheet.pdf import to_pdf
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> None:
     if args.json:
         print_json(_as_mapping(args.type, pattern, sheet) | {"written": [str(path) for path in written]})
     else:
-        print(*written, sep="\n")
+        print_paths(written)
     for remark in _remarks(pattern, sheet):
         print(remark, file=sys.stderr)
 

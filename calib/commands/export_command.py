@@ -36,6 +36,7 @@ def run(args: argparse.Namespace) -> None:
 
     from calib.calibration import Calibration
     from calib.commands.console import Bars
+    from calib.commands.printing import print_paths
     from calib.export.export import Export, export
     from calib.io.file_set import FileSet
 
@@ -43,7 +44,7 @@ def run(args: argparse.Namespace) -> None:
     with Bars() as bars, FileSet(args.output) as files:
         exported = export(Export(calibration, form, lenses, tuple(dict.fromkeys(args.depth)), files, bars))
         files.commit()
-    print(*exported.paths, sep="\n")
+    print_paths(exported.paths)
     for model in exported.models:
         _say(model)
 

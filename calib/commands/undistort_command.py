@@ -36,12 +36,13 @@ def run(args: argparse.Namespace) -> None:
     from calib.apply.undistort_files import Wanted, undistort_files
     from calib.calibration import Calibration
     from calib.commands.console import Bars
+    from calib.commands.printing import print_paths
 
     calibration = Calibration.load(args.calibration)
     wanted = Wanted(args.depth if args.depth is not None else args.depth_image, args.crop, args.size, args.near)
     with Bars() as bars:
         written = undistort_files(calibration, args.images, wanted, args.output, bars)
-    print(*written, sep="\n")
+    print_paths(written)
 
 
 def _alpha(text: str) -> float:

@@ -44,7 +44,7 @@ class Written:
     """
 
     def __init__(self, folder: Path, data: bytes | memoryview | str) -> None:
-        """OSError where it cannot be written."""
+        """Text as UTF-8, a byte of a file name that is none as its escape; OSError where it cannot be written."""
         self._temporary: Path | None = None
         try:
             if not OPEN_FILES.is_dir():
@@ -55,7 +55,7 @@ class Written:
             self._handle = os.open(self._temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
         try:
             with open(self._handle, "wb", closefd=False) as file:
-                file.write(data.encode() if isinstance(data, str) else data)
+                file.write(data.encode(errors="backslashreplace") if isinstance(data, str) else data)
             fsync(self._handle)
         except BaseException:
             self.close()
@@ -118,9 +118,12 @@ def read_file(path: Path, most: int = MOST_BYTES) -> bytes:
     """
     with reading(path):
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))  # a pipe without a writer is opened at once
-        with open(handle, "rb") as file:  # noqa: PTH123 - of a handle
+        try:
             check_regular(path, os.fstat(handle).st_mode)
-            data = file.read(most + 1)
+            with open(handle, "rb", closefd=False) as file:
+                data = file.read(most + 1)
+        finally:
+            os.close(handle)
     if len(data) > most:
         raise InputError(f"{path} is larger than the {_size(most)} that such a file may have: give another.")
     return data

@@ -13,7 +13,7 @@ from textual.message import Message
 from textual.suggester import SuggestFromList
 from textual.widgets import Button, Input, Label, Select, Static
 
-from calib.errors import InputError
+from calib.errors import InputError, harmless
 from calib.io.files import reading
 from calib.io.images import list_images
 from calib.session.coding import DICTIONARIES
@@ -139,7 +139,7 @@ class SetupScreen(Page):
             self.query_one("#like", Input).disabled = True
         elif not self.query("#board Input"):
             await self._begin_anew()
-        self.query_one("#state", Static).update(COVER_ON if self._covered else state)
+        self.query_one("#state", Static).update(COVER_ON if self._covered else harmless(state))
         for each in self.query("#kind, #board Input, #cover Input, #shape"):
             each.disabled = described
         self.query_one("#phase", Select).value = self._bare_is_missing() and not self._covered
@@ -186,7 +186,7 @@ class SetupScreen(Page):
         field = self.query_one("#source", Input)
         field.suggester = SuggestFromList(message.sources)
         words = f"found here: {', '.join(message.sources)}" if message.sources else "no camera found here; folder:PATH plays back pictures"
-        self.query_one("#cameras", Static).update(" " * 19 + words)
+        self.query_one("#cameras", Static).update(" " * 19 + harmless(words))
         if message.sources and not field.value:
             field.value = message.sources[0]
 

@@ -1,8 +1,8 @@
 """Kills fit, diagnose, export and report, and looks at what is left in the folder that they write to: the old set or the new one.
 
 python -m tests.fuzz.kills --kills 200. Every second kill is at a moment drawn over the command's duration, the others at a change of the
-folder, from the first to the last. A line says how many left the old set and how many the new one, and how many had to be settled first: their
-writer was killed while moving a set that was in force, which the next reader goes on with.
+folder, from the first to the last. A line says how many left the old set and how many the new one, and how many had to be settled first:
+their writer was killed while moving a set that was in force, which the next reader goes on with.
 """
 
 import argparse

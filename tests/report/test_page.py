@@ -8,8 +8,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 from calib.calibration import Calibration
+from calib.cli import main
+from calib.commands.console import print_fit
 from calib.corners.view import Rejected
 from calib.report.effects import EffectRow
 from tests.report.conftest import Reported
@@ -120,3 +123,29 @@ def test_without_covariance_nothing_is_said_of_certainty(few: Calibration, tmp_p
     assert "standard deviation:" not in html
     assert "is not predicted" in html
     assert "at 0.7 m:" in html
+
+
+def test_a_file_name_that_is_no_utf_8_and_one_that_a_terminal_would_obey(
+    few: Calibration, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    names = ("caf\udce9.png", "a\x1b[2Jb\ncalib: all is well.png", "[/b][link=x]y.png")
+    looks = [{"file": name, "found": 1, "refused": 0, "dropped": 0} for name in names]
+    odd = replace(
+        few,
+        views=(*(replace(view, name=name) for view, name in zip(few.views, names, strict=False)), *few.views[len(names) :]),
+        rejected=tuple(Rejected(name, "no board") for name in names),
+        settings=few.settings | {"second_look": looks},
+    )
+    report_in(tmp_path, odd)
+    odd.save(tmp_path)
+    back = Calibration.load(tmp_path)
+    assert tuple(view.name for view in back.views[: len(names)]) == names
+    assert tuple(one.name for one in back.rejected) == names
+    assert back.settings["second_look"] == looks
+    print_fit(back, 1.0)
+    assert main(["report", "--no-open", str(tmp_path)]) == 0
+    said = "".join(capfd.readouterr())
+    assert r"Not used: caf\xe9.png: no board." in said
+    assert r"Not used: a\x1b[2Jb\ncalib: all is well.png: no board." in said
+    assert "Not used: [/b][link=x]y.png: no board." in said
+    assert "\x1b[2J" not in said
