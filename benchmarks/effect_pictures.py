@@ -346,7 +346,7 @@ def _print_alike() -> None:
         noise = torch.from_numpy(np.random.default_rng(1).normal(0, 0.1, observations.pixels.shape))
         observations = replace(observations, pixels=observations.pixels + noise)
         at = Optimum(model, observations, model.fitted(observations, torch.from_numpy(poses)))
-        columns = [at.candidate(effect) for effect in proposed(tuple(k for k in KINDS if k not in FIELDS), model)]
+        columns = at.candidates(proposed(tuple(k for k in KINDS if k not in FIELDS), model))
         spans = {c.effect.name + _choices(c.effect)[1].join("()" * bool(_choices(c.effect)[1])): c for c in columns if c.jacobian.size}
         print(f"cover: {cover.shape}")
         for name, one in spans.items():

@@ -12,13 +12,14 @@ from calib.calibration import Calibration
 from calib.corners.view import are_timed, board_poses
 from calib.diagnosis.diagnosed import with_fit
 from calib.diagnosis.families import settle
-from calib.diagnosis.finding import Candidate, Diagnosis, ParameterEstimate, Quality
+from calib.diagnosis.finding import Candidate, Diagnosis, Family, ParameterEstimate, Quality
 from calib.diagnosis.held_out import FOLDS, bands, folds
 from calib.diagnosis.selection import ROUNDS, TRIED, Loop
-from calib.diagnosis.sentences import remarks, verdict
+from calib.diagnosis.sentences import remarks, unconfirmed_scores, verdict
 from calib.diagnosis.starting_model import base_model, model_of
 from calib.diagnosis.variance_split import Scene, Share
 from calib.effects.effect import Effect
+from calib.effects.registry import EFFECTS
 from calib.errors import NotEnoughDataError
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
@@ -30,7 +31,9 @@ from calib.progress import Progress, Silent
 from calib.session.session import Session
 from calib.threads import single_thread
 
-FEWEST_VIEWS = 2 * FOLDS
+FEWEST_VIEWS = FOLDS
+CONFIRMING_VIEWS = 2 * FOLDS
+"""With fewer the scores are given, and nothing is accepted."""
 ORGANISED = 1e-3
 """p-value from which something is said to organise a residual, over the things that are asked."""
 NOTICEABLE = 0.03
@@ -76,15 +79,21 @@ def diagnose(calibration: Calibration, progress: Progress = Silent(), holdout: S
                 organising_of(split_of(calibration, model, joint, observations, _missed(model, joint, observations)))
             ),
         )
-        first = loop.run()
-        advance(ROUNDS + 2 * TRIED - 1, "rivals")
-        families = settle(loop)
+        families: tuple[Family, ...] = ()
+        if count < CONFIRMING_VIEWS:
+            first = loop.left()
+            unconfirmed = unconfirmed_scores(loop.scores(EFFECTS), count, CONFIRMING_VIEWS)
+        else:
+            first = loop.run()
+            advance(ROUNDS + 2 * TRIED - 1, "rivals")
+            families = settle(loop)
+            unconfirmed = ()
         last = loop.left()
         advance(ROUNDS + 2 * TRIED, "")
         before, after = _missed(model, joint, observations), _missed(loop.model, loop.joint, observations)
         shares = split_of(calibration, model, joint, observations, before)
         organising = organising_of(split_of(calibration, loop.model, loop.joint, observations, after))
-        said = tuple(remarks(loop, families, organising, timed=are_timed(calibration.views)))
+        said = (*unconfirmed, *remarks(loop, families, organising, timed=are_timed(calibration.views)))
     accepted = tuple(effect.name for effect in loop.model.effects)
     found = with_fit(calibration, loop.model, loop.joint, observations)
     held = first.rms, last.rms
@@ -154,7 +163,7 @@ def _candidates(loop: Loop, accepted: tuple[str, ...]) -> list[Candidate]:
     listed = []
     for (name, shape), trial in loop.trials.items():
         taken = name in accepted and any(e.name == name and e.form == shape for e in loop.model.effects)
-        joint = loop.joint if taken else trial.joint
+        joint = loop.joint if taken else trial.fit and trial.fit.joint
         effect = next(e for e in loop.model.effects if e.name == name) if taken else trial.test.effect
         listed.append(
             Candidate(

@@ -118,13 +118,13 @@ def _rivals(loop: Loop, effect: Effect) -> list[Rival]:
     own = at.test(effect)
     moved = _moved(own, loop.joint)
     rivals = []
-    for proposed in (e for kind in KINDS if kind.has_cause and kind.name not in present for e in kind.propose(there)):
-        test = at.candidate(proposed)
+    proposed = [e for kind in KINDS if kind.has_cause and kind.name not in present for e in kind.propose(there)]
+    for test in at.candidates(proposed):
         shared = moved.size and test.jacobian.size
         done = float(((test.span().T @ moved) ** 2).sum() / (moved @ moved)) if shared else test.chi2 / own.chi2
         if done < MUCH:
             continue
-        model, joint = with_most_probable(without, test.effect, loop.observations, at.joint.poses)
+        model, joint = with_most_probable(without, test.effect, loop.observations, at.joint)
         if joint.finite:
             rivals.append(Rival(replace(test, effect=model.effects[-1]), without, model, joint))
     return rivals

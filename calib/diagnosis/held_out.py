@@ -3,8 +3,7 @@
 Whole poses of the board are held out, by folds or by bands of depth, never single corners. An interval comes from a bootstrap over views,
 a p-value from a permutation test that flips the signs of the views' gains.
 
-Sources: B. Efron, R. Tibshirani, An introduction to the bootstrap (1993), chapter 13; P. Good, Permutation, parametric, and bootstrap
-tests of hypotheses (2005), section 3.2, for the sign flips of matched pairs.
+Source: B. Efron, R. Tibshirani, An introduction to the bootstrap (1993), chapter 13.
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ import torch
 from numpy.typing import NDArray
 
 from calib.diagnosis.score_test import Optimum
+from calib.diagnosis.sign_flips import views_gain
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.elimination import eliminated
 from calib.estimation.joint_fit import JointFit
@@ -35,8 +35,6 @@ BANDED = 1.3
 """The farthest band's depth over the nearest's, from which a session has bands."""
 DRAWS = 4000
 """Of the bootstrap."""
-FLIPS = 20_000
-"""Of the views' signs."""
 CLIP = 2.5
 """Times the typical error of a corner: what is farther off counts as that far, for single bad corners are not the model's."""
 
@@ -164,15 +162,9 @@ def predicted_variance(at: Optimum) -> Array:
 
 def gain(before: HeldOut, after: HeldOut) -> Gain:
     """Compare on the same views: an interval by bootstrap over views, and a test by flipping the signs of the views' gains, which are as
-    often losses if the models are alike. A corner counts the less, the less surely the first fit predicts it.
-
-    The test is made twice, and the better p-value doubled: on the logarithm of the errors' ratio, in which a view with bad corners counts
-    no more than another, and on the difference of the squares, for an effect that only some of the views show.
-    """
+    often losses if the models are alike. A corner counts the less, the less surely the first fit predicts it."""
     one, two = (held.by_view(before.limit, before.weight) for held in (before, after))
     rng = np.random.default_rng(0)
     drawn = rng.integers(0, len(one), (DRAWS, len(one)))
     low, high = np.quantile(np.sqrt(one[drawn].mean(1)) - np.sqrt(two[drawn].mean(1)), [0.025, 0.975])
-    signs = rng.choice([-1.0, 1.0], (FLIPS, len(one)))
-    p_values = [float(((signs @ gains >= gains.sum()).sum() + 1) / (FLIPS + 1)) for gains in (np.log(one / two), one - two)]
-    return Gain(float(np.sqrt(one.mean())), float(np.sqrt(two.mean())), (float(low), float(high)), min(1.0, 2 * min(p_values)))
+    return Gain(float(np.sqrt(one.mean())), float(np.sqrt(two.mean())), (float(low), float(high)), views_gain(one, two))

@@ -43,12 +43,12 @@ def with_named(calibration: Calibration, names: Sequence[str], progress: Progres
                 raise InputError(f"--effects {name}: this set-up can have no {name}, or the fit estimates it already: leave it out.")
             start = joint.start
             tried: list[tuple[float, CameraModel, JointFit]] = []
-            for form in forms:
-                wider = model.with_effect(at.candidate(form).effect)
+            for test in at.candidates(forms):
+                wider = model.with_effect(test.effect)
                 fitted = wider.fitted(observations, joint.poses, start)
                 tried.append((_left(wider, fitted, observations), wider, fitted))
             _, wider, fitted = min(tried, key=lambda one: one[0])
-            model, joint = with_most_probable(model, wider.effects[-1], observations, fitted.poses)
+            model, joint = with_most_probable(model, wider.effects[-1], observations, fitted)
             advance(done, name)
     return with_fit(calibration, model, joint, observations)
 

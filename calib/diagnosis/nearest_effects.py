@@ -29,9 +29,9 @@ def nearest_named(at: Optimum, field: Effect, values: dict[str, torch.Tensor], n
     columns = at.test(field).jacobian
     moved = columns @ np.concatenate([(values[u.param.name] / u.param.scale).numpy().ravel() for u in field.unknowns])
     shares = dict[str, float]()
-    for effect in named:
-        if (scored := at.candidate(effect)).jacobian.size:  # parameters of every view could do anything
+    for scored in at.candidates(named):
+        if scored.jacobian.size:  # parameters of every view could do anything
             share = float(((scored.span().T @ moved) ** 2).sum() / (moved @ moved))
-            shares[effect.name] = max(share, shares.get(effect.name, 0.0))
+            shares[scored.effect.name] = max(share, shares.get(scored.effect.name, 0.0))
     near = sorted(((share, name) for name, share in shares.items() if share >= NEAR), reverse=True)
     return [(name, share) for share, name in near[:MOST]]

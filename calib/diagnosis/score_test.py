@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from calib.diagnosis.jackknife import jackknife
 from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.elimination import ViewEquations, eliminated, information, orthonormal, view_equations
@@ -40,7 +41,8 @@ class ScoreTest:
     """By how much its parameters would lower the sum of squares."""
     dof: int
     p_value: float
-    """From how the views agree, if there are enough of them for its parameters; else from chi2 over the residual's dispersion."""
+    """From how the views agree, if there are enough of them for its parameters, by the better of two tests; else from chi2 over the
+    residual's dispersion."""
 
     cost: float
     """The fit's sum of squares."""
@@ -72,18 +74,34 @@ class Optimum:
     observations: Observations
     joint: JointFit
 
-    def candidate(self, effect: Effect) -> ScoreTest:
-        """The score of one effect, with the prior that suits the residual."""
-        test = self.test(effect)
-        tuned = effect.tuned(test.information, test.score)
-        return test if tuned == effect else self.test(tuned)
+    def candidates(self, effects: Sequence[Effect]) -> list[ScoreTest]:
+        """The scores of effects, each without the others, with the priors that suit the residual."""
+        found = self.tests(effects)
+        tuned = [test.effect.tuned(test.information, test.score) for test in found]
+        again = iter(self.tests([new for new, test in zip(tuned, found, strict=True) if new != test.effect]))
+        return [test if new == test.effect else next(again) for new, test in zip(tuned, found, strict=True)]
 
     def test(self, effect: Effect) -> ScoreTest:
         """The score of one effect as it is."""
         return self.tests((effect,))[0]
 
     def tests(self, effects: Sequence[Effect]) -> list[ScoreTest]:
-        """The scores of effects as they are, each without the others, from one linearisation of them all."""
+        """The scores of effects as they are, each without the others, from one linearisation of all that have no parameter in common."""
+        found: dict[int, ScoreTest] = {}
+        waiting = dict(enumerate(effects))
+        while waiting:
+            names: set[str] = set()
+            together: dict[int, Effect] = {}
+            for index, effect in waiting.items():
+                own = {effect.name, *(unknown.param.name for unknown in effect.unknowns)}
+                if not names & own:
+                    names |= own
+                    together[index] = effect
+            found |= zip(together, self._tests(tuple(together.values())), strict=True)
+            waiting = {index: effect for index, effect in waiting.items() if index not in together}
+        return [found[index] for index in range(len(effects))]
+
+    def _tests(self, effects: Sequence[Effect]) -> list[ScoreTest]:
         views = list(self.equations(effects))
         place = columns(self.model.with_effects(effects).path.view_parts)
         own = np.concatenate([np.r_[place[part]] for part in self.model.path.view_parts])
@@ -105,10 +123,14 @@ class Optimum:
             new, unlike = rows[:, entries], left[:, entries - fitted]
             information = new.T @ unlike
             score = new.T @ off - imitated[:, entries - fitted].T @ unfinished  # else an effect they imitate would seem to explain it
-            chi2 = float(score @ np.linalg.solve(information + precision[np.ix_(entries, entries)], score))
-            by_view = np.array([part.sum(0) for part in np.split(unlike * off[:, None], starts)])
-            by_view += (score - by_view.sum(0)) / len(by_view)  # the prior's share
-            p_value = _p_value(by_view, chi2, len(score), dispersion)
+            hessian = information + precision[np.ix_(entries, entries)]
+            chi2 = float(score @ np.linalg.solve(hessian, score))
+            if len(score) > len(views) // 3:
+                p_value = float(stats.chi2.sf(chi2 / max(dispersion, 1e-12), len(score)))
+            else:
+                by_view = np.array([part.sum(0) for part in np.split(unlike * off[:, None], starts)])
+                by_view += (score - by_view.sum(0)) / len(by_view)  # the prior's share
+                p_value = min(1.0, 2 * min(_hotelling(by_view), jackknife(residual, np.split(unlike, starts), score, hessian)))
             return ScoreTest(effect, unlike, float((new**2).sum()), chi2, len(score), p_value, float(off @ off), information, score)
 
         return [scored(effect) for effect in effects]
@@ -155,12 +177,10 @@ class Optimum:
         return 2 * len(self.observations.pixels) - self.joint.poses.numel()
 
 
-def _p_value(by_view: Array, chi2: float, dof: int, dispersion: float) -> float:
-    """Hotelling's T^2: whether the views' scores of the effect's parameters, (V, k), agree on a direction away from neutral. It bears views
-    with bad corners, whose own scatter enters its denominator."""
-    views = len(by_view)
-    if dof > views // 3:
-        return float(stats.chi2.sf(chi2 / max(dispersion, 1e-12), dof))
+def _hotelling(by_view: Array) -> float:
+    """The p-value of Hotelling's T^2: whether the views' scores of the effect's parameters, (V, k), agree on a direction away from neutral.
+    It bears views with bad corners, whose own scatter enters its denominator."""
+    views, dof = by_view.shape
     mean = by_view.mean(0)
     scatter = np.cov(by_view, rowvar=False).reshape(dof, dof)
     scale = np.sqrt(np.maximum(scatter.diagonal(), 1e-300))

@@ -13,13 +13,14 @@ from itertools import combinations
 import numpy as np
 
 from calib.diagnosis.fine_surface_search import surroundings
-from calib.diagnosis.held_out import Gain, HeldOut, Split, gain, hold_out
+from calib.diagnosis.held_out import HeldOut, Split, gain, hold_out
 from calib.diagnosis.most_probable_form import with_most_probable
 from calib.diagnosis.score_test import Optimum, ScoreTest
+from calib.diagnosis.trial import LEAST_GAIN, Fit, Trial, worth
 from calib.effects.effect import Effect, Surroundings
 from calib.effects.registry import EFFECTS, FIELDS
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.joint_fit import JointFit
+from calib.estimation.joint_fit import ROUGH, JointFit
 from calib.estimation.observations import Observations
 from calib.progress import Advance
 from calib.session.board import Board
@@ -27,12 +28,6 @@ from calib.session.camera import Camera
 
 NEEDED = 0.05
 """p-value from which an accepted effect counts as needed beside those that came after it."""
-ALPHA = 0.05
-"""Chance of a false acceptance in a whole round, over all the candidates that are tried."""
-LEAST_GAIN = 0.01
-"""Of the held-out error: less is not worth an effect."""
-LEAST_EXPLAINED = 0.003
-"""px of the held-out error, nor is less than this: all corners of a picture may be off by 0.0013 px (docs/corners.md)."""
 WORTH_TRYING = 0.05
 """p-value of the score."""
 TRIED = 4
@@ -40,40 +35,6 @@ TRIED = 4
 ROUNDS = 6
 CONFOUNDED = 0.9
 """Squared correlation from which two effects count as the same to these views."""
-
-
-def worth(found: Gain) -> bool:
-    """Whether it is large enough for an effect."""
-    return found.relative > LEAST_GAIN and found.explained > LEAST_EXPLAINED
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Trial:
-    """One candidate in one round."""
-
-    test: ScoreTest
-    gain: Gain | None = None
-    held: HeldOut | None = None
-    joint: JointFit | None = None
-    among: int = 1
-    """How many candidates there were."""
-    bands: Gain | None = None
-    """On depth bands that were held out, where there are such and the folds agree."""
-
-    @property
-    def confirmed(self) -> bool:
-        """Whether held-out views say that its gain is not chance, all candidates of the round allowed for."""
-        return self.gain is not None and self.gain.p_value < ALPHA / self.among and self.gain.ci95[0] > 0
-
-    @property
-    def large(self) -> bool:
-        """Whether its gain is confirmed, and worth it."""
-        return self.confirmed and self.gain is not None and worth(self.gain)
-
-    @property
-    def passes(self) -> bool:
-        """Whether what it says of some depths helps at the others, too."""
-        return self.large and (self.bands is None or self.bands.relative > 0)
 
 
 @dataclass(slots=True, eq=False)
@@ -118,80 +79,96 @@ class Loop:
         before = self._fresh(without, half=half)
         self.model, self.joint = model, joint
         self.known.clear()
-        held = self.left(half=half)
-        self.trials[test.effect.name, test.effect.form] = Trial(test, gain(before, held), held, joint)
+        shown = gain(before, self.left(half=half))
+        self.trials[test.effect.name, test.effect.form] = Trial(test, Fit(model, joint), gain=shown)
 
     def _best(self) -> Trial | None:
         """The next effect. Parameters of every view can imitate much, so they wait until no effect with a few for all views helps; and
         they are taken only if they make the corners more probable, themselves integrated out, than the model as it is, and than a field
         without a name that all views share."""
         shared, single = ([e for e in EFFECTS if bool(e.per_view) is alone] for alone in (False, True))
-        if passing := self._passing(shared):
-            return max(passing, key=lambda trial: trial.gain.relative if trial.gain else 0.0)
-        private = self._passing(single, among=len(shared))
-        asked = private or self.organised(self.model, self.joint)
-        fields = self._passing(FIELDS, among=len(EFFECTS)) if asked else []
-        return self._most_probable([*fields, *private])
+        fitted = self._lowering(shared)
+        if passing := self._first_passing(fitted, lambda fit: fit.joint.log_evidence):
+            return passing
+        private = self._more_probable(self._lowering(single, among=len(shared)))
+        fields: list[Trial] = []
+        if private or self.organised(self.model, self.joint):
+            fields = self._more_probable(self._lowering(FIELDS, among=len(EFFECTS)))
+        return self._first_passing([*fields, *private], lambda fit: fit.joint.log_marginal)
 
-    def _most_probable(self, trials: Sequence[Trial]) -> Trial | None:
-        """Of trials whose numbers of parameters have no common measure, the one that makes the corners most probable; None where they are
-        more probable without."""
-        best, most = None, self.joint.log_marginal
-        for trial in trials:
-            assert trial.joint
-            _, joint = with_most_probable(self.model, trial.test.effect, self.observations, trial.joint.poses)
-            if joint.log_marginal > most:
-                best, most = trial, joint.log_marginal
-        return best
-
-    def _passing(self, effects: Sequence[type[Effect]], among: int = 0) -> list[Trial]:
-        """Score all effects, fit the best few, and return those that surely help.
+    def _lowering(self, effects: Sequence[type[Effect]], among: int = 0) -> list[Trial]:
+        """Score all effects, fit the best few, and return those that lower the error enough to be worth holding views out.
 
         Args:
             among: candidates of which none passed before.
         """
-        at = Optimum(self.model, self.observations, self.joint)
-        there = surroundings(at, self.board, self.camera, place=any(kind.needs_place for kind in effects))
-        scores = [at.candidate(effect) for effect in _proposed(effects, there, self.model.effects)]
-        for test in scores:
-            key = test.effect.name, test.effect.form
-            if key not in self.trials or (not self.trials[key].gain and test.p_value < self.trials[key].test.p_value):
-                self.trials[key] = Trial(test)
-        self._note_confounded(scores)
+        scores = self.scores(effects)
         promising = (c for c in scores if c.effect.judged_by_score and c.p_value < WORTH_TRYING and c.promises > LEAST_GAIN)
         always = [c for c in scores if not c.effect.judged_by_score]
         chosen = always + sorted(promising, key=lambda c: 2 * c.dof - c.chi2)[:TRIED]
         tried = [self._try(test, among + len(scores)) for test in chosen]
-        return [trial for trial in tried if trial.passes]
+        return [trial for trial in tried if trial.lowers > LEAST_GAIN]
+
+    def scores(self, effects: Sequence[type[Effect]]) -> list[ScoreTest]:
+        """What the residual says of each effect."""
+        at = Optimum(self.model, self.observations, self.joint)
+        there = surroundings(at, self.board, self.camera, place=any(kind.needs_place for kind in effects))
+        found = at.candidates(tuple(_proposed(effects, there, self.model.effects)))
+        for test in found:
+            key = test.effect.name, test.effect.form
+            if key not in self.trials or (not self.trials[key].gain and test.p_value < self.trials[key].test.p_value):
+                self.trials[key] = Trial(test)
+        self._note_confounded(found)
+        return found
 
     def _try(self, test: ScoreTest, among: int) -> Trial:
+        """Fit to all views."""
         self._say(f"trying {test.effect.name}")
         wider = self.model.with_effect(test.effect)
-        joint = wider.fitted(self.observations, self.joint.poses, self.joint.start)
+        joint = wider.fitted(self.observations, self.joint.poses, self.joint.start, ROUGH)
+        lowers = 1 - (joint.cost / self.joint.cost) ** 0.5 if joint.finite else -np.inf
+        trial = Trial(test, Fit(wider, joint), lowers, among)
         key = test.effect.name, test.effect.form
-        known = self.trials.get(key)
-        if not joint.finite:
-            trial = Trial(test, joint=joint, among=among)
-            self.trials[key] = known if known and known.gain else trial
-            return trial
-        half = wider.path.private
-        held = hold_out(wider, self.observations, joint, self.folds, half=half)
-        trial = Trial(test, gain(self.left(half=half), held), held, joint, among)
+        if not self.trials[key].gain:
+            self.trials[key] = trial
+        return trial
+
+    def _more_probable(self, trials: Sequence[Trial]) -> list[Trial]:
+        """Of trials whose numbers of parameters have no common measure, those that make the corners more probable than the model as it
+        is, in their most probable forms."""
+        found = []
+        for trial in trials:
+            model, joint = with_most_probable(self.model, trial.test.effect, self.observations, trial.fitted.joint)
+            if joint.log_marginal > self.joint.log_marginal:
+                found.append(replace(trial, fit=Fit(model, joint)))
+        return found
+
+    def _first_passing(self, trials: Sequence[Trial], probable: Callable[[Fit], float]) -> Trial | None:
+        """The most probable of the trials that held-out views confirm."""
+        for trial in sorted(trials, key=lambda trial: probable(trial.fitted), reverse=True):
+            if (held := self._held_out(trial)).passes:
+                return held
+        return None
+
+    def _held_out(self, trial: Trial) -> Trial:
+        """A trial with its errors on views that no fit has seen."""
+        model, joint = trial.fitted.model, trial.fitted.joint
+        half = model.path.private
+        held = hold_out(model, self.observations, joint, self.folds, half=half)
+        trial = replace(trial, gain=gain(self.left(half=half), held))
         if trial.large and self.bands:
-            there = hold_out(wider, self.observations, joint, self.bands, half=half)
+            there = hold_out(model, self.observations, joint, self.bands, half=half)
             trial = replace(trial, bands=gain(self.left(half=half, banded=True), there))
-        if not (known and known.gain and trial.gain and known.gain.relative > trial.gain.relative):
+        key = trial.test.effect.name, trial.test.effect.form
+        known = self.trials[key]
+        if not (known.gain and trial.gain and known.gain.relative > trial.gain.relative):
             self.trials[key] = trial
         return trial
 
     def _accept(self, trial: Trial) -> None:
         """Take an effect in, with the noise and the prior estimated anew; where such a fit is not finite, the trial's stands."""
-        assert trial.joint
-        wider, joint = with_most_probable(self.model, trial.test.effect, self.observations, trial.joint.poses)
-        if joint.finite:
-            self.model, self.joint = wider, joint
-        else:
-            self.model, self.joint = self.model.with_effect(trial.test.effect), trial.joint
+        wider, joint = with_most_probable(self.model, trial.test.effect, self.observations, trial.fitted.joint)
+        self.model, self.joint = (wider, joint) if joint.finite else (trial.fitted.model, trial.fitted.joint)
         self.known.clear()
         self._say(f"found {trial.test.effect.name}")
 

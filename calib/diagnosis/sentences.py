@@ -4,9 +4,10 @@ from collections.abc import Iterator, Sequence
 
 from calib.diagnosis.finding import Family
 from calib.diagnosis.nearest_effects import nearest_named
-from calib.diagnosis.score_test import Optimum
-from calib.diagnosis.selection import Loop, Trial
+from calib.diagnosis.score_test import Optimum, ScoreTest
+from calib.diagnosis.selection import Loop
 from calib.diagnosis.separating_view import separating_view
+from calib.diagnosis.trial import ALPHA, LEAST_GAIN, Trial
 from calib.diagnosis.variance_split import Share
 from calib.effects.effect import Effect
 from calib.planning.hints import words
@@ -14,6 +15,8 @@ from calib.planning.hints import words
 ABSORBED = 0.95
 """The part of an effect that the fitted parameters can imitate, from which it is said to be absorbed."""
 
+SCORED = 3
+"""Effects that are named by their scores alone."""
 TELLS = 1.2
 """The factor on an effect's sigma from which a pose of the board is said to tell it from its like."""
 
@@ -24,10 +27,12 @@ def verdict(trial: Trial, *, taken: bool) -> str:
         return "found"
     if trial.test.absorbed > ABSORBED:
         return "absorbed"
-    if trial.joint and not trial.joint.finite:
-        return "not finite"
     if not trial.gain:
-        return "not asked for"
+        if not trial.fit:
+            return "not asked for"
+        if not trial.fit.joint.finite:
+            return "not finite"
+        return "another helped more" if trial.lowers > LEAST_GAIN else "too small"
     if trial.passes:
         return "another helped more"
     if trial.large:
@@ -54,6 +59,18 @@ def remarks(loop: Loop, families: Sequence[Family], left: Sequence[Share], *, ti
             f"{100 * share.fraction:.0f} % of what is left goes with {share.organised_by}, where noise would give "
             f"{100 * share.chance:.0f} %: something there is not explained."
         )
+
+
+def unconfirmed_scores(scores: Sequence[ScoreTest], views: int, needed: int) -> tuple[str, ...]:
+    """What the scores alone say of a session that has too few views to confirm anything."""
+    alpha = ALPHA / max(1, len(scores))
+    strong = [s for s in scores if s.p_value < alpha and s.promises > LEAST_GAIN and s.absorbed < ABSORBED]
+    best = {s.effect.name: s for s in sorted(strong, key=lambda s: s.promises)}  # of an effect's forms, the one that promises most
+    said = f"With {views} views nothing can be confirmed on held-out ones: take {needed} or more."
+    if not best:
+        return (f"{said} No effect's score stands out.",)
+    named = [f"{name} (error down by up to {100 * one.promises:.0f} %)" for name, one in reversed(best.items())]
+    return (f"{said} Not confirmed, by their scores alone: {', '.join(named[:SCORED])}.",)
 
 
 def separation(loop: Loop, effect: Effect, others: Sequence[Effect]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 
@@ -53,11 +53,17 @@ class CameraModel:
         """The parameters of an effect where it is not there."""
         return {u.param.name: torch.full(u.param.shape, u.neutral, dtype=torch.float64) for u in effect.unknowns}
 
-    def fitted(self, observations: Observations, poses: Tensor, start: Start | None = None) -> JointFit:
-        """The most probable parameters, from a start like `fit_joint`'s; those that the start lacks begin at their means."""
+    def fitted(
+        self, observations: Observations, poses: Tensor, start: Start | None = None, rounds: Sequence[float] | None = None
+    ) -> JointFit:
+        """The most probable parameters, from a start like `fit_joint`'s; those that the start lacks begin at their means.
+
+        Args:
+            rounds: of `fit_joint`; None: what a fit takes that has such a start, or none.
+        """
         if start:
             start = replace(start, values={name: start.values.get(name, mean) for name, mean in self.means.items()})
-        rounds = AGAIN if start else ROUNDS
+        rounds = rounds or (AGAIN if start else ROUNDS)
         return fit_joint(self.path, self.means, observations, self.padded(poses), priors=self.priors, start=start, rounds=rounds)
 
     def padded(self, poses: Tensor) -> Tensor:

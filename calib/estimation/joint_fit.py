@@ -57,6 +57,8 @@ class JointFit:
     """(V, 6)"""
     covariance: Tensor
     """(S, S) of the shared parameters' vector; poses are marginalised. NaN where the outcome is NOT_FINITE."""
+    cost: float
+    """What was minimised: the corners' robust squares over those of sigma, and the priors'."""
     sigma: float
     """px: standard deviation of a corner in x and in y, estimated."""
     smoothness: Smoothness | None
@@ -156,7 +158,19 @@ def fit_joint(
     covariance = covariance if finite else torch.full_like(covariance, torch.nan)
     log_evidence = _evidence(solution, observations, sigma, parameters)[0].log(sigma, smoothness) if finite else -math.inf
     log_marginal = log_evidence + _own_evidence(solution, sigma)
-    return JointFit(parameters.values(shared), poses, covariance, sigma, smoothness, parameters, outcome, spent, log_evidence, log_marginal)
+    return JointFit(
+        values=parameters.values(shared),
+        poses=poses,
+        covariance=covariance,
+        cost=solution.cost,
+        sigma=sigma,
+        smoothness=smoothness,
+        parameters=parameters,
+        outcome=outcome,
+        iterations=spent,
+        log_evidence=log_evidence,
+        log_marginal=log_marginal,
+    )
 
 
 def _evidence(solution: Solution, observations: Observations, sigma: float, parameters: Parameters) -> tuple[MarginalLikelihood, float]:

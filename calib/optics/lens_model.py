@@ -20,8 +20,10 @@ PUPIL = tuple(Param(f"entrance_pupil.{name}", "m", 1e-3) for name in ("e2", "e4"
 """By how much the entrance pupil moves along the axis: times the angle's square and its fourth power, rad."""
 
 NEWTON_STEPS = 40
-CONVERGED = 1e-12
-"""Normalised image units: a billionth of a pixel for any lens in use."""
+CONVERGED = 1e-6
+"""Normalised image units: the length of the step after which one more, the differentiable one, leaves rounding alone."""
+EXACT = 1e-9
+"""The length that the last step may have, of a point that counts as found: a millionth of a pixel for any lens in use."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +114,7 @@ def undistort(x: Tensor, y: Tensor, coefficients: Sequence[Tensor]) -> tuple[Ten
         if bool((length <= CONVERGED).all()):
             break
     step_u, step_v, folded = _newton_step(u, v, goal_x, goal_y, coefficients)  # differentiable: Newton's last step is exact
-    unsolved = ~((step_u.detach() ** 2 + step_v.detach() ** 2) < (1e3 * CONVERGED) ** 2) | folded
+    unsolved = ~((step_u.detach() ** 2 + step_v.detach() ** 2) < EXACT**2) | folded
     u = torch.where(unsolved, torch.zeros_like(u), u)
     v = torch.where(unsolved, torch.zeros_like(v), v)
     zero = torch.zeros_like(step_u)

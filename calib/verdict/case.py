@@ -97,6 +97,7 @@ class Case:
             values=calibration.model()[1],
             poses=torch.from_numpy(calibration.poses),
             covariance=torch.from_numpy(calibration.covariance),
+            cost=np.nan,
             sigma=float(calibration.settings.get("sigma_px", self.left_px / 2**0.5)),
             smoothness=Smoothness(prior["height_m"], prior["length_of_patch"]) if prior else None,
             parameters=model.parameters,

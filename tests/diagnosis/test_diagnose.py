@@ -16,13 +16,17 @@ from calib.diagnosis.finding import Diagnosis
 from calib.diagnosis.held_out import Gain, HeldOut, gain
 from calib.diagnosis.named_effects import with_named
 from calib.diagnosis.score_test import ScoreTest
-from calib.diagnosis.selection import Trial
 from calib.diagnosis.sentences import verdict
+from calib.diagnosis.trial import Fit, Trial
 from calib.effects.board_shape import BoardShape
 from calib.errors import InputError, NotEnoughDataError
+from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.parameters import Parameters
+from calib.estimation.priors import NONE
+from calib.optics import path
+from calib.optics.lens_model import LensModel
 from calib.progress import Silent
 from tests.diagnosis.hide import fitted, hidden
 
@@ -118,8 +122,20 @@ def test_what_was_added_before_and_is_not_needed_is_dropped(bowed: Calibration) 
 
 
 def test_too_few_views_are_refused_in_a_sentence() -> None:
-    with pytest.raises(NotEnoughDataError, match="needs 10 or more"):
-        diagnose(fitted(hidden(None, {}, views=8)), Silent())
+    with pytest.raises(NotEnoughDataError, match="needs 5 or more"):
+        diagnose(fitted(hidden(None, {}, views=4)), Silent())
+
+
+@pytest.mark.parametrize(("effect", "parameters", "said"), [(BOW, TRUTH, "board_shape (error down by up to "), (None, {}, "No effect's")])
+def test_with_few_views_the_scores_speak_and_nothing_is_accepted(
+    effect: BoardShape | None, parameters: dict[str, float], said: str
+) -> None:
+    calibration = fitted(hidden(effect, parameters, views=7))
+    better, finding = diagnose(calibration, Silent())
+    assert finding.accepted == ()
+    assert not better.model()[0].target.bends
+    assert finding.remarks[0].startswith("With 7 views nothing can be confirmed on held-out ones: take 10 or more. ")
+    assert said in finding.remarks[0]
 
 
 def test_a_gain_is_tested_over_views() -> None:
@@ -140,9 +156,9 @@ def test_a_gain_is_tested_over_views() -> None:
 def test_what_helps_at_the_fitted_depths_only_is_not_taken() -> None:
     test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
     folds, worse, better = Gain(0.2, 0.1, (0.08, 0.12), 1e-4), Gain(0.2, 0.21, (-0.02, 0.0), 1.0), Gain(0.2, 0.15, (-0.01, 0.1), 0.2)
-    assert Trial(test, folds).passes
-    assert Trial(test, folds, bands=better).passes
-    failed = Trial(test, folds, bands=worse)
+    assert Trial(test, gain=folds).passes
+    assert Trial(test, gain=folds, bands=better).passes
+    failed = Trial(test, gain=folds, bands=worse)
     assert not failed.passes
     assert verdict(failed, taken=False) == "fails at other depths"
 
@@ -150,16 +166,16 @@ def test_what_helps_at_the_fitted_depths_only_is_not_taken() -> None:
 def test_what_corners_may_be_off_by_is_no_effect() -> None:
     """1 % of 0.013 px is the root of two times that squared, 0.0019 px; the same share of 0.13 px is an effect."""
     test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
-    assert not Trial(test, Gain(0.0133, 0.01315, (1e-4, 2e-4), 1e-4)).passes
-    assert Trial(test, Gain(0.133, 0.1315, (1e-3, 2e-3), 1e-4)).passes
+    assert not Trial(test, gain=Gain(0.0133, 0.01315, (1e-4, 2e-4), 1e-4)).passes
+    assert Trial(test, gain=Gain(0.133, 0.1315, (1e-3, 2e-3), 1e-4)).passes
     assert Gain(0.1, 0.2, (-0.1, -0.1), 1.0).explained == 0
 
 
 def test_a_candidate_whose_fit_is_not_finite_is_not_taken() -> None:
     test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
     nothing = torch.zeros(0, 0, dtype=torch.float64)
-    joint = JointFit({}, nothing, nothing, 0.1, None, Parameters.none({}), Outcome.NOT_FINITE, 1, -np.inf, -np.inf)
-    trial = Trial(test, joint=joint)
+    joint = JointFit({}, nothing, nothing, 0.0, 0.1, None, Parameters.none({}), Outcome.NOT_FINITE, 1, -np.inf, -np.inf)
+    trial = Trial(test, Fit(CameraModel(path.Path(LensModel(0)), {}, NONE), joint))
     assert not trial.passes
     assert verdict(trial, taken=False) == "not finite"
 

@@ -1,0 +1,67 @@
+"""One candidate effect in one round of the loop, and how much it must do to be taken."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from calib.diagnosis.held_out import Gain
+from calib.diagnosis.score_test import ScoreTest
+from calib.estimation.camera_model import CameraModel
+from calib.estimation.joint_fit import JointFit
+
+ALPHA = 0.05
+"""Chance of a false acceptance in a whole round, over all the candidates that are tried."""
+LEAST_GAIN = 0.01
+"""Of the held-out error: less is not worth an effect."""
+LEAST_EXPLAINED = 0.003
+"""px of the held-out error, nor is less than this: all corners of a picture may be off by 0.0013 px (docs/corners.md)."""
+
+
+def worth(found: Gain) -> bool:
+    """Whether it is large enough for an effect."""
+    return found.relative > LEAST_GAIN and found.explained > LEAST_EXPLAINED
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """The model with the candidate, fitted to all views."""
+
+    model: CameraModel
+    joint: JointFit
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """What was asked of it: a score, then a fit if that promises something, then held-out views if it is the most probable."""
+
+    test: ScoreTest
+    fit: Fit | None = None
+    lowers: float = -math.inf
+    """The fraction by which the fit lowers the root mean square of the views that it is a fit to."""
+    among: int = 1
+    """How many candidates there were."""
+    gain: Gain | None = None
+    bands: Gain | None = None
+    """On depth bands that were held out, where there are such and the folds agree."""
+
+    @property
+    def fitted(self) -> Fit:
+        """Of a trial that is known to have one."""
+        assert self.fit
+        return self.fit
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether held-out views say that its gain is not chance, all candidates of the round allowed for."""
+        return self.gain is not None and self.gain.p_value < ALPHA / self.among and self.gain.ci95[0] > 0
+
+    @property
+    def large(self) -> bool:
+        """Whether its gain is confirmed, and worth it."""
+        return self.confirmed and self.gain is not None and worth(self.gain)
+
+    @property
+    def passes(self) -> bool:
+        """Whether what it says of some depths helps at the others, too."""
+        return self.large and (self.bands is None or self.bands.relative > 0)
