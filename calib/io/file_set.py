@@ -32,8 +32,8 @@ MOST_OPEN = 100
 """Files without a name, each of which is an open one; systems allow from 256."""
 PATIENCE_S = 2.0
 """How long a reader waits for a writer who is moving files; that takes milliseconds."""
-NO_LOCKS = (errno.EBADF, errno.ENOLCK, errno.ENOTSUP, errno.EINVAL, errno.ENOSYS)
-"""What network disks say that know no locks of folders."""
+NOT_OF_FOLDERS = (errno.EBADF, errno.ENOLCK, errno.ENOTSUP, errno.EINVAL, errno.ENOSYS)
+"""What network disks and others say that cannot lock a folder, or wait for one."""
 
 
 class FileSet:
@@ -190,7 +190,7 @@ def _locked(folder: Path) -> int | None:
         raise InputError(f"Another calib writes to {folder}: wait until it has ended, or choose another folder with -o.") from None
     except OSError as error:
         os.close(handle)
-        if error.errno in NO_LOCKS:
+        if error.errno in NOT_OF_FOLDERS:
             return None
         raise unwritable(folder, error) from error
     return handle
@@ -203,5 +203,8 @@ def _sync(folder: Path) -> None:
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(handle)
+    except OSError as error:
+        if error.errno not in NOT_OF_FOLDERS:
+            raise
     finally:
         os.close(handle)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from calib.apply.map_uncertainty import SigmaField, predicted_sigma
 from calib.calibration import Calibration
+from calib.errors import NotEnoughDataError
 from calib.estimation.poses import pinhole_poses
 from calib.estimation.residuals import Residuals, residuals
 from calib.optics.build import pinhole_path
@@ -90,6 +91,8 @@ class Evidence:
 
 def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) -> Evidence:
     """Ask a calibration; without depths, its fields are shown at the nearest, the median and the farthest corner's."""
+    if not (calibration.views and calibration.stages):
+        raise NotEnoughDataError("the calibration keeps no views, of which a report would tell: fit the session again.")
     path, values = calibration.model()
     observations = calibration.observations
     own = torch.from_numpy(calibration.poses)[observations.view]

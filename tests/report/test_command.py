@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import webbrowser
+from dataclasses import replace
 from html import unescape
 from pathlib import Path
 
@@ -196,3 +197,11 @@ def test_a_plain_camera_calibration_has_a_report(tmp_path: Path) -> None:
     assert 'id="glass"' not in html
     assert 'id="by-depth"' not in html
     assert 'id="distortion"' in html
+
+
+def test_a_calibration_without_views_has_no_report(few: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    nothing = np.zeros((0, 6))
+    replace(few, views=(), poses=nothing, stages=()).save(tmp_path)
+    assert main(["report", "--no-open", str(tmp_path)]) == 3
+    assert "keeps no views" in capsys.readouterr().err
+    assert not (tmp_path / "report.html").exists()
