@@ -20,6 +20,8 @@ from calib.io.shapes import Shape, anything, either, flag, many, maybe, number, 
 from calib.optics.relief import Relief
 from calib.session.board import Board
 
+HIGHEST = 0.1
+"""m, of an amplitude: a thousand times what any glass has."""
 LARGEST = 1e12
 """Of any number in an array, in SI units or px."""
 _QUALITY = record({"rms_px": number, "rmse_cm": number, "held_out_px": number})
@@ -111,8 +113,10 @@ def check_arrays(arrays: Mapping[str, NDArray[Any]], relief: Relief | None, boar
             raise ValueError(f"{name} are {array.dtype} of shape {array.shape} where float64 of shape {shape} is expected")
         if name not in ("corners", "times_s") and not (np.abs(array) < LARGEST).all():
             raise ValueError(f"{name} are not all numbers that a fit would leave")
+    if not (np.abs(arrays["amplitudes"]) < HIGHEST).all():
+        raise ValueError("amplitudes are not those of a glass")
     for name in ("names", "pose_ids"):
-        if arrays[name].shape != (views,) or arrays[name].dtype.kind != "U":
+        if arrays[name].shape != (views,) or (views and arrays[name].dtype.kind != "U"):
             raise ValueError(f"{name} are not a text for each view")
     seen = arrays["weights"] > 0
     if (arrays["weights"] < 0).any() or not seen.any(axis=1).all() or not (np.abs(arrays["corners"][seen]) < LARGEST).all():

@@ -262,6 +262,7 @@ def test_an_edited_calibration_gets_its_sentence(
         ({"names": np.arange(8.0)}, "names are not a text for each view"),
         ({"poses": np.full((8, 6), np.nan)}, "poses are not all numbers"),
         ({"amplitudes": np.full((5, 5), 1e300)}, "amplitudes are not all numbers"),
+        ({"amplitudes": np.full((5, 5), 140.0)}, "amplitudes are not those of a glass"),
         ({"weights": np.zeros((8, 81))}, "a view has none"),
         ({"weights": np.full((8, 81), -1.0)}, "corners that were seen"),
         ({"corners": np.full((8, 81, 2), np.inf)}, "are not all somewhere"),

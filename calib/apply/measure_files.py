@@ -17,7 +17,7 @@ from calib.calibration import Calibration
 from calib.corners.detection import NotFound
 from calib.corners.find import find_board
 from calib.corners.view import View
-from calib.errors import InputError, NotEnoughDataError
+from calib.errors import InputError, NotEnoughDataError, brief
 from calib.io.files import MOST_TEXT, read_file
 from calib.io.images import read_grey
 from calib.progress import Progress
@@ -67,7 +67,7 @@ def measure_by_rays(
     names = list(dict.fromkeys(point.name for point in points))
     for name in names:
         if len({point.image for point in points if point.name == name}) < 2:
-            raise NotEnoughDataError(f"{name} is in one picture only: give its pixel in another as well, or measure on a plane.")
+            raise NotEnoughDataError(f"{brief(name)} is in one picture only: give its pixel in another as well, or measure on a plane.")
     boards = _boards(measurer, points, folder, given, progress)
     images = list(boards)
     if not given:
@@ -113,7 +113,9 @@ def _boards(
     for done, image in enumerate(images):
         advance(done, image)
         if given and image not in given:
-            raise InputError(f"the poses do not name {image}: add a line for it, or leave --poses out so that its board is looked for.")
+            raise InputError(
+                f"the poses do not name {brief(image)}: add a line for it, or leave --poses out so that its board is looked for."
+            )
         boards[image] = given[image] if given else measurer.board_pose(_view(measurer.calibration, folder / image))
     advance(len(images), "")
     return boards

@@ -6,7 +6,7 @@ Colour and grey, 8 and 16 bit. Pixels that the camera does not see through its c
 import argparse
 from pathlib import Path
 
-from calib.commands.arguments import add_calibration, add_output, depth
+from calib.commands.arguments import add_calibration, add_output, depth, quoted
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -51,12 +51,14 @@ def _alpha(text: str) -> float:
     except ValueError:
         alpha = -1.0
     if not 0 <= alpha <= 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not from 0 to 1: write 0 for valid pixels only, 1 for all that the camera sees")
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} is not from 0 to 1: write 0 for valid pixels only, 1 for all that the camera sees"
+        )
     return alpha
 
 
 def _size(text: str) -> tuple[int, int]:
     width, _, height = text.partition("x")
     if not (width.isdecimal() and height.isdecimal() and 2 <= int(width) <= 32767 and 2 <= int(height) <= 32767):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a size: write width and height in px, such as 1280x720")
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a size: write width and height in px, such as 1280x720")
     return int(width), int(height)

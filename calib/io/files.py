@@ -33,6 +33,8 @@ MOST_TEXT = 16 << 20
 """Bytes of a table or a description: a larger one is something else."""
 MOST_BYTES = 2 << 30
 """Bytes of a picture, or of arrays."""
+BINARY = getattr(os, "O_BINARY", 0)
+"""Without it, Windows changes the ends of lines."""
 OPEN_FILES = Path("/proc/self/fd")
 """Where Linux shows a process its open files; an unnamed one gets its name by way of it."""
 
@@ -52,7 +54,7 @@ class Written:
             self._handle = os.open(folder, os.O_TMPFILE | os.O_WRONLY, 0o666)
         except (OSError, AttributeError):  # of old disks, and of other systems than Linux
             self._temporary = folder / f".{secrets.token_hex(8)}.tmp"
-            self._handle = os.open(self._temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
+            self._handle = os.open(self._temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY | BINARY, 0o666)
         try:
             with open(self._handle, "wb", closefd=False) as file:
                 file.write(data.encode(errors="backslashreplace") if isinstance(data, str) else data)
@@ -117,7 +119,7 @@ def read_file(path: Path, most: int = MOST_BYTES) -> bytes:
         InputError: it cannot be read, is too large, or is something else, such as a pipe that would never end.
     """
     with reading(path):
-        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))  # a pipe without a writer is opened at once
+        handle = os.open(path, os.O_RDONLY | BINARY | getattr(os, "O_NONBLOCK", 0))  # a pipe without a writer is opened at once
         try:
             check_regular(path, os.fstat(handle).st_mode)
             with open(handle, "rb", closefd=False) as file:
