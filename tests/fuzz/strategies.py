@@ -99,7 +99,7 @@ def arrays(draw: st.DrawFn, good: Mapping[str, NDArray[Any]]) -> dict[str, NDArr
                     st.sampled_from((np.nan, np.inf, -np.inf, 1e300, -1.0, 0.0, 1e9))
                 )
             case _:
-                held[name] = array[::-1]
+                held[name] = array[::-1] if array.ndim else array
     return held
 
 
