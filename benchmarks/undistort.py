@@ -22,8 +22,8 @@ from rich.console import Console
 from rich.table import Table
 
 from calib.apply.undistorter import Undistorter
-from calib.calibration import Calibration
 from calib.export.npz import read_field, write_npz
+from calib.io.file_set import FileSet
 from calib.optics.projection import project
 from calib.progress import Silent
 from fixtures.known import known
@@ -103,7 +103,11 @@ def depth_images(made: Scene) -> Row:
 def saved(made: Scene) -> list[Row]:
     calibration = known(made, WIDTH, HEIGHT)
     with tempfile.TemporaryDirectory() as folder:
-        size = sum(path.stat().st_size for path in (*write_npz(calibration, (), Path(folder), Silent()), *everything(calibration, folder)))
+        with FileSet(Path(folder)) as files:
+            calibration.write(files)
+            write_npz(calibration, (), files, Silent())
+            files.commit()
+        size = sum(path.stat().st_size for path in Path(folder).iterdir())
         field = read_field(Path(folder, "rays.npz"))
     v, h = np.mgrid[0:HEIGHT:EVERY, 0:WIDTH:EVERY].reshape(2, -1)
     k = INTRINSICS
@@ -118,12 +122,6 @@ def saved(made: Scene) -> list[Row]:
         ("a saved calibration with all depths, MB", size / 1e6, 2, "at most"),
         (f"its maps off tracing, every {EVERY}th pixel, {DEPTHS[0]:g}-{DEPTHS[-1]:g} m, px", worst, 0.01, "at most"),
     ]
-
-
-def everything(calibration: Calibration, folder: str) -> list[Path]:
-    """The calibration's own files."""
-    path = calibration.save(Path(folder))
-    return [path, path.with_suffix(".npz")]
 
 
 def seconds(work: Callable[[], object]) -> Time:

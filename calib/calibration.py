@@ -6,6 +6,7 @@ calibration.yaml is for people, calibration.npz beside it holds the arrays. Toge
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path as FilePath
 from typing import Any
@@ -16,15 +17,16 @@ import yaml
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.calibration_file import check_arrays, read_arrays, relief_from_yaml
+from calib.calibration_file import CALIBRATION, check_arrays, read_arrays, relief_from_yaml
 from calib.corners.view import Rejected, View, capture_times
 from calib.effects.effect import Effect
 from calib.effects.serialise import effect_from_yaml, effect_to_yaml
-from calib.errors import InputError, NotEnoughDataError
+from calib.errors import InputError, NotEnoughDataError, brief
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.stated_priors import priors_of
-from calib.io.files import make_folder, reading, save_npz, write_atomically
+from calib.io.file_set import FileSet, in_force
+from calib.io.files import npz, reading
 from calib.io.yaml_reader import read_yaml
 from calib.optics.board_target import PARTS, POSE
 from calib.optics.build import covered_path, with_relief
@@ -38,6 +40,10 @@ from calib.session.session import session_from_mapping, session_to_yaml
 from calib.undistortion.ray_field import RayField, ray_field
 
 FORMAT = 2
+DERIVED = ("rays.npz", "map_*m.npz", "report.html")
+"""What lies beside a calibration and is made from it."""
+LOOKS = 2
+"""At the two files: another writer may put a set in force between them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,28 +178,44 @@ class Calibration:
     def save(self, folder: str | FilePath) -> FilePath:
         """Write calibration.yaml and calibration.npz into a folder, and return the first's path.
 
+        They change together; what the folder has of an earlier calibration, its rays, maps and report, goes with that.
+
         Raises:
             NotEnoughDataError: it has numbers that could not be read back; nothing is written then.
         """
-        folder = FilePath(folder)
-        _check_readable(self._as_mapping(""))
-        make_folder(folder)
-        digest = save_npz(
-            folder / "calibration.npz",
-            {
-                "amplitudes": self.amplitudes,
-                "poses": self.poses,
-                "covariance": self.covariance,
-                "times_s": np.array([math.nan if view.time_s is None else view.time_s for view in self.views], dtype=np.float64),
-                "pose_ids": np.array([view.pose_id or "" for view in self.views], dtype=str),
-                "names": np.array([view.name for view in self.views]),
-                "corners": np.array([view.corners for view in self.views]).reshape(-1, self.board.count, 2),
-                "weights": np.array([view.weight for view in self.views]).reshape(-1, self.board.count),
-            },
-        )
-        path = folder / "calibration.yaml"
-        write_atomically(path, yaml.safe_dump(self._as_mapping(digest), sort_keys=False, allow_unicode=True, width=120))
+        with FileSet(FilePath(folder)) as files:
+            path = self.write(files)
+            files.commit(instead_of=DERIVED)
         return path
+
+    def write(self, files: FileSet) -> FilePath:
+        """Add calibration.yaml and calibration.npz to the files of a folder, and return the first's path.
+
+        Raises:
+            NotEnoughDataError: as `save`.
+        """
+        _check_readable(self._as_mapping(""))
+        files.write("calibration.npz", self._arrays())
+        said = self._as_mapping(self.digest)
+        return files.write("calibration.yaml", yaml.safe_dump(said, sort_keys=False, allow_unicode=True, width=120))
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of its calibration.npz, which what is made from it carries."""
+        return sha256(self._arrays()).hexdigest()
+
+    def _arrays(self) -> memoryview:
+        arrays = {
+            "amplitudes": self.amplitudes,
+            "poses": self.poses,
+            "covariance": self.covariance,
+            "times_s": np.array([math.nan if view.time_s is None else view.time_s for view in self.views], dtype=np.float64),
+            "pose_ids": np.array([view.pose_id or "" for view in self.views], dtype=str),
+            "names": np.array([view.name for view in self.views]),
+            "corners": np.array([view.corners for view in self.views]).reshape(-1, self.board.count, 2),
+            "weights": np.array([view.weight for view in self.views]).reshape(-1, self.board.count),
+        }
+        return npz(arrays, compressed=False)  # the same bytes wherever it is saved, whatever compresses there
 
     def _as_mapping(self, digest: str) -> dict[str, object]:
         relief = self.relief and {
@@ -228,16 +250,11 @@ class Calibration:
         path = FilePath(path)
         with reading(path):
             path = path / "calibration.yaml" if path.is_dir() else path
-            missing = not path.is_file()
-        if missing:
-            raise InputError(f"{path} does not exist: give the calibration.yaml that calib fit wrote.")
-        said = read_yaml(path)
-        if said.get("format") != FORMAT:
-            raise InputError(f"{path}: format is {said.get('format')!r} where this version of calib reads {FORMAT}: fit the session again.")
+            said, arrays = _read_pair(path)
         try:
-            return _from_mapping(said, path)
+            return _from_mapping(said, arrays, path)
         except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
-            raise InputError(f"{path} is not a whole calibration ({error}): fit the session again.") from error
+            raise InputError(f"{path} is not a whole calibration ({brief(error)}): fit the session again.") from error
 
 
 def _check_readable(said: dict[str, Any]) -> None:
@@ -251,11 +268,25 @@ def _check_readable(said: dict[str, Any]) -> None:
             ) from error
 
 
-def _from_mapping(said: dict[str, Any], path: FilePath) -> Calibration:
+def _read_pair(path: FilePath) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """What calibration.yaml says, and the arrays of the .npz that was written with it."""
+    for _ in range(LOOKS):
+        place = in_force(path)
+        if not place.is_file():
+            raise InputError(f"{path} does not exist: give the calibration.yaml that calib fit wrote.")
+        said = read_yaml(place)
+        if said.get("format") != FORMAT:
+            shown = brief(repr(said.get("format")))
+            raise InputError(f"{path}: format is {shown} where this version of calib reads {FORMAT}: fit the session again.")
+        arrays, digest = read_arrays(in_force(path.with_suffix(".npz")))
+        if said.get("arrays_sha256", digest) == digest:
+            return said, arrays
+    raise InputError(f"{path} and {path.with_suffix('.npz').name} do not belong together: fit the session again.")
+
+
+def _from_mapping(said: dict[str, Any], arrays: dict[str, NDArray[Any]], path: FilePath) -> Calibration:
+    CALIBRATION(said, "")
     board, camera, cover = session_from_mapping({key: said[key] for key in ("board", "camera", "cover")}, str(path))
-    arrays, digest = read_arrays(path.with_suffix(".npz"))
-    if said["arrays_sha256"] != digest:
-        raise InputError(f"{path} and {path.with_suffix('.npz').name} do not belong together: fit the session again.")
     _, declared, declared_cover = session_from_mapping(
         {"board": said["board"], "camera": said["declared"]["camera"], "cover": said["declared"]["cover"]}, f"{path}: declared"
     )
@@ -266,7 +297,7 @@ def _from_mapping(said: dict[str, Any], path: FilePath) -> Calibration:
         raise ValueError("there is a relief and no cover")
     effects = tuple(AddedEffect(*effect_from_yaml(one)) for one in said["effects"])
     check_arrays(arrays, relief, board, sum(PARTS[part] for part in (POSE, *(added.effect.per_view for added in effects)) if part))
-    return Calibration(
+    read = Calibration(
         board=board,
         camera=camera,
         cover=cover,
@@ -290,6 +321,9 @@ def _from_mapping(said: dict[str, Any], path: FilePath) -> Calibration:
         stated=Declared(declared.intrinsics, declared_cover, tuple(map(str, said["declared"].get("doubted", ())))),
         refracal=said["refracal"],
     )
+    if read.covariance.size and len(read.covariance) != (count := read.camera_model().parameters.count):
+        raise ValueError(f"covariance is of {len(read.covariance)} parameters where {count} were estimated")
+    return read
 
 
 def _rows(rows: NDArray[np.float64], width: int, name: str) -> Tensor:

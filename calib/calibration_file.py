@@ -1,19 +1,80 @@
-"""The parts of a calibration's two files: what calibration.yaml says of a relief, and the arrays of calibration.npz, checked."""
+"""The two files of a calibration, checked once, as they are read: what calibration.yaml says, and the arrays of calibration.npz.
+
+CALIBRATION says what each key must be. Board, camera and cover are read by the rules of session.yaml, and have no shape here.
+"""
 
 import math
 from collections.abc import Mapping
 from hashlib import sha256
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.errors import InputError
-from calib.io.files import reading
+from calib.errors import InputError, brief
+from calib.io.arrays import decode_npz
+from calib.io.files import read_file, reading
+from calib.io.frames_table import LATEST_S
+from calib.io.shapes import Shape, anything, either, flag, many, maybe, number, positive, record, table, text, whole
 from calib.optics.relief import Relief
 from calib.session.board import Board
+
+HIGHEST = 0.1
+"""m, of an amplitude: a thousand times what any glass has."""
+LARGEST = 1e12
+"""Of any number in an array, in SI units or px."""
+_QUALITY = record({"rms_px": number, "rmse_cm": number, "held_out_px": number})
+_CANDIDATE = record(
+    {
+        "effect": text,
+        "accepted": flag,
+        "held_out_px_before": maybe(number),
+        "held_out_px_after": maybe(number),
+        "parameters": table(record({"value": number, "sigma": number, "unit": text})),
+    }
+)
+SETTINGS: Mapping[str, Shape] = {
+    "method": text,
+    "grid": either(many(whole, of=2), many(whole, of=0)),
+    "grid_held_out_px": table(number),
+    "free": many(text),
+    "steps": whole,
+    "exact_hit": flag,
+    "intrinsics_from": text,
+    "lens_held_out_px": table(number),
+    "second_look": many(record({"file": text, "found": whole, "refused": whole, "dropped": whole})),
+    "made_by": table(text),
+    "cross_validation": record({"folds": whole, "held_out_px": number, "fitted_px": number}),
+    "outcome": text,
+    "iterations": whole,
+    "sigma_px": positive,
+    "log_evidence": number,
+    "relief_prior": maybe(record({"height_m": positive, "length_of_patch": positive})),
+    "asked": record({}, {"effects": many(text), "depths": many(number)}),
+    "diagnosed": many(record({"calibration": text, "holdout": text})),
+    "diagnosis": record({"candidates": many(_CANDIDATE)}, {"before": _QUALITY, "after": _QUALITY, "remarks": many(text)}),
+}
+"""Each may be missing. A key of `Calibration.settings` that is read anywhere has its line here."""
+CALIBRATION = record(
+    {
+        "refracal": text,
+        "arrays_sha256": text,
+        "board": table(anything),
+        "camera": table(anything),
+        "cover": table(anything),
+        "declared": record({"camera": table(anything), "cover": table(anything)}, {"doubted": many(text)}),
+        "relief": maybe(record({"low": anything, "high": anything, "grid": anything, "beta": positive, "exact_hit": flag})),
+        "effects": many(
+            record({"name": text, "form": table(either(number, text, many(number), many(text))), "parameters": table(anything)})
+        ),
+        "gauge": text,
+        "settings": record({}, SETTINGS),
+        "noise_px": number,
+        "stages": many(record({"name": text, "rms_px": number, "rmse_cm": number})),
+        "frames_rejected": many(record({"file": text, "reason": text})),
+    }
+)
 
 
 def relief_from_yaml(said: Mapping[str, Any]) -> Relief:
@@ -50,6 +111,20 @@ def check_arrays(arrays: Mapping[str, NDArray[Any]], relief: Relief | None, boar
         array = arrays[name]
         if array.shape != shape or array.dtype != np.float64:
             raise ValueError(f"{name} are {array.dtype} of shape {array.shape} where float64 of shape {shape} is expected")
+        if name not in ("corners", "times_s") and not (np.abs(array) < LARGEST).all():
+            raise ValueError(f"{name} are not all numbers that a fit would leave")
+    if not (np.abs(arrays["amplitudes"]) < HIGHEST).all():
+        raise ValueError("amplitudes are not those of a glass")
+    for name in ("names", "pose_ids"):
+        if arrays[name].shape != (views,) or (views and arrays[name].dtype.kind != "U"):
+            raise ValueError(f"{name} are not a text for each view")
+    seen = arrays["weights"] > 0
+    if (arrays["weights"] < 0).any() or not seen.any(axis=1).all() or not (np.abs(arrays["corners"][seen]) < LARGEST).all():
+        raise ValueError("corners that were seen are not all somewhere, or a view has none")
+    if (np.abs(arrays["times_s"]) >= LATEST_S).any():
+        raise ValueError("times_s are not all times in s")
+    if not np.allclose(arrays["covariance"], arrays["covariance"].T, rtol=1e-6, atol=0) or (arrays["covariance"].diagonal() < 0).any():
+        raise ValueError("covariance is not one")
 
 
 def read_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], str]:
@@ -57,9 +132,8 @@ def read_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], str]:
     with reading(path):
         if not path.exists():
             raise InputError(f"{path} is missing: keep calibration.yaml and calibration.npz in one folder.")
-        data = path.read_bytes()
+    data = read_file(path)
     try:
-        with np.load(BytesIO(data), allow_pickle=False) as file:
-            return dict(file), sha256(data).hexdigest()
-    except Exception as error:  # numpy and zipfile raise a dozen kinds for a damaged file
-        raise InputError(f"{path} is damaged ({error}): fit the session again.") from error
+        return decode_npz(data), sha256(data).hexdigest()
+    except ValueError as error:
+        raise InputError(f"{path} is damaged ({brief(error)}): fit the session again.") from error

@@ -3,11 +3,12 @@
 import errno
 import fcntl
 import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from calib.errors import InputError
+from calib.errors import InputError, harmless
 from calib.io.files import ADVICE
 from calib.io.files import write_atomically as write_whole
 from capture.errors import CaptureError
@@ -35,7 +36,7 @@ def append_durably(path: Path, line: str) -> None:
     """Add a line and wait until the disk has it. When that fails, the file is as it was."""
     data = line.encode()
     with writing(path):
-        handle = os.open(path, os.O_WRONLY | os.O_APPEND)
+        handle = open_own(path, os.O_WRONLY | os.O_APPEND)
         try:
             before = os.fstat(handle).st_size
             try:
@@ -47,6 +48,27 @@ def append_durably(path: Path, line: str) -> None:
                 raise
         finally:
             os.close(handle)
+
+
+def open_own(path: Path, flags: int) -> int:
+    """The handle of a recorder's own file, opened to be changed in its place.
+
+    Raises:
+        OSError: it cannot be opened.
+        InputError: it leads to something else: a session from a stranger may have a link there, to a file that is not to be touched.
+    """
+    elsewhere = InputError(f"{path} is not a file of the recorder's own but leads elsewhere: remove it, or record elsewhere.")
+    try:
+        handle = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
+    except OSError as error:
+        if error.errno in (errno.ELOOP, errno.ENXIO):
+            raise elsewhere from None  # `writing` would tell of the system call
+        raise
+    found = os.fstat(handle)
+    if not stat.S_ISREG(found.st_mode) or found.st_nlink != 1:
+        os.close(handle)
+        raise elsewhere
+    return handle
 
 
 @contextmanager
@@ -67,13 +89,13 @@ def writing(path: Path) -> Iterator[None]:
 def locked(folder: Path) -> Iterator[None]:
     """Hold a folder; InputError if another process does. The system lets go of it when this process ends, however it ends."""
     with writing(folder):
-        handle = os.open(folder / ".recording", os.O_RDWR | os.O_CREAT, 0o666)
+        handle = open_own(folder / ".recording", os.O_RDWR | os.O_CREAT)
     try:
         with writing(folder):
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                holder = os.pread(handle, 20, 0).decode(errors="replace").strip() or "unknown"
+                holder = harmless(os.pread(handle, 20, 0).decode(errors="replace").strip()) or "unknown"
                 raise InputError(f"Another recorder (process {holder}) writes to {folder}: end it first, or record elsewhere.") from None
             os.ftruncate(handle, 0)
             os.pwrite(handle, f"{os.getpid()}\n".encode(), 0)

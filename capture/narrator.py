@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
+from calib.errors import harmless
 from capture.reader import Reader
 from capture.recorder import Recorder
 from capture.recording_loop import Step
@@ -41,13 +42,13 @@ class Narrator:
         self.views = view
         if not self._json:
             of = f" of {self._wanted}" if self._wanted else ""
-            print(f"{picture}  view {view}{of}", flush=True)
+            print(harmless(f"{picture}  view {view}{of}"), flush=True)
         for remark in self._recorder.remarks[self._said :]:
             _remark(remark)
         self._said = len(self._recorder.remarks)
 
     def sum_up(self) -> None:
-        print(f"{self._sum()} in {self._recorder.session}.")
+        print(harmless(f"{self._sum()} in {self._recorder.session}."))
 
     def reassure(self) -> None:
         """Before an error is told: what there is already is safe."""
@@ -78,4 +79,4 @@ def _count(number: int, thing: str) -> str:
 
 
 def _remark(sentence: str) -> None:
-    print(sentence, file=sys.stderr, flush=True)
+    print(harmless(sentence), file=sys.stderr, flush=True)

@@ -2,23 +2,34 @@
 
 Nobody but the person at this machine may drive a camera through it. On a loopback address the request must name that address, so that no
 page of the web can reach it under another name; on any other address every request, the websocket's too, must bring the token that is
-printed once, in its address or in the cookie that the first page leaves. A websocket is opened only by our own page.
+printed once, in its address or in the cookie that the first page leaves. A websocket is opened only by our own page, which no other page
+can frame. There are as many apps as were asked for, one by default: the next window ends the oldest. An app ends with its window, with this
+server however that ends, and when nobody has touched it for hours.
 """
 
+import asyncio
 import hmac
 import ipaddress
+import json
 import logging
+import os
 import secrets
 import shlex
+import socket
 import sys
+import time
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from calib.errors import InputError
+from calib.errors import InputError, brief
+from capture.orphan import SERVER
 
 try:
-    from aiohttp import web
+    from aiohttp import WSMsgType, web
+    from textual_serve.app_service import AppService
     from textual_serve.server import Server
 except ImportError as error:
     raise InputError("--serve needs one more package: pip install 'refracal[serve]'.") from error
@@ -36,16 +47,36 @@ const waiting = setInterval(() => {
 }, 50);
 </script></body>"""
 """Letters as large as leaves room for 80 columns and 24 rows, as on a phone that lies on its side; and keys work without a click."""
+HEADERS = {
+    "X-Frame-Options": "DENY",
+    "Content-Security-Policy": "frame-ancestors 'none'; base-uri 'none'; object-src 'none'",
+    "X-Content-Type-Options": "nosniff",
+}
+"""Of every answer: a page that framed ours could make a person press its keys."""
+IDLE_S = 4 * 3600.0
+"""After which an app that nobody touched is ended: a board is moved for an hour at the most."""
+GRACE_S = 5.0
+"""For an app to end, or to take a key, before it is killed."""
+LONGEST_MESSAGE = 1 << 16
+"""bytes from the browser; a longer one ends the connection."""
+LONGEST_PASTE = 4096
+"""Characters; what is typed into a field is much less."""
+CELLS = {"width": (20, 500), "height": (5, 200)}
+"""What sizes of a terminal the app is told."""
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 class GuardedServer(Server):
     """textual-serve's server, behind the guard."""
 
-    def __init__(self, command: str, host: str, port: int, token: str | None) -> None:
-        """`token`: None serves a loopback address without one."""
+    def __init__(self, command: str, host: str, port: int, token: str | None, apps: int = 1) -> None:
+        """`token`: None serves a loopback address without one. `apps`: as many at a time."""
         super().__init__(command, host, port, title="Refracal")
         self.token = token
+        self._most = apps
+        self._running: dict[AppService, web.WebSocketResponse] = {}
+        """The oldest first."""
+        self._opening = asyncio.Lock()
 
     async def _make_app(self) -> web.Application:
         app = await super()._make_app()
@@ -56,13 +87,17 @@ class GuardedServer(Server):
 
         app.middlewares.append(guard)
         app.on_startup.clear()  # it would print a banner, with no token in its address
+        app.on_shutdown.clear()
+        app.on_shutdown.append(self.end_all)
         return app
 
     async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         if not self._admits(request):
-            return web.Response(status=403)
+            return web.Response(status=403, headers=HEADERS)
         self.public_url = f"{request.scheme}://{request.host}"  # as the browser knows it
         response = await handler(request)
+        if not response.prepared:
+            response.headers.update(HEADERS)
         if request.path == "/" and isinstance(response, web.Response) and isinstance(response.body, bytes):
             page = b"".join(part for part in response.body.splitlines(keepends=True) if FONTS not in part)
             response.body = page.replace(b"</body>", FITTED)
@@ -74,28 +109,138 @@ class GuardedServer(Server):
 
     def _admits(self, request: web.Request) -> bool:
         origin = request.headers.get("Origin")
-        if origin is not None and urlsplit(origin).netloc != request.host:
+        try:
+            if origin is not None and urlsplit(origin).netloc != request.host:
+                return False
+        except ValueError:  # of what is no address
             return False
         if self.token is None:
             return request.host in {f"{name}:{self.port}" for name in ("127.0.0.1", "localhost", "[::1]", self.host)}
         brought = request.query.get("token") or request.cookies.get(COOKIE, "")
-        return hmac.compare_digest(brought.encode(), self.token.encode())
+        return hmac.compare_digest(brought.encode(errors="surrogateescape"), self.token.encode())
+
+    async def handle_websocket(self, request: web.Request) -> web.WebSocketResponse:
+        """One window and its app, until either has ended."""
+        websocket = web.WebSocketResponse(heartbeat=15, max_msg_size=LONGEST_MESSAGE)
+        await websocket.prepare(request)
+        service = AppService(
+            self.command,
+            write_bytes=websocket.send_bytes,
+            write_str=websocket.send_str,
+            close=partial(_close, websocket),
+            download_manager=self.download_manager,
+        )
+        async with self._opening:  # the session is free when the app before has ended
+            while len(self._running) >= self._most:
+                oldest = next(iter(self._running))
+                await _close(self._running[oldest])
+                await self._end(oldest)
+            self._running[service] = websocket
+            size = _size({key: request.query.get(key, "") for key in CELLS})
+            await service.start(size["width"], size["height"])
+        try:
+            await self._process_messages(websocket, service)
+        except (TimeoutError, ConnectionError):  # the app takes nothing any more, or the window has gone
+            pass
+        finally:
+            await self._end(service)
+            await _close(websocket)
+        return websocket
+
+    async def _process_messages(self, websocket: web.WebSocketResponse, app_service: AppService) -> None:
+        touched = time.monotonic()
+        while (left := touched + IDLE_S - time.monotonic()) > 0:
+            message = await websocket.receive(timeout=left)
+            if message.type in (WSMsgType.CLOSE, WSMsgType.CLOSING, WSMsgType.CLOSED, WSMsgType.ERROR):
+                return
+            match _said(message.data if message.type == WSMsgType.TEXT else ""):
+                case ["stdin", str() as keys]:
+                    touched = time.monotonic()
+                    typed = keys[:LONGEST_PASTE].encode(errors="replace")
+                    if not await asyncio.wait_for(app_service.send_bytes(typed), GRACE_S):
+                        return
+                case ["resize", {"width": wide, "height": high}]:
+                    size = _size({"width": wide, "height": high})
+                    await asyncio.wait_for(app_service.set_terminal_size(size["width"], size["height"]), GRACE_S)
+                case ["ping", str() | int() | float() | None as sent]:
+                    await websocket.send_json(["pong", sent])
+                case ["blur"]:
+                    await asyncio.wait_for(app_service.blur(), GRACE_S)
+                case ["focus"]:
+                    await asyncio.wait_for(app_service.focus(), GRACE_S)
+
+    async def _end(self, service: AppService) -> None:
+        """Ask the app to end, and kill it where it does not; twice does no harm."""
+        if self._running.pop(service, None) is None:
+            return
+        with suppress(Exception):
+            await asyncio.wait_for(service.stop(), GRACE_S)
+        process = service._process
+        if process and process.returncode is None:
+            with suppress(ProcessLookupError):
+                process.kill()
+            await process.wait()
+
+    async def end_all(self, _: web.Application) -> None:
+        await asyncio.gather(*(self._end(service) for service in list(self._running)))
 
 
-def serve(session: Path, source: str, host: str, port: int) -> None:
+async def _close(websocket: web.WebSocketResponse) -> None:
+    """However the window answers."""
+    with suppress(Exception):
+        await asyncio.wait_for(websocket.close(), GRACE_S)
+
+
+def _said(text: str) -> object:
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+
+
+def _size(asked: dict[str, object]) -> dict[str, int]:
+    """Of the terminal, in cells, within what a window can be."""
+    found = {}
+    for key, (least, most) in CELLS.items():
+        with suppress(TypeError, ValueError, OverflowError):
+            found[key] = max(least, min(most, int(str(asked[key])[:9])))
+    return {"width": 80, "height": 24} | found
+
+
+def serve(session: Path, source: str, host: str, port: int, apps: int = 1) -> None:
     """Serve until Ctrl-C; InputError if the address cannot be used."""
-    command = [sys.executable, "-m", "capture", "ui", str(session), *(["--source", source] if source else [])]
+    listening = _listening(host, port)
+    os.environ[SERVER] = str(os.getpid())
+    command = ["exec", sys.executable, "-m", "capture", "ui", str(session), *(["--source", source] if source else [])]
     token = None if _is_loopback(host) else secrets.token_urlsafe(24)
-    server = GuardedServer(shlex.join(command), host, port, token)
+    server = GuardedServer(shlex.join(command), host, port, token, apps)
     logging.getLogger("textual-serve").setLevel(logging.WARNING)
+    for noisy in ("aiohttp", "asyncio"):  # what strangers send is answered, and no news
+        logging.getLogger(noisy).setLevel(logging.CRITICAL)
     shown = f"[{host}]" if ":" in host else host
     print(f"http://{shown}:{port}/{f'?token={token}' if token else ''}", flush=True)
     if token:
         print("Open this address on the phone, with this machine's own name or number in it. Ctrl-C ends it.", file=sys.stderr, flush=True)
+    web.run_app(server._make_app(), sock=listening, print=None, access_log=None)  # a log would repeat the token
+
+
+def _listening(host: str, port: int) -> list[socket.socket]:
+    """Of every address that a name stands for."""
+    held: list[socket.socket] = []
     try:
-        web.run_app(server._make_app(), host=host, port=port, print=None, access_log=None)  # a log would repeat the token
-    except OSError as error:
-        raise InputError(f"{host}:{port} cannot be served on ({error.strerror}): choose another --host or --port.") from error
+        for family, kind, protocol, _, address in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE):
+            held.append(socket.socket(family, kind, protocol))
+            held[-1].setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            if family == socket.AF_INET6:
+                held[-1].setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+            held[-1].bind(address)
+            held[-1].listen()
+    except (OSError, UnicodeError, OverflowError) as error:
+        for one in held:
+            one.close()
+        why = error.strerror if isinstance(error, OSError) else "not an address"
+        raise InputError(f"{brief(host)}:{port} cannot be served on ({why}): choose another --host or --port.") from error
+    return held
 
 
 def _is_loopback(host: str) -> bool:

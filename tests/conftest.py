@@ -1,5 +1,6 @@
 """What every test runs under."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from tempfile import gettempdir
 
@@ -14,6 +15,14 @@ settings.load_profile("refracal")
 configuration.set_hypothesis_home_dir(Path(gettempdir()) / "refracal-hypothesis")  # its tables of Unicode: not into the checkout
 # It would draw constants from whatever modules of ours are loaded: others for each choice of tests and each worker.
 setattr(providers, "_get_local_constants", Constants)  # noqa: B010
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _own_state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """What the terminal UI keeps for its person: not into the home of who runs the tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        yield
 
 
 @pytest.fixture(autouse=True, scope="session")

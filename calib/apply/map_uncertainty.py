@@ -15,6 +15,7 @@ import torch
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration
+from calib.errors import InputError
 from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import ROWS
@@ -24,6 +25,9 @@ from calib.undistortion.remap import remap
 
 Array = NDArray[np.float64]
 
+NO_CORNERS = (
+    "the calibration's poses and corners do not go with its camera and cover, as if its files had been edited: fit the session again."
+)
 NODES = (49, 37)
 """Pixels across and down at which the variance is computed; between them it is linear."""
 
@@ -107,6 +111,8 @@ class _UndistortedChange:
         path, parameters, observations = model.path, model.parameters, calibration.observations
         poses = torch.from_numpy(calibration.poses)[observations.view]
         depth = path.place(observations.corners, observations.with_times(model.means), poses)[:, 2].numpy()
+        if not (depth > 0).all():
+            raise InputError(NO_CORNERS)
         normal, right_side = np.zeros((6, 6)), np.zeros((6, parameters.count))
         for first in range(0, len(depth), ROWS):
             some = slice(first, first + ROWS)
@@ -115,7 +121,11 @@ class _UndistortedChange:
             seen, moved = ((at * part).sum(1).reshape(2 * len(at), -1) for part in (jacobian, motions))
             normal += moved.T @ moved
             right_side += moved.T @ seen
-        return _UndistortedChange(path, parameters, np.asarray(np.linalg.solve(normal, right_side), dtype=np.float64))
+        try:
+            motion = np.linalg.solve(normal, right_side)
+        except np.linalg.LinAlgError as error:
+            raise InputError(NO_CORNERS) from error
+        return _UndistortedChange(path, parameters, np.asarray(motion, dtype=np.float64))
 
     def jacobian(self, pixels: Array) -> tuple[Array, NDArray[np.bool_]]:
         """(N, 4, S) of A and B by the parameters, and (N,) where there is no ray."""

@@ -17,7 +17,8 @@ from calib.calibration import Calibration
 from calib.corners.detection import NotFound
 from calib.corners.find import find_board
 from calib.corners.view import View
-from calib.errors import InputError, NotEnoughDataError
+from calib.errors import InputError, NotEnoughDataError, brief
+from calib.io.files import MOST_TEXT, read_file
 from calib.io.images import read_grey
 from calib.progress import Progress
 from calib.undistortion.grids import Array
@@ -66,7 +67,7 @@ def measure_by_rays(
     names = list(dict.fromkeys(point.name for point in points))
     for name in names:
         if len({point.image for point in points if point.name == name}) < 2:
-            raise NotEnoughDataError(f"{name} is in one picture only: give its pixel in another as well, or measure on a plane.")
+            raise NotEnoughDataError(f"{brief(name)} is in one picture only: give its pixel in another as well, or measure on a plane.")
     boards = _boards(measurer, points, folder, given, progress)
     images = list(boards)
     if not given:
@@ -112,7 +113,9 @@ def _boards(
     for done, image in enumerate(images):
         advance(done, image)
         if given and image not in given:
-            raise InputError(f"the poses do not name {image}: add a line for it, or leave --poses out so that its board is looked for.")
+            raise InputError(
+                f"the poses do not name {brief(image)}: add a line for it, or leave --poses out so that its board is looked for."
+            )
         boards[image] = given[image] if given else measurer.board_pose(_view(measurer.calibration, folder / image))
     advance(len(images), "")
     return boards
@@ -135,25 +138,27 @@ def _pixels(points: Sequence[Point]) -> Array:
 def _read(path: Path, numeric: tuple[str, ...], words: tuple[str, ...]) -> list[tuple[dict[str, str], list[float]]]:
     """Each line's words, and its parameters in order."""
     try:
-        lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip() and not line.startswith("#")]
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}): check its name and permissions.") from error
+        text = read_file(path, MOST_TEXT).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is not a text file: write CSV in UTF-8.") from error
-    reader = csv.DictReader(lines, skipinitialspace=True)
-    header = [name.strip() for name in reader.fieldnames or ()]
-    reader.fieldnames = header
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    try:
+        reader = csv.reader(lines, skipinitialspace=True)
+        header = [name.strip() for name in next(reader, ())]
+        table = [dict(zip(header, cells, strict=False)) for cells in reader]
+    except csv.Error as error:
+        raise InputError(f"{path} is not a CSV table ({error}): write a line of {','.join((*words, *numeric))} for each entry.") from error
     if missing := [name for name in numeric if name not in header]:
         raise InputError(f"{path} has no column {missing[0]}: begin it with a line such as {','.join((*words, *numeric))}.")
     rows: list[tuple[dict[str, str], list[float]]] = []
-    for row in reader:
+    for row in table:
         try:
             found = [float(row[name]) for name in numeric]
-        except (TypeError, ValueError):
+        except (LookupError, ValueError):
             found = [math.nan]
         if not all(map(math.isfinite, found)):
             raise InputError(f"{path}, entry {len(rows) + 1}: {', '.join(numeric)} are not all numbers: correct that line.")
-        rows.append(({name: (row.get(name) or "").strip() for name in words}, found))
+        rows.append(({name: row.get(name, "").strip() for name in words}, found))
     if not rows:
         raise InputError(f"{path} holds no entry: write a line for each below the header.")
     return rows

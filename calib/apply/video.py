@@ -9,6 +9,7 @@ import numpy as np
 
 from calib.apply.undistorter import Undistorter
 from calib.errors import InputError
+from calib.io.files import check_regular
 from calib.progress import Progress
 
 VIDEOS = {".avi": "MJPG", ".mp4": "mp4v", ".m4v": "mp4v", ".mov": "mp4v", ".mkv": "mp4v"}
@@ -22,8 +23,7 @@ def list_videos(folder: Path) -> tuple[Path, ...]:
 
 def straighten_video(path: Path, target: Path, undistorter: Undistorter, progress: Progress) -> None:
     """Write the undistorted video, with the frame rate of the original. What was at `target` stays whole until the last frame."""
-    if not path.exists():
-        raise InputError(f"{path} cannot be read (No such file or directory): check its name and permissions.")
+    check_regular(path)
     capture = cv2.VideoCapture(str(path))
     capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # the calibration is of frames as stored
     temporary = target.with_name(f".{secrets.token_hex(8)}{target.suffix}")

@@ -5,6 +5,11 @@ import math
 from difflib import get_close_matches
 from pathlib import Path
 
+from calib.errors import brief
+
+FARTHEST = 1e9
+"""m: what is farther is at infinity, to the last digit of a map."""
+
 
 def depth(text: str) -> float:
     """A distance in metres; `inf` is one."""
@@ -12,9 +17,14 @@ def depth(text: str) -> float:
         metres = float(text)
     except ValueError:
         metres = math.nan
-    if not metres > 0:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a depth: write metres above 0, such as 1.0")
+    if not (0 < metres <= FARTHEST or metres == math.inf):
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a depth: write metres above 0, such as 1.0, or inf for the farthest")
     return metres
+
+
+def quoted(text: str) -> str:
+    """What was typed, as a message repeats it."""
+    return repr(brief(text))
 
 
 def positive(text: str) -> float:
@@ -24,7 +34,7 @@ def positive(text: str) -> float:
     except ValueError:
         number = math.nan
     if not 0 < number < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r} will not do: write a number above 0")
+        raise argparse.ArgumentTypeError(f"{quoted(text)} will not do: write a number above 0")
     return number
 
 
@@ -32,7 +42,7 @@ def whole_size(text: str) -> tuple[int, int]:
     """Of a board or a picture, such as 9x6."""
     first, _, second = text.partition("x")
     if not (first.isdecimal() and second.isdecimal() and int(first) > 2 and int(second) > 2):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a size: write two whole numbers of 3 or more, such as 9x6")
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a size: write two whole numbers of 3 or more, such as 9x6")
     return int(first), int(second)
 
 
@@ -43,7 +53,7 @@ def millimetres(text: str) -> float:
     except ValueError:
         side = 0.0
     if not 0.05 <= side <= 1e5:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a side of a square: write millimetres from 0.05 to 100000, such as 25")
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a side of a square: write millimetres from 0.05 to 100000, such as 25")
     return side
 
 
@@ -72,13 +82,13 @@ def grid(text: str) -> tuple[int, int] | None:
         return None
     around, _, along = text.partition("x")
     if not (around.isdecimal() and along.isdecimal() and 2 <= int(around) <= 64 and 2 <= int(along) <= 64):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a grid: write two whole numbers from 2 to 64, such as 8x8, or auto")
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a grid: write two whole numbers from 2 to 64, such as 8x8, or auto")
     return int(around), int(along)
 
 
 def folds(text: str) -> int:
     if not text.isdecimal() or not 2 <= int(text) <= 100:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of folds: write a whole number from 2 to 100, such as 5")
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a number of folds: write a whole number from 2 to 100, such as 5")
     return int(text)
 
 
@@ -91,7 +101,7 @@ def effects(written: str) -> tuple[str, ...]:
     if written in ("none", "auto"):
         return () if written == "none" else ("auto",)
     if wrong or not names or len(set(names)) < len(names):
-        raise argparse.ArgumentTypeError(f"{written!r} is not none, auto, or some of {', '.join(NAMES)}, each once, joined by commas")
+        raise argparse.ArgumentTypeError(f"{quoted(written)} is not none, auto, or some of {', '.join(NAMES)}, each once, joined by commas")
     return names
 
 
@@ -103,11 +113,11 @@ def free(text: str) -> tuple[str, ...]:
         if name not in NAMES:
             near = get_close_matches(name, NAMES, 1)
             hint = f"did you mean {near[0]}" if near else f"write some of {', '.join(NAMES)}, joined by commas"
-            raise argparse.ArgumentTypeError(f"{name!r} is not a number that can be freed: {hint}")
+            raise argparse.ArgumentTypeError(f"{quoted(name)} is not a number that can be freed: {hint}")
     return tuple(dict.fromkeys(text.split(",")))
 
 
 def steps(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of steps: write a whole number above 0, such as 1000")
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a number of steps: write a whole number above 0, such as 1000")
     return int(text)

@@ -10,7 +10,7 @@ import math
 import sys
 from typing import TYPE_CHECKING
 
-from calib.commands.arguments import add_output, millimetres, whole_size
+from calib.commands.arguments import add_output, millimetres, quoted, whole_size
 from calib.errors import InputError
 from calib.session.coding import DICTIONARIES, SPACING_LIMITS, TYPES
 
@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    from calib.commands.printing import print_json
+    from calib.commands.printing import print_json, print_paths
     from calib.io.files import check_writable, reading, write_atomically
     from calib.sheet.layout import lay_out
     from calib.sheet.pdf import to_pdf
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> None:
     if args.json:
         print_json(_as_mapping(args.type, pattern, sheet) | {"written": [str(path) for path in written]})
     else:
-        print(*written, sep="\n")
+        print_paths(written)
     for remark in _remarks(pattern, sheet):
         print(remark, file=sys.stderr)
 
@@ -127,7 +127,9 @@ def _remarks(pattern: "Pattern", sheet: "Sheet") -> list[str]:
 
 def _count(text: str) -> int:
     if not text.isdecimal() or not 2 <= int(text) <= 1000:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of corners or tags: write a whole number from 2 to 1000, such as 9")
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} is not a number of corners or tags: write a whole number from 2 to 1000, such as 9"
+        )
     return int(text)
 
 
@@ -145,7 +147,7 @@ def _between(text: str, low: float, high: float, kind: str) -> float:
     except ValueError:
         part = math.nan
     if not low <= part <= high:
-        raise argparse.ArgumentTypeError(f"{text!r} is not {kind}: write a number from {low:g} to {high:g}")
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not {kind}: write a number from {low:g} to {high:g}")
     return part
 
 
@@ -156,6 +158,6 @@ def _papers(text: str) -> "tuple[Paper, ...]":
     if found is None:
         names = ", ".join(paper.name for paper in PAPERS)
         raise argparse.ArgumentTypeError(
-            f"{text!r} is not a paper: write {names}, or width x height from {SMALLEST:g} to {LARGEST:g} mm, such as 600x400"
+            f"{quoted(text)} is not a paper: write {names}, or width x height from {SMALLEST:g} to {LARGEST:g} mm, such as 600x400"
         )
     return found

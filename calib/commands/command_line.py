@@ -7,8 +7,9 @@ import traceback
 from collections.abc import Sequence
 from importlib.metadata import version
 from types import ModuleType
+from typing import NoReturn
 
-from calib.errors import RefracalError
+from calib.errors import RefracalError, brief
 
 
 def run_command(program: str, description: str | None, commands: Sequence[ModuleType], argv: Sequence[str] | None) -> int:
@@ -41,7 +42,7 @@ def run_command(program: str, description: str | None, commands: Sequence[Module
         if "REFRACAL_TRACEBACK" in os.environ:
             traceback.print_exc()
         print(
-            f"{program}: this is a bug in {program} ({type(error).__name__}: {error}): "
+            f"{program}: this is a bug in {program} ({type(error).__name__}: {brief(error)}): "
             "run it again with REFRACAL_TRACEBACK=1 and report what it prints.",
             file=sys.stderr,
         )
@@ -54,8 +55,14 @@ def _drop_stdout() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        """What was typed may have come from elsewhere, by a shell's * for one."""
+        super().error(str(RefracalError(message)))
+
+
 def _parser(program: str, description: str | None, commands: Sequence[ModuleType]) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(program, description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = _Parser(program, description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--version", action="version", version=f"refracal {version('refracal')}")
     choices = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in commands:

@@ -9,6 +9,7 @@ from rich.table import Table
 
 from calib.calibration import Calibration
 from calib.corners.view import Rejected
+from calib.errors import brief, harmless
 from calib.fitting.declared import comparisons, own_parameters
 from calib.fitting.evaluate import Evaluation
 from calib.fitting.second_look import LOOKS, SecondLook, summed
@@ -21,11 +22,11 @@ class Bars:
 
     def __init__(self) -> None:
         columns = (
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             BarColumn(bar_width=30),
             MofNCompleteColumn(),
             TimeElapsedColumn(),
-            TextColumn("{task.fields[words]}"),
+            TextColumn("{task.fields[words]}", markup=False),
         )
         self._progress = Progress(*columns, console=Console(stderr=True))
 
@@ -37,8 +38,8 @@ class Bars:
 
     def task(self, title: str, total: int) -> Advance:
         self._progress.start()
-        bar: TaskID = self._progress.add_task(title, total=total, words="")
-        return lambda done, words: self._progress.update(bar, completed=done, words=words)
+        bar: TaskID = self._progress.add_task(brief(title), total=total, words="")
+        return lambda done, words: self._progress.update(bar, completed=done, words=brief(words))
 
 
 def print_fit(calibration: Calibration, seconds: float) -> None:
@@ -58,7 +59,7 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
     )
     looks = summed([SecondLook(**look) for look in calibration.settings.get(LOOKS, [])])
     for line in (*([looks] if looks else []), *_lens(calibration), *_estimates(calibration)):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+        console.print(harmless(line), markup=False, highlight=False, soft_wrap=True)
     if validation := calibration.settings.get("cross_validation"):
         console.print(
             f"Held out in {validation['folds']} folds: {validation['held_out_px']:.3f} px, where the fitted views have "
@@ -107,4 +108,4 @@ def print_evaluation(evaluation: Evaluation) -> None:
 
 def _list_rejected(console: Console, rejected: Sequence[Rejected]) -> None:
     for one in rejected:
-        console.print(f"Not used: {one.name}: {one.reason}.", markup=False)
+        console.print(harmless(f"Not used: {one.name}: {one.reason}."), markup=False)

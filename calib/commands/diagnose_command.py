@@ -18,14 +18,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    from calib.calibration import Calibration
+    from calib.calibration import DERIVED, Calibration
     from calib.commands.console import Bars
     from calib.commands.diagnosis_table import print_diagnosis
     from calib.commands.printing import print_json, told
     from calib.commands.verdict_lines import print_verdict
     from calib.diagnosis.diagnose import diagnose
     from calib.fitting.provenance import diagnosed
-    from calib.io.files import check_writable
+    from calib.io.file_set import FileSet
     from calib.report.write import write_report
     from calib.session.session import read_session
     from calib.verdict.judge import judge
@@ -33,19 +33,19 @@ def run(args: argparse.Namespace) -> None:
     calibration = Calibration.load(args.calibration)
     holdout = read_session(args.holdout) if args.holdout else None
     output = args.output or folder_of(args.calibration) / "diagnosed"
-    check_writable(output)
-    with Bars() as bars:
-        better, finding = diagnose(calibration, bars, holdout)
-        better = diagnosed(better, folder_of(args.calibration), args.holdout)
-        written = [better.save(output)]
-    if not args.json:
-        print_diagnosis(finding, better)
-    try:
+    with FileSet(output) as files:
         with Bars() as bars:
-            written.append(write_report(better, output, bars))
-    finally:  # whatever happens to the report, the finding is written and told of
-        verdict = judge(better, folder=output)
-        if args.json:
-            print_json(finding.as_json() | told(verdict, written))
-        else:
-            print_verdict(verdict, written)
+            better, finding = diagnose(calibration, bars, holdout)
+            better = diagnosed(better, folder_of(args.calibration), args.holdout)
+            written = [better.write(files)]
+        try:
+            with Bars() as bars:
+                written.append(write_report(better, files, bars))
+        finally:  # whatever happens to the report, the finding is written and told of
+            files.commit(instead_of=DERIVED)
+            verdict = judge(better, folder=output)
+            if args.json:
+                print_json(finding.as_json() | told(verdict, written))
+            else:
+                print_diagnosis(finding, better)
+                print_verdict(verdict, written)

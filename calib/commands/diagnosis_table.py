@@ -7,6 +7,7 @@ from rich.table import Table
 from calib.calibration import Calibration
 from calib.diagnosis.finding import Diagnosis
 from calib.diagnosis.found import found
+from calib.errors import harmless
 
 
 def print_diagnosis(finding: Diagnosis, better: Calibration) -> None:
@@ -23,7 +24,7 @@ def print_diagnosis(finding: Diagnosis, better: Calibration) -> None:
             console.print(f"{candidate.title}: {said}", markup=False, highlight=False, soft_wrap=True)
     console.print(_considered(finding))
     for remark in finding.remarks:
-        console.print(f"Note: {remark}", markup=False, highlight=False, soft_wrap=True)
+        console.print(harmless(f"Note: {remark}"), markup=False, highlight=False, soft_wrap=True)
 
 
 def _errors(finding: Diagnosis) -> Table:

@@ -36,12 +36,15 @@ def run(args: argparse.Namespace) -> None:
 
     from calib.calibration import Calibration
     from calib.commands.console import Bars
+    from calib.commands.printing import print_paths
     from calib.export.export import Export, export
+    from calib.io.file_set import FileSet
 
     calibration = Calibration.load(args.calibration)
-    with Bars() as bars:
-        exported = export(Export(calibration, form, lenses, tuple(dict.fromkeys(args.depth)), args.output, bars))
-    print(*exported.paths, sep="\n")
+    with Bars() as bars, FileSet(args.output) as files:
+        exported = export(Export(calibration, form, lenses, tuple(dict.fromkeys(args.depth)), files, bars))
+        files.commit()
+    print_paths(exported.paths)
     for model in exported.models:
         _say(model)
 

@@ -50,6 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     import time
 
+    from calib.calibration import DERIVED
     from calib.commands.console import Bars, print_fit
     from calib.commands.diagnosis_table import print_diagnosis
     from calib.commands.printing import print_json, told
@@ -60,7 +61,7 @@ def run(args: argparse.Namespace) -> None:
     from calib.fitting.fit import fit
     from calib.fitting.provenance import asked
     from calib.fitting.stages import Settings
-    from calib.io.files import check_writable
+    from calib.io.file_set import FileSet
     from calib.report.write import write_report
     from calib.session.session import read_session
     from calib.verdict.judge import judge
@@ -68,32 +69,31 @@ def run(args: argparse.Namespace) -> None:
     begun = time.monotonic()
     session = read_session(args.session)
     output = args.output or args.session / "calibration"
-    check_writable(output)
     settings = Settings(args.method, args.grid, args.steps, not args.neglect_shift, args.free, args.folds)
-    with Bars() as bars:
-        calibration = fit(session, settings, bars)
-        finding = None
-        if args.effects == ("auto",):
-            calibration, finding = diagnose(calibration, bars)
-        elif args.effects:
-            calibration = with_named(calibration, args.effects, bars)
-        calibration = asked(calibration, args.effects, args.depth)
-        saved = calibration.save(output)
-        written = [saved, *write_npz(calibration, args.depth, output, bars, replace=True)]
-    seconds = time.monotonic() - begun
-    if not args.json:
-        print_fit(calibration, seconds)
-        if finding:
-            print_diagnosis(finding, calibration)
-    try:
+    with FileSet(output) as files:
         with Bars() as bars:
-            written.append(write_report(calibration, output, bars, args.depth))
-    finally:  # whatever happens to the report, the calibration is written and told of
-        verdict = judge(calibration, depths=args.depth, folder=output, session=args.session)
-        if args.json:
-            print_json(summary(calibration, seconds) | told(verdict, written))
-        else:
-            print_verdict(verdict, written)
+            calibration = fit(session, settings, bars)
+            finding = None
+            if args.effects == ("auto",):
+                calibration, finding = diagnose(calibration, bars)
+            elif args.effects:
+                calibration = with_named(calibration, args.effects, bars)
+            calibration = asked(calibration, args.effects, args.depth)
+            written = [calibration.write(files), *write_npz(calibration, args.depth, files, bars)]
+        seconds = time.monotonic() - begun
+        try:
+            with Bars() as bars:
+                written.append(write_report(calibration, files, bars, args.depth))
+        finally:  # whatever happens to the report, the calibration is written and told of
+            files.commit(instead_of=DERIVED)
+            verdict = judge(calibration, depths=args.depth, folder=output, session=args.session)
+            if args.json:
+                print_json(summary(calibration, seconds) | told(verdict, written))
+            else:
+                print_fit(calibration, seconds)
+                if finding:
+                    print_diagnosis(finding, calibration)
+                print_verdict(verdict, written)
 
 
 def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:

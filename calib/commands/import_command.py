@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_output, millimetres, whole_size
 from calib.commands.board_options import add_coding, asked_board
+from calib.errors import harmless
 
 if TYPE_CHECKING:
     from calib.importing.session_draft import Draft
@@ -48,7 +49,7 @@ def run(args: argparse.Namespace) -> None:
     check_new(args.output)
     count = write_session(_draft(args), args.output)
     kind = "views" if args.source.startswith("mrcal") else "pictures"
-    print(f"{args.output} has {count} {kind}: calibrate it with calib fit {args.output}")
+    print(harmless(f"{args.output} has {count} {kind}: calibrate it with calib fit {args.output}"))
 
 
 def _draft(args: argparse.Namespace) -> "Draft":

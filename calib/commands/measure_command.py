@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_calibration, depth, positive
+from calib.errors import brief, harmless
 
 if TYPE_CHECKING:
     from calib.apply.measure import Measured
@@ -80,6 +81,7 @@ def _print(names: list[str], measured: "Measured", frame: str, noise_px: float) 
     import numpy as np
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     console = Console()
     table = Table("point", "x", "y", "z", "to the next", title=f"In the {frame} frame, metres ± sigma")
@@ -87,11 +89,11 @@ def _print(names: list[str], measured: "Measured", frame: str, noise_px: float) 
         column.justify = "right"
     for i, (name, at, sigma) in enumerate(zip(names, measured.points, measured.sigma, strict=True)):
         cells = [_cell(value, spread) for value, spread in zip(at, sigma, strict=True)]
-        table.add_row(name, *cells, _cell(*measured.distance(i, i + 1)) if i + 1 < len(names) else "")
+        table.add_row(Text(brief(name)), *cells, _cell(*measured.distance(i, i + 1)) if i + 1 < len(names) else "")
     console.print(table)
     for name, reason in zip(names, measured.reasons, strict=True):
         if reason:
-            console.print(f"Not measured: {name}: {reason}.", markup=False, highlight=False, soft_wrap=True)
+            console.print(harmless(f"Not measured: {name}: {reason}."), markup=False, highlight=False, soft_wrap=True)
     if frame == "board" and np.isfinite(measured.gap_px).any():
         console.print(f"The rays miss their points by {np.nanmax(measured.gap_px):.2f} px at most, root mean square of each point.")
     console.print(f"Pixel noise {noise_px:.3f} px per axis.")

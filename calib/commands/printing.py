@@ -1,12 +1,14 @@
-"""JSON on stdout that every reader takes: a number that is not finite becomes null."""
+"""What goes to stdout: JSON that every reader takes, where a number that is not finite becomes null; and names of files."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from calib.errors import harmless
 
 if TYPE_CHECKING:
     from calib.verdict.verdict import Verdict
@@ -15,6 +17,12 @@ if TYPE_CHECKING:
 def print_json(mapping: Mapping[str, object]) -> None:
     """One object, on one line."""
     print(json.dumps(_finite(mapping), allow_nan=False))
+
+
+def print_paths(paths: Iterable[Path]) -> None:
+    """One on each line, whatever its name has."""
+    for path in paths:
+        print(harmless(str(path)))
 
 
 def told(verdict: Verdict, written: Sequence[Path]) -> dict[str, object]:

@@ -22,12 +22,15 @@ def run(args: argparse.Namespace) -> None:
 
     from calib.calibration import Calibration
     from calib.commands.console import Bars
+    from calib.commands.printing import print_paths
+    from calib.io.file_set import FileSet
     from calib.report.write import write_report
 
     calibration = Calibration.load(args.calibration)
-    with Bars() as bars:
-        path = write_report(calibration, folder_of(args.calibration), bars, args.depth)
-    print(path)
+    with Bars() as bars, FileSet(folder_of(args.calibration)) as files:
+        path = write_report(calibration, files, bars, args.depth)
+        files.commit()
+    print_paths([path])
     if not args.no_open and has_screen(os.environ, sys.platform):
         webbrowser.open(path.resolve().as_uri())
 

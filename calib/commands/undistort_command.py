@@ -6,7 +6,7 @@ Colour and grey, 8 and 16 bit. Pixels that the camera does not see through its c
 import argparse
 from pathlib import Path
 
-from calib.commands.arguments import add_calibration, add_output, depth
+from calib.commands.arguments import add_calibration, add_output, depth, quoted
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,12 +36,13 @@ def run(args: argparse.Namespace) -> None:
     from calib.apply.undistort_files import Wanted, undistort_files
     from calib.calibration import Calibration
     from calib.commands.console import Bars
+    from calib.commands.printing import print_paths
 
     calibration = Calibration.load(args.calibration)
     wanted = Wanted(args.depth if args.depth is not None else args.depth_image, args.crop, args.size, args.near)
     with Bars() as bars:
         written = undistort_files(calibration, args.images, wanted, args.output, bars)
-    print(*written, sep="\n")
+    print_paths(written)
 
 
 def _alpha(text: str) -> float:
@@ -50,12 +51,14 @@ def _alpha(text: str) -> float:
     except ValueError:
         alpha = -1.0
     if not 0 <= alpha <= 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not from 0 to 1: write 0 for valid pixels only, 1 for all that the camera sees")
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} is not from 0 to 1: write 0 for valid pixels only, 1 for all that the camera sees"
+        )
     return alpha
 
 
 def _size(text: str) -> tuple[int, int]:
     width, _, height = text.partition("x")
     if not (width.isdecimal() and height.isdecimal() and 2 <= int(width) <= 32767 and 2 <= int(height) <= 32767):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a size: write width and height in px, such as 1280x720")
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a size: write width and height in px, such as 1280x720")
     return int(width), int(height)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from calib.errors import harmless
 from calib.verdict.verdict import Verdict
 
 
@@ -12,8 +13,8 @@ def print_verdict(verdict: Verdict, written: Sequence[Path]) -> None:
     """Where the results are, then whether to trust them, why not, and what to type next."""
     console = Console(markup=False, highlight=False, soft_wrap=True)
     for path in written:
-        console.print(f"Wrote {path}")
+        console.print(harmless(f"Wrote {path}"))
     console.print(verdict.word.sentence, style="bold")
     for reason in verdict.reasons:
-        console.print(f"- {reason.sentence}")
-    console.print(f"Next: {verdict.next}")
+        console.print(harmless(f"- {reason.sentence}"))
+    console.print(harmless(f"Next: {verdict.next}"))

@@ -15,12 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.corners.view import View
-from calib.errors import InputError, NotEnoughDataError
-from calib.io.files import write_atomically
+from calib.errors import InputError, NotEnoughDataError, brief
+from calib.io.files import read_file, write_atomically
 from calib.session.board import Board
 
 LEGEND = "# filename x y level"
 COVARIANCE = ("xx", "xy", "yy")
+HIGHEST_LEVEL = 100
+"""A corner of weight 2^-100 says nothing any more, and of some weights beyond, the square is 0."""
+LARGEST = 256 << 20
+"""bytes: a million corners have a quarter."""
 UNKNOWN = (math.nan, math.nan, math.nan)
 
 
@@ -42,11 +46,11 @@ def read_corners(path: Path, board: Board) -> tuple[View, ...]:
         block = list(group)
         where = f"{path}, line {block[0].line}"
         if name in views:
-            raise InputError(f"{where}: {name} comes a second time: keep all lines of one picture together, and each picture once.")
+            raise InputError(f"{where}: {brief(name)} comes a second time: keep all lines of one picture together, and each picture once.")
         seen = any(row.weight > 0 for row in block)
         if len(block) != board.count and (seen or len(block) > 1):
             raise InputError(
-                f"{where}: {name} has {len(block)} of the {board.count} lines that a {board} board needs: "
+                f"{where}: {brief(name)} has {len(block)} of the {board.count} lines that a {board} board needs: "
                 'write one for each inner corner ("-" if not seen), or correct board in session.yaml.'
             )
         views[name] = _view(name, block) if seen else None
@@ -87,16 +91,14 @@ def _spread(covariance: NDArray[np.float64]) -> str:
 def _corner(xy: NDArray[np.float64], weight: float) -> str:
     if not 0 <= weight <= 1:
         raise ValueError(f"a corner weighs {weight}, which no level of a corners file can say")
-    if weight == 0:
+    if weight < 0.5**HIGHEST_LEVEL:
         return "- - -"
     return f"{float(xy[0])!r} {float(xy[1])!r} {-math.log2(weight) + 0.0:.17g}"
 
 
 def _read_rows(path: Path) -> list[_Row]:
     try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}): check its name and permissions.") from error
+        text = read_file(path, LARGEST).decode()
     except UnicodeDecodeError as error:
         raise InputError(f'{path} is not a UTF-8 text file: write a vnlog that starts with "{LEGEND}".') from error
     legend: list[str] = []
@@ -121,6 +123,8 @@ def _read_rows(path: Path) -> list[_Row]:
 
 def _row(fields: dict[str, str], number: int, where: str) -> _Row:
     x, y, level = (_number(fields.get(column, "0"), column, where) for column in ("x", "y", "level"))
+    if level is not None and level > HIGHEST_LEVEL:
+        raise InputError(f'{where}: level is {level:g}: write 0 for the best corners, 1 for vaguer ones, and so on, or "-" if not seen.')
     if (x is None) != (y is None):
         raise InputError(f'{where}: only one of x and y is "-": write both numbers, or "-" for both if the corner was not seen.')
     weight = 0.5**level if level is not None and level >= 0 else 0.0
@@ -142,5 +146,5 @@ def _number(text: str, column: str, where: str) -> float | None:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise InputError(f'{where}: {column} is "{text}": write a number, or "-" if the corner was not seen.')
+        raise InputError(f'{where}: {column} is "{brief(text)}": write a number, or "-" if the corner was not seen.')
     return value

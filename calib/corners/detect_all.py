@@ -23,7 +23,7 @@ from calib.corners.other_coding import other_coding
 from calib.corners.view import Rejected, View
 from calib.corners.weights import weighted
 from calib.errors import InputError, NotEnoughDataError
-from calib.io.files import write_atomically
+from calib.io.files import read_file, write_atomically
 from calib.io.images import read_grey
 from calib.session.board import Board
 from calib.session.board_section import board_to_yaml
@@ -140,8 +140,8 @@ class _Store:
             self._settings["board"] = board_to_yaml(board)
         self._files: dict[str, Any] = {}
         self._changed = False
-        with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
-            kept = json.loads(self._path.read_bytes())
+        with suppress(InputError, ValueError, KeyError, TypeError, RecursionError):
+            kept = json.loads(read_file(self._path))
             if kept["settings"] == self._settings and isinstance(kept["files"], dict):
                 self._files = kept["files"]
 
@@ -152,8 +152,8 @@ class _Store:
             InputError: it cannot be read, or has another size than is asked for.
         """
         try:
-            digest = hashlib.sha256(path.read_bytes()).hexdigest()
-        except OSError:
+            digest = hashlib.sha256(read_file(path)).hexdigest()
+        except InputError:
             digest = ""  # reading the picture says what is wrong
         with suppress(ValueError, KeyError, TypeError, OverflowError):
             found, size = _recalled(self._files[path.name], digest, self._board)
@@ -198,7 +198,9 @@ def _recalled(entry: Any, digest: str, board: Board) -> tuple[Detection | NotFou
     """
     if entry["sha256"] != digest:
         raise ValueError("another picture")
-    width, height = map(int, entry["size"])
+    width, height = entry["size"]
+    if not (type(width) is type(height) is int and isinstance(entry["corners"], list | None)):
+        raise ValueError("not a detection")
     if entry["corners"] is None:
         return NotFound(str(entry["reason"])), (width, height)
     seen = np.array([row is not None for row in entry["corners"]])
@@ -214,6 +216,8 @@ def _rows(rows: list[list[float] | None], seen: NDArray[np.bool_], width: int) -
     Raises:
         ValueError, TypeError, OverflowError: there is something else in them.
     """
+    if not all(type(value) in (int, float) for row in rows if row is not None for value in row):
+        raise ValueError("not a number")  # numpy would take texts, and true
     table = np.full((len(seen), width), np.nan)
     table[seen] = np.array([row for row in rows if row is not None], np.float64).reshape(-1, width)
     if not np.isfinite(table[seen]).all():

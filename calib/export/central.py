@@ -115,6 +115,8 @@ def best_central(calibration: Calibration, depth: float, lenses: Sequence[Export
 def _fit(calibration: Calibration, sight: Sight, check: Sight, depth: float, lens: ExportLens) -> CentralModel:
     camera = calibration.camera
     assert camera.intrinsics
+    if not np.isfinite(depth):
+        raise InputError("a central camera is fitted at a distance, and inf is none: write metres, such as 1000, or export maps.")
     if depth / 2 <= sight.beyond:
         raise InputError(f"depth {depth:g} m is too near: write {2.1 * sight.beyond:.2g} or more, so that half of it is beyond the cover.")
     k = camera.intrinsics

@@ -11,7 +11,7 @@ from typing import Protocol, cast
 from calib.calibration import Calibration
 from calib.export.central import CentralModel, best_central
 from calib.export.formats import ExportLens, Format
-from calib.io.files import make_folder, write_atomically
+from calib.io.file_set import FileSet
 from calib.progress import Progress
 
 
@@ -25,12 +25,11 @@ class Export:
     """Of which a central camera takes the best; none for maps."""
     depths: Sequence[float]
     """m, each once."""
-    folder: Path
+    files: FileSet
     progress: Progress
 
     def each_depth(self) -> Iterator[tuple[float, str]]:
         """Every depth with its text for file names, while a bar shows how many are done."""
-        make_folder(self.folder)
         advance = self.progress.task(self.form.name, len(self.depths))
         for done, depth in enumerate(self.depths, start=1):
             yield depth, depth_text(depth)
@@ -71,8 +70,7 @@ def export_central(wanted: Export, name: str, text: Callable[[CentralModel], str
     paths, models = [], []
     for depth, said in wanted.each_depth():
         models.append(best_central(wanted.calibration, depth, wanted.lenses))
-        paths.append(wanted.folder / name.format(said))
-        write_atomically(paths[-1], text(models[-1]))
+        paths.append(wanted.files.write(name.format(said), text(models[-1])))
     return Exported(tuple(paths), tuple(models))
 
 

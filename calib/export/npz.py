@@ -7,18 +7,21 @@ sigma_x (m,), sigma_y (n,) px and variance (n, m, 3), where the fit estimated it
 those distorted pixels is variance[..., 0] + variance[..., 1] / Z + variance[..., 2] / Z^2, px^2, x and y together (calib.apply).
 map_Zm.npz: map_x, map_y (height, width) float32 for cv2.remap, -1 where not valid; valid (height, width); depth_m; and sigma (height,
 width) float32 px, where the fit estimated it: the standard deviation of each pixel's position, NaN where not valid.
+Both have calibration, the SHA-256 of the calibration.npz that they were made from.
 """
 
 from collections.abc import Sequence
-from contextlib import suppress
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 
 from calib.apply.map_uncertainty import SigmaField, predicted_sigma
 from calib.calibration import Calibration
+from calib.errors import InputError
 from calib.export.export import Export, Exported, depth_text
-from calib.io.files import make_folder, save_npz
+from calib.io.file_set import FileSet, in_force
+from calib.io.files import npz
 from calib.progress import Progress
 from calib.undistortion.depth_map import DepthMap
 from calib.undistortion.ray_field import RayField
@@ -27,54 +30,46 @@ ARRAYS = ("nodes_x", "nodes_y", "at_infinity", "parallax", "valid", "nearest")
 
 
 def export(wanted: Export) -> Exported:
-    return Exported(tuple(write_npz(wanted.calibration, wanted.depths, wanted.folder, wanted.progress)))
+    return Exported(tuple(write_npz(wanted.calibration, wanted.depths, wanted.files, wanted.progress)))
 
 
-def write_npz(calibration: Calibration, depths: Sequence[float], folder: Path, progress: Progress, *, replace: bool = False) -> list[Path]:
-    """Write rays.npz and one map file for each depth (m), and return their paths.
-
-    Args:
-        replace: take away the folder's other maps: they belong to the calibration that this one replaces.
-    """
-    make_folder(folder)
+def write_npz(calibration: Calibration, depths: Sequence[float], files: FileSet, progress: Progress) -> list[Path]:
+    """Write rays.npz and one map file for each depth (m), and return their paths."""
     advance = progress.task("Maps", 1 + len(depths))
     field = calibration.ray_field()
     sigma = predicted_sigma(calibration)
-    written = [_write_field(field, sigma, calibration, folder)]
+    written = [_write_field(field, sigma, calibration, files)]
     for done, depth in enumerate(dict.fromkeys(depths), start=1):
         advance(done, f"{depth_text(depth)} m")
-        written.append(_write_map(field.map_at(depth), sigma, folder))
-    if replace:
-        for old in {*folder.glob("map_*m.npz")} - {*written}:
-            with suppress(OSError):
-                old.unlink()
+        written.append(_write_map(field.map_at(depth), sigma, calibration, files))
     advance(1 + len(depths), "")
     return written
 
 
 def read_field(path: Path) -> RayField:
-    """The field of a rays.npz."""
-    with np.load(path, allow_pickle=False) as file:
+    """The field of a rays.npz; InputError where the calibration.npz beside it is another's."""
+    with np.load(in_force(path), allow_pickle=False) as file:
+        beside = in_force(path.with_name("calibration.npz"))
+        if beside.exists() and sha256(beside.read_bytes()).hexdigest() != file["calibration"]:
+            raise InputError(f"{path} was made from another calibration than the one beside it: write it again by calib export.")
         return RayField(int(file["width"]), int(file["height"]), *(file[name] for name in ARRAYS))
 
 
-def _write_field(field: RayField, sigma: SigmaField | None, calibration: Calibration, folder: Path) -> Path:
+def _write_field(field: RayField, sigma: SigmaField | None, calibration: Calibration, files: FileSet) -> Path:
     intrinsics = calibration.camera.intrinsics
     assert intrinsics
     pinhole = {name: getattr(intrinsics, name).value for name in ("fx", "fy", "cx", "cy")}
     scalars = {"width": field.width, "height": field.height, **pinhole}
-    path = folder / "rays.npz"
-    arrays = {name: np.asarray(number) for name, number in scalars.items()} | {name: getattr(field, name) for name in ARRAYS}
+    said = {"calibration": np.asarray(calibration.digest)}
+    arrays = said | {name: np.asarray(number) for name, number in scalars.items()} | {name: getattr(field, name) for name in ARRAYS}
     if sigma:
         arrays |= {"sigma_x": sigma.nodes_x, "sigma_y": sigma.nodes_y, "variance": sigma.variance}
-    save_npz(path, arrays)
-    return path
+    return files.write("rays.npz", npz(arrays))
 
 
-def _write_map(made: DepthMap, sigma: SigmaField | None, folder: Path) -> Path:
-    path = folder / f"map_{depth_text(made.depth)}m.npz"
-    arrays = {"map_x": made.x, "map_y": made.y, "valid": made.valid, "depth_m": np.float64(made.depth)}
+def _write_map(made: DepthMap, sigma: SigmaField | None, calibration: Calibration, files: FileSet) -> Path:
+    arrays = {"calibration": calibration.digest, "map_x": made.x, "map_y": made.y, "valid": made.valid, "depth_m": np.float64(made.depth)}
     if sigma:
         arrays["sigma"] = sigma.of_map(made)
-    save_npz(path, {name: np.asarray(array) for name, array in arrays.items()}, compressed=False)
-    return path
+    held = npz({name: np.asarray(array) for name, array in arrays.items()}, compressed=False)
+    return files.write(f"map_{depth_text(made.depth)}m.npz", held)

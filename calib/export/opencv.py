@@ -11,7 +11,7 @@ import numpy as np
 
 from calib.export.central import CentralModel
 from calib.export.export import Export, Exported, depth_text, export_central
-from calib.io.files import write_atomically
+from calib.io.file_set import FileSet
 from calib.undistortion.depth_map import DepthMap
 
 
@@ -19,7 +19,7 @@ def export(wanted: Export) -> Exported:
     suffix = ".xml" if wanted.form.name == "opencv-xml" else ".yaml"
     cameras = export_central(wanted, "camera_{}m" + suffix, lambda model: storage(model, suffix))
     field = wanted.calibration.ray_field()
-    maps = [write_opencv_maps(field.map_at(depth), wanted.folder, depth_text(depth)) for depth in wanted.depths]
+    maps = [write_opencv_maps(field.map_at(depth), wanted.files, depth_text(depth)) for depth in wanted.depths]
     return Exported(tuple(path for camera, two in zip(cameras.paths, maps, strict=True) for path in (camera, *two)), cameras.models)
 
 
@@ -45,10 +45,9 @@ def storage(model: CentralModel, suffix: str) -> str:
     return file.releaseAndGetString()
 
 
-def write_opencv_maps(made: DepthMap, folder: Path, depth: str) -> list[Path]:
+def write_opencv_maps(made: DepthMap, files: FileSet, depth: str) -> list[Path]:
     """map_x_Zm.tiff and map_y_Zm.tiff: cv2.imread(..., cv2.IMREAD_UNCHANGED) gives (height, width) float32, -1 where not valid."""
     written = []
     for name, pixels in (("map_x", made.x), ("map_y", made.y)):
-        written.append(folder / f"{name}_{depth}m.tiff")
-        write_atomically(written[-1], cv2.imencode(".tiff", pixels)[1].tobytes())
+        written.append(files.write(f"{name}_{depth}m.tiff", cv2.imencode(".tiff", pixels)[1].tobytes()))
     return written

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from calib.errors import InputError
 from calib.export.export import Export, Exported
-from calib.io.files import write_atomically
+from calib.io.file_set import FileSet
 from calib.undistortion.ray_field import RayField
 
 Map = NDArray[np.float32]
@@ -21,17 +21,16 @@ Map = NDArray[np.float32]
 
 def export(wanted: Export) -> Exported:
     field, suffix = wanted.calibration.ray_field(), ".exr" if wanted.form.name == "stmap-exr" else ".tiff"
-    return Exported(tuple(path for depth, name in wanted.each_depth() for path in write_stmaps(field, depth, wanted.folder, name, suffix)))
+    return Exported(tuple(path for depth, name in wanted.each_depth() for path in write_stmaps(field, depth, wanted.files, name, suffix)))
 
 
-def write_stmaps(field: RayField, depth: float, folder: Path, name: str, suffix: str) -> list[Path]:
+def write_stmaps(field: RayField, depth: float, files: FileSet, name: str, suffix: str) -> list[Path]:
     """Write both maps of a depth in m, which file names give as `name`; `suffix` is .tiff or .exr."""
     encode = _exr if suffix == ".exr" else _tiff
     made = field.map_at(depth)
     written = []
     for direction, pixels in (("undistort", _normalised(made.x, made.y, made.valid)), ("redistort", _redistorting(field, depth))):
-        written.append(folder / f"stmap_{direction}_{name}m{suffix}")
-        write_atomically(written[-1], encode(pixels))
+        written.append(files.write(f"stmap_{direction}_{name}m{suffix}", encode(pixels)))
     return written
 
 

@@ -10,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from calib.calibration import Calibration
-from calib.io.files import reading
+from calib.io.files import read_file, reading
 from calib.session.session import Session
 
 KEY = "made_by"
@@ -48,7 +48,7 @@ def session_hash(session: Session) -> str:
     """SHA-256 of what `sha256sum` prints, run inside the session, for the files that a fit reads, sorted by their names."""
     files = sorted(_read(session), key=str)
     with reading(session.path), ThreadPoolExecutor() as pool:
-        digests = pool.map(lambda path: sha256(path.read_bytes()).hexdigest(), files)
+        digests = pool.map(lambda path: sha256(read_file(path)).hexdigest(), files)
         lines = [f"{digest}  {path.relative_to(session.path)}\n" for digest, path in zip(digests, files, strict=True)]
     return sha256("".join(lines).encode()).hexdigest()
 

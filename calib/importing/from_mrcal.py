@@ -6,7 +6,6 @@ solve: observations_board (N, rows, columns, 3) x, y and weight, not above 0 for
 
 import ast
 import base64
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +14,15 @@ from numpy.typing import NDArray
 
 from calib.corners.corners_file import read_corners
 from calib.corners.view import View
-from calib.errors import InputError, NotEnoughDataError
+from calib.errors import InputError, NotEnoughDataError, brief
 from calib.importing.session_draft import Draft
+from calib.io.arrays import decode_npz
+from calib.io.files import read_file
 from calib.session.board import Board
 from calib.session.camera import Camera
+
+LARGEST = 256 << 20
+"""bytes: that of a thousand views has ten million."""
 
 
 def from_corners(path: Path, board: Board, size: tuple[int, int]) -> Draft:
@@ -41,14 +45,13 @@ def from_cameramodel(path: Path) -> Draft:
         arrays = _arrays(model["optimization_inputs"])
         return _draft(path, model, arrays)
     except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise InputError(f"{path}: its optimization inputs are damaged ({error}): write the file again with mrcal.") from error
+        raise InputError(f"{path}: its optimization inputs are damaged ({brief(error)}): write the file again with mrcal.") from error
 
 
 def _literal(path: Path) -> dict[str, Any]:
+    data = read_file(path, LARGEST)
     try:
-        model = ast.literal_eval(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}): check its name and permissions.") from error
+        model = ast.literal_eval(data.decode())
     except (ValueError, SyntaxError, MemoryError, RecursionError, TypeError):
         model = None
     if not isinstance(model, dict) or not {"lensmodel", "intrinsics", "imagersize"} <= set(model):
@@ -57,12 +60,7 @@ def _literal(path: Path) -> dict[str, Any]:
 
 
 def _arrays(text: bytes) -> dict[str, NDArray[Any]]:
-    data = base64.b85decode(text)
-    try:
-        with np.load(BytesIO(data), allow_pickle=False) as file:
-            return dict(file)
-    except Exception as error:  # numpy and zipfile raise a dozen kinds for a damaged file
-        raise ValueError(error) from error
+    return decode_npz(base64.b85decode(text))
 
 
 def _draft(path: Path, model: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Draft:

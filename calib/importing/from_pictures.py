@@ -5,7 +5,7 @@ from pathlib import Path
 
 from calib.errors import InputError
 from calib.importing.session_draft import Draft
-from calib.io.files import reading
+from calib.io.files import read_file, reading
 from calib.io.images import image_size, list_images
 from calib.session.board import Board
 from calib.session.camera import Camera
@@ -26,5 +26,4 @@ def from_pictures(folder: Path, board: Board, model: str = "") -> Draft:
 def contents(paths: Sequence[Path]) -> Iterator[tuple[str, bytes]]:
     """Names and contents, one picture in memory at a time."""
     for path in paths:
-        with reading(path):
-            yield path.name, path.read_bytes()
+        yield path.name, read_file(path)

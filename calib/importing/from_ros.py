@@ -13,9 +13,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from calib.errors import InputError
+from calib.errors import InputError, brief
 from calib.importing.session_draft import Draft
-from calib.io.files import reading
+from calib.io.files import check_regular, reading
 from calib.io.yaml_reader import read_yaml
 from calib.session.board import Board
 from calib.session.camera import Camera
@@ -24,12 +24,14 @@ from calib.session.schema import Section
 PICTURE = re.compile(r"(left|right)-[0-9]+\.png")
 LARGEST = 1 << 20
 """bytes of a settings file: a larger one is something else."""
+LARGEST_PICTURE = 1 << 28
+"""bytes. A sparse file of the archive says any size."""
 
 
 def from_tar(path: Path, board: Board, camera: str | None) -> Draft:
     """One camera's pictures; which one of a stereo pair, `camera` says: left or right."""
     with _opened(path) as tar:
-        members = {Path(member.name).name: member for member in tar if member.isfile()}
+        members = {Path(member.name).name: member for member in _members(path, tar)}
         sides = {name: match[1] for name in members if (match := PICTURE.fullmatch(name))}
         pair = len(set(sides.values())) == 2
         if pair and camera is None:
@@ -62,21 +64,32 @@ def _camera(path: Path, name: str, data: bytes) -> Camera:
 
 def _pictures(path: Path, names: frozenset[str]) -> Iterator[tuple[str, bytes]]:
     with _opened(path) as tar:
-        for member in tar:
+        for member in _members(path, tar):
             name = Path(member.name).name
-            if member.isfile() and name in names:
+            if name in names:
                 yield name, _read(tar, member)
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tarfile.TarFile]:
     """The archive; that it is none, or is damaged, may show only while it is read."""
+    check_regular(path)
     with reading(path):
         try:
             with tarfile.open(path) as tar:
                 yield tar
         except (tarfile.TarError, EOFError, zlib.error, gzip.BadGzipFile) as error:
             raise InputError(f"{path} is not a tar archive, or a damaged one: give the calibrationdata.tar.gz that ROS saved.") from error
+
+
+def _members(path: Path, tar: tarfile.TarFile) -> Iterator[tarfile.TarInfo]:
+    """Its files."""
+    for member in tar:
+        if member.isfile():
+            if member.size > LARGEST_PICTURE:
+                said = f"{brief(member.name)} in it is larger than the {LARGEST_PICTURE >> 20} MB that a picture may have"
+                raise InputError(f"{path}: {said}: give the calibrationdata.tar.gz that ROS saved.")
+            yield member
 
 
 def _read(tar: tarfile.TarFile, member: tarfile.TarInfo) -> bytes:

@@ -7,20 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.errors import InputError
+from calib.io.arrays import decode_npy
+from calib.io.files import read_file
 
 KINDS = (".npy", ".png", ".tif", ".tiff", ".exr")
 
 
 def read_depth_image(path: Path) -> NDArray[np.float32]:
     """(height, width) m: floating-point files hold metres, 16-bit ones millimetres; 0 is unknown."""
+    data = read_file(path)
     try:
-        if path.suffix.lower() == ".npy":
-            pixels = np.load(path, allow_pickle=False)
-        else:
-            pixels = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}): check its name and permissions.") from error
-    except (ValueError, EOFError, cv2.error):
+        pixels = decode_npy(data) if path.suffix.lower() == ".npy" else cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except (ValueError, cv2.error):
         pixels = None
     if not isinstance(pixels, np.ndarray) or pixels.ndim != 2 or pixels.dtype not in (np.float32, np.float64, np.uint16):
         raise InputError(

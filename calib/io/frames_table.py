@@ -6,18 +6,22 @@ picture without a row. Both are mended when the recording is continued.
 
 import csv
 import io
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from calib.errors import InputError
-from calib.io.files import reading
+from calib.errors import InputError, brief
+from calib.io.files import MOST_TEXT, read_file, reading
 
 NAME = "frames.csv"
 FIXED = ("file", "time_s", "sequence", "view")
 """The columns that every recording has: the picture's name, Unix time in s, the driver's counter, and the number of the board's pose,
 which the pictures of a burst share. What the camera said comes after them."""
+
+LATEST_S = 1e10
+"""A time in s is less for centuries; a larger one was written in ms or ns."""
+LONGEST_VIEW = 15
+"""Digits of a view's number."""
 
 Row = Mapping[str, str]
 
@@ -36,14 +40,14 @@ def read_table(path: Path) -> list[dict[str, str]]:
     with reading(path):
         if not path.exists():
             return []
-        data = path.read_bytes()
+    data = read_file(path, MOST_TEXT)
     if data.startswith(",".join(FIXED).encode()):  # a recorder's; tables by hand often lack the last line break
         data = data[: data.rfind(b"\n") + 1]
     try:
         text = data.decode("utf-8-sig")
         rows = list(csv.DictReader(io.StringIO(text, newline=""), restval="", strict=True))
     except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path} is not a CSV table in UTF-8 ({error}): mend it, or move it elsewhere.") from error
+        raise InputError(f"{path} is not a CSV table in UTF-8 ({brief(error)}): mend it, or move it elsewhere.") from error
     if any("file" not in row or None in row for row in rows):
         raise InputError(f"{path} has no column file, or rows longer than its first: its first line must be {','.join(FIXED)},...")
     return rows
@@ -59,18 +63,21 @@ def read_frame_records(path: Path) -> dict[str, FrameRecord]:
     for row in read_table(path):
         time_s = recorded_time(row)
         if time_s is None and row.get("time_s", "").strip():
-            raise InputError(f"{path}: time_s of {row['file']} is {row['time_s']!r}: write seconds, such as 12.5, or leave it empty.")
+            raise InputError(
+                f"{path}: time_s of {brief(row['file'])} is {brief(row['time_s'])!r}: write seconds, such as 12.5, "
+                f"less than {LATEST_S:g}, or leave it empty."
+            )
         records[Path(row["file"]).name] = FrameRecord(time_s, row.get("view", "").strip() or None)
     return records
 
 
 def recorded_time(row: Row) -> float | None:
-    """s; None where the row has no finite time."""
+    """s; None where the row has no time, or one that no clock shows."""
     try:
         time_s = float(row["time_s"])
     except (KeyError, ValueError):
         return None
-    return time_s if math.isfinite(time_s) else None
+    return time_s if abs(time_s) < LATEST_S else None
 
 
 def mended(rows: Sequence[Row], pictures: Sequence[Path]) -> list[Row]:
@@ -98,4 +105,4 @@ def to_csv(rows: Sequence[Row], keys: Sequence[str], *, header: bool = True) -> 
 
 def last_view(rows: Sequence[Row]) -> int:
     """The highest number of a view so far; -1 if there is none."""
-    return max((int(row["view"]) for row in rows if row.get("view", "").isdecimal()), default=-1)
+    return max((int(view) for row in rows if (view := row.get("view", "")).isdecimal() and len(view) <= LONGEST_VIEW), default=-1)

@@ -4,10 +4,8 @@ Older OpenCV decodes half a picture without a word, so a truncated file is recog
 """
 
 import re
-import tokenize
 import zlib
 from collections.abc import Callable
-from io import BytesIO
 from pathlib import Path
 
 import cv2
@@ -15,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.errors import InputError
+from calib.io.arrays import decode_npy
+from calib.io.files import read_file
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".npy")
 SIXTEEN_BIT = (".png", ".tif", ".tiff", ".npy")
@@ -37,10 +37,7 @@ def list_images(folder: Path) -> tuple[Path, ...]:
 
 def read_image(path: Path) -> Image:
     """(H, W) grey or (H, W, 3) BGR pixels, uint8 or uint16, as stored: not turned by EXIF, without an alpha channel."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}): check its name and permissions.") from error
+    data = read_file(path)
     if not data:
         raise InputError(f"{path} is an empty file: copy it again, or remove it.")
     if path.suffix.lower() == ".npy":
@@ -76,8 +73,8 @@ def _natural(path: Path) -> tuple[list[str | int], str]:
 
 def _decode_npy(path: Path, data: bytes) -> NDArray:
     try:
-        return np.lib.format.read_array(BytesIO(data), allow_pickle=False)
-    except (ValueError, EOFError, MemoryError, OverflowError, SyntaxError, TypeError, tokenize.TokenError) as error:
+        return decode_npy(data)
+    except ValueError as error:
         raise InputError(
             f"{path} is not a whole .npy array: write it by numpy.save as (height, width) or (height, width, 3) uint8 or uint16."
         ) from error
@@ -102,8 +99,8 @@ def _native(pixels: NDArray) -> Image:
     return np.ascontiguousarray(pixels, np.uint16)
 
 
-_JPEG_MARKER = re.compile(rb"\xff+([^\x00\xff\xd0-\xd7])")
-"""Any but a stuffed 0xff and the restart markers, which stand inside the compressed data."""
+_JPEG_MARKER = re.compile(rb"\xff([^\x00\xff\xd0-\xd7])")
+"""Any but a stuffed 0xff and the restart markers, which stand inside the compressed data. Of 0xff that are repeated, the last counts."""
 
 
 def _jpeg_is_whole(data: bytes) -> bool:

@@ -23,6 +23,7 @@ def again_html(evidence: Evidence, folder: Path) -> str:
         "refracal": calibration.refracal,
         **{key: value for key, value in origin.items() if key != "session"},
         "gauge": calibration.gauge,
+        "calibration_sha256": calibration.digest,
     }
     rest = yaml.safe_dump(
         {key: value for key, value in settings.items() if key not in (KEY, ASKED, DIAGNOSED, "diagnosis")},
@@ -35,7 +36,8 @@ def again_html(evidence: Evidence, folder: Path) -> str:
         f"<pre>{escape(lines)}</pre>"
         + table(("", ""), [(escape(key), f"<code>{escape(str(value))}</code>") for key, value in facts.items()])
         + "<p>calibration.yaml and calibration.npz hold the corners, the poses and all numbers: the fit can be made again from them alone. "
-        "session_sha256 is the SHA-256 of what <code>sha256sum</code> prints for the files of the session that the fit read.</p>"
+        "session_sha256 is the SHA-256 of what <code>sha256sum</code> prints for the files of the session that the fit read, "
+        "calibration_sha256 the SHA-256 of calibration.npz.</p>"
         + f"<details><summary>Settings and outcome</summary><pre>{escape(rest)}</pre></details>"
     )
 
@@ -61,20 +63,20 @@ def _options(settings: dict[str, Any]) -> list[str]:
     """What was not left at its default."""
     usual, asked = Settings(), settings.get(ASKED, {})
     words: list[str] = []
-    if settings["method"] != usual.method:
-        words += ["--method", str(settings["method"])]
-    if settings["grid"] and tuple(settings["grid"]) != usual.grid:
-        words += ["--grid", "x".join(str(n) for n in settings["grid"])]
-    if tuple(settings["free"]) != usual.free:
-        words += ["--free", ",".join(settings["free"]) or "none"]
+    if (method := settings.get("method", usual.method)) != usual.method:
+        words += ["--method", method]
+    if (grid := settings.get("grid")) and tuple(grid) != usual.grid:
+        words += ["--grid", "x".join(map(str, grid))]
+    if (free := tuple(settings.get("free", usual.free))) != usual.free:
+        words += ["--free", ",".join(free) or "none"]
     by_library = ["auto"] if "diagnosis" in settings and DIAGNOSED not in settings else []
     if effects := asked.get("effects") or by_library:
         words += ["--effects", ",".join(effects)]
     if validation := settings.get("cross_validation"):
         words += ["--folds", str(validation["folds"])]
-    if settings["steps"] != usual.steps:
-        words += ["--steps", str(settings["steps"])]
-    if not settings["exact_hit"]:
+    if (steps := settings.get("steps", usual.steps)) != usual.steps:
+        words += ["--steps", str(steps)]
+    if not settings.get("exact_hit", usual.exact_hit):
         words.append("--neglect-shift")
     if depths := asked.get("depths", []):
         words += ["--depth", *(str(depth) for depth in depths)]

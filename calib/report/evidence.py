@@ -9,8 +9,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from calib.apply.map_uncertainty import SigmaField, predicted_sigma
+from calib.apply.map_uncertainty import NO_CORNERS, SigmaField, predicted_sigma
 from calib.calibration import Calibration
+from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.poses import pinhole_poses
 from calib.estimation.residuals import Residuals, residuals
 from calib.optics.build import pinhole_path
@@ -24,6 +25,9 @@ Array = NDArray[np.float64]
 
 CELLS = (16, 12)
 """Across and down the image, for what is counted or averaged by place."""
+
+FEWEST_SEEN = 0.5
+"""Of a calibration's corners, that its own model sees: a fit drops a session in which a fifth cannot be."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,21 +95,27 @@ class Evidence:
 
 def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) -> Evidence:
     """Ask a calibration; without depths, its fields are shown at the nearest, the median and the farthest corner's."""
+    if not (calibration.views and calibration.stages):
+        raise NotEnoughDataError("the calibration keeps no views, of which a report would tell: fit the session again.")
     path, values = calibration.model()
     observations = calibration.observations
     own = torch.from_numpy(calibration.poses)[observations.view]
     depth = path.place(observations.corners, values, own)[:, 2].numpy()
+    missed, sigma = residuals(path, values, observations, torch.from_numpy(calibration.poses)), predicted_sigma(calibration)
+    seen = torch.isfinite(missed.image).all(-1).double().mean()
+    if not (depth > 0).all() or seen < FEWEST_SEEN or (sigma and not np.isfinite(sigma.variance).any()):
+        raise InputError(NO_CORNERS)
     return Evidence(
         calibration=calibration,
         path=path,
         values=values,
-        missed=residuals(path, values, observations, torch.from_numpy(calibration.poses)),
+        missed=missed,
         bare_missed=_without_model(calibration),
         pixels=observations.pixels.numpy(),
         view=observations.view.numpy(),
         depth=depth,
         field=calibration.ray_field(),
-        sigma=predicted_sigma(calibration),
+        sigma=sigma,
         depths=tuple(sorted(set(depths))) or tuple(dict.fromkeys(float(f"{d:.2g}") for d in np.quantile(depth, (0, 0.5, 1)))),
     )
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from calib.corners.detect import eight_bits
 from calib.errors import RefracalError
+from calib.io.files import read_file
 from calib.io.images import read_grey
 
 Grey = NDArray[np.uint8]
@@ -40,6 +41,6 @@ def data_url(pixels: Grey) -> str:
 
 def _read(path: Path, whole: int, width: int) -> tuple[NDArray | None, int]:
     """Grey pixels, and by how much they are shrunk: a large JPEG is decoded at an eighth of its size, in a fraction of the time."""
-    if whole > 8 * width and (data := path.read_bytes()).startswith(JPEG):
+    if whole > 8 * width and (data := read_file(path)).startswith(JPEG):
         return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_REDUCED_GRAYSCALE_8 | cv2.IMREAD_IGNORE_ORIENTATION), 8
     return read_grey(path), 1

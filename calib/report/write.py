@@ -6,7 +6,7 @@ from pathlib import Path
 
 from calib.calibration import Calibration
 from calib.fitting.provenance import KEY
-from calib.io.files import write_atomically
+from calib.io.file_set import FileSet
 from calib.progress import Progress
 from calib.report.again import again_html
 from calib.report.board_errors import board_errors
@@ -31,9 +31,9 @@ DRAWINGS = (board_errors, residual_maps, distortion_fields, distortion_by_depth,
 
 
 def write_report(
-    calibration: Calibration, folder: Path, progress: Progress, depths: Sequence[float] = (), effects: Sequence[EffectRow] | None = None
+    calibration: Calibration, files: FileSet, progress: Progress, depths: Sequence[float] = (), effects: Sequence[EffectRow] | None = None
 ) -> Path:
-    """Write report.html into the folder of a saved calibration.
+    """Write report.html beside a saved calibration.
 
     Args:
         depths: m, where fields are shown; by default at the nearest, the median and the farthest corner's.
@@ -42,7 +42,7 @@ def write_report(
     advance = progress.task("Report", len(DRAWINGS) + 2)
     with single_thread(), ThreadPoolExecutor() as pool:
         evidence = gather_evidence(calibration, tuple(depths))
-        session = _session(calibration, folder)
+        session = _session(calibration, files.folder)
         thumbnails = begin_thumbnails(evidence, session, pool)
         advance(1, "")
         drawn = {}
@@ -55,10 +55,9 @@ def write_report(
             list(drawn.values()),
             effect_rows(calibration) if effects is None else effects,
             views_html(evidence, thumbnails),
-            again_html(evidence, folder),
+            again_html(evidence, files.folder),
         )
-    path = folder / NAME
-    write_atomically(path, page(calibration.camera.model or "A camera", summarise(evidence, depths), sections))
+    path = files.write(NAME, page(calibration.camera.model or "A camera", summarise(evidence, depths), sections))
     advance(len(DRAWINGS) + 2, "")
     return path
 

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import TypeVar
 
-from calib.errors import InputError
+from calib.errors import InputError, brief
 
 T = TypeVar("T", int, str)
+WIDEST = 1e100
+"""The largest sigma, and one over it the smallest: a fit squares them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,16 +87,16 @@ class Section:
 
     def wrong(self, key: str, value: object, expected: str) -> InputError:
         if isinstance(value, str) and _is_number(value) and "number" in expected:
-            return InputError(f'{self.file}: {self.at(key)} is the text "{value}": drop the quotes.')
+            return InputError(f'{self.file}: {self.at(key)} is the text "{brief(value)}": drop the quotes.')
         return InputError(f"{self.file}: {self.at(key)} is {_shown(value)}: write {expected}.")
 
     def only(self, allowed: Sequence[str], kind: str = "known key") -> None:
         """Refuse any other key."""
         for key in self.values:
             if key not in allowed:
-                close = get_close_matches(key, allowed, n=1)
+                close = get_close_matches(brief(key), allowed, n=1)
                 hint = f" (did you mean {close[0]}?)" if close else ""
-                raise InputError(f"{self.file}: {self.at(key)} is not a {kind}{hint}: allowed here are {', '.join(allowed)}.")
+                raise InputError(f"{self.file}: {self.at(brief(key))} is not a {kind}{hint}: allowed here are {', '.join(allowed)}.")
 
     def get(self, key: str, expected: str) -> object:
         if key not in self.values:
@@ -126,7 +128,7 @@ class Section:
         for option in options:
             if type(value) is type(option) and value == option:
                 return option
-        close = get_close_matches(value, [str(option) for option in options], n=1) if isinstance(value, str) else []
+        close = get_close_matches(brief(value), [str(option) for option in options], n=1) if isinstance(value, str) else []
         raise self.wrong(key, value, f"{close[0]}, or {expected}" if close else expected)
 
     def read(self, quantity: Quantity) -> dict[str, Number]:
@@ -155,9 +157,9 @@ class Section:
             raise pair.wrong("exact", exact, "true to hold the number, or drop the key")
         if exact and "sigma" not in pair.values:
             return Number(value / per_si, exact=True)
-        expected = "a number above 0, or 0 to hold the number"
+        expected = f"a number above 0, up to {WIDEST:g}, or 0 to hold the number"
         sigma = _plain(pair.get("sigma", expected))
-        if sigma is None or sigma < 0 or (exact and sigma):
+        if sigma is None or not (sigma == 0 or 1 / WIDEST <= sigma <= WIDEST) or (exact and sigma):
             raise pair.wrong("sigma", written["sigma"], "0, or drop it, as the number is exact" if exact else expected)
         return Number(value / per_si, sigma / per_si, exact=not sigma)
 
@@ -193,9 +195,9 @@ def _shown(value: object) -> str:
         case bool():
             return str(value).lower()
         case str():
-            return f'the text "{value}"'
+            return f'the text "{brief(value)}"'
         case list():
             return f"a list of {len(value)}"
         case Mapping():
             return "a mapping"
-    return repr(value)
+    return brief(repr(value))

@@ -7,7 +7,7 @@ v4l2:/dev/video0?size=1640x1232. A session that has pictures is continued. Ctrl-
 import argparse
 from pathlib import Path
 
-from calib.commands.arguments import positive
+from calib.commands.arguments import positive, quoted
 from calib.commands.board_options import add_coding, asked_board
 
 
@@ -72,11 +72,11 @@ def run(args: argparse.Namespace) -> None:
 def _board(text: str) -> tuple[int, int]:
     columns, _, rows = text.partition("x")
     if not (columns.isdecimal() and rows.isdecimal() and 2 <= int(columns) <= 1000 and 2 <= int(rows) <= 1000):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a board: write its inner corners as two whole numbers from 3, such as 9x6")
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a board: write its inner corners as two whole numbers from 3, such as 9x6")
     return int(columns), int(rows)
 
 
 def _count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of them: write a whole number above 0")
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a number of them: write a whole number above 0")
     return int(text)

@@ -13,6 +13,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     from calib.commands.printing import print_json
+    from calib.errors import harmless
     from capture.sources.registry import SCHEMES
 
     found = {scheme.name: scheme.backend().inventory() for scheme in SCHEMES}
@@ -23,8 +24,8 @@ def run(args: argparse.Namespace) -> None:
         return
     for name, inventory in found.items():
         for camera in inventory.cameras:
-            print(f"{camera.source}  {camera.problem or camera.name}")
+            print(harmless(f"{camera.source}  {camera.problem or camera.name}"))
             for mode in camera.modes:
-                print(f"    {mode}")
+                print(harmless(f"    {mode}"))
         if inventory.missing:
             print(f"{name}: {inventory.missing}")

@@ -7,6 +7,8 @@ runs in a browser: of this machine alone, or with --host of others too, which th
 import argparse
 from pathlib import Path
 
+from calib.commands.arguments import quoted
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("session", type=Path, metavar="SESSION", help="the session folder, which is made if need be")
@@ -15,7 +17,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--host", default="127.0.0.1", metavar="ADDRESS", help="with --serve: the address to serve on (default: %(default)s)"
     )
-    parser.add_argument("--port", type=int, default=8000, metavar="N", help="with --serve: the port (default: %(default)s)")
+    parser.add_argument("--port", type=_port, default=8000, metavar="N", help="with --serve: the port (default: %(default)s)")
+    apps = "with --serve: windows at a time; one more ends the oldest (default: %(default)s)"
+    parser.add_argument("--apps", type=_apps, default=1, metavar="N", help=apps)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -23,19 +27,46 @@ def run(args: argparse.Namespace) -> None:
         from capture.sources.registry import open_source
 
         open_source(args.source)
-    if (args.session / "session.yaml").exists():
+    if _described(args.session):
         from capture.session_file import board_of
 
         board_of(args.session, None)
     if args.serve:
         from capture.serve import serve
 
-        serve(args.session, args.source, args.host, args.port)
+        serve(args.session, args.source, args.host, args.port, args.apps)
         return
     _check_terminal()
+    from capture.orphan import end_with_server
+
+    end_with_server()
     from capture.tui.app import CaptureApp
 
     CaptureApp(args.session, args.source).run()
+
+
+def _port(text: str) -> int:
+    if not (text.isdecimal() and len(text) < 6 and 1 <= int(text) <= 65535):
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a port: write a whole number from 1 to 65535, such as 8000")
+    return int(text)
+
+
+def _apps(text: str) -> int:
+    if not (text.isdecimal() and len(text) < 3 and int(text) >= 1):
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a number of windows: write a whole number from 1 to 99, such as 1")
+    return int(text)
+
+
+def _described(session: Path) -> bool:
+    """Whether it has a session.yaml; InputError where its folders may not be read, which the screen would do at every turn."""
+    from calib.io.files import reading
+    from calib.io.images import list_images
+
+    with reading(session):
+        for folder in (session, session / "frames", session / "bare"):
+            if folder.is_dir():
+                list_images(folder)
+        return (session / "session.yaml").exists()
 
 
 def _check_terminal() -> None:

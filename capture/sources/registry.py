@@ -6,7 +6,7 @@ from difflib import get_close_matches
 from importlib import import_module
 from typing import Protocol, cast
 
-from calib.errors import InputError
+from calib.errors import InputError, brief
 from calib.session.schema import Section
 from capture.frames import FrameSource
 
@@ -73,8 +73,8 @@ def open_source(text: str) -> FrameSource:
     if not (mark and "=" in query):  # a question mark of the path's own
         place, query = rest, ""
     if not place:
-        raise InputError(f"--source {text} does not say where: write it like {scheme.example}.")
-    return scheme.backend().open_source(place, Section(_pairs(text, query), f"--source {text}"))
+        raise InputError(f"--source {brief(text)} does not say where: write it like {scheme.example}.")
+    return scheme.backend().open_source(place, Section(_pairs(text, query), f"--source {brief(text)}"))
 
 
 def _pairs(text: str, query: str) -> dict[str, object]:
@@ -82,7 +82,7 @@ def _pairs(text: str, query: str) -> dict[str, object]:
     for pair in query.split("&") if query else ():
         key, equals, value = pair.partition("=")
         if not (key and equals and value) or key in pairs:
-            raise InputError(f"--source {text}: {pair!r} is not an option: write each once, as key=value with & between.")
+            raise InputError(f"--source {brief(text)}: {brief(repr(pair))} is not an option: write each once, as key=value with & between.")
         try:
             pairs[key] = float(value)
         except ValueError:
@@ -94,4 +94,4 @@ def _unknown(text: str, name: str) -> str:
     close = get_close_matches(name, [scheme.name for scheme in SCHEMES], n=1) if name else []
     hint = f" (did you mean {close[0]}?)" if close else " (did you mean v4l2?)" if text.startswith("/dev/video") else ""
     examples: Sequence[str] = [scheme.example for scheme in SCHEMES]
-    return f"--source {text} names no kind of source{hint}: write one of {', '.join(examples)}."
+    return f"--source {brief(text)} names no kind of source{hint}: write one of {', '.join(examples)}."

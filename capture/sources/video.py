@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from calib.errors import InputError
-from calib.io.files import reading
+from calib.io.files import check_regular, reading
 from calib.session.schema import Section
 from capture.frames import Frame
 from capture.sources.registry import Inventory
@@ -31,6 +31,7 @@ class VideoSource:
         self._closed = threading.Event()
 
     def __enter__(self) -> Self:
+        check_regular(self._file)
         with reading(self._file):
             self._file.open("rb").close()
         self._capture = cv2.VideoCapture(str(self._file), cv2.CAP_FFMPEG)

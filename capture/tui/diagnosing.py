@@ -18,18 +18,20 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
     Returns the summary of a fit, with the names of the effects that were accepted and a text for the screen.
     """
     progress.task("Loading torch", 1)
-    from calib.calibration import Calibration
+    from calib.calibration import DERIVED, Calibration
     from calib.diagnosis.diagnose import diagnose
     from calib.diagnosis.found import found
     from calib.fitting.provenance import diagnosed
-    from calib.io.files import check_writable
+    from calib.io.file_set import FileSet
 
     calibration = Calibration.load(place)
-    check_writable(out)
-    better, finding = diagnose(calibration, progress)
-    better = diagnosed(better, place if place.is_dir() else place.parent, None)
+    with FileSet(out) as files:
+        better, finding = diagnose(calibration, progress)
+        better = diagnosed(better, place if place.is_dir() else place.parent, None)
+        saved = better.write(files)
+        files.commit(instead_of=DERIVED)
     numbers = [found(one.effect, better, one.parameters) for one in finding.candidates if one.accepted]
-    return summary(better, better.save(out)) | {"accepted": list(finding.accepted), "text": as_text(finding, numbers)}
+    return summary(better, saved) | {"accepted": list(finding.accepted), "text": as_text(finding, numbers)}
 
 
 def as_text(finding: "Diagnosis", numbers: "Sequence[Sequence[str]]" = ()) -> str:

@@ -12,15 +12,18 @@ if TYPE_CHECKING:
 def fit_session(progress: Progress, session: Path, out: Path) -> dict[str, object]:
     """Fit and save as `calib fit` does. Returns the summary."""
     progress.task("Loading torch", 1)
+    from calib.calibration import DERIVED
     from calib.fitting.fit import fit
     from calib.fitting.stages import Settings
-    from calib.io.files import check_writable
+    from calib.io.file_set import FileSet
     from calib.session.session import read_session
 
     described = read_session(session)
-    check_writable(out)
-    calibration = fit(described, Settings(), progress)
-    return summary(calibration, calibration.save(out))
+    with FileSet(out) as files:
+        calibration = fit(described, Settings(), progress)
+        saved = calibration.write(files)
+        files.commit(instead_of=DERIVED)
+    return summary(calibration, saved)
 
 
 def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:

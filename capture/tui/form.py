@@ -66,12 +66,11 @@ def explained(key: str, kind: str) -> str:
 
 
 def problem(key: str, text: str, shape: str, kind: str = "checkerboard") -> str | None:
-    """What is wrong with one value by itself, or None."""
+    """What is wrong with one value by itself, or None; of a field that this shape and type do not have, as it is about to go, nothing."""
     try:
         if key in BOARD[kind]:
             session_from_mapping(_mapping({"type": kind, **ALONE[kind], key: _value(key, text)}, {"shape": "none"}), WHERE)
-        else:
-            quantity = _quantity(key, shape)
+        elif quantity := _quantity(key, shape):
             Section(_written(quantity, text), WHERE, "cover").read(quantity)
     except InputError as error:
         return str(error)
@@ -100,8 +99,8 @@ def _mapping(board: Mapping[str, object], cover: Mapping[str, object], camera: C
     return {"board": board, "camera": camera_to_yaml(camera or Camera(1, 1)), "cover": cover}  # the size is the first picture's
 
 
-def _quantity(key: str, shape: str) -> Quantity:
-    return next(quantity for quantity in SHAPES[shape] if quantity.key == key)
+def _quantity(key: str, shape: str) -> Quantity | None:
+    return next((quantity for quantity in SHAPES[shape] if quantity.key == key), None)
 
 
 def _written(quantity: Quantity, text: str) -> dict[str, object]:

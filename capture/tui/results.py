@@ -14,7 +14,7 @@ from textual.widgets import OptionList, Static
 from textual.widgets.option_list import Option
 
 from calib.corners.detect import eight_bits
-from calib.errors import RefracalError
+from calib.errors import RefracalError, harmless
 from calib.io.images import read_grey
 from capture.tui.camera import Preview
 from capture.tui.cells import FOUND, WORST, Mark
@@ -118,13 +118,13 @@ class ResultsScreen(Page):
             others = f" and {len(rejected) - 1} more" if len(rejected) > 1 else ""
             said.append(f"Not used: {rejected[0]['file']} ({rejected[0]['reason']}){others}.")
         effects = "" if self.result["verdict"]["word"] == "trusted" else "e to look for what the model lacks, "
-        return " ".join([*said, f"Press {effects}x to export maps."])
+        return harmless(" ".join([*said, f"Press {effects}x to export maps."]))
 
     def _line(self, view: Mapping[str, Any]) -> str:
         gone = any(each.file == view["file"] for each in self._dropped)
         worst = self.result["views"][0]["rms_px"]
         bar = "dropped" if gone else "█" * max(round(BAR * view["rms_px"] / worst), 1)
-        return f"{view['file'][-16:]:<16} {view['rms_px']:>6.3f} px {bar}"
+        return f"{harmless(view['file'])[-16:]:<16} {view['rms_px']:>6.3f} px {bar}"
 
     @on(OptionList.OptionHighlighted)
     def _show(self, event: OptionList.OptionHighlighted) -> None:
@@ -181,7 +181,7 @@ class ResultsScreen(Page):
         self.refresh_bindings()
 
     def _say(self, sentence: str) -> None:
-        self.query_one("#sentence", Static).update(sentence)
+        self.query_one("#sentence", Static).update(harmless(sentence))
 
     def action_refit(self) -> None:
         self.post_message(self.FitAgain(self))

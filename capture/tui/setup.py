@@ -13,7 +13,8 @@ from textual.message import Message
 from textual.suggester import SuggestFromList
 from textual.widgets import Button, Input, Label, Select, Static
 
-from calib.errors import InputError
+from calib.errors import InputError, harmless
+from calib.io.files import reading
 from calib.io.images import list_images
 from calib.session.coding import DICTIONARIES
 from calib.session.cover import SHAPES
@@ -21,6 +22,7 @@ from capture.session_file import Setup, board_of, read_setup
 from capture.sources.registry import SCHEMES, open_source
 from capture.tui.camera import Task
 from capture.tui.collect import CollectScreen
+from capture.tui.draft import Draft, drop, keep, kept
 from capture.tui.fit import FitScreen
 from capture.tui.form import BOARD, Typed, explained, problem, read_form, write_form
 from capture.tui.page import TYPING, Field, Page, onward, typed
@@ -132,15 +134,38 @@ class SetupScreen(Page):
                 await self._fill(self._like)
             except InputError as error:
                 self._say(str(error))
+            drop(self.session)
             state = f"{self.session}: continued, {_views(self._taken(True))} without cover and {_views(self._taken(False))} through it."
             self.query_one("#like", Input).disabled = True
-        elif not self.query("#cover Input"):
-            await self._show(EMPTY)
-        self.query_one("#state", Static).update(COVER_ON if self._covered else state)
+        elif not self.query("#board Input"):
+            await self._begin_anew()
+        self.query_one("#state", Static).update(COVER_ON if self._covered else harmless(state))
         for each in self.query("#kind, #board Input, #cover Input, #shape"):
             each.disabled = described
         self.query_one("#phase", Select).value = self._bare_is_missing() and not self._covered
         self.query_one("#start" if described and self._source else "#source").focus()
+
+    async def _begin_anew(self) -> None:
+        """With what was typed when the program ended last, if anything was."""
+        draft = kept(self.session)
+        typed = draft.typed if draft else EMPTY
+        await self._show(typed)
+        self.query_one("#kind", Select).value = typed.kind
+        self.query_one("#shape", Select).value = typed.shape
+        if draft:
+            source = self.query_one("#source", Input)
+            source.value = source.value or draft.source
+            self.query_one("#like", Input).value = draft.like
+
+    def _keep(self) -> None:
+        if self.query("#board Input") and not self.query_one("#kind", Select).disabled:
+            keep(self.session, Draft(self._typed(), *(self.query_one(each, Input).value for each in ("#source", "#like"))))
+
+    def _typed(self) -> Typed:
+        texts = {each.name or "": each.value for each in self.query("#board Input, #cover Input").results(Input)}
+        shape, kind = (str(self.query_one(each, Select).value) for each in ("#shape", "#kind"))
+        board = {key: texts.get(key, "") for key in BOARD[kind]}
+        return Typed(board, shape, {quantity.key: texts.get(quantity.key, "") for quantity in SHAPES[shape]}, kind)
 
     def _taken(self, bare: bool) -> int:
         folder = self.session / ("bare" if bare else "frames")
@@ -161,7 +186,7 @@ class SetupScreen(Page):
         field = self.query_one("#source", Input)
         field.suggester = SuggestFromList(message.sources)
         words = f"found here: {', '.join(message.sources)}" if message.sources else "no camera found here; folder:PATH plays back pictures"
-        self.query_one("#cameras", Static).update(" " * 19 + words)
+        self.query_one("#cameras", Static).update(" " * 19 + harmless(words))
         if message.sources and not field.value:
             field.value = message.sources[0]
 
@@ -170,12 +195,14 @@ class SetupScreen(Page):
         kind = str(self.query_one("#kind", Select).value)
         if [each.name for each in self.query("#board Input")] != list(BOARD[kind]):
             await self._show_fields("#board", BOARD[kind], BOARDS[kind])
+        self._keep()
 
     @on(Select.Changed, "#shape")
     async def _reshape(self) -> None:
         shape = str(self.query_one("#shape", Select).value)
         if [each.name for each in self.query("#cover Input")] != [quantity.key for quantity in SHAPES[shape]]:
             await self._show_fields("#cover", [quantity.key for quantity in SHAPES[shape]], EMPTY.cover)
+        self._keep()
         self.query_one("#phase", Select).value = self._bare_is_missing()
 
     async def _fill(self, setup: Setup) -> None:
@@ -198,8 +225,11 @@ class SetupScreen(Page):
     async def _check(self, event: Input.Changed) -> None:
         field = event.input
         wrong = await self._wrong(field)
+        self._keep()
         name = field.name or field.id
-        label = self.query_one(f"#label-{name}", Label)
+        label = next(iter(self.query(f"#label-{name}").results(Label)), None)
+        if label is None:  # the field has gone meanwhile
+            return
         field.set_class(wrong is not None and bool(field.value), "wrong")
         words = str(label.content).lstrip("✗ ")
         label.update(f"✗ {words}" if wrong and field.value else words)
@@ -224,7 +254,9 @@ class SetupScreen(Page):
         self._like, self._liked = None, ""
         if like.strip():
             place = Path(like.strip())
-            self._like = read_setup(place / "session.yaml" if place.is_dir() else place)
+            with reading(place):
+                place = place / "session.yaml" if place.is_dir() else place
+            self._like = read_setup(place)
             await self._fill(self._like)
             self.query_one("#phase", Select).value = self._bare_is_missing()
         self._liked = like
@@ -267,9 +299,7 @@ class SetupScreen(Page):
             asked = read_setup(self.session / "session.yaml")
             board_of(self.session, None)
         else:
-            shape, kind = (str(self.query_one(each, Select).value) for each in ("#shape", "#kind"))
-            typed = Typed({key: texts[key] for key in BOARD[kind]}, shape, {q.key: texts.get(q.key, "") for q in SHAPES[shape]}, kind)
-            asked = read_form(typed, self._like[1] if self._like else None)
+            asked = read_form(self._typed(), self._like[1] if self._like else None)
         task = Task(self.session, texts["source"], asked, bare=cast(bool, self.query_one("#phase", Select).value))
         _check_folder(task)
         return task

@@ -11,6 +11,7 @@ from calib.apply.map_uncertainty import predicted_sigma
 from calib.calibration import Calibration
 from calib.export.npz import write_npz
 from calib.fitting.stages import Settings, Setup, fit_stages
+from calib.io.file_set import FileSet
 from calib.progress import Silent
 from calib.session.freeing import with_free
 from calib.session.schema import Number
@@ -86,7 +87,9 @@ def test_the_variance_is_what_drawn_parameters_scatter_by(calibration: Calibrati
 
 
 def test_maps_carry_their_sigma(calibration: Calibration, tmp_path: Path) -> None:
-    write_npz(calibration, [0.6], tmp_path, Silent())
+    with FileSet(tmp_path) as files:
+        write_npz(calibration, [0.6], files, Silent())
+        files.commit()
     with np.load(tmp_path / "map_0.6m.npz") as made:
         assert made["sigma"].shape == made["map_x"].shape
         assert np.array_equal(np.isfinite(made["sigma"]), made["valid"])

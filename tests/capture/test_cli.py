@@ -232,3 +232,18 @@ def test_sources_says_what_there_is_and_what_is_missing(monkeypatch: pytest.Monk
     assert list(said) == ["cameras", "missing"]
     assert {"libcamera", "rpicam"} <= {one["scheme"] for one in said["missing"]}
     assert all(list(one) == ["source", "name", "modes", "problem"] for one in said["cameras"])
+
+
+def test_a_folder_that_may_not_be_read_is_said_before_the_screen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refuse(folder: Path) -> None:
+        raise PermissionError(13, "Permission denied", str(folder))
+
+    monkeypatch.setattr(Path, "iterdir", refuse)  # a test may run as one who may read everything
+    assert main(["ui", str(tmp_path)]) == 2
+    assert f"{tmp_path} cannot be listed (Permission denied)" in capsys.readouterr().err
+    monkeypatch.setattr(Path, "exists", refuse)
+    monkeypatch.setattr(Path, "is_dir", lambda _: False)
+    assert main(["ui", str(tmp_path)]) == 2
+    assert "cannot be read (Permission denied): check its name and permissions." in capsys.readouterr().err

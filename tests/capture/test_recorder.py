@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,7 @@ from calib.session.board import Board
 from calib.session.coding import AprilGrid, Charuco
 from calib.session.cover import Cover
 from calib.session.session import read_session
+from capture.disk import append_durably, locked
 from capture.frames import Frame
 from capture.recorder import Recorder
 from capture.session_file import board_of, read_setup
@@ -336,3 +337,31 @@ def kill_and_continue(tmp_path: Path, times: int) -> None:
             assert len(read_table(session / "frames.csv")) == len(kept) + 1
         server.stdin.close()
     assert cut_short > 0.8 * times, f"only {cut_short} of {times} kills came in time"
+
+
+@pytest.mark.parametrize("link", ["symbolic", "hard", "pipe"])
+def test_a_strangers_session_cannot_have_another_file_changed(link: str, tmp_path: Path) -> None:
+    """By a link where the recorder has a file of its own, which it changes in its place."""
+    victim = tmp_path / "victim"
+    victim.write_text("precious")
+    for name in (".recording", "frames.csv"):
+        place = tmp_path / "session" / name
+        place.parent.mkdir(exist_ok=True)
+        match link:
+            case "symbolic":
+                place.symlink_to("../victim")
+            case "hard":
+                place.hardlink_to(victim)
+            case "pipe":
+                os.mkfifo(place)
+        with pytest.raises(InputError, match="leads elsewhere: remove it, or record elsewhere"), ExitStack() as held:
+            held.enter_context(locked(place.parent)) if name == ".recording" else append_durably(place, "x")
+        place.unlink()
+    assert victim.read_text() == "precious"
+
+
+def test_a_lock_that_would_be_made_elsewhere_is_not(tmp_path: Path) -> None:
+    (tmp_path / ".recording").symlink_to(tmp_path / "made")
+    with pytest.raises(InputError, match="leads elsewhere"), locked(tmp_path):
+        pass
+    assert not (tmp_path / "made").exists()

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
+from calib.calibration import Calibration
 from calib.cli import main
 from calib.commands.printing import print_json
 from calib.io.files import check_writable
@@ -91,7 +92,8 @@ def test_fit_leaves_calibration_field_and_a_map_for_every_depth(fitted: tuple[Pa
         "report.html",
     ]
     with np.load(out / "map_1m.npz") as file:
-        assert set(file) == {"map_x", "map_y", "valid", "depth_m", "sigma"}
+        assert set(file) == {"calibration", "map_x", "map_y", "valid", "depth_m", "sigma"}
+        assert file["calibration"] == Calibration.load(out).digest
         assert file["map_x"].shape == (2464, 3280)
         assert file["depth_m"] == 1.0
 
@@ -228,7 +230,7 @@ def test_an_output_folder_is_tried_before_the_fit(
     def late(*_: object) -> None:
         raise AssertionError("the fit began")
 
-    def full(**_: object) -> None:
+    def full(_: int) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("calib.fitting.fit.fit", late)
@@ -236,7 +238,7 @@ def test_an_output_folder_is_tried_before_the_fit(
     if failing == "make":
         (tmp_path / "out").write_text("in the way")
     else:
-        monkeypatch.setattr("calib.io.files.NamedTemporaryFile", full)
+        monkeypatch.setattr("calib.io.files.fsync", full)
     assert main(["fit", str(folder), "-o", str(tmp_path / "out")]) == 2
     says = "out cannot be made" if failing == "make" else "out cannot be written (No space left on device): free some space there"
     assert says in capsys.readouterr().err

@@ -7,11 +7,9 @@ import pytest
 
 from calib.calibration import Calibration
 from calib.fitting.provenance import KEY, provenance
-from calib.progress import Silent
-from calib.report.write import write_report
 from calib.session.session import read_session
 from fixtures.synthetic import paper_cone, scene
-from tests.report.made import add_pictures, calibrated
+from tests.report.made import add_pictures, calibrated, report_in
 
 
 @dataclass(frozen=True)
@@ -34,7 +32,7 @@ def reported(tmp_path_factory: pytest.TempPathFactory) -> Reported:
     add_pictures(session, made)
     calibration = replace(calibration, settings=calibration.settings | {KEY: provenance(read_session(session))})
     (session / "calibration").mkdir()
-    return Reported(calibration, session, write_report(calibration, session / "calibration", Silent()))
+    return Reported(calibration, session, report_in(session / "calibration", calibration))
 
 
 @pytest.fixture(scope="session")

@@ -1,5 +1,6 @@
 """Calibrations of known truth to report on, and a session folder with pictures."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -8,7 +9,10 @@ import numpy as np
 from calib.calibration import Calibration
 from calib.fitting.fit import fit
 from calib.fitting.stages import Settings
+from calib.io.file_set import FileSet
 from calib.progress import Silent
+from calib.report.effects import EffectRow
+from calib.report.write import write_report
 from calib.session.session import read_session
 from fixtures.synthetic import HEIGHT, WIDTH, Scene
 from tests.test_calibration import write_session
@@ -18,6 +22,14 @@ SETTINGS = Settings(grid=(6, 6), folds=3, free=("none",))
 
 def calibrated(made: Scene, folder: Path, settings: Settings = SETTINGS) -> Calibration:
     return fit(read_session(write_session(folder, made)), settings, Silent())
+
+
+def report_in(folder: Path, calibration: Calibration, depths: Sequence[float] = (), effects: Sequence[EffectRow] | None = None) -> Path:
+    """The report of a calibration that a folder would hold."""
+    with FileSet(folder) as files:
+        path = write_report(calibration, files, Silent(), depths, effects)
+        files.commit()
+    return path
 
 
 def add_pictures(session: Path, made: Scene) -> None:

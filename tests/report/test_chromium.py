@@ -18,10 +18,10 @@ from calib.diagnosis.named_effects import with_named
 from calib.fitting.fit import fit
 from calib.fitting.stages import Settings
 from calib.progress import Silent
-from calib.report.write import write_report
 from calib.session.session import read_session
 from fixtures.synthetic import scene
 from tests.report.conftest import Reported
+from tests.report.made import report_in
 from tests.test_calibration import write_session
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -176,8 +176,8 @@ def pages(reported: Reported, few: Calibration, tmp_path_factory: pytest.TempPat
     (folder / "bare").mkdir()
     return {
         "fit": reported.html,
-        "diagnosed": write_report(diagnosed, folder, Silent()).read_text(),
-        "bare": write_report(bare, folder / "bare", Silent()).read_text(),
+        "diagnosed": report_in(folder, diagnosed).read_text(),
+        "bare": report_in(folder / "bare", bare).read_text(),
     }
 
 

@@ -8,8 +8,11 @@ import shutil
 import subprocess
 import sys
 import webbrowser
+from collections.abc import Callable
+from dataclasses import replace
 from html import unescape
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -196,3 +199,28 @@ def test_a_plain_camera_calibration_has_a_report(tmp_path: Path) -> None:
     assert 'id="glass"' not in html
     assert 'id="by-depth"' not in html
     assert 'id="distortion"' in html
+
+
+def test_a_calibration_without_views_has_no_report(few: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    nothing = np.zeros((0, 6))
+    replace(few, views=(), poses=nothing, stages=()).save(tmp_path)
+    assert main(["report", "--no-open", str(tmp_path)]) == 3
+    assert "keeps no views" in capsys.readouterr().err
+    assert not (tmp_path / "report.html").exists()
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        lambda few: {"poses": -few.poses},
+        lambda few: {"poses": few.poses * 0},
+        lambda few: {"views": tuple(replace(view, corners=view.corners * 0 + 1e9) for view in few.views)},
+    ],
+    ids=["behind the camera", "in the pinhole", "outside the picture"],
+)
+def test_poses_and_corners_that_do_not_go_with_the_camera(
+    few: Calibration, changed: Callable[[Calibration], dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    replace(few, **changed(few)).save(tmp_path)
+    assert main(["report", "--no-open", str(tmp_path)]) == 2
+    assert "do not go with its camera and cover" in capsys.readouterr().err

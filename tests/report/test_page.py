@@ -8,13 +8,15 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 from calib.calibration import Calibration
+from calib.cli import main
+from calib.commands.console import print_fit
 from calib.corners.view import Rejected
-from calib.progress import Silent
 from calib.report.effects import EffectRow
-from calib.report.write import write_report
 from tests.report.conftest import Reported
+from tests.report.made import report_in
 
 HOSTILE = """<script>alert("1")</script>&lt;'$x_1$"""
 
@@ -75,14 +77,14 @@ def test_text_from_files_is_text(few: Calibration, tmp_path: Path) -> None:
         settings=few.settings | {"made_by": {"session": HOSTILE, HOSTILE: HOSTILE}},
         gauge=HOSTILE,
     )
-    html = write_report(hostile, tmp_path, Silent(), effects=[EffectRow(HOSTILE, 0.4, 0.1, HOSTILE)]).read_text()
+    html = report_in(tmp_path, hostile, effects=[EffectRow(HOSTILE, 0.4, 0.1, HOSTILE)]).read_text()
     assert "<script" not in html
     assert text(html).count(HOSTILE) >= 9
 
 
 def test_a_calibration_opened_elsewhere_shows_its_errors_without_pictures(few: Calibration, tmp_path: Path) -> None:
     origin = {"session": str(tmp_path / "gone" / "session")}
-    html = write_report(replace(few, settings=few.settings | {"made_by": origin}), tmp_path, Silent()).read_text()
+    html = report_in(tmp_path, replace(few, settings=few.settings | {"made_by": origin})).read_text()
     assert "<img" not in html
     assert "only lines and corners are drawn" in html
     assert html.count('<div class="shot"') == len(few.views)
@@ -98,29 +100,52 @@ def test_a_session_that_moved_with_its_calibration_is_found(few: Calibration, re
     for view, data in zip(few.views, (whole, b"", b"no picture", other, whole), strict=False):
         (tmp_path / "frames" / view.name).write_bytes(data)
     moved = replace(few, settings=few.settings | {"made_by": {"session": "/nowhere/session"}})
-    assert (
-        write_report(moved, tmp_path / "calibration", Silent()).read_text().count('<div class="shot" style="aspect-ratio: 3280/2464"><img')
-        == 2
-    )
+    assert report_in(tmp_path / "calibration", moved).read_text().count('<div class="shot" style="aspect-ratio: 3280/2464"><img') == 2
 
 
 def test_effects_have_a_row_each(reported: Reported, few: Calibration, tmp_path: Path) -> None:
     rows = [EffectRow("board_shape", 0.59, 0.17, "x -1.04 ± 0.02 mm"), EffectRow("focal", 0.17, 0.16, "")]
-    html = write_report(few, tmp_path, Silent(), effects=rows).read_text()
+    html = report_in(tmp_path, few, effects=rows).read_text()
     said = text(html[html.index('<section id="effects"') :])
     assert "board_shape 0.590 px 0.170 px-71 %x -1.04 ± 0.02 mm" in said
     assert 'id="effects"' not in reported.html
 
 
 def test_depths_are_those_asked_for(few: Calibration, tmp_path: Path) -> None:
-    html = write_report(few, tmp_path, Silent(), (5.0, 0.3, 0.9, 2.0)).read_text()
+    html = report_in(tmp_path, few, (5.0, 0.3, 0.9, 2.0)).read_text()
     assert re.findall(r"at ([\d.]+) m: [\d.]+ to", html) == ["0.3", "5"]
     assert re.findall(r"at ([\d.]+) m: [\d.]+ px at the corners", html) == ["0.3", "0.9", "2"]
 
 
 def test_without_covariance_nothing_is_said_of_certainty(few: Calibration, tmp_path: Path) -> None:
-    html = write_report(replace(few, covariance=np.zeros((0, 0))), tmp_path, Silent(), (0.7,)).read_text()
+    html = report_in(tmp_path, replace(few, covariance=np.zeros((0, 0))), (0.7,)).read_text()
     assert 'id="sigma"' not in html
     assert "standard deviation:" not in html
     assert "is not predicted" in html
     assert "at 0.7 m:" in html
+
+
+def test_a_file_name_that_is_no_utf_8_and_one_that_a_terminal_would_obey(
+    few: Calibration, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    names = ("caf\udce9.png", "a\x1b[2Jb\ncalib: all is well.png", "[/b][link=x]y.png")
+    looks = [{"file": name, "found": 1, "refused": 0, "dropped": 0} for name in names]
+    odd = replace(
+        few,
+        views=(*(replace(view, name=name) for view, name in zip(few.views, names, strict=False)), *few.views[len(names) :]),
+        rejected=tuple(Rejected(name, "no board") for name in names),
+        settings=few.settings | {"second_look": looks},
+    )
+    report_in(tmp_path, odd)
+    odd.save(tmp_path)
+    back = Calibration.load(tmp_path)
+    assert tuple(view.name for view in back.views[: len(names)]) == names
+    assert tuple(one.name for one in back.rejected) == names
+    assert back.settings["second_look"] == looks
+    print_fit(back, 1.0)
+    assert main(["report", "--no-open", str(tmp_path)]) == 0
+    said = "".join(capfd.readouterr())
+    assert r"Not used: caf\xe9.png: no board." in said
+    assert r"Not used: a\x1b[2Jb\ncalib: all is well.png: no board." in said
+    assert "Not used: [/b][link=x]y.png: no board." in said
+    assert "\x1b[2J" not in said

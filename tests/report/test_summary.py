@@ -8,17 +8,15 @@ import pytest
 from numpy.typing import NDArray
 
 from calib.fitting.stages import Settings
-from calib.progress import Silent
 from calib.report.evidence import gather_evidence
 from calib.report.patterns import over_board, over_image
 from calib.report.summary import summarise
-from calib.report.write import write_report
 from calib.session.board import Board
 from calib.verdict.verdict import Word
 from fixtures.synthetic import scene
 from tests.optics.shapes import Example, each_shape
 from tests.report.conftest import Reported
-from tests.report.made import calibrated
+from tests.report.made import calibrated, report_in
 
 FAST = Settings(grid=(5, 5), free=("none",))
 
@@ -89,4 +87,4 @@ def test_coverage_counts_every_corner(reported: Reported) -> None:
 @each_shape
 def test_every_shape_has_its_report(example: Example, tmp_path: Path) -> None:
     made = scene(3, views=6, noise=0.05, cover=example.cover, patch=example.patch)
-    assert 'id="glass"' in write_report(calibrated(made, tmp_path, FAST), tmp_path, Silent()).read_text()
+    assert 'id="glass"' in report_in(tmp_path, calibrated(made, tmp_path, FAST)).read_text()

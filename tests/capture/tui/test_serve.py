@@ -7,7 +7,8 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -124,3 +125,118 @@ def test_an_address_that_is_taken_is_said(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert f"127.0.0.1:{port} cannot be served on" in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
+
+
+def test_no_page_can_frame_it(local: Served) -> None:
+    for path, host in (("/", f"127.0.0.1:{local.port}"), ("/static/js/textual.js", f"127.0.0.1:{local.port}"), ("/", "evil.example")):
+        headers = local.get(path, Host=host)[2]
+        assert headers["X-Frame-Options"] == "DENY", path
+        assert "frame-ancestors 'none'" in headers["Content-Security-Policy"], path
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--port", "99999"], "argument --port: '99999' is not a port: write a whole number from 1 to 65535, such as 8000"),
+        (["--port", "-1"], "is not a port"),
+        (["--host", "a..b"], "a..b:8000 cannot be served on"),
+        (["--host", "x" * 300], "cannot be served on"),
+        (["--apps", "0"], "is not a number of windows"),
+    ],
+)
+def test_an_address_that_cannot_be_is_refused_before_it_is_printed(options: list[str], says: str, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "capture", str(tmp_path / "session"), "--serve", *options]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert says in done.stderr.splitlines()[-1]
+
+
+def test_odd_requests_are_answered_and_no_news(open_to_all: Served) -> None:
+    for raw in (
+        b"GET / HTTP/1.1\r\nHost: a\r\nCookie: refracal=\xff\xe9\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: a\r\nX: " + b"y" * 200_000 + b"\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: a\r\nOrigin: http://[x\r\n\r\n",
+        b"\x16\x03\x01 no http\r\n\r\n",
+    ):
+        open_to_all.status("/")  # it has begun to listen
+        with socket.create_connection(("127.0.0.1", open_to_all.port), timeout=60) as connection:
+            connection.sendall(raw)
+            assert re.match(rb"HTTP/1\.[01] (400|403) ", connection.recv(100))
+    _, err = open_to_all.end()
+    assert "Traceback" not in err
+    assert "Error" not in err
+
+
+def apps_of(server: int) -> list[int]:
+    """The processes that a server has started."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError, ValueError):
+            if int(stat.read_text().rpartition(")")[2].split()[1]) == server:
+                found.append(int(stat.parent.name))
+    return found
+
+
+def opened(served: Served) -> socket.socket:
+    """A window's websocket, which its app has begun to draw to."""
+    connection = socket.create_connection(("127.0.0.1", served.port), timeout=600)
+    head = "".join(f"{key}: {value}\r\n" for key, value in UPGRADE.items())
+    connection.sendall(f"GET /ws HTTP/1.1\r\nHost: 127.0.0.1:{served.port}\r\n{head}\r\n".encode())
+    assert b" 101 " in connection.recv(4096)
+    assert connection.recv(1), "the app draws"
+    return connection
+
+
+def wait_for(holds: Callable[[], bool]) -> None:
+    end = time.monotonic() + 600
+    while not holds():
+        assert time.monotonic() < end, "it never came"
+        time.sleep(0.1)
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")
+def test_a_second_window_ends_the_first_and_a_killed_server_ends_both(local: Served) -> None:
+    local.status("/")
+    first = opened(local)
+    (app,) = apps_of(local.process.pid)
+    with first, opened(local):
+        wait_for(lambda: app not in apps_of(local.process.pid))
+        (other,) = apps_of(local.process.pid)
+        local.process.kill()
+        wait_for(lambda: not Path(f"/proc/{other}").exists() or " Z " in Path(f"/proc/{other}/stat").read_text())
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")
+def test_messages_of_any_kind_end_with_their_window(local: Served) -> None:
+    local.status("/")
+    with opened(local) as window:
+        for text in (
+            "[",
+            '["stdin", 5]',
+            '["stdin", "' + "x" * 50_000 + '"]',
+            '["resize", {"width": 1e8, "height": 100000000}]',
+            '["resize", {"width": "a", "height": null}]',
+            '["resize"]',
+            "{}",
+            "[]",
+        ):
+            window.sendall(frame(text.encode()))
+    wait_for(lambda: not apps_of(local.process.pid))
+    _, err = local.end()
+    assert "Traceback" not in err
+
+
+def frame(payload: bytes) -> bytes:
+    """As a browser sends it: masked, here by zeros."""
+    length = bytes([0x80 | len(payload)]) if len(payload) < 126 else b"\xfe" + len(payload).to_bytes(2, "big")
+    return b"\x81" + length + bytes(4) + payload
+
+
+def test_what_a_window_asks_for_is_within_what_a_window_can_be() -> None:
+    from capture.serve import _size
+
+    assert _size({"width": "100", "height": 30}) == {"width": 100, "height": 30}
+    assert _size({"width": 1e8, "height": "100000000000000"}) == {"width": 500, "height": 200}
+    assert _size({"width": None, "height": "x"}) == {"width": 80, "height": 24}
+    assert _size({"width": 1, "height": -5}) == {"width": 20, "height": 5}

@@ -1,15 +1,18 @@
 """The set-up: what is typed counts, however fast the next key follows, and pictures of the other kind are refused."""
 
+import asyncio
 import shutil
 from pathlib import Path
 
 import pytest
 from textual.events import Key
 from textual.pilot import Pilot
+from textual.widgets import Input, Select
 
 from capture.session_file import read_setup
 from tests.capture.tui.driving import CONE, describe, drive, running, see, write
 from tests.capture.tui.test_session import FIXTURE
+from tests.fuzz.keys import walk
 
 
 def burst(pilot: Pilot[None], *texts: str) -> None:
@@ -138,3 +141,30 @@ async def _recorded(session: Path) -> None:
         await see(pilot, "^r Fit what there is")
         await pilot.press("ctrl+r")
         await see(pilot, "[RESULTS]")
+
+
+def test_back_from_a_source_that_fails_everything_stands_as_it_was_typed(tmp_path: Path) -> None:
+    drive(_failed(tmp_path / "session"))
+
+
+async def _failed(session: Path) -> None:
+    async with running(session, "folder:/nowhere") as pilot:
+        await see(pilot, "a new session")
+        pilot.app.screen.query_one("#shape", Select).value = "none"
+        pilot.app.screen.query_one("#board Input", Input).value = "17"
+        await pilot.pause()
+        await pilot.press("ctrl+s")
+        await see(pilot, "/nowhere")
+        await pilot.press("escape")
+        await see(pilot, "a new session")
+        assert pilot.app.screen.query_one("#shape", Select).value == "none"
+        assert pilot.app.screen.query_one("#board Input", Input).value == "17"
+    async with running(session) as pilot:  # and after the program has ended
+        await see(pilot, "columns 17")
+        assert pilot.app.screen.query_one("#shape", Select).value == "none"
+        assert pilot.app.screen.query_one("#source", Input).value == "folder:/nowhere"
+
+
+def test_random_keys(tmp_path: Path) -> None:
+    """The same 60 steps every time; `python -m tests.fuzz.keys` takes 10,000."""
+    assert asyncio.run(walk(tmp_path / "session", 60, 3)) >= 1

@@ -1,0 +1,296 @@
+"""What is fuzzed: for each kind of input a strategy, and what the commands do with it. None of it may raise anything but RefracalError."""
+
+import io
+import os
+import tarfile
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from functools import cached_property
+from hashlib import sha256
+from pathlib import Path
+from shutil import rmtree
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+from calib.apply.measure_files import read_points, read_poses
+from calib.calibration import Calibration
+from calib.cli import main
+from calib.corners.corners_file import read_corners
+from calib.corners.detect_all import KEPT, detect
+from calib.errors import RefracalError
+from calib.importing.from_kalibr import from_kalibr
+from calib.importing.from_mrcal import from_cameramodel
+from calib.importing.from_ros import from_tar
+from calib.io.depth_image import read_depth_image
+from calib.io.frames_table import last_view, read_frame_records, read_table
+from calib.io.images import list_images, read_image
+from calib.session.board import Board
+from calib.session.session import check_images, read_session
+from calib.verdict.judge import judge
+from fixtures.known import known
+from fixtures.synthetic import scene
+from tests.fuzz.strategies import arrays, mappings, npys, texts
+from tests.importing.recordings import cameramodel
+from tests.session.malformed import SESSION, WITH_CORNERS, write_good_session
+from tests.test_calibration import write_session
+
+Run = Callable[[Any], object]
+BOARD = Board(6, 5, 0.02)
+SPECIAL = ("fifo", "zero", "full", "folder", "loop", "nothing")
+"""What may stand where a file is expected."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of input."""
+
+    name: str
+    inputs: st.SearchStrategy[Any]
+    run: Run
+
+
+class Bench:
+    """Good files in a folder, which the cases spoil one at a time."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.session = write_good_session(folder / "session")
+        self.calibration = folder / "calibration"
+        fitted = write_session(folder / "scene", scene(7, views=5, amplitude=1e-5, noise=0.05))
+        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+            if main(["fit", str(fitted), "--grid", "4x4", "-o", str(self.calibration)]) != 0:
+                raise AssertionError("the good session cannot be fitted")
+        known(scene(1, views=1, grid=(4, 4), amplitude=3e-5), 64, 48).save(folder / "small")
+        self.said: dict[str, Any] = yaml.safe_load((self.calibration / "calibration.yaml").read_text())
+        with np.load(self.calibration / "calibration.npz") as file:
+            self.arrays = dict(file)
+
+    @cached_property
+    def kinds(self) -> tuple[Kind, ...]:
+        session = yaml.safe_load(SESSION)
+        pictures = [cv2.imencode(suffix, np.full((24, 32), 99, np.uint8))[1].tobytes() for suffix in (".png", ".jpg", ".bmp", ".tiff")]
+        detections = self._detections()
+        model = cameramodel(self.folder / "a.cameramodel").read_bytes()
+        chain = {"cam0": {"camera_model": "pinhole", "resolution": [32, 24], "intrinsics": [1, 2, 3, 4]}, "target_type": "checkerboard"}
+        target = {"targetCols": 6, "targetRows": 5, "colSpacingMeters": 0.02, "rowSpacingMeters": 0.02}
+        points = (b"name,image,x,y\na,0000.png,10,20\nb,0000.png,30.5,40\n", b"image,rx,ry,rz,tx,ty,tz\n0000.png,0,0,0,0,0,0.5\n")
+        table = b"file,time_s,sequence,view,gain\n0000.png,1.5,0,0,1\n0001.jpg,2.5,1,0,1\n0002.png,3.5,2,1,1\n"
+        corners = (self.session / "corners.vnl").read_bytes()
+        depths = st.lists(
+            st.sampled_from(("1", "0.5", "inf", "1e308", "1e-300", "nan", "-1", "\x1b[2J", "x" * 5000)), min_size=1, max_size=2
+        )
+        return (
+            Kind("session.yaml, as text", texts([SESSION.encode(), WITH_CORNERS.encode()]), self._session),
+            Kind("session.yaml, by value", mappings(session).map(_yaml), self._session),
+            Kind("frames.csv", texts([table]), self._frames),
+            Kind("corners.vnl", texts([corners]), self._corners),
+            Kind("detections", st.one_of(texts([_yaml(detections)]), mappings(detections).map(_yaml)), self._kept),
+            Kind("a picture", st.one_of(texts(pictures), texts([p + b"\xff" * 60_000 for p in pictures]), npys()), self._picture),
+            Kind("calibration.yaml, as text", texts([(self.calibration / "calibration.yaml").read_bytes()]), self._text),
+            Kind("calibration.yaml, by value", mappings(self.said), self._value),
+            Kind("calibration.npz", arrays(self.arrays), self._arrays),
+            Kind("calibration.npz, as bytes", texts([(self.calibration / "calibration.npz").read_bytes()]), self._bytes),
+            Kind("points", texts(points), self._points),
+            Kind(".cameramodel", texts([model]), self._mrcal),
+            Kind("calibrationdata.tar", texts(tars(pictures[0])), self._ros),
+            Kind("camchain.yaml", mappings(chain | target).map(_yaml), self._kalibr),
+            Kind("something else than a file", st.tuples(st.sampled_from(SPECIAL), st.integers(0, 9)), self._special),
+            Kind("--depth", st.tuples(depths, st.sampled_from(("npz", "ros", "opencv", "stmap"))), self._depth),
+        )
+
+    def deep(self, value: object) -> None:
+        """What a person does next with a calibration that could be read; seconds."""
+        for words in (["report", "--no-open"], ["export", "--format", "npz", "--depth", "1", "-o", str(self.folder / "out")]):
+            self._command([*words, str(self.calibration)])
+        judge(Calibration.load(self.calibration))
+        del value
+
+    def _detections(self) -> dict[str, Any]:
+        detect(list_images(self.session / "frames")[:1], BOARD)
+        said: dict[str, Any] = yaml.safe_load((self.session / "frames" / KEPT).read_text())
+        return said
+
+    def _put(self, name: str, data: bytes) -> Path:
+        path = self.folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+        return path
+
+    def _session(self, data: bytes) -> None:
+        self._put("session/session.yaml", data)
+        session = read_session(self.session)
+        check_images(session)
+        if session.corners:
+            read_corners(session.corners, session.board)
+
+    def _frames(self, data: bytes) -> None:
+        path = self._put("frames.csv", data)
+        read_frame_records(path)
+        last_view(read_table(path))
+
+    def _corners(self, data: bytes) -> None:
+        read_corners(self._put("corners.vnl", data), BOARD)
+
+    def _kept(self, data: bytes) -> None:
+        self._put(f"session/frames/{KEPT}", data)
+        detect(list_images(self.session / "frames")[:1], BOARD)
+
+    def _picture(self, data: bytes) -> None:
+        for suffix in (".npy",) if data.startswith(b"\x93NUMPY") else (".png", ".npy"):
+            path = self._put(f"picture{suffix}", data)
+            for read in (read_image, read_depth_image):
+                try:
+                    read(path)
+                except RefracalError as error:
+                    _check(error)
+
+    def _text(self, data: bytes) -> None:
+        self._put("calibration/calibration.yaml", data)
+        self._load()
+
+    def _value(self, said: dict[str, Any]) -> None:
+        self._put("calibration/calibration.yaml", _yaml(said))
+        self._load()
+
+    def _arrays(self, held: dict[str, np.ndarray]) -> None:
+        buffer = io.BytesIO()
+        np.savez(buffer, allow_pickle=False, **held)
+        self._bytes(buffer.getvalue())
+
+    def _bytes(self, data: bytes) -> None:
+        self._put("calibration/calibration.npz", data)
+        self._put("calibration/calibration.yaml", _yaml(self.said | {"arrays_sha256": sha256(data).hexdigest()}))
+        self._load()
+
+    def _load(self) -> None:
+        try:
+            calibration = Calibration.load(self.calibration)
+            if os.environ.get("FUZZ_DEEP"):
+                self.deep(calibration)
+        finally:
+            self._put("calibration/calibration.yaml", _yaml(self.said))
+            np.savez(self.calibration / "calibration.npz", allow_pickle=False, **self.arrays)
+
+    def _points(self, data: bytes) -> None:
+        for read in (read_points, read_poses):
+            try:
+                read(self._put("points.csv", data))
+            except RefracalError as error:
+                _check(error)
+
+    def _mrcal(self, data: bytes) -> None:
+        from_cameramodel(self._put("a.cameramodel", data))
+
+    def _ros(self, data: bytes) -> None:
+        for _, picture in from_tar(self._put("a.tar", data), BOARD, None).frames:
+            assert len(picture) < 1 << 29
+
+    def _kalibr(self, data: bytes) -> None:
+        self._put("kalibr/chain.yaml", data)
+        self._put("kalibr/cam0/0.png", b"")
+        from_kalibr(self.folder / "kalibr", None, None)
+
+    def _special(self, case: tuple[str, int]) -> None:
+        what, which = case
+        path = self.folder / "special" / "session.yaml"
+        rmtree(path.parent, ignore_errors=True)
+        path.parent.mkdir()
+        match what:
+            case "fifo":
+                os.mkfifo(path)
+            case "folder":
+                path.mkdir()
+            case "loop":
+                path.symlink_to(path)
+            case "zero" | "full":
+                path.symlink_to(f"/dev/{what}")
+        readers: Sequence[Run] = (
+            lambda _: read_session(path.parent),
+            lambda _: read_points(path),
+            read_image,
+            read_depth_image,
+            read_frame_records,
+            lambda _: read_corners(path, BOARD),
+            from_cameramodel,
+            lambda _: from_tar(path, BOARD, None),
+            Calibration.load,
+            lambda _: self._command(["undistort", str(self.folder / "small"), str(path), "--depth", "1", "-o", str(self.folder / "out")]),
+        )
+        readers[which](path)
+
+    def _depth(self, case: tuple[list[str], str]) -> None:
+        depths, form = case
+        self._command(["export", str(self.folder / "small"), "--format", form, "--depth", *depths, "-o", str(self.folder / "out")])
+
+    def _command(self, words: list[str]) -> None:
+        """What it says is one sentence, and nothing is a bug."""
+        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()) as said:
+            try:
+                code = main(words)
+            except SystemExit as ended:
+                code = int(str(ended.code))
+        last = said.getvalue().strip().splitlines()[-1:] or [""]
+        assert code != 1, last[0]
+        assert code == 0 or len(last[0]) <= 500, last[0]
+        assert "\x1b[2J" not in said.getvalue()
+
+
+def each_of(kind: Kind, cases: int, act: Run) -> None:
+    """Call it with so many inputs of a kind, the same ones every time."""
+
+    @settings(
+        max_examples=cases,
+        derandomize=True,
+        database=None,
+        deadline=None,
+        phases=[Phase.generate],
+        suppress_health_check=list(HealthCheck),
+    )
+    @given(kind.inputs)
+    def each(value: Any) -> None:
+        act(value)
+
+    each()
+
+
+def spoil(kind: Kind, value: Any) -> None:
+    """Run one case; AssertionError where a message is not a short line, and whatever else a bug raises."""
+    try:
+        kind.run(value)
+    except RefracalError as error:
+        _check(error)
+
+
+def _check(error: RefracalError) -> None:
+    said = str(error)
+    assert said, "nothing is said"
+    assert len(said) <= 400, f"{len(said)} characters: {said}"
+    assert said.isprintable(), repr(said)
+
+
+def _yaml(said: object) -> bytes:
+    return yaml.safe_dump(said, sort_keys=False, allow_unicode=True).encode("utf-8", "backslashreplace")
+
+
+def tars(picture: bytes) -> list[bytes]:
+    """One as ROS writes it, and one with a member that says it has 1 TiB."""
+    made = []
+    for claimed in (len(picture), 1 << 40):
+        buffer = io.BytesIO()
+        with tarfile.open(fileobj=buffer, mode="w") as tar:
+            described = _yaml({"image_width": 32, "image_height": 24, "camera_name": "x"})
+            for name, data, size in (("ost.yaml", described, len(described)), ("left-0000.png", picture, claimed)):
+                member = tarfile.TarInfo(name)
+                member.size = size
+                if size == len(data):
+                    tar.addfile(member, io.BytesIO(data))
+                else:
+                    buffer.write(member.tobuf())
+        made.append(buffer.getvalue())
+    return made

@@ -1,0 +1,185 @@
+"""Kills fit, diagnose, export and report, and looks at what is left in the folder that they write to: the old set or the new one.
+
+python -m tests.fuzz.kills --kills 200. Every second kill is at a moment drawn over the command's duration, the others at a change of the
+folder, from the first to the last. A line says how many left the old set and how many the new one, and how many had to be settled first:
+their writer was killed while moving a set that was in force, which the next reader goes on with.
+"""
+
+import argparse
+import os
+import random
+import shutil
+import signal
+import sys
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import cv2
+import numpy as np
+import torch
+
+from calib.calibration import Calibration
+from calib.cli import main as calib_main
+from calib.io.file_set import WHOLE, settle
+from fixtures.synthetic import scene
+from tests.io.killed import kill_at, on_change
+from tests.test_calibration import write_session
+
+Contents = dict[str, bytes]
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command, and the folder that it changes, as it was before."""
+
+    name: str
+    arguments: Sequence[str]
+    before: Path
+    digest: str
+    """Of the calibration whose files it writes; empty where the command makes that."""
+
+
+@dataclass(frozen=True)
+class Whole:
+    """What a run that nobody kills does."""
+
+    names: frozenset[str]
+    written: frozenset[str]
+    """Those that are not as they were before."""
+    changes: int
+    seconds: float
+
+
+def commands(place: Path) -> list[Command]:
+    """Over a folder with everything of an earlier calibration. Each writes to its last argument."""
+    sessions = [write_session(place / name, scene(seed, views=10, amplitude=1e-5, noise=0.05)) for name, seed in (("a", 7), ("b", 8))]
+    small = ["--grid", "4x4", "--depth", "0.6", "1"]
+    fits = [place / "fit a", place / "fit b"]
+    for session, out in zip(sessions, fits, strict=True):
+        if run(["fit", str(session), *small, "-o", str(out)]) != 0:
+            raise SystemExit("the session cannot be fitted")
+    one, other = map(str, fits)
+    exported = place / "export a"
+    run(["export", one, "--format", "npz", "--depth", "0.6", "2", "-o", str(exported)])
+    digest = Calibration.load(other).digest
+    return [
+        Command("fit", ["fit", str(sessions[1]), *small, "-o"], fits[0], ""),
+        Command("diagnose", ["diagnose", other, "-o"], fits[0], ""),
+        Command("export", ["export", other, "--format", "npz", "--depth", "0.6", "1", "3", "-o"], exported, digest),
+        Command("report", ["report", "--no-open", "--depth", "0.6", "--"], fits[1], digest),
+    ]
+
+
+def run(arguments: Sequence[str]) -> int:
+    """In a fork that says nothing; the exit code, or minus the signal."""
+    child = _fork(arguments)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+def _fork(arguments: Sequence[str], change: int | None = None, counted: Path | None = None) -> int:
+    child = os.fork()
+    if child:
+        return child
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for standard in (0, 1, 2):
+        os.dup2(nowhere, standard)
+    folder = Path(arguments[-1])
+    if change is not None:
+        kill_at(change, folder)
+    if counted:
+        tally = os.open(counted, os.O_CREAT | os.O_WRONLY | os.O_APPEND)
+        on_change(folder, lambda: os.write(tally, b"."))
+    os._exit(calib_main(list(arguments)))
+
+
+def contents(folder: Path) -> Contents:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def measured(command: Command, place: Path) -> Whole:
+    out = place / "whole"
+    shutil.copytree(command.before, out)
+    begun = time.monotonic()
+    tally = place / "tally"
+    code = os.waitstatus_to_exitcode(os.waitpid(_fork([*command.arguments, str(out)], counted=tally), 0)[1])
+    seconds = time.monotonic() - begun
+    whole = Whole(frozenset(contents(out)), written(out, command), tally.stat().st_size, seconds)
+    if code or (wrong := unlike_one_set(out, whole, command)):
+        raise SystemExit(f"{command.name} ends with {code}{f'; {wrong}' if code == 0 else ''}")
+    shutil.rmtree(out)
+    tally.unlink()
+    return whole
+
+
+def written(folder: Path, command: Command) -> frozenset[str]:
+    before = contents(command.before)
+    return frozenset(name for name, data in contents(folder).items() if data != before.get(name))
+
+
+def unlike_one_set(folder: Path, whole: Whole, command: Command) -> str:
+    """What speaks against these being the files of one set; empty where nothing does."""
+    if (found := contents(folder).keys()) != whole.names or written(folder, command) != whole.written:
+        return f"of {sorted(found)}, it wrote {sorted(written(folder, command))}"
+    digest = command.digest or Calibration.load(folder).digest
+    for name in whole.written:
+        path = folder / name
+        if path.name == "report.html" and not (digest in (text := path.read_text()) and text.rstrip().endswith("</html>")):
+            return "report.html is of another calibration"
+        if path.suffix == ".npz" and path.name != "calibration.npz" and str(np.load(path)["calibration"]) != digest:
+            return f"{path.name} is of another calibration"
+    return ""
+
+
+def judged(out: Path, command: Command, whole: Whole) -> tuple[str, bool]:
+    """old, new, or what is wrong; and whether it had to be settled first."""
+    moving = (out / WHOLE).exists()
+    settle(out)
+    if contents(out) == contents(command.before):
+        return "old", moving
+    return unlike_one_set(out, whole, command) or "new", moving
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=0)
+    args = parser.parse_args()
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+    draw = random.Random(args.seed)
+    tally: Counter[tuple[str, str]] = Counter()
+    settled = left = 0
+    with TemporaryDirectory() as folder:
+        place = Path(folder)
+        tried = commands(place)
+        wholes = {command.name: measured(command, place) for command in tried}
+        for number in range(args.kills):
+            command = tried[number % len(tried)]
+            whole, turn = wholes[command.name], number // len(tried)
+            out = place / "out"
+            shutil.copytree(command.before, out)
+            if turn % 2:
+                child = _fork([*command.arguments, str(out)])
+                time.sleep(draw.uniform(0, whole.seconds))
+                os.kill(child, signal.SIGKILL)
+            else:
+                child = _fork([*command.arguments, str(out)], change=turn * len(tried) * whole.changes // args.kills)
+            os.waitpid(child, 0)
+            left += any(path.name.endswith(".tmp") for path in out.rglob("*"))
+            found, moving = judged(out, command, whole)
+            tally[command.name, found] += 1
+            settled += moving
+            shutil.rmtree(out)
+    for (name, found), count in sorted(tally.items()):
+        print(f"{name:10}{count:5}  {found}")
+    bad = sum(count for (_, found), count in tally.items() if found not in ("old", "new"))
+    print(f"{args.kills} kills: {bad} left neither the old set nor the new one; {settled} were settled by the reader; {left} left a .tmp")
+    return bool(bad)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
