@@ -127,7 +127,8 @@ class Loop:
         wider = self.model.with_effect(test.effect)
         joint = wider.fitted(self.observations, self.joint.poses, self.joint.start, ROUGH)
         lowers = 1 - (joint.cost / self.joint.cost) ** 0.5 if joint.finite else -np.inf
-        trial = Trial(test, Fit(wider, joint), lowers, among)
+        odds = -np.inf if test.effect.per_view or not joint.finite else joint.log_evidence - self.joint.log_evidence
+        trial = Trial(test, Fit(wider, joint), lowers, among, odds)
         key = test.effect.name, test.effect.form
         if not self.trials[key].gain:
             self.trials[key] = trial
@@ -139,8 +140,11 @@ class Loop:
         found = []
         for trial in trials:
             model, joint = with_most_probable(self.model, trial.test.effect, self.observations, trial.fitted.joint)
-            if joint.log_marginal > self.joint.log_marginal:
-                found.append(replace(trial, fit=Fit(model, joint)))
+            trial = replace(trial, fit=Fit(model, joint), odds=-np.inf, improbable=joint.log_marginal <= self.joint.log_marginal)
+            if trial.improbable:
+                self.trials[trial.test.effect.name, trial.test.effect.form] = trial
+            else:
+                found.append(trial)
         return found
 
     def _first_passing(self, trials: Sequence[Trial], probable: Callable[[Fit], float]) -> Trial | None:

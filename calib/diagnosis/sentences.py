@@ -38,6 +38,8 @@ def verdict(trial: Trial, *, taken: bool) -> str:
             return "not asked for"
         if not trial.fit.joint.finite:
             return "not finite"
+        if trial.improbable:
+            return "too many numbers for what it explains"
         return "another helped more" if trial.lowers > LEAST_GAIN else "too small"
     if trial.passes:
         return "another helped more"

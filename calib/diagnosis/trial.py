@@ -41,6 +41,11 @@ class Trial:
     """The fraction by which the fit lowers the root mean square of the views that it is a fit to."""
     among: int = 1
     """How many candidates there were."""
+    odds: float = -math.inf
+    """The logarithm by which the fit makes the corners more probable than the model without, where both have the same parameters of single
+    views."""
+    improbable: bool = False
+    """Whether the corners are no more probable with it, the parameters of single views integrated out."""
     gain: Gain | None = None
     bands: Gain | None = None
     """On depth bands that were held out, where there are such and the folds agree."""
@@ -53,8 +58,11 @@ class Trial:
 
     @property
     def confirmed(self) -> bool:
-        """Whether held-out views say that its gain is not chance, all candidates of the round allowed for."""
-        return self.gain is not None and self.gain.p_value < ALPHA / self.among and self.gain.ci95[0] > 0
+        """Whether held-out views say that its gain is not chance, all candidates of the round allowed for: by their test or, where few
+        views show much and a test by views is weak, by the odds, and the test of this candidate alone."""
+        if self.gain is None or self.gain.ci95[0] <= 0:
+            return False
+        return self.gain.p_value < (ALPHA if self.odds > math.log(self.among / ALPHA) else ALPHA / self.among)
 
     @property
     def large(self) -> bool:
