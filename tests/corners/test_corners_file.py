@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.corners.corners_file import read_corners, write_corners
+from calib.corners.corners_file import HIGHEST_LEVEL, read_corners, write_corners
 from calib.corners.view import View
 from calib.errors import InputError, NotEnoughDataError
 from calib.session.board import Board
@@ -91,7 +91,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 names = st.text(min_size=1, max_size=12).filter(lambda name: name.split() == [name] and not name.startswith("#"))
 pixel = st.floats(allow_nan=False, allow_infinity=False)
-levels = st.one_of(st.none(), st.integers(0, 1000))
+levels = st.one_of(st.none(), st.integers(0, HIGHEST_LEVEL))
 
 
 @given(
@@ -120,11 +120,18 @@ def test_any_views_read_as_they_were_written(file: Path, made: dict[str, list[tu
         np.testing.assert_array_equal(got.weight, expected.weight)
 
 
-@given(st.floats(1e-300, 1))
+@given(st.floats(0.5**HIGHEST_LEVEL, 1))
 def test_any_weight_comes_back_to_what_its_level_can_say(file: Path, weight: float) -> None:
-    """A level of up to 1000 has its last bit at 1.1e-13: half of it, times log 2, is the weight's."""
+    """A level of up to 100 has its last bit at 1.4e-14: half of it, times log 2, is the weight's."""
     write_corners(file, [View("a", np.zeros((BOARD.count, 2)), np.full(BOARD.count, weight))])
-    assert read_corners(file, BOARD)[0].weight == pytest.approx(weight, rel=4e-14)
+    assert read_corners(file, BOARD)[0].weight == pytest.approx(weight, rel=5e-15)
+
+
+def test_a_corner_below_the_highest_level_is_none(tmp_path: Path) -> None:
+    weight = np.full(BOARD.count, 1.0)
+    weight[0] = 0.5 ** (HIGHEST_LEVEL + 1)
+    write_corners(tmp_path / "c.vnl", [View("a", np.zeros((BOARD.count, 2)), weight)])
+    assert read_corners(tmp_path / "c.vnl", BOARD)[0].weight.tolist() == [0.0] + [1.0] * (BOARD.count - 1)
 
 
 fields = st.one_of(
