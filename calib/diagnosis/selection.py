@@ -90,11 +90,12 @@ class Loop:
         fitted = self._lowering(shared)
         if passing := self._first_passing(fitted, lambda fit: fit.joint.log_evidence):
             return passing
-        private = self._more_probable(self._lowering(single, among=len(shared)))
-        fields: list[Trial] = []
-        if private or self.organised(self.model, self.joint):
-            fields = self._more_probable(self._lowering(FIELDS, among=len(EFFECTS)))
-        return self._first_passing([*fields, *private], lambda fit: fit.joint.log_marginal)
+        private = self._first_passing(self._more_probable(self._lowering(single, among=len(shared))), lambda fit: fit.joint.log_marginal)
+        if not (private or self.organised(self.model, self.joint)):
+            return None
+        fields = self._more_probable(self._lowering(FIELDS, among=len(EFFECTS)))
+        better = [field for field in fields if not private or field.fitted.joint.log_marginal > private.fitted.joint.log_marginal]
+        return self._first_passing(better, lambda fit: fit.joint.log_marginal) or private
 
     def _lowering(self, effects: Sequence[type[Effect]], among: int = 0) -> list[Trial]:
         """Score all effects, fit the best few, and return those that lower the error enough to be worth holding views out.
@@ -107,7 +108,7 @@ class Loop:
         always = [c for c in scores if not c.effect.judged_by_score]
         chosen = always + sorted(promising, key=lambda c: 2 * c.dof - c.chi2)[:TRIED]
         tried = [self._try(test, among + len(scores)) for test in chosen]
-        return [trial for trial in tried if trial.lowers > LEAST_GAIN]
+        return [trial for trial in tried if trial.lowers > LEAST_GAIN and not trial.improbable]
 
     def scores(self, effects: Sequence[type[Effect]]) -> list[ScoreTest]:
         """What the residual says of each effect."""
@@ -127,8 +128,9 @@ class Loop:
         wider = self.model.with_effect(test.effect)
         joint = wider.fitted(self.observations, self.joint.poses, self.joint.start, ROUGH)
         lowers = 1 - (joint.cost / self.joint.cost) ** 0.5 if joint.finite else -np.inf
-        odds = -np.inf if test.effect.per_view or not joint.finite else joint.log_evidence - self.joint.log_evidence
-        trial = Trial(test, Fit(wider, joint), lowers, among, odds)
+        odds = joint.log_evidence - self.joint.log_evidence if joint.finite else -np.inf
+        shared = not test.effect.per_view
+        trial = Trial(test, Fit(wider, joint), lowers, among, odds if shared else -np.inf, improbable=shared and odds <= 0)
         key = test.effect.name, test.effect.form
         if not self.trials[key].gain:
             self.trials[key] = trial

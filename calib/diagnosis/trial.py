@@ -45,7 +45,7 @@ class Trial:
     """The logarithm by which the fit makes the corners more probable than the model without, where both have the same parameters of single
     views."""
     improbable: bool = False
-    """Whether the corners are no more probable with it, the parameters of single views integrated out."""
+    """Whether the corners are no more probable with it, its parameters integrated out."""
     gain: Gain | None = None
     bands: Gain | None = None
     """On depth bands that were held out, where there are such and the folds agree."""
@@ -62,7 +62,12 @@ class Trial:
         views show much and a test by views is weak, by the odds, and the test of this candidate alone."""
         if self.gain is None or self.gain.ci95[0] <= 0:
             return False
-        return self.gain.p_value < (ALPHA if self.odds > math.log(self.among / ALPHA) else ALPHA / self.among)
+        return self.gain.p_value < (ALPHA if self.sure else ALPHA / self.among)
+
+    @property
+    def sure(self) -> bool:
+        """Whether its odds are those of no chance, all candidates of the round allowed for."""
+        return self.odds > math.log(self.among / ALPHA)
 
     @property
     def large(self) -> bool:
@@ -71,5 +76,5 @@ class Trial:
 
     @property
     def passes(self) -> bool:
-        """Whether what it says of some depths helps at the others, too."""
-        return self.large and (self.bands is None or self.bands.relative > 0)
+        """Whether what it says of some depths helps at the others, too; of one whose odds are sure, whether it does not harm there."""
+        return self.large and (self.bands is None or self.bands.relative > 0 or (self.sure and self.bands.ci95[1] > 0))

@@ -17,7 +17,7 @@ from calib.optics.params import Param, Values
 from calib.optics.rays import MISSED_TARGET, Rays
 from calib.optics.vector import Vector
 
-STEPS = 2
+STEPS = 3
 """Newton steps onto a board that is not flat, before the differentiable one: bends of millimetres over a board need two."""
 
 

@@ -163,6 +163,20 @@ def test_what_helps_at_the_fitted_depths_only_is_not_taken() -> None:
     assert verdict(failed, taken=False) == "fails at other depths"
 
 
+def test_what_the_evidence_is_sure_of_is_asked_for_less() -> None:
+    """exp(6) is about 20 candidates over 0.05."""
+    test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
+    few = Gain(0.2, 0.18, (0.001, 0.04), 0.02)
+    assert not Trial(test, among=20, gain=few).passes
+    assert not Trial(test, among=20, odds=5.9, gain=few).passes
+    assert Trial(test, among=20, odds=6.1, gain=few).passes
+    assert not Trial(test, among=20, odds=6.1, gain=replace(few, p_value=0.06)).passes
+    assert not Trial(test, among=20, odds=6.1, gain=replace(few, ci95=(-0.001, 0.04))).passes
+    by_chance, harm = Gain(0.2, 0.21, (-0.03, 0.01), 0.6), Gain(0.2, 0.21, (-0.03, -0.01), 1.0)
+    assert Trial(test, among=20, odds=6.1, gain=few, bands=by_chance).passes
+    assert not Trial(test, among=20, odds=6.1, gain=few, bands=harm).passes
+
+
 def test_what_corners_may_be_off_by_is_no_effect() -> None:
     """1 % of 0.013 px is the root of two times that squared, 0.0019 px; the same share of 0.13 px is an effect."""
     test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))

@@ -178,7 +178,7 @@ def test_finer_glass_needs_a_place_that_asks_for_it(there: Situation) -> None:
     ("change", "reason"),
     [
         ({"name": "phlogiston"}, "phlogiston"),
-        ({"form": {"high": 1}}, "low"),
+        ({"form": {"high": 1}}, "form.high of free_field is not one"),
         ({"parameters": {}}, "free_field.board.x"),
         ({"parameters": {f"free_field.board.{axis}": {"value": [1.0], "sigma": [1.0]} for axis in "xy"}}, "is not a number of its shape"),
     ],
