@@ -48,7 +48,7 @@ def with_named(calibration: Calibration, names: Sequence[str], progress: Progres
                 fitted = wider.fitted(observations, joint.poses, start)
                 tried.append((_left(wider, fitted, observations), wider, fitted))
             _, wider, fitted = min(tried, key=lambda one: one[0])
-            model, joint = with_most_probable(model, wider.effects[-1], observations, joint, fitted)
+            model, joint = with_most_probable(model, wider.effects[-1], observations, fitted)
             advance(done, name)
     return with_fit(calibration, model, joint, observations)
 

@@ -141,7 +141,7 @@ class Loop:
         is, in their most probable forms."""
         found = []
         for trial in trials:
-            model, joint = with_most_probable(self.model, trial.test.effect, self.observations, self.joint, trial.fitted.joint)
+            model, joint = with_most_probable(self.model, trial.test.effect, self.observations, trial.fitted.joint)
             trial = replace(trial, fit=Fit(model, joint), odds=-np.inf, improbable=joint.log_marginal <= self.joint.log_marginal)
             if trial.improbable:
                 self.trials[trial.test.effect.name, trial.test.effect.form] = trial
@@ -173,7 +173,7 @@ class Loop:
 
     def _accept(self, trial: Trial) -> None:
         """Take an effect in, with the noise and the prior estimated anew; where such a fit is not finite, the trial's stands."""
-        wider, joint = with_most_probable(self.model, trial.test.effect, self.observations, self.joint, trial.fitted.joint)
+        wider, joint = with_most_probable(self.model, trial.test.effect, self.observations, trial.fitted.joint)
         self.model, self.joint = (wider, joint) if joint.finite else (trial.fitted.model, trial.fitted.joint)
         self.known.clear()
         self._say(f"found {trial.test.effect.name}")

@@ -62,10 +62,6 @@ class Surroundings:
     """(2,) chart coordinates of the glass where the residual asks for a finer relief; None where it was not asked for."""
 
 
-SIZES = (0.03, 0.1, 0.3, 1.0)
-"""Of what single views have for themselves, over what is possible at most: hands that hold a board still do not move it by as much."""
-
-
 class Effect(Protocol):
     """One physical cause of error, as a change of the ray path."""
 
