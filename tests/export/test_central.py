@@ -123,10 +123,10 @@ def test_no_remark_where_depth_hardly_matters(covered: Calibration) -> None:
     assert list(model.remarks()) == []
 
 
-def test_infinity_is_a_depth(covered: Calibration) -> None:
-    model = best_central(covered, float("inf"), [FIVE])
-    assert model.at == model.half == model.double
-    assert 0 < model.at.rms_px < 2
+def test_infinity_is_no_distance_to_fit_a_central_camera_at(covered: Calibration) -> None:
+    """Its misfit at half and at twice the distance would be said to be of the same one."""
+    with pytest.raises(InputError, match="inf is none: write metres, such as 1000"):
+        best_central(covered, float("inf"), [FIVE])
 
 
 def test_a_depth_within_the_cover_is_refused(covered: Calibration) -> None:
