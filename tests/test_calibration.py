@@ -268,8 +268,8 @@ def test_an_edited_calibration_gets_its_sentence(
         ({"corners": np.full((8, 81, 2), np.inf)}, "are not all somewhere"),
         ({"times_s": np.full(8, 1e12)}, "times_s are not all times in s"),
         ({"covariance": np.eye(3)}, "covariance is of 3 parameters"),
-        ({"covariance": -np.eye(3)}, "covariance is not one"),
-        ({"covariance": np.arange(9.0).reshape(3, 3)}, "covariance is not one"),
+        ({"covariance": -np.eye(3)}, "covariance is not symmetric"),
+        ({"covariance": np.arange(9.0).reshape(3, 3)}, "covariance is not symmetric"),
     ],
 )
 def test_arrays_of_another_shape_get_their_sentence(
@@ -279,6 +279,14 @@ def test_arrays_of_another_shape_get_their_sentence(
     rewrite_npz(tmp_path, **changed)
     with pytest.raises(InputError, match=says):
         Calibration.load(tmp_path)
+
+
+def test_entries_near_zero_may_differ_across_the_diagonal_as_their_sigmas_are_rounded(calibration: Calibration, tmp_path: Path) -> None:
+    calibration.save(tmp_path)
+    uneven = calibration.covariance.copy()
+    uneven[0, 1], uneven[1, 0] = 1e-10 * np.sqrt(uneven[0, 0] * uneven[1, 1]), 0.0
+    rewrite_npz(tmp_path, covariance=uneven)
+    assert Calibration.load(tmp_path).covariance[0, 1] > 0
 
 
 def test_a_new_npz_beside_an_old_yaml_is_refused(calibration: Calibration, tmp_path: Path) -> None:
