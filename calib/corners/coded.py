@@ -4,6 +4,8 @@ Markers say which corners are where, to a pixel; what a corner is measured by is
 markers to a ChArUco's corners is not taken: before its version 5 they come out half a pixel off.
 """
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +32,8 @@ STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
 AROUND = 0.6  # of what shows nothing but a corner's own edges: where its four squares are looked at
 FAINT = 0.5  # of the usual contrast: less is no corner
 UNLIKE = 0.5  # of the contrast, between two squares that are opposite
+BEYOND = 2
+"""Markers that lie where a board with more rows has them: one may be read wrongly."""
 FEWEST = 4
 """Corners or markers that tell something of others."""
 ROUNDED = 1.0  # px, that a marker's side comes out shorter, as its outline goes through the middles of its outermost pixels
@@ -116,6 +120,11 @@ def one_board(read: Markers, board: Board) -> Markers | NotFound:
         )
     if not len(known.numbers):
         return NotFound(f"no marker of the {board} board found: {ADVICE}", "none")
+    if foreign >= BEYOND and (beyond := _beyond(read, board)) >= BEYOND:
+        return NotFound(
+            f"{beyond} markers are seen beyond the last row of the {board} board, as on one with more: correct board.rows in session.yaml",
+            "other",
+        )
     groups = Links.of(known, places[known.numbers], _pitch(board)).groups
     if len(groups[0]) < 2 and len(known.numbers) < FEWEST:
         return NotFound(f"no two markers lie as on the {board} board: {ADVICE}, or correct board in session.yaml", "none")
@@ -126,6 +135,16 @@ def one_board(read: Markers, board: Board) -> Markers | NotFound:
         reason = f"the markers lie not as on one {board} board: correct board in session.yaml, or show one board alone"
         return NotFound(reason, "other")
     return known.some(groups[0])
+
+
+def _beyond(read: Markers, board: Board) -> int:
+    """How many markers lie with the board's own as on one with more rows, and are none of it."""
+    own = len(marker_places(board))
+    taller = replace(board, rows=3 * board.rows)  # odd where they are: a legacy pattern's first square goes by that
+    places = marker_places(taller)
+    some = read.some((read.numbers >= 0) & (read.numbers < len(places)))
+    together = some.numbers[Links.of(some, places[some.numbers], _pitch(board)).groups[0]]
+    return int((together >= own).sum()) if (together < own).any() else 0
 
 
 def _pitch(board: Board) -> float:

@@ -35,6 +35,10 @@ MOST_NAMED = 3
 BEYOND_NOISE = 2.0
 """Error over the corners' noise. Noise is known to some per cent, and what views' poses take up of it is less than that."""
 
+BESIDE_UNSEEN = 5
+"""Views that show the last row but one of a board with markers, where none shows the last: a board that reaches out of the picture in
+each of so many, and on the same side of itself, was hardly moved."""
+
 FEW_CELLS = 0.6
 """Of the image's cells: corners in fewer leave more than a third of the picture to extrapolation."""
 CELLS = (16, 12)

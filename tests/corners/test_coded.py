@@ -150,6 +150,9 @@ def test_two_boards_and_a_marker_twice() -> None:
 
 MISTAKES: dict[str, tuple[Kind, Callable[[Board], Board], str]] = {
     "too few rows": (CHARUCO, lambda board: replace(board, rows=4), "numbers up to 34 are seen, where a 9x4 ChArUco board has 0 to 24"),
+    "a row too few": (CHARUCO, lambda board: replace(board, rows=5), "5 markers are seen beyond the last row of the 9x5 ChArUco board"),
+    "a row of tags too few": (GRID, lambda board: replace(board, rows=10), "up to 35 are seen, where a 6x5 AprilGrid"),
+    "a row too few, legacy": (KINDS["legacy"], lambda board: replace(board, rows=6), "beyond the last row|lie not as on one 6x6"),
     "columns": (CHARUCO, lambda board: replace(board, columns=8), "lie not as on one 8x6 ChArUco board|numbers up to 34"),
     "tags": (GRID, lambda board: replace(board, columns=14), "lie not as on one 7x6 AprilGrid board"),
     "marker": (

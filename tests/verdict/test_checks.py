@@ -8,11 +8,13 @@ import pytest
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration, Declared, Stage
+from calib.corners.view import View
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.relief_heights import height_spread
 from calib.fitting.evaluate import Evaluation
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
+from calib.session.coding import AprilGrid, Charuco, Coding
 from calib.session.schema import Number
 from calib.verdict.board_place import board_place
 from calib.verdict.case import Case
@@ -29,6 +31,7 @@ from calib.verdict.residual import residual
 from calib.verdict.sureness import too_few_views, unsure_focal_length, unsure_maps
 from calib.verdict.thresholds import BEYOND_NOISE, TAKEN_UP, WORSE_THAN_BARE
 from calib.verdict.unevenness import unevenness
+from calib.verdict.unseen_row import unseen_row
 from calib.verdict.verdict import Word
 from fixtures.synthetic import paper_cone, scene
 from tests.fitting.test_inputs import spoiled
@@ -55,6 +58,25 @@ def test_a_good_calibration_is_not_doubted(check, good: Calibration, freed: Cali
 
 def ended_with(calibration: Calibration, outcome: Outcome) -> Calibration:
     return replace(calibration, settings=calibration.settings | {"outcome": outcome.value})
+
+
+@pytest.mark.parametrize(("coding", "hidden"), [(Charuco(0.015, "DICT_4X4_50"), slice(-1, None)), (AprilGrid(0.3), slice(0, 2))])
+def test_a_row_that_no_view_shows_is_asked_for(good: Calibration, coding: Coding, hidden: slice) -> None:
+    board = replace(good.board, columns=8, rows=8, coding=coding)
+
+    def shown(view: View, *, whole: bool) -> View:
+        weights = np.ones((board.rows, board.columns))
+        if not whole:
+            weights[hidden] = 0
+        corners = np.where(weights.reshape(-1, 1) > 0, 100.0, np.nan) * np.ones(2)
+        return replace(view, corners=corners, weight=weights.ravel())
+
+    cut = tuple(shown(view, whole=False) for view in good.views)
+    (reason,) = asked(unseen_row, replace(good, board=board, views=cut))
+    assert (reason.word, reason.suspects) == (Word.CARE, ("board.rows",))
+    assert f"{len(cut)} show the one beside it" in reason.sentence
+    assert not asked(unseen_row, replace(good, board=board, views=(*cut[1:], shown(good.views[0], whole=True))))
+    assert not asked(unseen_row, replace(good, board=board, views=cut[:4])), "too few to tell"
 
 
 def test_a_fit_that_is_not_finite_is_of_no_use(good: Calibration) -> None:
