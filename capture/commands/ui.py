@@ -42,7 +42,10 @@ def run(args: argparse.Namespace) -> None:
     end_with_server()
     from capture.tui.app import CaptureApp
 
-    CaptureApp(args.session, args.source).run()
+    app = CaptureApp(args.session, args.source)
+    app.run()
+    if not app.is_web:
+        print(*app.farewell, sep="\n")
 
 
 def _port(text: str) -> int:

@@ -43,9 +43,10 @@ class ExportScreen(ModalScreen[None]):
     class Done(Message):
         """The command has ended."""
 
-        def __init__(self, sentence: str) -> None:
+        def __init__(self, sentence: str, written: Sequence[Path]) -> None:
             super().__init__()
             self.sentence = sentence
+            self.written = written
 
     def __init__(self, session: Path, calibration: Path) -> None:
         super().__init__()
@@ -100,8 +101,9 @@ class ExportScreen(ModalScreen[None]):
     @work(thread=True, exclusive=True)
     def _run(self, arguments: Sequence[str]) -> None:
         done = calib(arguments)
-        written = "Wrote " + " ".join(Path(line).name for line in done.stdout.splitlines())
-        self.post_message(self.Done("\n".join([written, *done.remarks, DONE]) if done.returncode == 0 else done.sentence))
+        written = [Path(line) for line in done.stdout.splitlines()]
+        said = [f"Wrote {' '.join(path.name for path in written)}", *done.remarks, DONE]
+        self.post_message(self.Done("\n".join(said) if done.returncode == 0 else done.sentence, written))
 
     @on(Done)
     def _ended(self, message: Done) -> None:

@@ -26,6 +26,23 @@ def fit_session(progress: Progress, session: Path, out: Path) -> dict[str, objec
     return summary(calibration, saved)
 
 
+def open_results(progress: Progress, place: Path) -> dict[str, object]:
+    """The summary of a calibration that is there already, by its folder.
+
+    Where a diagnosis of it has found effects, the summary of what that made of it, and under `before` the fit's own.
+    """
+    progress.task("Loading torch", 1)
+    from calib.calibration import Calibration
+
+    fit = summary(Calibration.load(place), place / "calibration.yaml")
+    better = place / "diagnosed"
+    if (better / "calibration.yaml").exists():
+        diagnosed = Calibration.load(better)
+        if diagnosed.effects:
+            return summary(diagnosed, better / "calibration.yaml") | {"before": fit}
+    return fit
+
+
 def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
     """What the results screen shows."""
     from torch import from_numpy
@@ -46,7 +63,7 @@ def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
     ]
     return {
         "calibration": str(saved),
-        "stages": [{"name": s.name, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in calibration.stages],
+        "stages": [{"name": s.name, "title": s.title, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in calibration.stages],
         "noise_px": calibration.noise_px,
         "views": sorted(views, key=lambda view: -float(str(view["rms_px"]))),
         "rejected": [{"file": r.name, "reason": r.reason} for r in calibration.rejected],
