@@ -95,9 +95,8 @@ def run(args: argparse.Namespace) -> None:
                 print_fit(calibration, seconds)
                 if finding:
                     print_diagnosis(finding, calibration)
-                print_verdict(
-                    verdict, written, verdict.further if session.frames else verdict.further[:-1]
-                )  # of corners, there is nothing to undistort
+                further = verdict.further if session.frames else verdict.further[:-1]  # of corners, there is nothing to undistort
+                print_verdict(verdict, written, further)
 
 
 def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:

@@ -160,12 +160,16 @@ class SetupScreen(Page):
             self.query_one("#like", Input).disabled = True
         elif not self.query("#board Input"):
             await self._begin_anew()
-        played = self.query_one("#source", Input).value.startswith(("folder:", "video:"))
+        source = self.query_one("#source", Input)
+        played = source.value.startswith(("folder:", "video:"))
         self.query_one("#state", Static).update(COVER_ON + (PLAYED if played else LIVE) if self._covered else harmless(state))
         for each in self.query("#kind, #board Input, #cover Input, #shape"):
             each.disabled = described
         self.query_one("#phase", Select).value = self._bare_is_missing() and not self._covered
-        self.query_one("#start" if described and self._source and not (self._covered and played) else "#source").focus()
+        if described and self._source and not (self._covered and played):
+            self.query_one("#start").focus()
+        else:
+            source.focus().action_select_all()  # what is typed replaces it
 
     async def _begin_anew(self) -> None:
         """With what was typed when the program ended last, if anything was."""

@@ -79,7 +79,7 @@ async def _bow(session: Path) -> None:
         assert _numbers(pilot, "held-out views")[1] < _numbers(pilot, "held-out views")[0] / 4
         await see(pilot, "enter Use them")
         await pilot.press("enter")
-        await see(pilot, "cover+rbf+effects")
+        await see(pilot, "effects found")
         assert "last fit" in shown(pilot)
         assert "the model lacks" not in " ".join(shown(pilot).split())
         await pilot.press("x", "ctrl+s")

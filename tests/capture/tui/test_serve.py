@@ -98,9 +98,12 @@ def test_without_the_token_nothing_is_served(open_to_all: Served, path: str) -> 
 
 
 def test_the_token_opens_page_and_websocket_and_is_printed_once(open_to_all: Served) -> None:
-    found = re.fullmatch(rf"http://0\.0\.0\.0:{open_to_all.port}/\?token=([\w-]{{32}})", open_to_all.address)
+    found = re.fullmatch(rf"http://([\w.-]+):{open_to_all.port}/\?token=([\w-]{{32}})", open_to_all.address)
     assert found
-    token = found[1]
+    host, token = found.groups()
+    assert host != "0.0.0.0"
+    with socket.create_connection((host, open_to_all.port), timeout=20):
+        pass  # what is printed can be opened
     status, page, headers = open_to_all.get(f"/?token={token}")
     assert status == 200
     assert token not in page
