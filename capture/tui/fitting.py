@@ -23,6 +23,7 @@ def fit_session(progress: Progress, session: Path, out: Path) -> dict[str, objec
         calibration = fit(described, Settings(), progress)
         saved = calibration.write(files)
         files.commit(instead_of=DERIVED)
+    progress.task("Verdict", 1)
     return summary(calibration, saved)
 
 
@@ -34,6 +35,7 @@ def open_results(progress: Progress, place: Path) -> dict[str, object]:
     progress.task("Loading torch", 1)
     from calib.calibration import Calibration
 
+    progress.task("Verdict", 1)
     fit = summary(Calibration.load(place), place / "calibration.yaml")
     better = place / "diagnosed"
     if (better / "calibration.yaml").exists():

@@ -45,7 +45,7 @@ class ResultsScreen(Page):
     BINDINGS: ClassVar = [
         Binding("d", "drop", "Drop"),
         Binding("u", "take_back", "Undo"),
-        Binding("f", "refit", "Refit"),
+        Binding("f", "refit", "Fit"),
         Binding("e", "effects", "Diagnose"),
         Binding("r", "report", "Report"),
         Binding("x", "export", "Export"),
@@ -126,7 +126,7 @@ class ResultsScreen(Page):
         said = [f"The error fell from {first:.3f} to {last:.3f} px; the corners' own noise is {self.result['noise_px']:.3f} px."]
         if sigmas := self.result["sigma_px"]:
             at = ", ".join(f"{one['px']:.2g} px at {one['depth_m']:g} m" for one in sigmas)
-            said.append(f"One standard deviation of the maps at the corners: {at}.")
+            said.append(f"The maps are sure to {at} (one standard deviation, at the corners).")
         word, *reasons = self.result["verdict"]["sentences"]
         more = len(reasons) - SHOWN
         told = [*reasons[:SHOWN], *([f"And {more} more reasons, which calib report shows."] if more > 0 else [])]

@@ -273,7 +273,7 @@ async def _finished(session: Path) -> None:
         await pilot.press("ctrl+o")
         await see(pilot, "[RESULTS]")
         await see(pilot, "To be trusted where it has corners. The error fell from 0.4")
-        await see(pilot, "One standard deviation of the maps")
+        await see(pilot, "The maps are sure to")
         await see(pilot, "e Diagnose r Report x Export")
         await pilot.press("r")
         await see(pilot, "The report is ")
