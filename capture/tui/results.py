@@ -129,7 +129,7 @@ class ResultsScreen(Page):
             said.append(f"The maps are sure to {at} (one standard deviation, at the corners).")
         word, *reasons = self.result["verdict"]["sentences"]
         more = len(reasons) - SHOWN
-        told = [*reasons[:SHOWN], *([f"And {more} more reasons, which calib report shows."] if more > 0 else [])]
+        told = [*reasons[:SHOWN], *([f"And {more} more reasons, which the report shows."] if more > 0 else [])]
         said = [word, *told, *said]
         if rejected := self.result["rejected"]:
             others = f" and {len(rejected) - 1} more" if len(rejected) > 1 else ""

@@ -74,7 +74,10 @@ def test_the_last_lines_are_the_verdict_and_what_to_type(
 def test_a_fit_ends_with_what_to_do_next(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     session = Path(__file__).parents[2] / "fixtures" / "covered-bare"
     assert main(["fit", str(session), "--grid", "5x5", "-o", str(tmp_path)]) == 0
-    last = capsys.readouterr().out.splitlines()[-1]
+    said = capsys.readouterr().out
+    assert "uneven cover" in said
+    assert "cover+rbf" not in said
+    last = said.splitlines()[-1]
     evaluate, diagnose, undistort = map(shlex.split, last.removeprefix("Then: ").split("; "))
     assert evaluate == ["calib", "evaluate", str(tmp_path), "HOLDOUT"]
     assert diagnose == ["calib", "diagnose", str(tmp_path)]

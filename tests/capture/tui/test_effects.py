@@ -52,6 +52,11 @@ def test_what_was_found_with_the_error_before_and_after() -> None:
     assert max(map(len, lines)) < 79
 
 
+def test_people_are_told_in_plain_words_and_programs_as_ever() -> None:
+    assert FOCAL.outcome == "the fit imitates it"
+    assert [one["verdict"] for one in FINDING.as_json()["candidates"] if one["effect"] == "focal"] == ["absorbed"]
+
+
 def test_finding_nothing_is_said_as_a_result() -> None:
     nothing = Diagnosis(0.08, "", (), (), (), Quality(0.1, 0.01, 0.1), Quality(0.1, 0.01, 0.1), 0.0, "", ())
     assert as_text(nothing).startswith("Found: nothing: no effect that is known here improves")
