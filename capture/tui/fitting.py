@@ -30,17 +30,17 @@ def fit_session(progress: Progress, session: Path, out: Path) -> dict[str, objec
 def open_results(progress: Progress, place: Path) -> dict[str, object]:
     """The summary of a calibration that is there already, by its folder.
 
-    Where a diagnosis of it has found effects, the summary of what that made of it, and under `before` the fit's own.
+    Where a diagnosis of this very fit has found effects, the summary of what that made of it, and under `before` the fit's own.
     """
     progress.task("Loading torch", 1)
     from calib.calibration import Calibration
 
     progress.task("Verdict", 1)
-    fit = summary(Calibration.load(place), place / "calibration.yaml")
-    better = place / "diagnosed"
+    fitted, better = Calibration.load(place), place / "diagnosed"
+    fit = summary(fitted, place / "calibration.yaml")
     if (better / "calibration.yaml").exists():
         diagnosed = Calibration.load(better)
-        if diagnosed.effects:
+        if diagnosed.effects and diagnosed.stages[: len(fitted.stages)] == fitted.stages:
             return summary(diagnosed, better / "calibration.yaml") | {"before": fit}
     return fit
 

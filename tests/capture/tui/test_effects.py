@@ -1,12 +1,16 @@
 """What a diagnosis says on the screen, and how one goes on with what it found."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 from textual.pilot import Pilot
 
+from calib.calibration import Calibration
 from calib.diagnosis.finding import Candidate, Diagnosis, ParameterEstimate, Quality
+from calib.progress import Silent
 from capture.tui.diagnosing import as_text
+from capture.tui.fitting import open_results
 from tests.capture.tui.driving import drive, running, see, shown
 
 BOW = Candidate(
@@ -69,6 +73,12 @@ def test_a_hidden_bow_is_found_and_exported(tmp_path: Path) -> None:
     shutil.copytree(SESSION / "frames", session / "frames")
     shutil.copy(SESSION / "session.yaml", session)
     drive(_bow(session))
+    drive(_again(session))
+    diagnosed = Calibration.load(session / "calibration" / "diagnosed")
+    other = replace(diagnosed.stages[0], rms_px=2 * diagnosed.stages[0].rms_px)
+    replace(diagnosed, stages=(other, *diagnosed.stages[1:])).save(session / "calibration" / "diagnosed")
+    opened = open_results(Silent(), session / "calibration")  # of another fit, as it were
+    assert opened["calibration"] == str(session / "calibration" / "calibration.yaml")
 
 
 async def _bow(session: Path) -> None:
@@ -90,6 +100,15 @@ async def _bow(session: Path) -> None:
         await pilot.press("x", "ctrl+s")
         await see(pilot, "Wrote rays.npz map_1m.npz")
     assert (session / "export" / "map_1m.npz").exists()
+
+
+async def _again(session: Path) -> None:
+    """What was found is there when the session is opened again."""
+    async with running(session) as pilot:
+        await see(pilot, "^o opens its results")
+        await pilot.press("ctrl+o")
+        await see(pilot, "effects found")
+        assert "last fit" in shown(pilot)
 
 
 def _numbers(pilot: Pilot[None], words: str) -> list[float]:
