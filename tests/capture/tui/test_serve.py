@@ -243,3 +243,15 @@ def test_what_a_window_asks_for_is_within_what_a_window_can_be() -> None:
     assert _size({"width": 1e8, "height": "100000000000000"}) == {"width": 500, "height": 200}
     assert _size({"width": None, "height": "x"}) == {"width": 80, "height": 24}
     assert _size({"width": 1, "height": -5}) == {"width": 20, "height": 5}
+
+
+def test_an_address_of_one_interface_is_printed_as_it_is_and_without_a_network_the_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    from capture.serve import _own_address
+
+    assert [_own_address(host) for host in ("192.168.1.5", "fe80::1", "pi.local")] == ["192.168.1.5", "fe80::1", "pi.local"]
+
+    def unreachable(*_: object) -> None:
+        raise OSError("Network is unreachable")
+
+    monkeypatch.setattr(socket.socket, "connect", unreachable)
+    assert _own_address("0.0.0.0") == socket.gethostname()
