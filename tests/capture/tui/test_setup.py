@@ -251,7 +251,7 @@ async def _cover_on(session: Path) -> None:
         await see(pilot, "[WITHOUT COVER]")
         await pilot.press("n")
         await see(pilot, "NOW PUT THE COVER ON, and leave the focus alone. Name the source")
-        assert pilot.app.focused is pilot.app.screen.query_one("#source")
+        await until(pilot, lambda: pilot.app.focused is pilot.app.screen.query_one("#source"), 20)
         await see(pilot, "Where pictures come from")
 
 
