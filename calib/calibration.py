@@ -46,6 +46,10 @@ LOOKS = 2
 """At the two files: another writer may put a set in force between them."""
 
 
+TITLES = {"pinhole": "camera alone", "cover": "smooth cover", "cover+rbf": "uneven cover", "cover+rbf+effects": "effects found"}
+"""The stages of a fit as people are told them."""
+
+
 @dataclass(frozen=True, slots=True)
 class Stage:
     """How well the model did after one stage of the fit."""
@@ -56,6 +60,10 @@ class Stage:
     """Root mean square two-dimensional reprojection error."""
     rmse_cm: float
     """Root mean square distance on the board."""
+
+    @property
+    def title(self) -> str:
+        return TITLES.get(self.name, self.name)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,11 @@
 """Takes the pictures that a calibration needs, with any camera that this machine has.
 
+  capture SESSION                        the terminal UI: all the way to maps
+  capture SESSION --serve                the same in a browser of this machine
+  capture SESSION --serve --host 0.0.0.0 --port 8000
+                                         in any browser that has the address
+`capture ui --help` lists all options of these.
+
 stdout carries the result, stderr what to do next and remarks. Exit codes: 0 done, 1 a bug, 2 wrong usage or input, 3 not enough good
 data, 4 the device failed.
 """

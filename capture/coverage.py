@@ -116,7 +116,7 @@ class PlainGuide:
         while (best := self._best(done)) is not None:
             done, needed = done + self._covered[best], needed + 1
         said = f"likely {needed} more views" if needed else "enough"
-        sentence = f"By the plain rule (picture, depth, tilt; no error is predicted): {said}."
+        sentence = f"Judged by picture, depth and tilt (no error is predicted): {said}."
         return SessionProgress(
             not needed, sentence, None, needed, image, depth, image
         )  # each pixel looks through its own point of the glass

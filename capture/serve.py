@@ -217,10 +217,11 @@ def serve(session: Path, source: str, host: str, port: int, apps: int = 1) -> No
     logging.getLogger("textual-serve").setLevel(logging.WARNING)
     for noisy in ("aiohttp", "asyncio"):  # what strangers send is answered, and no news
         logging.getLogger(noisy).setLevel(logging.CRITICAL)
-    shown = f"[{host}]" if ":" in host else host
+    reached = _own_address(host)
+    shown = f"[{reached}]" if ":" in reached else reached
     print(f"http://{shown}:{port}/{f'?token={token}' if token else ''}", flush=True)
     if token:
-        print("Open this address on the phone, with this machine's own name or number in it. Ctrl-C ends it.", file=sys.stderr, flush=True)
+        print("Open this address on the phone, in the same network. Ctrl-C ends it.", file=sys.stderr, flush=True)
     web.run_app(server._make_app(), sock=listening, print=None, access_log=None)  # a log would repeat the token
 
 
@@ -241,6 +242,25 @@ def _listening(host: str, port: int) -> list[socket.socket]:
         why = error.strerror if isinstance(error, OSError) else "not an address"
         raise InputError(f"{brief(host)}:{port} cannot be served on ({why}): choose another --host or --port.") from error
     return held
+
+
+def _own_address(host: str) -> str:
+    """The one that others reach this machine by, where it serves on all that it has; its name where it is in no network.
+
+    Nothing is sent: a datagram socket that is connected knows by which of its addresses it would send. 192.0.2.1 and 2001:db8::1 are
+    nobody's (RFC 5737, RFC 3849).
+    """
+    try:
+        if not ipaddress.ip_address(host).is_unspecified:
+            return host
+        four = ":" not in host
+        with socket.socket(socket.AF_INET if four else socket.AF_INET6, socket.SOCK_DGRAM) as probe:
+            probe.connect(("192.0.2.1" if four else "2001:db8::1", 9))
+            return str(probe.getsockname()[0])
+    except ValueError:  # a name
+        return host
+    except OSError:
+        return socket.gethostname()
 
 
 def _is_loopback(host: str) -> bool:

@@ -61,14 +61,22 @@ class _Parser(argparse.ArgumentParser):
         super().error(str(RefracalError(message)))
 
 
+class _Help(argparse.HelpFormatter):
+    """Paragraphs are as wide as the terminal; one with an indented line, such as a list, stays as it is."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        paragraphs = text.strip().split("\n\n")
+        return "\n\n".join(one if "\n " in one else super(_Help, self)._fill_text(one, width, indent) for one in paragraphs)
+
+
 def _parser(program: str, description: str | None, commands: Sequence[ModuleType]) -> argparse.ArgumentParser:
-    parser = _Parser(program, description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = _Parser(program, description=description, formatter_class=_Help)
     parser.add_argument("--version", action="version", version=f"refracal {version('refracal')}")
     choices = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in commands:
         name = command.__name__.rpartition(".")[2].removesuffix("_command")
         summary = (command.__doc__ or "").partition("\n")[0]
-        own = choices.add_parser(name, help=summary, description=command.__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+        own = choices.add_parser(name, help=summary, description=command.__doc__, formatter_class=_Help)
         command.add_arguments(own)
         own.set_defaults(run=command.run)
     return parser

@@ -45,13 +45,13 @@ class Bars:
 def print_fit(calibration: Calibration, seconds: float) -> None:
     """The stage table, what was used and what was not."""
     console = Console()
-    table = Table("stage", "reprojection error", "on the board", "against the pinhole", title="How the error fell (root mean square)")
+    table = Table("stage", "reprojection error", "on the board", "against the camera alone", title="How the error fell (root mean square)")
     first = calibration.stages[0]
     for column in table.columns[1:]:
         column.justify = "right"
     for stage in calibration.stages:
         change = f"{100 * (stage.rms_px / first.rms_px - 1):+.0f} %" if stage is not first else ""
-        table.add_row(stage.name, f"{stage.rms_px:.3f} px", f"{stage.rmse_cm:.4f} cm", change)
+        table.add_row(stage.title, f"{stage.rms_px:.3f} px", f"{stage.rmse_cm:.4f} cm", change)
     console.print(table)
     corners = sum(view.count for view in calibration.views)
     console.print(

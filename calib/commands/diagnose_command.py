@@ -8,6 +8,7 @@ import argparse
 from pathlib import Path
 
 from calib.commands.arguments import add_output, folder_of
+from calib.commands.effect_names import effects_help
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -15,6 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--holdout", type=Path, metavar="SESSION", help="a session of views that were not fitted, to measure with")
     add_output(parser, "where the diagnosed calibration goes (default: diagnosed/ beside it)", required=False)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.epilog = effects_help()
 
 
 def run(args: argparse.Namespace) -> None:

@@ -48,7 +48,7 @@ def _considered(finding: Diagnosis) -> Table:
     for one in sorted(finding.candidates, key=lambda c: (not c.accepted, c.p_value)):
         held = f"{one.held_out_px_before:.3f} → {one.held_out_px_after:.3f}" if one.held_out_px_after is not None else ""
         gain = f"{one.gain_ci95[0]:.3f} to {one.gain_ci95[1]:.3f}" if one.gain_ci95 else ""
-        table.add_row(one.title, f"{one.chi2:.0f}/{one.dof}", _small(one.p_value), held, gain, one.verdict)
+        table.add_row(one.title, f"{one.chi2:.0f}/{one.dof}", _small(one.p_value), held, gain, one.outcome)
     return table
 
 

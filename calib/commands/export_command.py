@@ -34,6 +34,9 @@ def run(args: argparse.Namespace) -> None:
     if form.needs_depth and not args.depth:
         raise InputError(f"--format {form.name} holds for one depth: write the distance of the scene in metres, such as --depth 1.0.")
 
+    if not form.writable:
+        raise InputError(form.lacking)
+
     from calib.calibration import Calibration
     from calib.commands.console import Bars
     from calib.commands.printing import print_paths

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_depths, add_output, effects, folds, free, grid, steps
+from calib.commands.effect_names import effects_help
 
 if TYPE_CHECKING:
     from calib.calibration import Calibration
@@ -38,13 +39,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=effects,
         default=(),
         metavar="none|auto|NAME,...",
-        help="auto: find what the model lacks and add what held-out views confirm; or add effects by name (default: none)",
+        help="auto: find what the model lacks and add what held-out views confirm; or add effects by name, as listed below (default: none)",
     )
     parser.add_argument("--folds", type=folds, default=0, metavar="N", help="cross-validate over the views, and say if the fit overfits")
     parser.add_argument("--steps", type=steps, default=1000, metavar="N", help="gradient steps of the paper's method (default: 1000)")
     parser.add_argument("--neglect-shift", action="store_true", help="let the relief bend the normal only, as the paper does")
     add_depths(parser, required=False)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.epilog = effects_help()
 
 
 def run(args: argparse.Namespace) -> None:
@@ -93,7 +95,8 @@ def run(args: argparse.Namespace) -> None:
                 print_fit(calibration, seconds)
                 if finding:
                     print_diagnosis(finding, calibration)
-                print_verdict(verdict, written)
+                further = verdict.further if session.frames else verdict.further[:-1]  # of corners, there is nothing to undistort
+                print_verdict(verdict, written, further)
 
 
 def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:

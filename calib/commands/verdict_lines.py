@@ -6,11 +6,15 @@ from pathlib import Path
 from rich.console import Console
 
 from calib.errors import harmless
-from calib.verdict.verdict import Verdict
+from calib.verdict.verdict import Verdict, Word
 
 
-def print_verdict(verdict: Verdict, written: Sequence[Path]) -> None:
-    """Where the results are, then whether to trust them, why not, and what to type next."""
+def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[str] = ()) -> None:
+    """Where the results are, then whether to trust them, why not, and what to type next.
+
+    Args:
+        further: commands that go on from a calibration that may be used.
+    """
     console = Console(markup=False, highlight=False, soft_wrap=True)
     for path in written:
         console.print(harmless(f"Wrote {path}"))
@@ -18,3 +22,5 @@ def print_verdict(verdict: Verdict, written: Sequence[Path]) -> None:
     for reason in verdict.reasons:
         console.print(harmless(f"- {reason.sentence}"))
     console.print(harmless(f"Next: {verdict.next}"))
+    if further and verdict.word is not Word.DO_NOT_USE:
+        console.print(harmless(f"Then: {'; '.join(one for one in further if one != verdict.next)}"))

@@ -25,6 +25,10 @@ class ParameterEstimate:
         return f"{with_sigma(self.value * factor, self.sigma * factor)} {unit}".rstrip()
 
 
+PLAIN = {"absorbed": "the fit imitates it", "not asked for": "nothing points to it", "not finite": "cannot be fitted"}
+"""What people are told of a candidate, where its verdict in JSON says little to them."""
+
+
 @dataclass(frozen=True, slots=True)
 class Candidate:
     """One effect that was considered, at the step where it came closest to being accepted."""
@@ -54,6 +58,11 @@ class Candidate:
     def title(self) -> str:
         """The effect, and its form where there are several."""
         return f"{self.effect} ({self.form})" if self.form else self.effect
+
+    @property
+    def outcome(self) -> str:
+        """The verdict in plain words."""
+        return PLAIN.get(self.verdict, self.verdict)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,7 @@
 """The forms that a calibration is written in, and the lens models that each of them has. Nothing slow is imported here."""
 
 from dataclasses import dataclass
+from importlib.util import find_spec
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +30,14 @@ class Format:
     """Those of a central camera, the simplest first. None: the format holds maps, which are exact at their depth."""
     needs_depth: bool = True
     """Whether its files hold for one depth."""
+    needs: str = ""
+    """The library that it is written with, by the name it is imported by, where refracal installs that only with an extra."""
+    lacking: str = ""
+    """What to do where that is absent."""
+
+    @property
+    def writable(self) -> bool:
+        return not self.needs or find_spec(self.needs) is not None
 
 
 OPENCV = (ExportLens("4", 4), ExportLens("5", 5), ExportLens("8", 8), ExportLens("12", 12), ExportLens("fisheye", 4, fisheye=True))
@@ -48,6 +57,10 @@ FORMATS: tuple[Format, ...] = (
     Format("colmap", "colmap", "cameras.txt", COLMAP),
     Format("mrcal", "mrcal", ".cameramodel", MRCAL),
     Format("stmap", "stmap", "for compositing programs: undistort and redistort, 32-bit float TIFF"),
-    Format("stmap-exr", "stmap", "the same as OpenEXR"),
+    Format(
+        *("stmap-exr", "stmap", "the same as OpenEXR"),
+        needs="OpenEXR",
+        lacking="OpenEXR is not installed: pip install 'refracal[exr]', or use --format stmap, which writes TIFF.",
+    ),
 )
 """In the order of the help. A new format is a module of this package and a line here."""

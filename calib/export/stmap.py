@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.errors import InputError
 from calib.export.export import Export, Exported
 from calib.io.file_set import FileSet
 from calib.undistortion.ray_field import RayField
@@ -55,10 +54,8 @@ def _tiff(pixels: Map) -> bytes:
 
 
 def _exr(pixels: Map) -> bytes:
-    try:
-        import OpenEXR
-    except ImportError as error:
-        raise InputError("OpenEXR is not installed: pip install 'refracal[exr]', or use --format stmap, which writes TIFF.") from error
+    import OpenEXR
+
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with TemporaryDirectory() as folder:
         path = Path(folder) / "map.exr"

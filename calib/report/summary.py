@@ -54,7 +54,7 @@ def _fit(evidence: Evidence) -> str:
     last, noise = c.stages[-1].rms_px, c.noise_px
     said = f"The model leaves {last:.3f} px"
     if len(c.stages) > 1:
-        said += f" of the {c.stages[0].rms_px:.3f} px that a pinhole camera leaves"
+        said += f" of the {c.stages[0].rms_px:.3f} px that the camera alone leaves"
     if not np.isfinite(noise):
         said += "; there are too few corners to tell how much of that is noise"
     elif last <= NOISE_ALONE * noise:

@@ -38,7 +38,7 @@ def stages_html(evidence: Evidence) -> str:
     most = max(stage.rms_px for stage in stages)
     rows = [
         (
-            f"<b>{escape(stage.name)}</b>",
+            f"<b>{escape(stage.title)}</b>",
             escape(MEANING.get(stage.name, "")),
             f"{bar(stage.rms_px, most)} {stage.rms_px:.3f} px",
             f"{stage.rmse_cm:.4f} cm",
@@ -46,7 +46,7 @@ def stages_html(evidence: Evidence) -> str:
         )
         for stage in stages
     ]
-    return table(("stage", "", "reprojection error (RMS)", "on the board", "against the pinhole"), rows)
+    return table(("stage", "", "reprojection error (RMS)", "on the board", "against the camera alone"), rows)
 
 
 def parameters_html(evidence: Evidence) -> str:

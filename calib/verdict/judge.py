@@ -77,4 +77,5 @@ def judge(
         if broken := tuple(not_finite(case)):  # then nothing else can be asked
             return Verdict(broken, commands.fit())
         reasons = tuple(reason for check in CHECKS for reason in check(case))
-        return Verdict(reasons, commands.export(next(iter(case.depths), float(np.median(case.depth)))))
+        depth = next(iter(case.depths), float(np.median(case.depth)))
+        return Verdict(reasons, commands.export(depth), (commands.evaluate(), commands.diagnose(), commands.undistort(depth)))

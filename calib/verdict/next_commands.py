@@ -43,6 +43,16 @@ class NextCommands:
     def diagnose(self, *options: str) -> str:
         return shlex.join(["calib", "diagnose", str(self.folder), *options])
 
+    def evaluate(self) -> str:
+        """By views that were not fitted, whose session the person names."""
+        return shlex.join(["calib", "evaluate", str(self.folder), "HOLDOUT"])
+
+    def undistort(self, depth: float) -> str:
+        """The session's own pictures, for a depth (m)."""
+        folder = str(self.folder)
+        pictures, out = str(self.session / "frames"), str(self.folder / "undistorted")
+        return shlex.join(["calib", "undistort", folder, pictures, "--depth", f"{depth:.2g}", "-o", out])
+
     def report(self) -> str:
         return shlex.join(["calib", "report", str(self.folder)])
 

@@ -47,6 +47,8 @@ class Verdict:
     """None for a calibration that is to be trusted."""
     use: str
     """The command that puts a trusted calibration to use."""
+    further: tuple[str, ...] = ()
+    """Commands that go on from any calibration that may be used: evaluate, diagnose, undistort."""
 
     @property
     def word(self) -> Word:

@@ -5,6 +5,7 @@ runs in a browser: of this machine alone, or with --host of others too, which th
 """
 
 import argparse
+from importlib.util import find_spec
 from pathlib import Path
 
 from calib.commands.arguments import quoted
@@ -13,7 +14,8 @@ from calib.commands.arguments import quoted
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("session", type=Path, metavar="SESSION", help="the session folder, which is made if need be")
     parser.add_argument("--source", default="", help="where frames come from (default: the first camera that is found)")
-    parser.add_argument("--serve", action="store_true", help="in a browser instead of this terminal; needs the extra `serve`")
+    missing = "" if find_spec("textual_serve") else "; first pip install 'refracal[serve]'"
+    parser.add_argument("--serve", action="store_true", help=f"in a browser instead of this terminal{missing}")
     parser.add_argument(
         "--host", default="127.0.0.1", metavar="ADDRESS", help="with --serve: the address to serve on (default: %(default)s)"
     )
@@ -42,7 +44,10 @@ def run(args: argparse.Namespace) -> None:
     end_with_server()
     from capture.tui.app import CaptureApp
 
-    CaptureApp(args.session, args.source).run()
+    app = CaptureApp(args.session, args.source)
+    app.run()
+    if not app.is_web:
+        print(*app.farewell, sep="\n")
 
 
 def _port(text: str) -> int:

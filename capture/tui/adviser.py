@@ -57,7 +57,7 @@ class Adviser:
         camera = self._camera
         if camera.intrinsics is None:
             if not (self._task.session / "bare").is_dir():
-                raise GuidanceError("The plain rule guides: the lens is not known without pictures that have no cover.")
+                raise GuidanceError("The guide goes by picture, depth and tilt: the lens is not known without pictures that have no cover.")
             *_, last = {"sentence": "The lens is not looked for any more."}, *self._lens.events()
             if "camera" not in last:
                 raise GuidanceError(last["sentence"])

@@ -7,15 +7,19 @@ an earlier one, it leaves, or asks the app by a message.
 
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar
 
 import cv2
 from textual import on
 from textual.app import App
+from textual.binding import Binding
 from textual.reactive import reactive
 
 from capture.process import prepare
+from capture.tui.export import ExportScreen
+from capture.tui.farewell import farewell
 from capture.tui.fit import FitScreen
 from capture.tui.results import ResultsScreen
 from capture.tui.setup import SetupScreen
@@ -33,6 +37,7 @@ class CaptureApp(App[None]):
     OptionList:nocolor:focus { text-style: none; }
     .banner { width: 1fr; text-style: bold; padding: 0 1; }
     """
+    BINDINGS: ClassVar = [Binding("ctrl+c", "interrupt", show=False, priority=True)]
     NOTIFICATION_TIMEOUT: ClassVar = 4.0
     dots: reactive[bool] = reactive(False)
     """Pictures in dots: the terminal has no greys, or the person wants them so."""
@@ -44,7 +49,14 @@ class CaptureApp(App[None]):
         prepare()
         self.session = session
         self.source = source
+        self._shown: Path | None = None
+        self._maps: list[Path] = []
         self.set_reactive(CaptureApp.dots, plain or self.console.color_system in (None, "standard"))
+
+    @property
+    def farewell(self) -> Sequence[str]:
+        """Lines for the terminal, when the screen has gone."""
+        return list(farewell(self.session, self._shown, self._maps))
 
     def on_mount(self) -> None:
         sys.setswitchinterval(SWITCH_S)
@@ -55,6 +67,21 @@ class CaptureApp(App[None]):
     def _fit_again(self, message: ResultsScreen.FitAgain) -> None:
         if self.screen is message.results:  # and not left by a key that was pressed just after
             self.switch_screen(FitScreen(message.results.session, message.results.result))
+
+    @on(ResultsScreen.Opened)
+    def _opened(self, message: ResultsScreen.Opened) -> None:
+        self._shown = message.calibration
+
+    @on(ExportScreen.Done)
+    def _exported(self, message: ExportScreen.Done) -> None:
+        self._maps += [path for path in message.written if path not in self._maps]
+
+    def action_interrupt(self) -> None:
+        """Ends the program, as everywhere; in a browser the same keys copy."""
+        if self.is_web:
+            self.notify("To quit: q, or esc in the set-up.")
+        else:
+            self.exit()
 
     def action_dots(self) -> None:
         self.dots = not self.dots

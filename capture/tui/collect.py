@@ -22,12 +22,14 @@ from capture.tui.adviser import Adviser
 from capture.tui.camera import Preview, Task, Watch
 from capture.tui.cells import FOUND, HINT, Mark
 from capture.tui.fit import FitScreen
+from capture.tui.lacking import lacking
 from capture.tui.page import DOTS, HELP_AND_QUIT, Line, Page
 from capture.tui.panel import Panel
 from capture.tui.picture import Picture
 
 RETRY_S = 3.0  # after which a camera that failed is tried again
 TAKEN_S = 1.5  # for which a view that was kept is said, whatever comes next
+LACKING_S = 6.0  # for which it is said that a fit cannot begin
 
 
 class CollectScreen(Page):
@@ -113,7 +115,7 @@ class CollectScreen(Page):
         self._improving = False
         self._improved_with = -1  # views
         self._left = False
-        self._taken_s = -TAKEN_S
+        self._said_until = 0.0
 
     def step(self) -> str:
         return "Without cover" if self.plan.bare else "Through cover"
@@ -171,10 +173,9 @@ class CollectScreen(Page):
             assert step.sighting.corners is not None
             self.kept.append(step.sighting.corners)
             self.app.bell()
-            self._taken_s = time.monotonic()
-            self._say(f"TAKEN: view {len(self.kept)}. Move the board to the next place.")
+            self._say(f"TAKEN: view {len(self.kept)}. Move the board to the next place.", TAKEN_S)
             self._think()
-        elif time.monotonic() - self._taken_s > TAKEN_S:
+        elif time.monotonic() > self._said_until:
             self._say(step.verdict.sentence)
         self._remarks = message.watch.remarks
         self._note()
@@ -189,8 +190,8 @@ class CollectScreen(Page):
             self._hint = None
             self.query_one("#next", Line).say("")
             self._draw()
-        onward = "n to go on through the cover, from another source" if self.plan.bare else "f to fit"
-        go_on = " It is tried again every 3 s." if message.again else f" Press {onward}, c to try again, esc for the set-up."
+        onward = "n to go on through the cover, from another source, " if self.plan.bare else "f to fit, " if self.kept else ""
+        go_on = " It is tried again every 3 s." if message.again else f" Press {onward}c to try again, esc for the set-up."
         self._say(message.sentence + go_on)
         if message.again:
             self.set_timer(RETRY_S, self._begin)
@@ -264,7 +265,9 @@ class CollectScreen(Page):
     def _count(self) -> None:
         self.query_one(Panel).count(len(self.kept), automatic=self._shutter.automatic)
 
-    def _say(self, sentence: str) -> None:
+    def _say(self, sentence: str, for_s: float = 0.0) -> None:
+        """`for_s`: what is judged meanwhile is not said."""
+        self._said_until = time.monotonic() + for_s
         self.query_one("#verdict", Line).say(sentence)
 
     def action_take(self) -> None:
@@ -287,6 +290,9 @@ class CollectScreen(Page):
         self.dismiss(False)
 
     def action_fit(self) -> None:
+        if lack := lacking(self.plan.session):
+            self._say(lack, LACKING_S)
+            return
         self._close()
         self._say("The camera is being opened.")
         self.app.push_screen(FitScreen(self.plan.session))

@@ -60,4 +60,4 @@ def as_text(finding: "Diagnosis", numbers: "Sequence[Sequence[str]]" = ()) -> st
 
 
 def _line(one: "Candidate") -> str:
-    return f"{one.title:<25} {one.held_out_px_before:>5.3f} to {one.held_out_px_after:>5.3f} px       {one.verdict}"
+    return f"{one.title:<25} {one.held_out_px_before:>5.3f} to {one.held_out_px_after:>5.3f} px       {one.outcome}"

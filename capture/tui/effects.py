@@ -44,7 +44,7 @@ class EffectsScreen(WorkingPage):
         return super().check_action(action, parameters)
 
     def action_again(self) -> None:
-        self.say("Effects that the model lacks are looked for, which takes some minutes at most; esc cancels.")
+        self.say("What the model lacks is being looked for, which takes some minutes at most; esc cancels.")
         self.follow(diagnose_calibration, self._calibration, self._calibration.parent / "diagnosed")
 
     def finished(self, result: Event) -> None:

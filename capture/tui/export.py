@@ -13,8 +13,8 @@ from textual.message import Message
 from textual.screen import ModalScreen
 from textual.widgets import Button, Footer, Input, Label, Select, Static
 
-from calib.commands import export_command
 from calib.commands.arguments import depth
+from calib.export.formats import FORMATS
 from capture.tui.command import calib
 from capture.tui.page import TYPING, Field, onward, typed
 
@@ -43,9 +43,10 @@ class ExportScreen(ModalScreen[None]):
     class Done(Message):
         """The command has ended."""
 
-        def __init__(self, sentence: str) -> None:
+        def __init__(self, sentence: str, written: Sequence[Path]) -> None:
             super().__init__()
             self.sentence = sentence
+            self.written = written
 
     def __init__(self, session: Path, calibration: Path) -> None:
         super().__init__()
@@ -57,8 +58,8 @@ class ExportScreen(ModalScreen[None]):
             yield Static(ABOUT, markup=False)
             yield Static()
             yield _row("depths in metres", Field("1.0", id="depths", compact=True))
-            forms = [(form, form) for form in formats()]
-            yield _row("form", Select(forms, value=forms[0][1], allow_blank=False, id="form", compact=True))
+            forms = [(f"{form.name:<12}{form.summary}", form.name) for form in FORMATS]
+            yield _row("form", Select(forms, value=FORMATS[0].name, allow_blank=False, id="form", compact=True))
             yield _row("folder", Field(str(self._folder), id="folder", compact=True))
             yield Button("Export", id="export", variant="primary", compact=True)
             yield Static(id="said", markup=False)
@@ -100,8 +101,9 @@ class ExportScreen(ModalScreen[None]):
     @work(thread=True, exclusive=True)
     def _run(self, arguments: Sequence[str]) -> None:
         done = calib(arguments)
-        written = "Wrote " + " ".join(Path(line).name for line in done.stdout.splitlines())
-        self.post_message(self.Done("\n".join([written, *done.remarks, DONE]) if done.returncode == 0 else done.sentence))
+        written = [Path(line) for line in done.stdout.splitlines()]
+        said = [f"Wrote {' '.join(path.name for path in written)}", *done.remarks, DONE]
+        self.post_message(self.Done("\n".join(said) if done.returncode == 0 else done.sentence, written))
 
     @on(Done)
     def _ended(self, message: Done) -> None:
@@ -109,14 +111,6 @@ class ExportScreen(ModalScreen[None]):
 
     def _say(self, sentence: str) -> None:
         self.query_one("#said", Static).update(sentence)
-
-
-def formats() -> Sequence[str]:
-    """Those that `calib export` knows."""
-    parser = argparse.ArgumentParser()
-    export_command.add_arguments(parser)
-    choices = next(action.choices for action in parser._actions if action.dest == "format")
-    return tuple(map(str, choices or ()))
 
 
 def _row(label: str, field: Input | Select[str]) -> Horizontal:

@@ -30,7 +30,7 @@ class FitScreen(WorkingPage):
         return "Fit"
 
     def action_again(self) -> None:
-        self.say("The views are fitted. The camera rests; esc cancels.")
+        self.say("The views are being fitted. The camera rests; esc cancels.")
         self.follow(fit_session, self.session, self.session / "calibration")
 
     def finished(self, result: Event) -> None:

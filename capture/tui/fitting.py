@@ -23,7 +23,26 @@ def fit_session(progress: Progress, session: Path, out: Path) -> dict[str, objec
         calibration = fit(described, Settings(), progress)
         saved = calibration.write(files)
         files.commit(instead_of=DERIVED)
+    progress.task("Verdict", 1)
     return summary(calibration, saved)
+
+
+def open_results(progress: Progress, place: Path) -> dict[str, object]:
+    """The summary of a calibration that is there already, by its folder.
+
+    Where a diagnosis of this very fit has found effects, the summary of what that made of it, and under `before` the fit's own.
+    """
+    progress.task("Loading torch", 1)
+    from calib.calibration import Calibration
+
+    progress.task("Verdict", 1)
+    fitted, better = Calibration.load(place), place / "diagnosed"
+    fit = summary(fitted, place / "calibration.yaml")
+    if (better / "calibration.yaml").exists():
+        diagnosed = Calibration.load(better)
+        if diagnosed.effects and diagnosed.stages[: len(fitted.stages)] == fitted.stages:
+            return summary(diagnosed, better / "calibration.yaml") | {"before": fit}
+    return fit
 
 
 def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
@@ -46,7 +65,7 @@ def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
     ]
     return {
         "calibration": str(saved),
-        "stages": [{"name": s.name, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in calibration.stages],
+        "stages": [{"name": s.name, "title": s.title, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in calibration.stages],
         "noise_px": calibration.noise_px,
         "views": sorted(views, key=lambda view: -float(str(view["rms_px"]))),
         "rejected": [{"file": r.name, "reason": r.reason} for r in calibration.rejected],

@@ -17,7 +17,8 @@ that straighten pictures at any depth.
 2 Without cover  Take the cover off and record the board: this finds the lens.
 3 Through cover  Put it on, leave the focus alone, and record the board again.
 4 Fit            Takes seconds to minutes. The error should fall.
-5 Results        Drop views that are spoiled; look for effects; export maps.
+5 Results        Drop views that are spoiled; diagnose what the model lacks;
+                 export maps.
 
 The large line below the picture says what to do now. Pictures are taken by
 themselves, with a bell, once the board is whole, still, sharp and somewhere

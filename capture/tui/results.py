@@ -19,6 +19,7 @@ from calib.io.images import read_grey
 from capture.tui.camera import Preview
 from capture.tui.cells import FOUND, WORST, Mark
 from capture.tui.child import Event
+from capture.tui.command import calib
 from capture.tui.drop import Dropped, drop, take_back
 from capture.tui.effects import EffectsScreen
 from capture.tui.export import ExportScreen
@@ -44,11 +45,12 @@ class ResultsScreen(Page):
     BINDINGS: ClassVar = [
         Binding("d", "drop", "Drop"),
         Binding("u", "take_back", "Undo"),
-        Binding("f", "refit", "Fit again"),
-        Binding("e", "effects", "Effects"),
+        Binding("f", "refit", "Fit"),
+        Binding("e", "effects", "Diagnose"),
+        Binding("r", "report", "Report"),
         Binding("x", "export", "Export"),
         DOTS,
-        Binding("escape", "back", "Collect", key_display="esc"),
+        Binding("escape", "back", "Back", key_display="esc"),
         *HELP_AND_QUIT,
     ]
 
@@ -59,6 +61,20 @@ class ResultsScreen(Page):
             super().__init__()
             self.view = view
             self.preview = preview
+
+    class Opened(Message):
+        """These are the results of this calibration, by its file."""
+
+        def __init__(self, calibration: Path) -> None:
+            super().__init__()
+            self.calibration = calibration
+
+    class Reported(Message):
+        """The report's command has ended."""
+
+        def __init__(self, sentence: str) -> None:
+            super().__init__()
+            self.sentence = sentence
 
     class FitAgain(Message):
         """The views have changed, and these results are no longer theirs."""
@@ -95,13 +111,14 @@ class ResultsScreen(Page):
 
     def on_mount(self) -> None:
         self.query_one(OptionList).focus()
+        self.post_message(self.Opened(Path(self.result["calibration"])))
 
     def _stages(self) -> str:
         before = {stage["name"]: stage for stage in self._before["stages"]} if self._before else {}
-        lines = [f"{'error after':<18}{'now':>9}{'':11}{'last fit' if before else ''}"]
+        lines = [f"{'error with':<18}{'now':>9}{'':11}{'last fit' if before else ''}"]
         for stage in self.result["stages"]:
             was = f"{before[stage['name']]['rms_px']:>8.3f}" if stage["name"] in before else ""
-            lines.append(f"{stage['name']:<18}{stage['rms_px']:>6.3f} px{stage['rmse_cm']:>8.4f} cm{was}")
+            lines.append(f"{stage['title']:<18}{stage['rms_px']:>6.3f} px{stage['rmse_cm']:>8.4f} cm{was}")
         return "\n".join(lines)
 
     def _verdict(self) -> str:
@@ -109,16 +126,16 @@ class ResultsScreen(Page):
         said = [f"The error fell from {first:.3f} to {last:.3f} px; the corners' own noise is {self.result['noise_px']:.3f} px."]
         if sigmas := self.result["sigma_px"]:
             at = ", ".join(f"{one['px']:.2g} px at {one['depth_m']:g} m" for one in sigmas)
-            said.append(f"One standard deviation of the maps at the corners: {at}.")
+            said.append(f"The maps are sure to {at} (one standard deviation, at the corners).")
         word, *reasons = self.result["verdict"]["sentences"]
         more = len(reasons) - SHOWN
-        told = [*reasons[:SHOWN], *([f"And {more} more reasons, which calib report shows."] if more > 0 else [])]
+        told = [*reasons[:SHOWN], *([f"And {more} more reasons, which the report shows."] if more > 0 else [])]
         said = [word, *told, *said]
         if rejected := self.result["rejected"]:
             others = f" and {len(rejected) - 1} more" if len(rejected) > 1 else ""
             said.append(f"Not used: {rejected[0]['file']} ({rejected[0]['reason']}){others}.")
         effects = "" if self.result["verdict"]["word"] == "trusted" else "e to look for what the model lacks, "
-        return harmless(" ".join([*said, f"Press {effects}x to export maps."]))
+        return harmless(" ".join([*said, f"Press {effects}r for the report, x to export maps."]))
 
     def _line(self, view: Mapping[str, Any]) -> str:
         gone = any(each.file == view["file"] for each in self._dropped)
@@ -188,6 +205,20 @@ class ResultsScreen(Page):
 
     def action_export(self) -> None:
         self.app.push_screen(ExportScreen(self.session, Path(self.result["calibration"])))
+
+    def action_report(self) -> None:
+        self._say("The report is being written.")
+        self._report(Path(self.result["calibration"]))
+
+    @work(thread=True, exclusive=True, group="report", description="writes the report")
+    def _report(self, calibration: Path) -> None:
+        done = calib(["report", str(calibration)])
+        written = f"The report is {done.stdout.strip()}: open it in a browser, where it is not open already."
+        self.post_message(self.Reported(written if done.returncode == 0 else done.sentence))
+
+    @on(Reported)
+    def _reported(self, message: Reported) -> None:
+        self._say(message.sentence)
 
     def action_effects(self) -> None:
         screen = EffectsScreen(Path(self.result["calibration"]))

@@ -23,8 +23,11 @@ from capture.sources.registry import SCHEMES, open_source
 from capture.tui.camera import Task
 from capture.tui.collect import CollectScreen
 from capture.tui.draft import Draft, drop, keep, kept
+from capture.tui.farewell import fitted
 from capture.tui.fit import FitScreen
 from capture.tui.form import BOARD, Typed, explained, problem, read_form, write_form
+from capture.tui.lacking import lacking
+from capture.tui.opening import OpeningScreen
 from capture.tui.page import TYPING, Field, Page, onward, typed
 
 BARE_VIEWS = 10
@@ -32,7 +35,10 @@ BARE_VIEWS = 10
 SOURCE_HELP = "Where pictures come from: v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE."
 LIKE_HELP = "Another session, its folder: board, cover and lens are taken from there. May stay empty."
 PHASE_HELP = "First without the cover, to find the lens; then through it, without touching the focus."
-COVER_ON = "NOW PUT THE COVER ON, and leave the focus alone. Check the source, then Start."
+COVER_ON = "NOW PUT THE COVER ON, and leave the focus alone. "
+LIVE = "Then enter on Start."
+PLAYED = "Name the source of the pictures through it, then ^s."
+WANTED = ("without the cover", "through it")
 BOARDS = {
     "checkerboard": {"columns": "9", "rows": "6"},
     "charuco": {"columns": "9", "rows": "6", "dictionary": "DICT_4X4_250", "legacy_pattern": "no"},
@@ -59,6 +65,7 @@ class SetupScreen(Page):
     BINDINGS: ClassVar = [
         Binding("ctrl+s", "start", "Start", key_display="^s", priority=True),
         Binding("ctrl+r", "fit", "Fit what there is", key_display="^r", priority=True),
+        Binding("ctrl+o", "open", "Results", key_display="^o", priority=True),
         *TYPING,
         Binding("f1", "help", "Help", key_display="F1"),
         Binding("escape", "app.quit", "Quit", key_display="esc"),
@@ -80,6 +87,8 @@ class SetupScreen(Page):
         """The name that `_like` was read from."""
         self._covered = False
         """The person says that the cover is on now."""
+        self._doubted = ""
+        """What was said against the source last: to start it once more is to mean it."""
         self._helped = False
         """The help has just been read: everything stands as it was typed."""
 
@@ -109,6 +118,8 @@ class SetupScreen(Page):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         del parameters
+        if action == "open":
+            return fitted(self.session) is not None
         return action != "fit" or bool((self.session / "session.yaml").exists() and self._taken(False))
 
     def action_help(self) -> None:
@@ -117,7 +128,14 @@ class SetupScreen(Page):
 
     def action_fit(self) -> None:
         """A session that was recorded before needs no camera any more."""
-        self.app.push_screen(FitScreen(self.session))
+        if lack := lacking(self.session):
+            self._say(lack)
+        else:
+            self.app.push_screen(FitScreen(self.session))
+
+    def action_open(self) -> None:
+        if folder := fitted(self.session):
+            self.app.push_screen(OpeningScreen(self.session, folder))
 
     @on(ScreenResume)
     async def _take_up(self) -> None:
@@ -126,6 +144,7 @@ class SetupScreen(Page):
         if self._helped:
             self._helped = False
             return
+        self._say("")
         described = (self.session / "session.yaml").exists()
         state = f"{self.session}: a new session."
         if described:
@@ -136,14 +155,21 @@ class SetupScreen(Page):
                 self._say(str(error))
             drop(self.session)
             state = f"{self.session}: continued, {_views(self._taken(True))} without cover and {_views(self._taken(False))} through it."
+            if fitted(self.session):
+                state += " It is fitted: ^o opens its results."
             self.query_one("#like", Input).disabled = True
         elif not self.query("#board Input"):
             await self._begin_anew()
-        self.query_one("#state", Static).update(COVER_ON if self._covered else harmless(state))
+        source = self.query_one("#source", Input)
+        played = source.value.startswith(("folder:", "video:"))
+        self.query_one("#state", Static).update(COVER_ON + (PLAYED if played else LIVE) if self._covered else harmless(state))
         for each in self.query("#kind, #board Input, #cover Input, #shape"):
             each.disabled = described
         self.query_one("#phase", Select).value = self._bare_is_missing() and not self._covered
-        self.query_one("#start" if described and self._source else "#source").focus()
+        if described and self._source and not (self._covered and played):
+            self.query_one("#start").focus()
+        else:
+            source.focus().action_select_all()  # what is typed replaces it
 
     async def _begin_anew(self) -> None:
         """With what was typed when the program ended last, if anything was."""
@@ -262,11 +288,16 @@ class SetupScreen(Page):
         self._liked = like
 
     @on(DescendantFocus)
-    def _explain(self, event: DescendantFocus) -> None:
+    async def _explain(self, event: DescendantFocus) -> None:
+        """What the field is for, and what is wrong with it: nothing of another one stays."""
         texts = {"source": SOURCE_HELP, "like": LIKE_HELP, "phase": PHASE_HELP, "start": "Enter begins to record."}
         widget, kind = event.widget, str(self.query_one("#kind", Select).value)
         key = widget.id or widget.name or ""
+        if not key:  # the list of a choice: its hint stays
+            return
         self.query_one("#hint", Static).update(texts.get(key, explained(key, kind)))
+        wrong = await self._wrong(widget) if isinstance(widget, Input) and widget.value else None
+        self._say(wrong or "")
 
     def action_onward(self) -> None:
         onward(self)
@@ -283,6 +314,10 @@ class SetupScreen(Page):
             task = self._read()
         except InputError as error:
             self._say(str(error))
+            return
+        if (doubt := _doubt(task)) and doubt != self._doubted:
+            self._doubted = doubt
+            self._say(f"{doubt} Start once more if they are right all the same.")
             return
         self._source = task.source
         if self.is_current:  # and not started by the same key already
@@ -318,6 +353,24 @@ def _check_folder(task: Task) -> None:
         raise InputError(f"{task.source} gives a session's pictures through its cover: for those without, write folder:{place / 'bare'}.")
     if not task.bare and place.name == "bare":
         raise InputError(f"{task.source} has pictures without the cover: name those that were taken through it, as in folder:SESSION.")
+
+
+def _doubt(task: Task) -> str:
+    """What a folder's own session.yaml says against it; empty where it says nothing."""
+    scheme, _, rest = task.source.partition(":")
+    place = Path(rest.partition("?")[0])
+    file = (place.parent if place.name == "frames" else place) / "session.yaml"
+    if scheme != "folder" or not file.is_file():
+        return ""
+    try:
+        shape = read_setup(file)[2].shape
+    except InputError:  # of pictures that somebody else described
+        return ""
+    covered = not task.bare and task.asked[2].shape != "none"
+    if (shape != "none") == covered:
+        return ""
+    has = "no cover" if shape == "none" else f"a cover, a {shape}"
+    return f"{file} says that its pictures have {has}, where those {WANTED[covered]} are wanted."
 
 
 def _row(label: str, field: Input | Select[Any]) -> Horizontal:

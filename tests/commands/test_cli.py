@@ -16,6 +16,7 @@ import pytest
 from calib.calibration import Calibration
 from calib.cli import main
 from calib.commands.printing import print_json
+from calib.diagnosis.named_effects import NAMES
 from calib.io.files import check_writable
 from fixtures.synthetic import scene
 from tests.session.malformed import MALFORMED, Malformed, write_good_session
@@ -70,10 +71,33 @@ def test_the_last_lines_are_the_verdict_and_what_to_type(
     assert lines[-1] == f"Next: {shlex.join(['capture', str(fitted[0])])}"
 
 
+def test_a_fit_ends_with_what_to_do_next(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    session = Path(__file__).parents[2] / "fixtures" / "covered-bare"
+    assert main(["fit", str(session), "--grid", "5x5", "-o", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert "uneven cover" in said
+    assert "cover+rbf" not in said
+    last = said.splitlines()[-1]
+    evaluate, diagnose, undistort = map(shlex.split, last.removeprefix("Then: ").split("; "))
+    assert evaluate == ["calib", "evaluate", str(tmp_path), "HOLDOUT"]
+    assert diagnose == ["calib", "diagnose", str(tmp_path)]
+    assert main(undistort[1:]) == 0
+    assert (tmp_path / "undistorted" / "0000.jpg").exists()
+
+
+@pytest.mark.parametrize("command", ["fit", "diagnose"])
+def test_the_help_lists_every_effect(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    listed = capsys.readouterr().out.partition("\neffects:\n")[2].splitlines()
+    assert [line.split()[0] for line in listed] == list(NAMES)
+    assert all(len(line.split()) > 2 for line in listed)
+
+
 def test_a_trusted_fit_says_how_to_export_and_that_can_be_typed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_session(tmp_path / "my session", scene(11, views=24, noise=0.05, depths=(0.35, 1.2)))
     assert main(["fit", str(folder), "--grid", "5x5"]) == 0
-    *_, word, last = capsys.readouterr().out.splitlines()
+    *_, word, last, _ = capsys.readouterr().out.splitlines()
     assert word == "To be trusted where it has corners."
     program, *arguments = shlex.split(last.removeprefix("Next: "))
     assert program == "calib"

@@ -77,10 +77,10 @@ def test_alpha_is_1_where_the_camera_sees_and_all_is_0_elsewhere(small: Calibrat
     assert not stored[..., 2].any()
 
 
-def test_without_openexr_a_sentence_says_how_to_get_it(
-    maps: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_without_openexr_a_sentence_says_how_to_get_it_before_anything_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "OpenEXR", None)
-    assert main(["export", str(maps), "--format", "stmap-exr", "--depth", "1", "-o", str(tmp_path)]) == 2
+    assert main(["export", str(tmp_path / "missing"), "--format", "stmap-exr", "--depth", "1", "-o", str(tmp_path)]) == 2
     said = capsys.readouterr().err
     assert "pip install 'refracal[exr]', or use --format stmap" in said

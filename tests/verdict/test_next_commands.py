@@ -13,6 +13,10 @@ def test_paths_are_quoted_and_usual_options_left_out() -> None:
     assert commands.fit() == "calib fit 'my session'"
     assert commands.capture() == "capture 'my session'"
     assert shlex.split(commands.diagnose("--holdout", "a b")) == ["calib", "diagnose", "my session/calibration", "--holdout", "a b"]
+    assert commands.evaluate() == "calib evaluate 'my session/calibration' HOLDOUT"
+    out = "my session/calibration"
+    asked = ["calib", "undistort", out, "my session/frames", "--depth", "0.5", "-o", f"{out}/undistorted"]
+    assert shlex.split(commands.undistort(0.5)) == asked
 
 
 def test_a_fit_is_asked_for_again_as_it_was() -> None:

@@ -1,12 +1,16 @@
 """What a diagnosis says on the screen, and how one goes on with what it found."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 from textual.pilot import Pilot
 
+from calib.calibration import Calibration
 from calib.diagnosis.finding import Candidate, Diagnosis, ParameterEstimate, Quality
+from calib.progress import Silent
 from capture.tui.diagnosing import as_text
+from capture.tui.fitting import open_results
 from tests.capture.tui.driving import drive, running, see, shown
 
 BOW = Candidate(
@@ -52,6 +56,11 @@ def test_what_was_found_with_the_error_before_and_after() -> None:
     assert max(map(len, lines)) < 79
 
 
+def test_people_are_told_in_plain_words_and_programs_as_ever() -> None:
+    assert FOCAL.outcome == "the fit imitates it"
+    assert [one["verdict"] for one in FINDING.as_json()["candidates"] if one["effect"] == "focal"] == ["absorbed"]
+
+
 def test_finding_nothing_is_said_as_a_result() -> None:
     nothing = Diagnosis(0.08, "", (), (), (), Quality(0.1, 0.01, 0.1), Quality(0.1, 0.01, 0.1), 0.0, "", ())
     assert as_text(nothing).startswith("Found: nothing: no effect that is known here improves")
@@ -64,6 +73,12 @@ def test_a_hidden_bow_is_found_and_exported(tmp_path: Path) -> None:
     shutil.copytree(SESSION / "frames", session / "frames")
     shutil.copy(SESSION / "session.yaml", session)
     drive(_bow(session))
+    drive(_again(session))
+    diagnosed = Calibration.load(session / "calibration" / "diagnosed")
+    other = replace(diagnosed.stages[0], rms_px=2 * diagnosed.stages[0].rms_px)
+    replace(diagnosed, stages=(other, *diagnosed.stages[1:])).save(session / "calibration" / "diagnosed")
+    opened = open_results(Silent(), session / "calibration")  # of another fit, as it were
+    assert opened["calibration"] == str(session / "calibration" / "calibration.yaml")
 
 
 async def _bow(session: Path) -> None:
@@ -79,12 +94,21 @@ async def _bow(session: Path) -> None:
         assert _numbers(pilot, "held-out views")[1] < _numbers(pilot, "held-out views")[0] / 4
         await see(pilot, "enter Use them")
         await pilot.press("enter")
-        await see(pilot, "cover+rbf+effects")
+        await see(pilot, "effects found")
         assert "last fit" in shown(pilot)
         assert "the model lacks" not in " ".join(shown(pilot).split())
         await pilot.press("x", "ctrl+s")
         await see(pilot, "Wrote rays.npz map_1m.npz")
     assert (session / "export" / "map_1m.npz").exists()
+
+
+async def _again(session: Path) -> None:
+    """What was found is there when the session is opened again."""
+    async with running(session) as pilot:
+        await see(pilot, "^o opens its results")
+        await pilot.press("ctrl+o")
+        await see(pilot, "effects found")
+        assert "last fit" in shown(pilot)
 
 
 def _numbers(pilot: Pilot[None], words: str) -> list[float]:

@@ -98,9 +98,12 @@ def test_without_the_token_nothing_is_served(open_to_all: Served, path: str) -> 
 
 
 def test_the_token_opens_page_and_websocket_and_is_printed_once(open_to_all: Served) -> None:
-    found = re.fullmatch(rf"http://0\.0\.0\.0:{open_to_all.port}/\?token=([\w-]{{32}})", open_to_all.address)
+    found = re.fullmatch(rf"http://([\w.-]+):{open_to_all.port}/\?token=([\w-]{{32}})", open_to_all.address)
     assert found
-    token = found[1]
+    host, token = found.groups()
+    assert host != "0.0.0.0"
+    with socket.create_connection((host, open_to_all.port), timeout=20):
+        pass  # what is printed can be opened
     status, page, headers = open_to_all.get(f"/?token={token}")
     assert status == 200
     assert token not in page
@@ -240,3 +243,15 @@ def test_what_a_window_asks_for_is_within_what_a_window_can_be() -> None:
     assert _size({"width": 1e8, "height": "100000000000000"}) == {"width": 500, "height": 200}
     assert _size({"width": None, "height": "x"}) == {"width": 80, "height": 24}
     assert _size({"width": 1, "height": -5}) == {"width": 20, "height": 5}
+
+
+def test_an_address_of_one_interface_is_printed_as_it_is_and_without_a_network_the_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    from capture.serve import _own_address
+
+    assert [_own_address(host) for host in ("192.168.1.5", "fe80::1", "pi.local")] == ["192.168.1.5", "fe80::1", "pi.local"]
+
+    def unreachable(*_: object) -> None:
+        raise OSError("Network is unreachable")
+
+    monkeypatch.setattr(socket.socket, "connect", unreachable)
+    assert _own_address("0.0.0.0") == socket.gethostname()

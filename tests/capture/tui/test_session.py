@@ -30,8 +30,7 @@ async def _whole_session(size: tuple[int, int], session: Path) -> None:
         assert "12 views" in shown(pilot)
 
         await pilot.press("n")
-        await see(pilot, "NOW PUT THE COVER ON")
-        await pilot.press("shift+tab", "shift+tab")  # from Start over what is recorded to the source
+        await see(pilot, "Name the source of the pictures through it, then ^s.")
         await write(pilot, f"folder:{FIXTURE}")
         await pilot.press("ctrl+s")
         await see(pilot, "[THROUGH COVER]")

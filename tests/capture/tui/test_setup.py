@@ -4,13 +4,18 @@ import asyncio
 import shutil
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from textual.events import Key
 from textual.pilot import Pilot
 from textual.widgets import Input, Select
 
+from calib.cli import main
 from capture.session_file import read_setup
-from tests.capture.tui.driving import CONE, describe, drive, running, see, write
+from capture.tui.app import CaptureApp
+from capture.tui.fit import FitScreen
+from tests.capture.tui.driving import CONE, describe, drive, running, see, shown, until, write
 from tests.capture.tui.test_session import FIXTURE
 from tests.fuzz.keys import walk
 
@@ -163,6 +168,131 @@ async def _failed(session: Path) -> None:
         await see(pilot, "columns 17")
         assert pilot.app.screen.query_one("#shape", Select).value == "none"
         assert pilot.app.screen.query_one("#source", Input).value == "folder:/nowhere"
+
+
+def test_a_covered_folder_for_bare_pictures_is_doubted_once(tmp_path: Path) -> None:
+    """Its session.yaml says cone, and it has no bare/ to name instead."""
+    session = tmp_path / "session"
+    drive(_doubted(session))
+    assert len(list((session / "bare").glob("*.png"))) == 3
+
+
+async def _doubted(session: Path) -> None:
+    camera = session.parent / "camera"
+    (camera / "frames").mkdir(parents=True)
+    shutil.copy(FIXTURE / "session.yaml", camera)
+    for number in (1, 2, 3):
+        shutil.copy(FIXTURE / "frames" / f"000{number}.jpg", camera / "frames")
+    async with running(session) as pilot:
+        await see(pilot, "a new session")
+        await describe(pilot, f"folder:{camera}")
+        await pilot.press("ctrl+s")
+        await see(pilot, "says that its pictures have a cover, a cone, where those without the cover are wanted. Start once more")
+        assert not session.exists()
+        await pilot.press("ctrl+s")
+        await see(pilot, "[WITHOUT COVER]")
+        await see(pilot, "3 views")
+
+
+def test_a_fit_of_nothing_is_refused_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_child(*_: object) -> None:
+        raise AssertionError("a process was started for it")
+
+    monkeypatch.setattr(FitScreen, "follow", no_child)
+    (tmp_path / "camera").mkdir()
+    cv2.imwrite(str(tmp_path / "camera" / "0.png"), np.zeros((616, 820), np.uint8))
+    shutil.copy(FIXTURE / "session.yaml", tmp_path)
+    drive(_nothing(tmp_path))
+
+
+async def _nothing(session: Path) -> None:
+    async with running(session, f"folder:{session / 'camera'}") as pilot:
+        await see(pilot, "continued")
+        await pilot.press("shift+tab", "enter", "down", "enter", "ctrl+s")
+        await see(pilot, "no more pictures. Press c to try again")
+        await pilot.press("f")
+        await see(pilot, "There is nothing to fit yet:")
+        shutil.copytree(FIXTURE / "frames", session / "frames", dirs_exist_ok=True)
+        await pilot.press("f")
+        await see(pilot, "or put pictures taken without the cover in")
+        await pilot.press("escape", "ctrl+r")
+        await see(pilot, "or put pictures taken without the cover in")
+
+
+def test_nothing_of_one_field_stays_under_another(tmp_path: Path) -> None:
+    drive(_fields(tmp_path / "session"))
+
+
+async def _fields(session: Path) -> None:
+    async with running(session) as pilot:
+        await see(pilot, "a new session")
+        await pilot.press("tab", "tab", "tab", "tab", "tab", *"0.02")
+        await see(pilot, "if metres were meant")
+        await pilot.press("tab")
+        await see(pilot, "The cover in front of the camera")
+        assert "if metres were meant" not in " ".join(shown(pilot).split())
+        await pilot.press("enter")  # its choices
+        await see(pilot, "cylinder")
+        assert "The cover in front of the camera" in shown(pilot)
+        await pilot.press("escape", "shift+tab")
+        await see(pilot, "if metres were meant")
+
+
+def test_after_the_bare_step_the_field_that_is_asked_for_has_the_focus(tmp_path: Path) -> None:
+    session = tmp_path / "session"
+    shutil.copytree(FIXTURE, session)
+    drive(_cover_on(session))
+
+
+async def _cover_on(session: Path) -> None:
+    async with running(session, f"folder:{FIXTURE / 'bare'}") as pilot:
+        await see(pilot, "continued")
+        await pilot.press("shift+tab", "enter", "up", "enter", "ctrl+s")
+        await see(pilot, "[WITHOUT COVER]")
+        await pilot.press("n")
+        await see(pilot, "NOW PUT THE COVER ON, and leave the focus alone. Name the source")
+        await until(pilot, lambda: pilot.app.focused is pilot.app.screen.query_one("#source"), 20)
+        await see(pilot, "Where pictures come from")
+
+
+def test_a_finished_session_is_opened_without_a_fit(tmp_path: Path) -> None:
+    session = tmp_path / "session"
+    shutil.copytree(FIXTURE, session)
+    assert main(["fit", str(session), "--grid", "5x5"]) == 0
+    (session / "calibration" / "report.html").unlink()
+    fit = (session / "calibration" / "calibration.yaml").stat()
+    drive(_finished(session))
+    assert (session / "calibration" / "calibration.yaml").stat() == fit
+    assert (session / "calibration" / "report.html").exists()
+
+
+async def _finished(session: Path) -> None:
+    async with running(session) as pilot:
+        await see(pilot, "It is fitted: ^o opens its results.")
+        await see(pilot, "^o Results")
+        await pilot.press("ctrl+o")
+        await see(pilot, "[RESULTS]")
+        await see(pilot, "To be trusted where it has corners. The error fell from 0.4")
+        await see(pilot, "The maps are sure to")
+        await see(pilot, "e Diagnose r Report x Export")
+        await pilot.press("r")
+        await see(pilot, "The report is ")
+        await until(pilot, (session / "calibration" / "report.html").exists, 60)
+        assert isinstance(pilot.app, CaptureApp)
+        assert pilot.app.farewell[0] == f"The calibration is in {session / 'calibration'}"
+
+
+def test_ctrl_c_quits_and_what_was_typed_is_kept(tmp_path: Path) -> None:
+    drive(_interrupted(tmp_path / "session"))
+
+
+async def _interrupted(session: Path) -> None:
+    async with running(session) as pilot:
+        await see(pilot, "a new session")
+        await pilot.press(*"folder:there", "ctrl+c")
+        await until(pilot, lambda: not pilot.app.is_running, 20)
+    async with running(session) as pilot:
+        await see(pilot, "source folder:there")
 
 
 def test_random_keys(tmp_path: Path) -> None:

@@ -37,4 +37,18 @@ def test_a_damaged_session_is_refused_before_the_screen_opens(tmp_path: Path) ->
 def test_the_help_names_it(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["--help"])
-    assert "`capture SESSION` is short for it" in " ".join(capsys.readouterr().out.split())
+    said = " ".join(capsys.readouterr().out.split())
+    assert "`capture SESSION` is short for it" in said
+    assert "capture SESSION --serve the same in a browser" in said
+
+
+@pytest.mark.parametrize("installed", [True, False])
+def test_the_extra_is_named_where_it_is_missing(
+    installed: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("capture.commands.ui.find_spec", lambda _: installed or None)
+    with pytest.raises(SystemExit):
+        main(["ui", "--help"])
+    said = " ".join(capsys.readouterr().out.split())
+    assert "in a browser instead of this terminal" in said
+    assert ("pip install 'refracal[serve]'" in said) is not installed

@@ -21,7 +21,7 @@ class Tmux:
 
     def __init__(self, socket: Path, command: list[str]) -> None:
         self._tmux = ["tmux", "-S", str(socket), "-f", "/dev/null"]
-        self._do("new-session", "-d", "-x", "80", "-y", "24", *command)
+        self._do("new-session", "-d", "-x", "80", "-y", "24", *command, ";", "set-option", "-g", "remain-on-exit", "on")
 
     def press(self, *keys: str) -> None:
         for key in keys:
@@ -33,7 +33,7 @@ class Tmux:
         self._do("send-keys", "Enter")
 
     def shown(self) -> str:
-        return self._do("capture-pane", "-p")
+        return self._do("capture-pane", "-p", "-J")  # a line that the terminal broke is one
 
     def see(self, words: str, within_s: float = 900) -> None:
         begun = time.monotonic()
@@ -88,7 +88,12 @@ def test_from_a_source_to_maps_over_a_lost_connection(tmp_path: Path, terminals:
     second.press("C-s")
     second.see("Wrote")
     assert (session / "export" / "map_1m.npz").exists()
-    second.press("Escape", "q")
+    second.press("Escape")
+    second.see("d Drop")
+    second.press("q")
+    second.see(f"The calibration is in {session / 'calibration'}")
+    second.see(f"Exported {session / 'export' / 'map_1m.npz'}")
+    second.see(f"Next: calib undistort {session / 'calibration'} {session / 'frames'} --depth 1 -o {session / 'undistorted'}")
 
     third = Tmux(tmp_path / "third", [str(Path(sys.executable).with_name("capture")), str(session)])  # as pip installs it
     terminals.append(third)

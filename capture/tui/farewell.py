@@ -1,0 +1,56 @@
+"""What stands in the terminal when the screen has gone: where everything is, and what to type next."""
+
+import shlex
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from calib.errors import harmless
+from calib.io.images import list_images
+
+CALIBRATION = "calibration.yaml"
+DEPTH = "1.0"
+"""m: of the maps that are proposed where none are written."""
+
+
+def fitted(session: Path) -> Path | None:
+    """The folder of the session's calibration, if it has one."""
+    folder = session / "calibration"
+    return folder if (folder / CALIBRATION).exists() else None
+
+
+def farewell(session: Path, shown: Path | None, maps: Sequence[Path]) -> Iterator[str]:
+    """Lines.
+
+    Args:
+        shown: the calibration whose results were looked at last; None: those of no one.
+        maps: what was exported.
+    """
+    folder = shown.parent if shown else fitted(session)
+    if folder:
+        yield f"The calibration is in {_said(folder)}"
+        for path in maps:
+            yield f"Exported {_said(path)}"
+        yield f"Next: {_use(session, folder, maps)}"
+        return
+    bare, frames = (len(list_images(place)) if place.is_dir() else 0 for place in (session / "bare", session / "frames"))
+    if bare or frames:
+        yield f"{_said(session)} has {bare} pictures without the cover and {frames} through it; it has no calibration yet."
+    else:
+        yield f"Nothing is recorded in {_said(session)} yet; what was typed is kept."
+    yield f"To go on: {_command('capture', session)}"
+
+
+def _use(session: Path, folder: Path, maps: Sequence[Path]) -> str:
+    """What to do with the calibration: maps first, then pictures that they straighten."""
+    depth = next((path.stem.removeprefix("map_").removesuffix("m") for path in maps if path.stem.startswith("map_")), None)
+    if depth is None:
+        return _command("calib", "export", folder, "--format", "npz", "--depth", DEPTH, "-o", session / "export")
+    return _command("calib", "undistort", folder, session / "frames", "--depth", depth, "-o", session / "undistorted")
+
+
+def _command(*words: str | Path) -> str:
+    return harmless(shlex.join(map(str, words)))
+
+
+def _said(path: Path) -> str:
+    return harmless(str(path))

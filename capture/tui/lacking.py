@@ -1,0 +1,19 @@
+"""What a fit would lack, said before torch is loaded for it."""
+
+from pathlib import Path
+
+from calib.errors import InputError
+from calib.io.images import list_images
+from calib.session.session import read_session
+
+
+def lacking(session: Path) -> str:
+    """A sentence; empty where a fit can begin."""
+    frames = session / "frames"
+    if not (frames.is_dir() and list_images(frames)):
+        return f"There is nothing to fit yet: {frames} has no picture. Views are taken by themselves, or by space."
+    try:
+        read_session(session)
+    except InputError as error:
+        return str(error)
+    return ""
