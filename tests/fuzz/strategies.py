@@ -28,9 +28,9 @@ VALUES: tuple[Any, ...] = (
 
 WORDS = (
     "", " ", "-", "--", "--x", "--json", "-o", "-1", "0", "1", "2", "1.5", "1e308", "1e-300", "nan", "inf", "-inf", "9" * 5000, "x" * 5000,
-    "\x1b[2J", "caf\udce9", "gnp\u202e.exe", "９", "²", "9x6", "9x", "x9", "3x3", "1000x1000", "0x0", "99999999999999999999x9", "auto", "none",
-    "all", "lens,lens", "radius,", ",", "[/b]", "[link=x]", "%", "%(prog)s", "{}", "~", "a\nb", "absent.png", "folder:", "folder:.", "video:x",
-    "v4l2:", "v4l2:/dev/null", "folder:absent?speed=nan", "libcamera:\x1b",
+    "\x1b[2J", "caf\udce9", "gnp\u202e.exe", "９", "²", "9x6", "9x", "x9", "3x3", "1000x1000", "0x0", "99999999999999999999x9", "auto",
+    "none", "all", "lens,lens", "radius,", ",", "[/b]", "[link=x]", "%", "%(prog)s", "{}", "~", "a\nb", "absent.png", "folder:", "folder:.",
+    "video:x", "v4l2:", "v4l2:/dev/null", "folder:absent?speed=nan", "libcamera:\x1b",
 )  # fmt: skip
 """What stands in the place of a word of a command line, or beside it."""
 NUMBERS = (
