@@ -26,6 +26,7 @@ from capture.sources.registry import Inventory
 LENS_POSITION = Quantity("lens_position", low=0, high=100)
 SETTLING = 60  # frames, at the most, in which the camera finds its exposure
 MANUAL, CONVERGED = 0, 2  # of AfMode and AeState
+OLDEST = 1.9  # s, of a frame that has just come: what is older was not told by this clock
 DELAY = 12  # frames, at the most, until a sensor obeys
 COLUMNS = {
     "ExposureTime": "exposure_us",
@@ -182,7 +183,7 @@ class LibcameraSource:
         metadata = {column: _plain(self._said[name]) for name, column in COLUMNS.items() if name in self._said}
         pixels = plane.reshape(height, self._stride)[:, :width].copy()
         now = time.monotonic()
-        if 0 <= now - said.timestamp / 1e9 < self._patience_s:
+        if 0 <= now - said.timestamp / 1e9 < OLDEST:
             return Frame(pixels, said.sequence, said.timestamp / 1e9, metadata)
         return Frame(pixels, request.sequence, now, metadata)  # a virtual camera's numbers are whatever was in the memory
 

@@ -31,6 +31,7 @@ from capture.sources.v4l2_formats import FORMATS, ROWS, Grey
 os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
 """s, for which OpenCV waits for a frame; then it is seen whether the camera is still plugged in. It reads this at its first use."""
 
+OLDEST = 5.0  # s, of a frame that has just come: what is older was not told by this clock
 FOCUS = Quantity("focus", low=0, high=1e5)
 RAW_ONLY = "a Raspberry Pi's camera is read by libcamera:0 or rpicam:0."
 
@@ -154,7 +155,7 @@ class V4l2Source:
             good, raw = self._capture.read()
             if good and (grey := self._grey(np.asarray(raw, np.uint8))) is not None:
                 now, said = time.monotonic(), self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
-                return grey, said if 0 <= now - said < self._patience_s else now  # some drivers have another clock
+                return grey, said if 0 <= now - said < OLDEST else now  # some drivers have another clock
             if not good and not device.is_there(self._handle):
                 raise CaptureError(f"{self._path} was unplugged: plug the camera in again, and run the same command to continue.")
             if time.monotonic() - begun > self._patience_s:
