@@ -7,7 +7,7 @@ import tarfile
 from collections.abc import Callable, Sequence
 from contextlib import chdir, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from hashlib import sha256
 from pathlib import Path
 from shutil import rmtree
@@ -151,15 +151,9 @@ class Bench:
         detect(list_images(self.session / "frames")[:1], BOARD)
 
     def _picture(self, data: bytes) -> bool:
-        refused = False
-        for suffix in (".npy",) if data.startswith(b"\x93NUMPY") else (".png", ".npy"):
-            path = self._put(f"picture{suffix}", data)
-            for read in (read_image, read_depth_image):
-                try:
-                    read(path)
-                except RefracalError as error:
-                    refused = _check(error)
-        return refused
+        suffixes = (".npy",) if data.startswith(b"\x93NUMPY") else (".png", ".npy")
+        paths = [self._put(f"picture{suffix}", data) for suffix in suffixes]
+        return _refused([partial(read, path) for path in paths for read in (read_image, read_depth_image)])
 
     def _text(self, data: bytes) -> None:
         self._put("calibration/calibration.yaml", data)
@@ -189,13 +183,8 @@ class Bench:
             np.savez(self.calibration / "calibration.npz", allow_pickle=False, **self.arrays)
 
     def _points(self, data: bytes) -> bool:
-        refused = False
-        for read in (read_points, read_poses):
-            try:
-                read(self._put("points.csv", data))
-            except RefracalError as error:
-                refused = _check(error)
-        return refused
+        path = self._put("points.csv", data)
+        return _refused([partial(read, path) for read in (read_points, read_poses)])
 
     def _mrcal(self, data: bytes) -> None:
         from_cameramodel(self._put("a.cameramodel", data))
@@ -289,6 +278,17 @@ def spoil(kind: Kind, value: Any) -> bool:
         return kind.run(value) is True
     except RefracalError as error:
         return _check(error)
+
+
+def _refused(reads: Sequence[Callable[[], object]]) -> bool:
+    """Whether every one of several readers refuses; each has its turn."""
+    refusals = 0
+    for read in reads:
+        try:
+            read()
+        except RefracalError as error:
+            refusals += _check(error)
+    return refusals == len(reads)
 
 
 def _check(error: RefracalError) -> bool:
