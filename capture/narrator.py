@@ -74,6 +74,22 @@ class Narrator:
         return f"{_count(self.views, 'view')} with {_count(len(self.pictures), 'picture')} ({taken}{passed}{lost})"
 
 
+class Waits:
+    """Says that no picture comes: at the first silence, and then at each that is twice as long as those before."""
+
+    def __init__(self) -> None:
+        self._longest = 0.0
+
+    def __call__(self, seconds: float) -> None:
+        if seconds >= 2 * self._longest:
+            self._longest = seconds
+            _remark(waiting(seconds))
+
+
+def waiting(seconds: float) -> str:
+    return f"No picture has come for {seconds:.0f} s: waiting for the next one."
+
+
 def _count(number: int, thing: str) -> str:
     return f"{number} {thing}{'s' * (number != 1)}"
 

@@ -5,19 +5,25 @@ given an old picture: what it gets was the newest when it asked. A source that i
 """
 
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from types import TracebackType
 
 from capture.frames import Frame, FrameSource
 
 PATIENCE = 5.0  # s, until a thread that does not end is left behind: longer than any source waits for its device
+SILENT_S = 1.0  # without a frame of a live source: from here on, whoever waits for it is told so
+OPENING_S = 3.0  # for which a camera may take to send its first frame, with nothing said
 
 
 class Reader:
     """Opens a source by `with` and reads it by `for`; what goes wrong in the thread is raised there."""
 
-    def __init__(self, source: FrameSource) -> None:
+    def __init__(self, source: FrameSource, waits: Callable[[float], object] = lambda _: None) -> None:
+        """`waits` is called with the seconds for which a live source has sent nothing, once a second; from the thread that iterates, or
+        one of its own while the source is being opened."""
         self.source = source
+        self._waits = waits
         self.unseen = 0
         """Frames that came while nobody was ready for them."""
         self.lost = 0
@@ -29,7 +35,13 @@ class Reader:
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
 
     def __enter__(self) -> "Reader":
-        self.source.__enter__()
+        opening = threading.Timer(OPENING_S, self._waits, (OPENING_S,))
+        opening.daemon = True
+        opening.start()
+        try:
+            self.source.__enter__()
+        finally:
+            opening.cancel()
         self._thread.start()
         return self
 
@@ -40,13 +52,17 @@ class Reader:
             self.source.__exit__(kind, value, trace)
 
     def __iter__(self) -> Iterator[Frame]:
+        since = time.monotonic()
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._newest or self._ended)
+                come = self._changed.wait_for(lambda: self._newest or self._ended, SILENT_S if self.source.live else None)
                 frame, self._newest = self._newest, None
                 self._changed.notify_all()
             if frame is not None:
                 yield frame
+                since = time.monotonic()
+            elif not come:
+                self._waits(time.monotonic() - since)
             elif self._error:
                 raise self._error
             else:

@@ -21,6 +21,7 @@ from calib.export.lens_fit import fit_lens, project
 from calib.export.sight import CHECKED, FITTED, Sight
 from calib.export.spline_fit import fit_spline, project_spline
 from calib.session.lens import FISHEYE, OPENCV
+from calib.threads import single_thread
 
 Array = NDArray[np.float64]
 
@@ -107,8 +108,9 @@ class CentralModel:
 
 def best_central(calibration: Calibration, depth: float, lenses: Sequence[ExportLens]) -> CentralModel:
     """Of the models with these lenses, the simplest (first) whose misfit at `depth` m is within 2 % of the smallest."""
-    sight, check = (Sight.of(calibration, grid) for grid in (FITTED, CHECKED))
-    models = [_fit(calibration, sight, check, depth, lens) for lens in lenses]
+    with single_thread():
+        sight, check = (Sight.of(calibration, grid) for grid in (FITTED, CHECKED))
+        models = [_fit(calibration, sight, check, depth, lens) for lens in lenses]
     return models[simplest({place: model.at.rms_px for place, model in enumerate(models)}, WORTH)]
 
 

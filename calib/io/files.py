@@ -10,7 +10,7 @@ from io import BytesIO
 from os import fsync
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import BinaryIO, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,8 @@ MOST_TEXT = 16 << 20
 """Bytes of a table or a description: a larger one is something else."""
 MOST_BYTES = 2 << 30
 """Bytes of a picture, or of arrays."""
+PIECE = 1 << 20
+"""Bytes that are read at a time."""
 BINARY = getattr(os, "O_BINARY", 0)
 """Without it, Windows changes the ends of lines."""
 OPEN_FILES = Path("/proc/self/fd")
@@ -123,12 +125,20 @@ def read_file(path: Path, most: int = MOST_BYTES) -> bytes:
         try:
             check_regular(path, os.fstat(handle).st_mode)
             with open(handle, "rb", closefd=False) as file:
-                data = file.read(most + 1)
+                data = _up_to(file, most + 1)
         finally:
             os.close(handle)
     if len(data) > most:
         raise InputError(f"{path} is larger than the {_size(most)} that such a file may have: give another.")
     return data
+
+
+def _up_to(file: BinaryIO, most: int) -> bytes:
+    """All that a file has, but so many bytes at most. Python's read(most) takes that much memory before it sees how much there is."""
+    held = BytesIO()
+    while (left := most - held.tell()) and (piece := file.read(min(left, PIECE))):
+        held.write(piece)
+    return held.getvalue()
 
 
 def check_regular(path: Path, mode: int | None = None) -> None:

@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> None:
     from calib.errors import InputError, NotEnoughDataError, RefracalError
     from capture.find import finder_of
     from capture.interrupt import ending_by
-    from capture.narrator import Narrator
+    from capture.narrator import Narrator, Waits
     from capture.reader import Reader
     from capture.recorder import Recorder
     from capture.recording_loop import Plan, corners_of, record
@@ -46,7 +46,11 @@ def run(args: argparse.Namespace) -> None:
     like = read_setup(args.cover_from) if args.cover_from else None
     board = board_of(args.session, asked_board(args), like)
     views = args.views or (None if args.all else 30)
-    with Reader(source) as reader, Recorder(args.session, board, like=like, bare=args.bare) as recorder, ending_by(reader.close) as wish:
+    with (
+        Reader(source, Waits()) as reader,
+        Recorder(args.session, board, like=like, bare=args.bare) as recorder,
+        ending_by(reader.close) as wish,
+    ):
         narrator = Narrator(reader, recorder, views, json=args.json)
         try:
             if args.all:

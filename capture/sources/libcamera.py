@@ -1,7 +1,8 @@
 """A camera of libcamera, such as a Raspberry Pi's, through libcamera's own Python bindings.
 
 `libcamera:0?size=1640x1232&exposure_us=8000&gain=1&lens_position=2.0`. Exposure, gain and white balance that are not given are found by
-the camera itself before the first frame, and held from then on. The bindings come with the system, not from PyPI.
+the camera itself before the first frame, and held from then on. `patience_s` is how long it may send nothing. The bindings come with the
+system, not from PyPI.
 """
 
 import selectors
@@ -19,14 +20,13 @@ from calib.session.schema import Quantity, Section
 from capture.errors import CaptureError
 from capture.frames import Frame
 from capture.sources import libcamera_device as device
-from capture.sources.options import EXPOSURE_US, GAIN, read_number, read_size
+from capture.sources.options import EXPOSURE_US, GAIN, PATIENCE_S, read_number, read_size
 from capture.sources.registry import Inventory
 
 LENS_POSITION = Quantity("lens_position", low=0, high=100)
-START = 5.0  # s, until the first frame must have come
-SILENCE = 1.9  # s, between two
 SETTLING = 60  # frames, at the most, in which the camera finds its exposure
 MANUAL, CONVERGED = 0, 2  # of AfMode and AeState
+OLDEST = 1.9  # s, of a frame that has just come: what is older was not told by this clock
 DELAY = 12  # frames, at the most, until a sensor obeys
 COLUMNS = {
     "ExposureTime": "exposure_us",
@@ -43,11 +43,12 @@ class LibcameraSource:
     live = True
     remarks: Sequence[str] = ()
 
-    def __init__(self, place: str, size: tuple[int, int] | None, controls: Mapping[str, float]) -> None:
+    def __init__(self, place: str, size: tuple[int, int] | None, controls: Mapping[str, float], patience_s: float) -> None:
         """`controls` by libcamera's names: ExposureTime, AnalogueGain, LensPosition."""
         self._place = place
         self._size = size or (0, 0)
         self._asked = controls
+        self._patience_s = patience_s
         self._held: dict[Any, object] = {}
         self._said: dict[str, Any] = {}
         self._mapped: dict[int, mmap] = {}
@@ -138,7 +139,7 @@ class LibcameraSource:
 
     def _settle(self) -> Frame | None:
         """The first frame whose exposure, gain and white balance are held; None if closed before."""
-        frame = self._take(START)
+        frame = self._take()
         for _ in range(SETTLING if "AeEnable" in self._ids else 0):
             if frame is None or self._said.get("AeLocked", self._said.get("AeState") == CONVERGED):
                 break
@@ -151,9 +152,9 @@ class LibcameraSource:
             frame = frame and self._take()
         return frame
 
-    def _take(self, patience: float = SILENCE) -> Frame | None:
+    def _take(self) -> Frame | None:
         """The next complete frame; None once closed."""
-        deadline = time.monotonic() + patience
+        deadline = time.monotonic() + self._patience_s
         while not self._closed.is_set():
             if self._pending:
                 request = self._pending.pop(0)
@@ -182,20 +183,20 @@ class LibcameraSource:
         metadata = {column: _plain(self._said[name]) for name, column in COLUMNS.items() if name in self._said}
         pixels = plane.reshape(height, self._stride)[:, :width].copy()
         now = time.monotonic()
-        if 0 <= now - said.timestamp / 1e9 < SILENCE:
+        if 0 <= now - said.timestamp / 1e9 < OLDEST:
             return Frame(pixels, said.sequence, said.timestamp / 1e9, metadata)
         return Frame(pixels, request.sequence, now, metadata)  # a virtual camera's numbers are whatever was in the memory
 
 
 def open_source(place: str, options: Section) -> LibcameraSource:
-    options.only(("size", EXPOSURE_US.key, GAIN.key, LENS_POSITION.key), "known option")
+    options.only(("size", EXPOSURE_US.key, GAIN.key, LENS_POSITION.key, PATIENCE_S.key), "known option")
     asked: dict[str, float | int] = {}
     if (exposure := read_number(options, EXPOSURE_US)) is not None:
         asked["ExposureTime"] = round(exposure)
     for name, quantity in (("AnalogueGain", GAIN), ("LensPosition", LENS_POSITION)):
         if (value := read_number(options, quantity)) is not None:
             asked[name] = value
-    return LibcameraSource(place, read_size(options), asked)
+    return LibcameraSource(place, read_size(options), asked, read_number(options, PATIENCE_S) or 0.0)
 
 
 def inventory() -> Inventory:

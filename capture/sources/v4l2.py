@@ -2,7 +2,7 @@
 
 `v4l2:/dev/video0?size=1640x1232&format=YUYV`; without options, the largest pictures of the best format that the camera has. The driver's
 own grey values are kept: those of YUYV are its Y, not a colour picture turned grey. `exposure_us`, `gain` and `focus` (in the driver's
-units) set what is otherwise held where it is.
+units) set what is otherwise held where it is; `patience_s` is how long a camera that is there may send nothing.
 """
 
 import os
@@ -24,14 +24,14 @@ from calib.session.schema import Quantity, Section
 from capture.errors import CaptureError
 from capture.frames import Frame
 from capture.sources import v4l2_device as device
-from capture.sources.options import EXPOSURE_US, GAIN, read_number, read_size
+from capture.sources.options import EXPOSURE_US, GAIN, PATIENCE_S, read_number, read_size
 from capture.sources.registry import Inventory, ListedCamera
 from capture.sources.v4l2_formats import FORMATS, ROWS, Grey
 
-os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")  # s, for which OpenCV waits for a frame; it reads this at its first use
+os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
+"""s, for which OpenCV waits for a frame; then it is seen whether the camera is still plugged in. It reads this at its first use."""
 
-START = 5.0  # s, until the first frame must have come
-SILENCE = 0.9  # s without a frame: together with OpenCV's wait, an unplugged camera is reported within 2 s
+OLDEST = 5.0  # s, of a frame that has just come: what is older was not told by this clock
 FOCUS = Quantity("focus", low=0, high=1e5)
 RAW_ONLY = "a Raspberry Pi's camera is read by libcamera:0 or rpicam:0."
 
@@ -40,7 +40,12 @@ class V4l2Source:
     live = True
 
     def __init__(
-        self, path: str, size: tuple[int, int] | None = None, pixels: str | None = None, controls: Mapping[int, int] | None = None
+        self,
+        path: str,
+        size: tuple[int, int] | None = None,
+        pixels: str | None = None,
+        controls: Mapping[int, int] | None = None,
+        patience_s: float = 10.0,
     ) -> None:
         """`controls` are set after the locking, by their V4L2 numbers."""
         self.remarks: Sequence[str] = ()
@@ -48,6 +53,7 @@ class V4l2Source:
         self._size = size
         self._pixels = pixels
         self._controls = controls or {}
+        self._patience_s = patience_s
         self._closed = threading.Event()
         self._open = ExitStack()
 
@@ -84,7 +90,7 @@ class V4l2Source:
         while not self._closed.is_set():
             yield Frame(grey, sequence, time_s, self._state())
             before = time_s
-            if (taken := self._take(SILENCE)) is None:
+            if (taken := self._take()) is None:
                 return
             grey, time_s = taken
             passed = time_s - before  # OpenCV keeps the driver's counter to itself, not its clock
@@ -134,7 +140,7 @@ class V4l2Source:
                 "choose another ?size= or ?format=."
             )
         try:
-            first = self._take(START)
+            first = self._take()
         except CaptureError as error:
             self._capture.release()
             raise CaptureError(device.why_silent(self._path)) from error
@@ -142,17 +148,17 @@ class V4l2Source:
             raise CaptureError(f"{self._path} was closed before its first picture.")
         self._first = first
 
-    def _take(self, patience: float) -> tuple[Grey, float] | None:
+    def _take(self) -> tuple[Grey, float] | None:
         """The next picture, and its time in s; None once closed. A damaged buffer is passed over."""
         begun = time.monotonic()
         while not self._closed.is_set():
             good, raw = self._capture.read()
             if good and (grey := self._grey(np.asarray(raw, np.uint8))) is not None:
                 now, said = time.monotonic(), self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
-                return grey, said if 0 <= now - said < START else now  # some drivers have another clock
+                return grey, said if 0 <= now - said < OLDEST else now  # some drivers have another clock
             if not good and not device.is_there(self._handle):
                 raise CaptureError(f"{self._path} was unplugged: plug the camera in again, and run the same command to continue.")
-            if time.monotonic() - begun > patience:
+            if time.monotonic() - begun > self._patience_s:
                 raise CaptureError(f"{self._path} sends no more pictures: plug the camera in again, and run the same command to continue.")
             if not good:
                 self._closed.wait(0.01)
@@ -181,13 +187,13 @@ class V4l2Source:
 
 
 def open_source(place: str, options: Section) -> V4l2Source:
-    options.only(("size", "format", EXPOSURE_US.key, GAIN.key, FOCUS.key), "known option")
+    options.only(("size", "format", EXPOSURE_US.key, GAIN.key, FOCUS.key, PATIENCE_S.key), "known option")
     pixels = options.choice("format", tuple(FORMATS), f"one of {', '.join(FORMATS)}") if "format" in options.values else None
     controls = {}
     for control, quantity, unit in ((device.EXPOSURE_100US, EXPOSURE_US, 100), (device.GAIN, GAIN, 1), (device.FOCUS, FOCUS, 1)):
         if (value := read_number(options, quantity)) is not None:
             controls[control] = round(value / unit)
-    return V4l2Source(place, read_size(options), pixels, controls)
+    return V4l2Source(place, read_size(options), pixels, controls, read_number(options, PATIENCE_S) or 0.0)
 
 
 def inventory() -> Inventory:

@@ -93,14 +93,17 @@ class Shown:
 class Watch:
     """One stretch of recording. `close` ends it from any thread, also before it has begun."""
 
-    def __init__(self, task: Task, shutter: Shutter, show: Callable[[Preview], object]) -> None:
+    def __init__(
+        self, task: Task, shutter: Shutter, show: Callable[[Preview], object], waits: Callable[[float], object] = lambda _: None
+    ) -> None:
+        """`show` gets the frames, and `waits` the seconds for which none came; each from a thread of its own."""
         self.remarks: Sequence[str] = ()
         """What a person should know of this recording, as it comes up."""
         self.closed = False
         self._task = task
         self._shutter = shutter
         self._show = show
-        self._reader = Reader(Shown(open_source(task.source), show))
+        self._reader = Reader(Shown(open_source(task.source), show), waits)
 
     def run(self, begun: Callable[[Sequence[NDArray[np.float64]]], object]) -> Iterator[Step]:
         """Every frame that was judged, until the source ends. `begun` gets the corners of the views that are there already.

@@ -17,6 +17,7 @@ from textual.message import Message
 from calib.errors import RefracalError
 from capture.coverage import Hint, SeenView, SessionProgress
 from capture.errors import CaptureError
+from capture.narrator import waiting
 from capture.recording_loop import Shutter, Step
 from capture.tui.adviser import Adviser
 from capture.tui.camera import Preview, Task, Watch
@@ -58,6 +59,13 @@ class CollectScreen(Page):
         def __init__(self, preview: Preview) -> None:
             super().__init__()
             self.preview = preview
+
+    class Waited(Message):
+        """No frame came for some time."""
+
+        def __init__(self, seconds: float) -> None:
+            super().__init__()
+            self.seconds = seconds
 
     class Begun(Message):
         """The camera runs, and the views that the session has are known."""
@@ -136,7 +144,12 @@ class CollectScreen(Page):
     def _begin(self) -> None:
         if self._watch is None and self.is_current:
             try:
-                self._watch = Watch(self.plan, self._shutter, lambda preview: self.post_message(self.Looked(preview)))
+                self._watch = Watch(
+                    self.plan,
+                    self._shutter,
+                    show=lambda preview: self.post_message(self.Looked(preview)),
+                    waits=lambda seconds: self.post_message(self.Waited(seconds)),
+                )
             except RefracalError as error:
                 self._say(str(error))
                 return
@@ -156,6 +169,11 @@ class CollectScreen(Page):
     def _look(self, message: Looked) -> None:
         self._preview = message.preview
         self._draw()
+
+    @on(Waited)
+    def _wait(self, message: Waited) -> None:
+        if self._watch is not None and time.monotonic() - self._taken_s > TAKEN_S:
+            self._say(waiting(message.seconds))
 
     @on(Begun)
     def _take_up(self, message: Begun) -> None:

@@ -4,13 +4,15 @@ import threading
 import time
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 import pytest
 
 from calib.errors import InputError
 from capture.frames import Frame
-from capture.reader import Reader
+from capture.narrator import Waits
+from capture.reader import SILENT_S, Reader
 from capture.sources.folder import FolderSource
 from tests.capture.recordings import noise, write_recording
 
@@ -84,6 +86,45 @@ def test_what_goes_wrong_in_the_thread_is_raised_after_the_good_frames(tmp_path:
         assert [next(frames).name for _ in range(3)] == ["0000.png", "0001.png", "0002.png"]
         with pytest.raises(InputError, match=r"0003.png is truncated or damaged"):
             next(frames)
+
+
+def test_who_waits_for_a_slow_camera_is_told_so(tmp_path: Path) -> None:
+    write_recording(tmp_path, noise(3, 64, 48), 2.5)
+    told: list[float] = []
+    with Reader(FolderSource(tmp_path, 1.0), told.append) as reader:
+        assert len(list(reader)) == 3
+    assert len(told) >= 2, "once before each of two frames, at the least"
+    assert min(told) >= SILENT_S
+    assert min(told) < 2 * SILENT_S, "the seconds are counted from the last frame"
+
+
+def test_who_waits_for_a_camera_to_open_is_told_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Slow(FolderSource):
+        def __enter__(self) -> Self:
+            assert said.wait(60), "nothing was said"
+            return super().__enter__()
+
+    said = threading.Event()
+    monkeypatch.setattr("capture.reader.OPENING_S", 0.1)
+    write_recording(tmp_path, noise(1, 64, 48))
+    with Reader(Slow(tmp_path, None), lambda _: said.set()) as reader:
+        assert len(list(reader)) == 1
+
+
+def test_nothing_is_said_of_a_recording_that_waits_for_its_reader(tmp_path: Path) -> None:
+    write_recording(tmp_path, noise(3, 64, 48), 2.5)
+    told: list[float] = []
+    with Reader(FolderSource(tmp_path, None), told.append) as reader:
+        assert len(list(reader)) == 3
+    assert told == []
+
+
+def test_the_console_says_a_silence_again_when_it_is_twice_as_long(capsys: pytest.CaptureFixture[str]) -> None:
+    waits = Waits()
+    for seconds in (1.0, 1.1, 1.9, 1.2, 2.1, 3.0, 4.3):
+        waits(seconds)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == [f"No picture has come for {seconds} s: waiting for the next one." for seconds in (1, 2, 4)]
 
 
 def test_close_ends_the_iteration_from_another_thread(tmp_path: Path) -> None:

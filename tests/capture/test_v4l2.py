@@ -1,11 +1,18 @@
 """What a V4L2 driver says of its pictures, with the driver faked at the system call."""
 
 import errno
+import os
 import struct
+import time
+from itertools import islice
 
+import cv2
+import numpy as np
 import pytest
 
+from capture.errors import CaptureError
 from capture.sources import v4l2_device as device
+from capture.sources.registry import open_source
 from capture.sources.v4l2_formats import FORMATS, ROWS
 
 CASES = [
@@ -43,3 +50,77 @@ def test_a_driver_that_refuses_to_say_is_taken_to_pad_nothing(monkeypatch: pytes
 
 def test_every_format_but_jpeg_has_rows() -> None:
     assert set(FORMATS) - set(ROWS) == {"MJPG"}
+
+
+class Camera:
+    """A driver with one mode, 64x48 grey, and OpenCV's way of reading it: a wait that ends without a picture is no error."""
+
+    def __init__(self, interval: float) -> None:
+        self.interval = interval
+        """s, from frame to frame"""
+        self.next_s = 0.0
+        self.plugged_in = True
+
+    def ioctl(self, _handle: int, request: int, argument: bytes = b"") -> bytes:
+        index = int.from_bytes(argument[:4], "little")
+        if not self.plugged_in:
+            raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
+        if request == device.QUERYCAP:
+            return struct.pack("=16s32s32sIII12x", b"fake", b"Fake", b"bus", 1, device.CAPTURE | device.STREAMING, 0)
+        if request == device.ENUM_FMT and index == 0:
+            return struct.pack("=44x4s16x", b"GREY")
+        if request == device.ENUM_FRAMESIZES and index == 0:
+            return struct.pack("=8x3I24x", 1, 64, 48)
+        raise OSError(errno.EINVAL, os.strerror(errno.EINVAL))
+
+    def open(self, *_: object) -> bool:
+        return True
+
+    def get(self, number: int) -> float:
+        return {cv2.CAP_PROP_FRAME_WIDTH: 64.0, cv2.CAP_PROP_FRAME_HEIGHT: 48.0}.get(number, 0.0)
+
+    def read(self) -> tuple[bool, object]:
+        """OpenCV's wait, of 0.1 s here."""
+        time.sleep(0.1)
+        if not self.plugged_in or time.monotonic() < self.next_s:
+            return False, None
+        self.next_s = time.monotonic() + self.interval
+        return True, np.full((48, 64), 7, np.uint8)
+
+    def release(self) -> None:
+        pass
+
+
+@pytest.fixture
+def camera(monkeypatch: pytest.MonkeyPatch) -> Camera:
+    camera = Camera(1.5)
+    monkeypatch.setattr(device, "ioctl", camera.ioctl)
+    monkeypatch.setattr(cv2, "VideoCapture", lambda: camera)
+    return camera
+
+
+def test_a_camera_slower_than_a_frame_a_second_is_waited_for(camera: Camera) -> None:
+    with open_source("v4l2:/dev/null") as source:
+        frames = list(islice(source, 3))
+    assert [frame.size for frame in frames] == [(64, 48)] * 3
+    assert frames[2].time_s - frames[0].time_s >= 2 * camera.interval
+
+
+def test_a_camera_that_falls_silent_is_given_up_after_what_was_asked_for(camera: Camera) -> None:
+    camera.interval = 600.0
+    with open_source("v4l2:/dev/null?patience_s=1") as source:
+        frames = iter(source)
+        next(frames)
+        begun = time.monotonic()
+        with pytest.raises(CaptureError, match="sends no more pictures"):
+            next(frames)
+    assert 1 <= time.monotonic() - begun < 9, "the default is 10 s"
+
+
+def test_an_unplugged_camera_is_told_at_once(camera: Camera) -> None:
+    with open_source("v4l2:/dev/null?patience_s=600") as source:
+        frames = iter(source)
+        next(frames)
+        camera.plugged_in = False
+        with pytest.raises(CaptureError, match="was unplugged: plug the camera in again"):
+            next(frames)

@@ -43,6 +43,13 @@ def test_every_view_is_kept_bit_for_bit(shared: Path) -> None:
         np.testing.assert_array_equal(read_grey(ours), read_grey(theirs), err_msg=f"{ours.name} is not {theirs.name}")
 
 
+def test_a_camera_slower_than_a_frame_a_second_is_waited_for(shared: Path) -> None:
+    slow = json.loads((shared / "result.json").read_text())["slow"]
+    assert slow["code"] == 0, slow["stderr"]
+    assert len(slow["pictures"]) == 3
+    assert "waiting for the next one." in slow["stderr"]
+
+
 def test_the_recording_calibrates_to_the_same_numbers(shared: Path, tmp_path: Path) -> None:
     shutil.copytree(FIXTURE / "frames", tmp_path / "fixture" / "frames")
     shutil.copy(FIXTURE / "session.yaml", tmp_path / "fixture")

@@ -4,9 +4,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import torch
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from calib.calibration import Calibration
 from calib.errors import InputError
+from calib.export import central
 from calib.export.central import best_central
 from calib.export.formats import FORMATS, OPENCV, SPLINED, ExportLens
 from calib.export.lens_fit import fit_lens, project
@@ -46,6 +49,22 @@ def test_without_a_cover_the_lens_is_the_calibration_s_own(bare: Calibration) ->
     assert model.centre == (0, 0, 0)
     assert max(misfit.worst_px for misfit in (model.half, model.at, model.double)) < 1e-6
     assert list(model.remarks()) == []
+
+
+def test_a_lens_is_fitted_on_one_thread(covered: Calibration, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside busy processes, two threads of BLAS took 6 to 10 s for what one does in 1."""
+    seen_threads: list[int] = []
+
+    def watched(*arguments: object) -> np.ndarray:
+        seen_threads.extend(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
+        seen_threads.append(torch.get_num_threads())
+        return fit_lens(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(central, "fit_lens", watched)
+    with threadpool_limits(2, user_api="blas"):
+        best_central(covered, 1.0, (FOUR,))
+    assert len(seen_threads) >= 2
+    assert set(seen_threads) == {1}
 
 
 def test_the_rays_nearly_intersect_where_the_model_stands(covered: Calibration) -> None:

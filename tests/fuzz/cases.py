@@ -2,11 +2,12 @@
 
 import io
 import os
+import re
 import tarfile
 from collections.abc import Callable, Sequence
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import chdir, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from hashlib import sha256
 from pathlib import Path
 from shutil import rmtree
@@ -15,7 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 import yaml
-from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
 from calib.apply.measure_files import read_points, read_poses
@@ -23,7 +24,7 @@ from calib.calibration import Calibration
 from calib.cli import main
 from calib.corners.corners_file import read_corners
 from calib.corners.detect_all import KEPT, detect
-from calib.errors import RefracalError
+from calib.errors import LONGEST, RefracalError
 from calib.importing.from_kalibr import from_kalibr
 from calib.importing.from_mrcal import from_cameramodel
 from calib.importing.from_ros import from_tar
@@ -33,17 +34,23 @@ from calib.io.images import list_images, read_image
 from calib.session.board import Board
 from calib.session.session import check_images, read_session
 from calib.verdict.judge import judge
+from capture.cli import main as capture_main
 from fixtures.known import known
 from fixtures.synthetic import scene
-from tests.fuzz.strategies import arrays, mappings, npys, texts
+from tests.fuzz.command_lines import good_lines
+from tests.fuzz.strategies import arrays, lines, mappings, npys, texts
 from tests.importing.recordings import cameramodel
 from tests.session.malformed import SESSION, WITH_CORNERS, write_good_session
 from tests.test_calibration import write_session
 
 Run = Callable[[Any], object]
+Reader = Callable[[Any], bool]
+"""True where the input was refused by a sentence, which was looked at, and did not come as an exception."""
 BOARD = Board(6, 5, 0.02)
 SPECIAL = ("fifo", "zero", "full", "folder", "loop", "nothing")
 """What may stand where a file is expected."""
+SPEAKER = re.compile(r"^\w+[\w -]*: (error: )?")
+"""Who speaks, before the sentence."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +59,7 @@ class Kind:
 
     name: str
     inputs: st.SearchStrategy[Any]
-    run: Run
+    run: Run | Reader
 
 
 class Bench:
@@ -86,6 +93,10 @@ class Bench:
             st.sampled_from(("1", "0.5", "inf", "1e308", "1e-300", "nan", "-1", "\x1b[2J", "x" * 5000)), min_size=1, max_size=2
         )
         return (
+            # First those with few different values: what they leave of their share goes to the others.
+            Kind("something else than a file", st.tuples(st.sampled_from(SPECIAL), st.integers(0, 9)), self._special),
+            Kind("--depth", st.tuples(depths, st.sampled_from(("npz", "ros", "opencv", "stmap"))), self._depth),
+            Kind("a command line", lines(good_lines(self.folder, points)), self._line),
             Kind("session.yaml, as text", texts([SESSION.encode(), WITH_CORNERS.encode()]), self._session),
             Kind("session.yaml, by value", mappings(session).map(_yaml), self._session),
             Kind("frames.csv", texts([table]), self._frames),
@@ -100,8 +111,6 @@ class Bench:
             Kind(".cameramodel", texts([model]), self._mrcal),
             Kind("calibrationdata.tar", texts(tars(pictures[0])), self._ros),
             Kind("camchain.yaml", mappings(chain | target).map(_yaml), self._kalibr),
-            Kind("something else than a file", st.tuples(st.sampled_from(SPECIAL), st.integers(0, 9)), self._special),
-            Kind("--depth", st.tuples(depths, st.sampled_from(("npz", "ros", "opencv", "stmap"))), self._depth),
         )
 
     def deep(self, value: object) -> None:
@@ -141,14 +150,10 @@ class Bench:
         self._put(f"session/frames/{KEPT}", data)
         detect(list_images(self.session / "frames")[:1], BOARD)
 
-    def _picture(self, data: bytes) -> None:
-        for suffix in (".npy",) if data.startswith(b"\x93NUMPY") else (".png", ".npy"):
-            path = self._put(f"picture{suffix}", data)
-            for read in (read_image, read_depth_image):
-                try:
-                    read(path)
-                except RefracalError as error:
-                    _check(error)
+    def _picture(self, data: bytes) -> bool:
+        suffixes = (".npy",) if data.startswith(b"\x93NUMPY") else (".png", ".npy")
+        paths = [self._put(f"picture{suffix}", data) for suffix in suffixes]
+        return _refused([partial(read, path) for path in paths for read in (read_image, read_depth_image)])
 
     def _text(self, data: bytes) -> None:
         self._put("calibration/calibration.yaml", data)
@@ -177,12 +182,9 @@ class Bench:
             self._put("calibration/calibration.yaml", _yaml(self.said))
             np.savez(self.calibration / "calibration.npz", allow_pickle=False, **self.arrays)
 
-    def _points(self, data: bytes) -> None:
-        for read in (read_points, read_poses):
-            try:
-                read(self._put("points.csv", data))
-            except RefracalError as error:
-                _check(error)
+    def _points(self, data: bytes) -> bool:
+        path = self._put("points.csv", data)
+        return _refused([partial(read, path) for read in (read_points, read_poses)])
 
     def _mrcal(self, data: bytes) -> None:
         from_cameramodel(self._put("a.cameramodel", data))
@@ -224,29 +226,40 @@ class Bench:
         )
         readers[which](path)
 
-    def _depth(self, case: tuple[list[str], str]) -> None:
+    def _depth(self, case: tuple[list[str], str]) -> bool:
         depths, form = case
-        self._command(["export", str(self.folder / "small"), "--format", form, "--depth", *depths, "-o", str(self.folder / "out")])
+        return self._command(["export", str(self.folder / "small"), "--format", form, "--depth", *depths, "-o", str(self.folder / "out")])
 
-    def _command(self, words: list[str]) -> None:
-        """What it says is one sentence, and nothing is a bug."""
-        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()) as said:
+    def _line(self, words: list[str]) -> bool:
+        """In a folder of its own, as a word may name where files go."""
+        place = self.folder / "line"
+        rmtree(place, ignore_errors=True)
+        place.mkdir()
+        with chdir(place):
+            return self._command(words[1:], main if words[0] == "calib" else capture_main)
+
+    def _command(self, words: list[str], command: Callable[[list[str]], int] = main) -> bool:
+        """Whether it refuses. What it says is a sentence a line, and nothing is a bug."""
+        with redirect_stdout(io.StringIO()) as shown, redirect_stderr(io.StringIO()) as said:
             try:
-                code = main(words)
+                code = command(words)
             except SystemExit as ended:
                 code = int(str(ended.code))
         last = said.getvalue().strip().splitlines()[-1:] or [""]
-        assert code != 1, last[0]
-        assert code == 0 or len(last[0]) <= 500, last[0]
-        assert "\x1b[2J" not in said.getvalue()
+        assert code in (0, 2, 3, 4), f"{code}: {last[0]}"
+        assert code == 0 or last[0], "nothing is said"
+        for line in said.getvalue().splitlines():
+            assert len(SPEAKER.sub("", line)) <= LONGEST, f"{len(line)} characters: {line}"
+        assert "\x1b[2J" not in said.getvalue() + shown.getvalue()
+        return code != 0
 
 
-def each_of(kind: Kind, cases: int, act: Run) -> None:
-    """Call it with so many inputs of a kind, the same ones every time."""
+def each_of(kind: Kind, cases: int, act: Run, number: int = 0) -> None:
+    """Call it with so many inputs of a kind, the same ones for the same seed `number`; fewer where there are no more."""
 
+    @seed(number)
     @settings(
         max_examples=cases,
-        derandomize=True,
         database=None,
         deadline=None,
         phases=[Phase.generate],
@@ -259,19 +272,31 @@ def each_of(kind: Kind, cases: int, act: Run) -> None:
     each()
 
 
-def spoil(kind: Kind, value: Any) -> None:
-    """Run one case; AssertionError where a message is not a short line, and whatever else a bug raises."""
+def spoil(kind: Kind, value: Any) -> bool:
+    """Run one case, and say whether it was refused; AssertionError where a message is not a short line, and whatever else a bug raises."""
     try:
-        kind.run(value)
+        return kind.run(value) is True
     except RefracalError as error:
-        _check(error)
+        return _check(error)
 
 
-def _check(error: RefracalError) -> None:
+def _refused(reads: Sequence[Callable[[], object]]) -> bool:
+    """Whether every one of several readers refuses; each has its turn."""
+    refusals = 0
+    for read in reads:
+        try:
+            read()
+        except RefracalError as error:
+            refusals += _check(error)
+    return refusals == len(reads)
+
+
+def _check(error: RefracalError) -> bool:
     said = str(error)
     assert said, "nothing is said"
-    assert len(said) <= 400, f"{len(said)} characters: {said}"
+    assert len(said) <= LONGEST, f"{len(said)} characters: {said}"
     assert said.isprintable(), repr(said)
+    return True
 
 
 def _yaml(said: object) -> bytes:

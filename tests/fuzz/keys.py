@@ -7,6 +7,7 @@ import argparse
 import asyncio
 import random
 import sys
+import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -17,6 +18,7 @@ from capture.tui.form import BOARD
 from capture.tui.setup import SetupScreen
 from tests.capture.tui.driving import running
 
+SAID_EVERY_S = 10.0
 SOURCES = ("folder:/nowhere", "folder:", "video:nothing.mp4", "v4l2:/dev/null", "rpicam:9", "x", "folder:.?speed=0", "libcamera:\x1b")
 TEXTS = (
     "9",
@@ -46,6 +48,7 @@ async def walk(session: Path, steps: int, seed: int) -> int:
     """How many times the app was started; AssertionError where what was typed did not survive. What the app raises, it raises here."""
     draw = random.Random(seed)
     done = starts = 0
+    spoken = time.monotonic()
     before: dict[str, str] = {}
     while done < steps:
         starts += 1
@@ -55,6 +58,9 @@ async def walk(session: Path, steps: int, seed: int) -> int:
             assert not before or texts(app.screen) == before, f"step {done}: {texts(app.screen)} where {before} was typed"
             while done < steps and app.is_running:
                 done += 1
+                if time.monotonic() - spoken > SAID_EVERY_S:
+                    spoken = time.monotonic()
+                    print(f"{done} of {steps}", file=sys.stderr, flush=True)
                 screen = app.screen
                 if isinstance(screen, SetupScreen):
                     before = await step(pilot, screen, draw)
@@ -97,7 +103,7 @@ def main() -> int:
     args = parser.parse_args()
     with TemporaryDirectory() as folder:
         starts = asyncio.run(walk(Path(folder) / "session", args.steps, args.seed))
-    print(f"{args.steps} steps, {starts} starts: no exception, and what was typed survived")
+    print(f"seed {args.seed}, {args.steps} steps, {starts} starts: no exception, and what was typed survived")
     return 0
 
 

@@ -1,8 +1,9 @@
 """Kills fit, diagnose, export and report, and looks at what is left in the folder that they write to: the old set or the new one.
 
-python -m tests.fuzz.kills --kills 200. Every second kill is at a moment drawn over the command's duration, the others at a change of the
-folder, from the first to the last. A line says how many left the old set and how many the new one, and how many had to be settled first:
-their writer was killed while moving a set that was in force, which the next reader goes on with.
+python -m tests.fuzz.kills --kills 200. Every second kill is at a moment of the command's work, one in each of as many equal parts of it;
+the others are at a change of the folder, from the first to the last. A line says how many left the old set and how many the new one, how
+many had to be settled first (their writer was killed while moving a set that was in force, which the next reader goes on with), and how
+many ended before their kill.
 """
 
 import argparse
@@ -29,6 +30,7 @@ from fixtures.synthetic import scene
 from tests.io.killed import kill_at, on_change
 from tests.test_calibration import write_session
 
+SAID_EVERY_S = 10.0
 Contents = dict[str, bytes]
 
 
@@ -51,7 +53,8 @@ class Whole:
     written: frozenset[str]
     """Those that are not as they were before."""
     changes: int
-    seconds: float
+    work_s: float
+    """Of the processor: on a busy machine, a moment by the clock is another one each time."""
 
 
 def commands(place: Path) -> list[Command]:
@@ -80,7 +83,8 @@ def run(arguments: Sequence[str]) -> int:
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
-def _fork(arguments: Sequence[str], change: int | None = None, counted: Path | None = None) -> int:
+def _fork(arguments: Sequence[str], change: int | None = None, work_s: float = 0.0, counted: Path | None = None) -> int:
+    """A process with the command, which is killed at that change of its folder, or after so much work."""
     child = os.fork()
     if child:
         return child
@@ -90,6 +94,9 @@ def _fork(arguments: Sequence[str], change: int | None = None, counted: Path | N
     folder = Path(arguments[-1])
     if change is not None:
         kill_at(change, folder)
+    if work_s:
+        signal.signal(signal.SIGPROF, signal.SIG_DFL)  # ends the process at once, as SIGKILL does
+        signal.setitimer(signal.ITIMER_PROF, work_s)
     if counted:
         tally = os.open(counted, os.O_CREAT | os.O_WRONLY | os.O_APPEND)
         on_change(folder, lambda: os.write(tally, b"."))
@@ -103,11 +110,10 @@ def contents(folder: Path) -> Contents:
 def measured(command: Command, place: Path) -> Whole:
     out = place / "whole"
     shutil.copytree(command.before, out)
-    begun = time.monotonic()
     tally = place / "tally"
-    code = os.waitstatus_to_exitcode(os.waitpid(_fork([*command.arguments, str(out)], counted=tally), 0)[1])
-    seconds = time.monotonic() - begun
-    whole = Whole(frozenset(contents(out)), written(out, command), tally.stat().st_size, seconds)
+    _, status, used = os.wait4(_fork([*command.arguments, str(out)], counted=tally), 0)
+    code = os.waitstatus_to_exitcode(status)
+    whole = Whole(frozenset(contents(out)), written(out, command), tally.stat().st_size, used.ru_utime + used.ru_stime)
     if code or (wrong := unlike_one_set(out, whole, command)):
         raise SystemExit(f"{command.name} ends with {code}{f'; {wrong}' if code == 0 else ''}")
     shutil.rmtree(out)
@@ -152,7 +158,8 @@ def main() -> int:
     cv2.setNumThreads(1)
     draw = random.Random(args.seed)
     tally: Counter[tuple[str, str]] = Counter()
-    settled = left = 0
+    settled = left = ended = 0
+    spoken = time.monotonic()
     with TemporaryDirectory() as folder:
         place = Path(folder)
         tried = commands(place)
@@ -162,22 +169,25 @@ def main() -> int:
             whole, turn = wholes[command.name], number // len(tried)
             out = place / "out"
             shutil.copytree(command.before, out)
-            if turn % 2:
-                child = _fork([*command.arguments, str(out)])
-                time.sleep(draw.uniform(0, whole.seconds))
-                os.kill(child, signal.SIGKILL)
-            else:
-                child = _fork([*command.arguments, str(out)], change=turn * len(tried) * whole.changes // args.kills)
-            os.waitpid(child, 0)
+            part = (turn // 2 + draw.random() * (turn % 2)) / -(-args.kills // (2 * len(tried)))
+            at = {"work_s": part * whole.work_s} if turn % 2 else {"change": int(part * whole.changes)}
+            child = _fork([*command.arguments, str(out)], **at)
+            ended += os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) >= 0
             left += any(path.name.endswith(".tmp") for path in out.rglob("*"))
             found, moving = judged(out, command, whole)
             tally[command.name, found] += 1
             settled += moving
             shutil.rmtree(out)
+            if time.monotonic() - spoken > SAID_EVERY_S:
+                spoken = time.monotonic()
+                print(f"{number + 1} of {args.kills}", file=sys.stderr, flush=True)
     for (name, found), count in sorted(tally.items()):
         print(f"{name:10}{count:5}  {found}")
     bad = sum(count for (_, found), count in tally.items() if found not in ("old", "new"))
-    print(f"{args.kills} kills: {bad} left neither the old set nor the new one; {settled} were settled by the reader; {left} left a .tmp")
+    print(
+        f"seed {args.seed}, {args.kills} kills: {bad} left neither the old set nor the new one; {settled} were settled by the reader; "
+        f"{left} left a .tmp; {ended} ended before the kill"
+    )
     return bool(bad)
 
 

@@ -26,6 +26,61 @@ VALUES: tuple[Any, ...] = (
 """What stands in the place of a value."""
 
 
+WORDS = (
+    "", " ", "-", "--", "--x", "--json", "-o", "-1", "0", "1", "2", "1.5", "1e308", "1e-300", "nan", "inf", "-inf", "9" * 5000, "x" * 5000,
+    "\x1b[2J", "caf\udce9", "gnp\u202e.exe", "９", "²", "9x6", "9x", "x9", "3x3", "1000x1000", "0x0", "99999999999999999999x9", "auto",
+    "none", "all", "lens,lens", "radius,", ",", "[/b]", "[link=x]", "%", "%(prog)s", "{}", "~", "a\nb", "absent.png", "folder:", "folder:.",
+    "video:x", "v4l2:", "v4l2:/dev/null", "folder:absent?speed=nan", "libcamera:\x1b",
+)  # fmt: skip
+"""What stands in the place of a word of a command line, or beside it."""
+NUMBERS = (
+    "0",
+    "0.001",
+    "0.05",
+    "0.3",
+    "0.5",
+    "0.9",
+    "1",
+    "2",
+    "3",
+    "7",
+    "64",
+    "1000",
+    "1e9",
+    "1e308",
+    "1e-300",
+    "inf",
+    "nan",
+    "-1",
+    "-0.0",
+)
+"""What stands in the place of a number of a command line: more of these are taken, and meet the code behind the arguments."""
+
+
+@st.composite
+def lines(draw: st.DrawFn, good: Sequence[Sequence[str]]) -> list[str]:
+    """A good command line with one or two of its words, but the first two, replaced, dropped, doubled, or moved."""
+    words = list(draw(st.sampled_from(good)))
+    for _ in range(draw(st.integers(1, 2))):
+        if len(words) == 2:
+            break
+        at = draw(st.integers(2, len(words) - 1))
+        match draw(st.integers(0, 7)):
+            case 0:
+                del words[at]
+            case 1:
+                words.insert(at, words[at])
+            case 2:
+                words.insert(2, words.pop(at))
+            case 3:
+                words.insert(at, draw(st.sampled_from(WORDS)))
+            case 4 | 5 | 6 if words[at].replace(".", "").isdecimal():
+                words[at] = draw(st.sampled_from(NUMBERS))
+            case _:
+                words[at] = draw(st.sampled_from(WORDS))
+    return words
+
+
 @st.composite
 def texts(draw: st.DrawFn, good: Sequence[bytes]) -> bytes:
     """A good text with a few of its parts cut, doubled, moved, or replaced by a token."""

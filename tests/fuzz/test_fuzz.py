@@ -1,6 +1,12 @@
 """A short fuzz of every kind of input, the same cases each time; `python -m tests.fuzz` is the long one."""
 
+import os
+import signal
+import subprocess
+import sys
+import time
 import warnings
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
@@ -9,7 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calib.errors import LONGEST, InputError, brief, harmless
+from tests.fuzz.__main__ import fuzz
 from tests.fuzz.cases import Bench, Kind, each_of, spoil
+from tests.fuzz.limits import Hang, Limits
 
 CASES = 12
 """Of each kind; a wrong place that one spoilt file in twelve finds is found here, a rarer one by the command."""
@@ -56,3 +64,82 @@ def test_the_same_cases_every_time(bench: Bench) -> None:
     for run in runs:
         each_of(kind, CASES, run.append)
     assert runs[0] == runs[1]
+
+
+@pytest.fixture
+def limits() -> Iterator[Limits]:
+    """Of a fifth of a second; pytest's own handlers come back."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGPROF, signal.SIGALRM)}
+    made = Limits()
+    made.work_s, made.wait_s = 0.2, 60.0
+    yield made
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def _works(_: Any) -> None:
+    while True:
+        pass
+
+
+def _waits(_: Any) -> None:
+    handle, _other = os.pipe()
+    os.read(handle, 1)
+
+
+@pytest.mark.parametrize(("act", "says"), [(_works, "too much work"), (_waits, "it waits")])
+def test_a_case_that_does_not_end_is_ended(limits: Limits, act: Callable[[Any], None], says: str) -> None:
+    limits.wait_s = 0.5 if act is _waits else 60.0
+    with pytest.raises(Hang, match=says), limits:
+        act(None)
+
+
+def test_a_busy_machine_is_no_hang(limits: Limits) -> None:
+    """Time without work."""
+    with limits:
+        time.sleep(2 * limits.work_s)
+
+
+def test_what_goes_wrong_is_counted_and_can_be_repeated(limits: Limits) -> None:
+    """Every kind of wrong, among cases that are right."""
+
+    def run(value: int) -> object:
+        match value:
+            case 0:
+                raise ValueError("a bug")
+            case 1:
+                raise AssertionError("500 characters: ...")
+            case 2:
+                warnings.warn("deprecated", stacklevel=1)
+            case 3:
+                _works(None)
+            case 4:
+                raise InputError("Write another number.")
+        return value == 5
+
+    tally = fuzz(Kind("numbers", st.integers(0, 6), run), 100, 3, limits)
+    assert (tally.tried, tally.refused, tally.wrong.total()) == (7, 2, 4)
+    said = tally.explained()
+    for wrong in ("ValueError", "AssertionError", "UserWarning", "Hang"):
+        assert f"numbers: {wrong} at here" in said
+    assert "python -m tests.fuzz --seed 3 --cases 100 --kind 'numbers'" in said
+
+
+def test_another_seed_gives_other_cases(bench: Bench) -> None:
+    (kind,) = (kind for kind in bench.kinds if kind.name == "frames.csv")
+    runs: list[list[bytes]] = [[], []]
+    for number, run in enumerate(runs):
+        each_of(kind, CASES, run.append, number)
+    assert runs[0] != runs[1]
+
+
+@pytest.mark.slow
+def test_the_command_sums_up_and_tells_an_unknown_kind() -> None:
+    command = [sys.executable, "-m", "tests.fuzz", "--cases", "4"]
+    done = subprocess.run([*command, "--kind", "frames.csv"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.splitlines()[-1].endswith("0 went wrong, in 0 ways")
+    assert "4 cases of 1 kinds" in done.stdout
+    unknown = subprocess.run([*command, "--kind", "nothing"], capture_output=True, text=True, check=False)
+    assert unknown.returncode == 2
+    assert "there are: something else than a file; --depth;" in unknown.stderr

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import tracemalloc
 from io import BytesIO
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from calib.errors import InputError
-from calib.io.files import npz, write_atomically
+from calib.io.files import PIECE, npz, read_file, write_atomically
 
 
 def test_text_and_bytes_are_written(tmp_path: Path) -> None:
@@ -63,6 +64,29 @@ def test_places_that_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="a name that no folder has"):
         write_atomically(tmp_path / "folder", "")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder"]
+
+
+def test_a_small_file_is_read_in_little_memory(tmp_path: Path) -> None:
+    """Of a machine with 1 GB, 2 GB cannot be had, however little of it is used."""
+    path = tmp_path / "small"
+    path.write_bytes(b"x" * 3 * PIECE)
+    tracemalloc.start()
+    try:
+        assert read_file(path) == b"x" * 3 * PIECE
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 8 * PIECE, "the bytes, a piece, and room to grow"
+
+
+@pytest.mark.parametrize("most", [0, 1, PIECE, PIECE + 1, 2 * PIECE])
+def test_a_file_may_be_as_large_as_was_said_and_no_larger(tmp_path: Path, most: int) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(b"x" * most)
+    assert len(read_file(path, most)) == most
+    path.write_bytes(b"x" * (most + 1))
+    with pytest.raises(InputError, match="is larger than the"):
+        read_file(path, most)
 
 
 def test_arrays_come_back() -> None:

@@ -17,7 +17,7 @@ from capture.recorder import Recorder
 from capture.tui.collect import CollectScreen
 from capture.tui.picture import Picture
 from capture.tui.working import WorkingPage
-from tests.capture.recordings import BOARD
+from tests.capture.recordings import BOARD, noise, write_recording
 from tests.capture.test_rpicam import HEIGHT, PICTURES, SOURCE, STAND_IN, WIDTH
 from tests.capture.tui.driving import drive, running, see, shown, until
 from tests.capture.tui.test_session import FIXTURE
@@ -68,6 +68,20 @@ async def _unplugged(session: Path, camera: Path) -> None:
         (camera / "script").write_text(" ".join("012" * 20) + " hang")
         await see(pilot, "No board in view")
         assert pilot.app.screen.query_one(Picture).updates > before
+
+
+def test_a_slow_camera_is_said_to_be_waited_for(tmp_path: Path) -> None:
+    session = tmp_path / "session"
+    session.mkdir()
+    (session / "session.yaml").write_text(PLAIN)
+    slow = write_recording(tmp_path / "slow", noise(2, WIDTH, HEIGHT), 600.0)
+    drive(_slow(session, slow))
+
+
+async def _slow(session: Path, slow: Path) -> None:
+    async with running(session, f"folder:{slow}?speed=1") as pilot:
+        await pilot.press("ctrl+s")
+        await see(pilot, "s: waiting for the next one.")
 
 
 def test_a_fit_that_is_killed_can_be_repeated(session: Path) -> None:

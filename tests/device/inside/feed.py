@@ -2,6 +2,7 @@
 
 import os
 import struct
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from fcntl import ioctl
@@ -45,3 +46,22 @@ def feeding(pixels: str, width: int, height: int) -> Iterator[int]:
         yield handle
     finally:
         os.close(handle)
+
+
+@contextmanager
+def written_every(seconds: float, handle: int, buffer: bytes) -> Iterator[None]:
+    """The same picture again and again, first at once: before that, the device has no format."""
+    over = threading.Event()
+
+    def feed() -> None:
+        while not over.wait(seconds):
+            os.write(handle, buffer)
+
+    os.write(handle, buffer)
+    thread = threading.Thread(target=feed)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()

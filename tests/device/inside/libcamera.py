@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from calib.io.images import list_images
-from tests.device.inside.recording import Recording
+from tests.device.inside.recording import PATIENCE, Recording
 
 VIRTUAL = """\
 %YAML 1.1
@@ -36,7 +36,7 @@ described = Path("/usr/share/libcamera/pipeline/virtual/virtual.yaml")
 described.parent.mkdir(parents=True, exist_ok=True)
 described.write_text(VIRTUAL)
 cover = ("--cover-from", str(fixture / "session.yaml"), "--board", "9x9", "--square-mm", "20")
-recording = Recording(session, "libcamera:0", *cover, "--all", "--views", "24")
+recording = Recording(session, f"libcamera:0?patience_s={PATIENCE:.0f}", *cover, "--all", "--views", "24")
 (shared / "result.json").write_text(json.dumps(recording.ended()))
 if session.exists():
     shutil.copytree(session, shared / "session")

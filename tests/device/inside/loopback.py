@@ -1,4 +1,5 @@
-"""In the guest: a loopback device shows one picture in each format, then a session's pictures, each when the one before is recorded.
+"""In the guest: a loopback device shows one picture in each format, then a session's pictures, each when the one before is recorded,
+and at last it is a camera that sends a picture every three seconds.
 
 Usage: python -m tests.device.inside.loopback FIXTURE SHARED
 """
@@ -7,7 +8,6 @@ import json
 import os
 import shutil
 import sys
-import threading
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,8 @@ import numpy as np
 from calib.io.images import list_images, read_grey
 from capture.errors import CaptureError
 from capture.sources.registry import open_source
-from tests.device.inside.feed import BUFFERS, DEVICE, feeding
-from tests.device.inside.recording import Recording
+from tests.device.inside.feed import BUFFERS, DEVICE, feeding, written_every
+from tests.device.inside.recording import PATIENCE, Recording
 
 fixture, shared = Path(sys.argv[1]), Path(sys.argv[2])
 session = Path("/tmp/session")
@@ -28,24 +28,15 @@ def furthest(pixels: str) -> int | str:
     """Grey levels between a picture of noise, whose sides few numbers divide, and what the source makes of it in that format."""
     shown = np.random.default_rng(0).integers(0, 256, (250, 322)).astype(np.uint8)
     buffer = BUFFERS[pixels](shown)
-    over = threading.Event()
-
-    def feed() -> None:
-        while not over.wait(0.05):
-            os.write(handle, buffer)
-
-    with feeding(pixels, 322, 250) as handle:
-        os.write(handle, buffer)  # before it, the device has no format
-        thread = threading.Thread(target=feed)
-        thread.start()
-        try:
-            with open_source(f"v4l2:{DEVICE}?format={pixels}") as source:
-                seen = next(iter(source)).pixels
-        except CaptureError as error:
-            return str(error)
-        finally:
-            over.set()
-            thread.join()
+    try:
+        with (
+            feeding(pixels, 322, 250) as handle,
+            written_every(0.05, handle, buffer),
+            open_source(f"v4l2:{DEVICE}?format={pixels}") as source,
+        ):
+            seen = next(iter(source)).pixels
+    except CaptureError as error:
+        return str(error)
     if pixels == "MJPG":  # lossy: what it shows is what is in the file
         shown = np.asarray(cv2.imdecode(np.frombuffer(buffer, np.uint8), cv2.IMREAD_GRAYSCALE), np.uint8)
     return int(np.abs(seen.astype(int) - shown).max())
@@ -66,7 +57,14 @@ def recorded() -> dict[str, Any]:
         return recording.ended()
 
 
-result = {"formats": {pixels: furthest(pixels) for pixels in BUFFERS}, **recorded()}
+def slow() -> dict[str, Any]:
+    buffer = BUFFERS["GREY"](np.random.default_rng(0).integers(0, 256, (250, 322)).astype(np.uint8))
+    with feeding("GREY", 322, 250) as handle, written_every(3.0, handle, buffer):
+        options = ("--board", "9x9", "--square-mm", "20", "--all", "--views", "3")
+        return Recording(Path("/tmp/slow"), f"v4l2:{DEVICE}?patience_s={PATIENCE:.0f}", *options).ended()
+
+
+result = {"formats": {pixels: furthest(pixels) for pixels in BUFFERS}, **recorded(), "slow": slow()}
 (shared / "result.json").write_text(json.dumps(result))
 if session.exists():
     shutil.copytree(session, shared / "session")

@@ -1,4 +1,4 @@
-"""`capture record` as a person starts it, and what became of it."""
+"""`capture record` as a person starts it, and what became of it. A guest may be as slow as it likes, if it goes on."""
 
 import hashlib
 import json
@@ -6,16 +6,16 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from threading import Timer
 from typing import Any
 
-PATIENCE = 300.0  # s: on a busy machine, a guest needs a minute for its first picture
+PATIENCE = 300.0  # s without a further picture: on a busy machine, a guest needs a minute for its first
 
 
 class Recording:
     def __init__(self, session: Path, source: str, *options: str) -> None:
         self._session = session
-        self._begun = time.monotonic()
+        self._begun = self._changed = time.monotonic()
+        self._count = 0
         self._process = subprocess.Popen(
             [sys.executable, "-m", "capture", "record", session, "--source", source, "--json", *options],
             stdout=subprocess.PIPE,
@@ -30,19 +30,21 @@ class Recording:
     def wait_for(self, picture: int) -> None:
         """Until that picture is there, or the recording has ended."""
         file = self._session / "frames" / f"{picture:04d}.png"
-        deadline = time.monotonic() + PATIENCE
-        while self.running and not file.exists() and time.monotonic() < deadline:
+        while self.running and not file.exists():
             time.sleep(0.01)
+            self._look()
 
     def ended(self, since: float | None = None) -> dict[str, Any]:
         """Exit code, seconds it took (from its start or `since` by the monotonic clock), and what it said and wrote.
 
-        A recording that goes on for too long is killed.
+        A recording that brings no further picture is killed.
         """
-        timer = Timer(PATIENCE, self._process.kill)
-        timer.start()
-        stdout, stderr = self._process.communicate()
-        timer.cancel()
+        while True:
+            try:
+                stdout, stderr = self._process.communicate(timeout=0.2)
+                break
+            except subprocess.TimeoutExpired:
+                self._look()
         return {
             "code": self._process.returncode,
             "seconds": time.monotonic() - (since or self._begun),
@@ -50,6 +52,15 @@ class Recording:
             "summary": json.loads(stdout) if stdout else None,
             "pictures": pictures(self._session),
         }
+
+    def _look(self) -> None:
+        """Say on the console that there is a further picture, or end what brings none."""
+        count = sum(1 for _ in (self._session / "frames").glob("*.png"))
+        if count != self._count:
+            self._count, self._changed = count, time.monotonic()
+            print(f"{self._session.name}: {count} pictures", flush=True)
+        elif time.monotonic() - self._changed > PATIENCE:
+            self._process.kill()
 
 
 def pictures(session: Path) -> dict[str, str]:

@@ -1,0 +1,41 @@
+"""Good command lines over the files of a bench, each of which ends within a second."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+
+def good_lines(folder: Path, tables: Sequence[bytes]) -> Sequence[Sequence[str]]:
+    """Of calib and of capture; what they write goes below the folder that they run in.
+
+    Args:
+        folder: with `session` (too few views for a fit), `small` (a calibration of 64x48 px) and `calibration`.
+        tables: points and poses, for calib measure.
+    """
+    given = folder / "given"
+    given.mkdir(exist_ok=True)
+    cv2.imwrite(str(given / "a.png"), np.full((48, 64), 99, np.uint8))
+    cv2.imwrite(str(given / "far.png"), np.full((48, 64), 1000, np.uint16))
+    for name, table in zip(("points", "poses"), tables, strict=True):
+        (given / f"{name}.csv").write_bytes(table)
+    session, small, fitted = (str(folder / name) for name in ("session", "small", "calibration"))
+    board = ("--board", "6x5", "--square-mm", "20")
+    lines = (
+        f"calib fit {session} --method joint --grid 4x4 --free auto --effects none --folds 2 --depth 1 -o out --json",
+        f"calib evaluate {fitted} {session} --json",
+        f"calib export {small} --format ros --lens plumb_bob --depth 1 -o out",
+        f"calib export {small} --format kalibr --depth 1 -o out",
+        f"calib undistort {small} {given}/a.png --depth 1 --crop 0 --size 32x24 -o out",
+        f"calib undistort {small} {given}/a.png --depth-image {given}/far.png --size 64x48 --near 0.1 -o out",
+        f"calib measure {fitted} {given}/points.csv --depth 1 --noise 0.1 --json",
+        f"calib measure {fitted} {given}/points.csv --on-boards --poses {given}/poses.csv",
+        "calib board --columns 6 --rows 5 --square-mm 20 --paper A4 --size 64x48 -o out --json",
+        "calib board --type charuco --columns 6 --rows 5 --marker 0.7 --dictionary DICT_4X4_250 --legacy-pattern -o out",
+        "calib board --type aprilgrid --tag-mm 20 --spacing 0.3 --paper 600x400 -o out",
+        f"calib import mrcal-corners {session}/corners.vnl --size 320x240 {' '.join(board)} -o out",
+        f"calib import images {session}/frames {' '.join(board)} -o out",
+        f"capture record out --source folder:{session}/frames {' '.join(board)} --views 2",
+    )
+    return [line.split() for line in lines]
