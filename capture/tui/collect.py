@@ -172,7 +172,7 @@ class CollectScreen(Page):
 
     @on(Waited)
     def _wait(self, message: Waited) -> None:
-        if self._watch is not None and time.monotonic() - self._taken_s > TAKEN_S:
+        if self._watch is not None and time.monotonic() > self._said_until:
             self._say(waiting(message.seconds))
 
     @on(Begun)
