@@ -11,6 +11,8 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.session.shutter import Shutter
+
 PAUSE_S = 1.0  # between two frames: from here on, the one says nothing about how fast the board moves in the other
 
 
@@ -49,6 +51,11 @@ class FrameSource(Protocol):
     @property
     def remarks(self) -> Sequence[str]:
         """What a person should know of this camera before trusting its pictures, a sentence each. Known once entered."""
+        ...
+
+    @property
+    def shutter(self) -> Shutter | None:
+        """Of the sensor that the driver names. None: it names none that is known. Known once entered."""
         ...
 
     def __enter__(self) -> Self: ...

@@ -16,6 +16,7 @@ from calib.io.files import reading
 from calib.io.frames_table import NAME, Row, columns, last_view, mended, read_table, to_csv
 from calib.io.images import list_images
 from calib.session.board import Board
+from calib.session.shutter import Shutter, shutter_to_yaml
 from capture.disk import append_durably, locked, write_durably, writing
 from capture.frames import Frame
 from capture.session_file import Setup, read_setup, write_setup
@@ -28,13 +29,17 @@ PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG
 class Recorder:
     """One session folder, opened by `with` and held by one recorder at a time."""
 
-    def __init__(self, session: Path, board: Board, *, like: Setup | None = None, bare: bool = False) -> None:
-        """`like` gives cover and camera to a folder that has no session.yaml; `bare` records the camera without its cover."""
+    def __init__(
+        self, session: Path, board: Board, *, like: Setup | None = None, bare: bool = False, shutter: Shutter | None = None
+    ) -> None:
+        """`like` gives cover and camera to a folder that has no session.yaml, and the source its sensor's `shutter`; `bare` records the
+        camera without its cover."""
         self.session = session
         self.remarks: list[str] = []
         """What a person should know of this recording, a sentence each, as they come up."""
         self._board = board
         self._like = like
+        self._shutter = shutter
         self._folder = session / ("bare" if bare else "frames")
         self._table = (self._folder if bare else session) / NAME
         self._rows: list[Row] = []
@@ -112,6 +117,7 @@ class Recorder:
         if (self.session / "session.yaml").exists():
             _, camera, _ = read_setup(self.session / "session.yaml")
             self._size = camera.width, camera.height
+            self._compare(camera.shutter)
         pictures = self.pictures
         for table in (self.session / "bare" / NAME, self.session / NAME):
             for row in read_table(table):
@@ -132,7 +138,16 @@ class Recorder:
         self._view = last_view(self._rows)
 
     def _describe(self, size: tuple[int, int]) -> None:
-        cover = write_setup(self.session, self._board, size, self._like)
+        cover = write_setup(self.session, self._board, size, self._like, self._shutter)
         self._size = size
         file = self.session / "session.yaml"
         self.remarks.append(f"Wrote {file} with cover.shape {cover.shape}: correct it there if the camera's cover is another.")
+
+    def _compare(self, described: Shutter | None) -> None:
+        """With the sensor's, where the driver names one."""
+        told = self._shutter
+        if told is None or (described and described.rolling == told.rolling):
+            return
+        kind, file = shutter_to_yaml(told)["type"], self.session / "session.yaml"
+        why = f"it says {shutter_to_yaml(described)['type']}" if described else "no effect is then named that it cannot have"
+        self.remarks.append(f"The camera's sensor has a {kind} shutter: write camera.shutter: {{type: {kind}}} in {file} ({why}).")

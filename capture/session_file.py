@@ -1,5 +1,6 @@
 """session.yaml of a recording: read and compared with what was asked for, or written."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import yaml
@@ -13,6 +14,7 @@ from calib.session.coding import AprilGrid, Charuco
 from calib.session.cover import Cover
 from calib.session.schema import Section
 from calib.session.session import FORMAT, session_from_mapping, session_to_yaml
+from calib.session.shutter import Shutter
 from capture.disk import write_durably
 
 Setup = tuple[Board, Camera, Cover]
@@ -55,13 +57,15 @@ def board_of(session: Path, asked: Board | None, like: Setup | None = None) -> B
     return board
 
 
-def write_setup(session: Path, board: Board, size: tuple[int, int], like: Setup | None) -> Cover:
-    """Describe a session whose pictures have this size, with another's cover and, if its pictures are as large, its camera."""
+def write_setup(session: Path, board: Board, size: tuple[int, int], like: Setup | None, shutter: Shutter | None) -> Cover:
+    """Describe a session whose pictures have this size, with another's cover and, if its pictures are as large, its camera; with `shutter`
+    where that says none."""
     camera, cover = Camera(*size), Cover("none", {})
     if like:
         cover = like[2]
         if (like[1].width, like[1].height) == size:
             camera = like[1]
+    camera = replace(camera, shutter=camera.shutter or shutter)
     described = {"format": FORMAT, **session_to_yaml(board, camera, cover)}
     write_durably(session / "session.yaml", yaml.safe_dump(described, sort_keys=False, allow_unicode=True, width=120))
     return cover

@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> None:
     views = args.views or (None if args.all else 30)
     with (
         Reader(source, Waits()) as reader,
-        Recorder(args.session, board, like=like, bare=args.bare) as recorder,
+        Recorder(args.session, board, like=like, bare=args.bare, shutter=reader.source.shutter) as recorder,
         ending_by(reader.close) as wish,
     ):
         narrator = Narrator(reader, recorder, views, json=args.json)

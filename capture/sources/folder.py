@@ -21,6 +21,7 @@ from calib.io.files import reading
 from calib.io.frames_table import FIXED, NAME, read_table, recorded_time
 from calib.io.images import list_images, read_image
 from calib.session.schema import Quantity, Section
+from calib.session.shutter import Shutter
 from capture.frames import PAUSE_S, Frame
 from capture.sources.options import read_number
 from capture.sources.registry import Inventory
@@ -32,6 +33,7 @@ class FolderSource:
     """The pictures of a folder, each read when its time has come."""
 
     remarks: Sequence[str] = ()
+    shutter: Shutter | None = None
 
     def __init__(self, folder: Path, speed: float | None) -> None:
         """`speed` is 1 for the recorded times; None: as fast as they are read."""

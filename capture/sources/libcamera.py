@@ -17,8 +17,10 @@ from typing import Any, Self
 import numpy as np
 
 from calib.session.schema import Quantity, Section
+from calib.session.shutter import Shutter
 from capture.errors import CaptureError
 from capture.frames import Frame
+from capture.sensors import sensor_in, shutter_of
 from capture.sources import libcamera_device as device
 from capture.sources.options import EXPOSURE_US, GAIN, PATIENCE_S, read_number, read_size
 from capture.sources.registry import Inventory
@@ -42,6 +44,7 @@ COLUMNS = {
 class LibcameraSource:
     live = True
     remarks: Sequence[str] = ()
+    shutter: Shutter | None = None
 
     def __init__(self, place: str, size: tuple[int, int] | None, controls: Mapping[str, float], patience_s: float) -> None:
         """`controls` by libcamera's names: ExposureTime, AnalogueGain, LensPosition."""
@@ -84,6 +87,7 @@ class LibcameraSource:
 
     def _prepare(self, stack: ExitStack) -> None:
         self._camera = device.find(self._manager.cameras, self._place)
+        self.shutter = shutter_of(sensor_in(self._camera.id))
         self._camera.acquire()
         stack.callback(self._camera.release)
         self._ids = {control.name: control for control in self._camera.controls}

@@ -21,14 +21,17 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.session.schema import Quantity, Section
+from calib.session.shutter import Shutter
 from capture.errors import CaptureError
 from capture.frames import Frame
+from capture.sensors import sensor_in, shutter_of
 from capture.sources.options import read_number, read_size
 from capture.sources.registry import Inventory, ListedCamera
 
 ALIGNMENT = 64  # bytes, of a row
 START = 10.0  # s, until the first picture: the program sets up the sensor
 SILENCE = 1.5  # s beyond the frame's own time
+TOLD = 1.0  # s, for which it is waited for what the program says of the first picture
 INSTALL = "sudo apt install rpicam-apps"
 QUANTITIES = (
     Quantity("exposure_us", low=1, high=1e7, default=8000.0),
@@ -37,6 +40,8 @@ QUANTITIES = (
     Quantity("fps", low=0.1, high=1000, default=10.0),
 )
 CONFIGURED = re.compile(r"configuring streams: \(0\) (\d+)x(\d+)")
+SELECTED = "Selected sensor format"
+"""Of the line that names the camera which was opened."""
 STATE = re.compile(r"^#\d+ .* exp (?P<exposure_us>[0-9.]+) ag (?P<gain>[0-9.]+)")
 """The line that the program prints for each frame when it has no preview window."""
 
@@ -44,6 +49,7 @@ STATE = re.compile(r"^#\d+ .* exp (?P<exposure_us>[0-9.]+) ag (?P<gain>[0-9.]+)"
 class RpicamSource:
     live = True
     remarks: Sequence[str] = ()
+    shutter: Shutter | None = None
 
     def __init__(self, camera: int, size: tuple[int, int], settings: Mapping[str, float], mode: str, awbgains: str) -> None:
         self._size = size
@@ -58,6 +64,8 @@ class RpicamSource:
             *("--denoise", "off", *(("--mode", mode) if mode else ()), "--output", "-"),
         ]
         self._lines: deque[str] = deque(maxlen=50)
+        self._framed = threading.Event()
+        """The program has told of a frame, and of all that comes before: the camera, its sizes."""
         self._closed = False
 
     def __enter__(self) -> Self:
@@ -82,6 +90,7 @@ class RpicamSource:
             self._first = self._take(0, START)
             if self._first is None:
                 raise self._failure("ended before its first picture")
+            self._framed.wait(TOLD)
         except BaseException:
             self.__exit__(None, None, None)
             raise
@@ -151,8 +160,11 @@ class RpicamSource:
                 line = re.sub(r"\x1b\[[0-9;]*m", "", raw.decode(errors="replace")).strip()
                 if state := STATE.match(line):
                     self._state = {**self._state, **{key: float(value) for key, value in state.groupdict().items()}}
+                    self._framed.set()
                 elif line:
                     self._lines.append(line)
+                    if SELECTED in line:
+                        self.shutter = shutter_of(sensor_in(line))
 
     def _failure(self, what: str) -> CaptureError:
         """With the last that the program complained of."""

@@ -21,6 +21,7 @@ import numpy as np
 
 from calib.errors import InputError
 from calib.session.schema import Quantity, Section
+from calib.session.shutter import Shutter
 from capture.errors import CaptureError
 from capture.frames import Frame
 from capture.sources import v4l2_device as device
@@ -38,6 +39,7 @@ RAW_ONLY = "a Raspberry Pi's camera is read by libcamera:0 or rpicam:0."
 
 class V4l2Source:
     live = True
+    shutter: Shutter | None = None
 
     def __init__(
         self,

@@ -16,6 +16,7 @@ import numpy as np
 from calib.errors import InputError
 from calib.io.files import check_regular, reading
 from calib.session.schema import Section
+from calib.session.shutter import Shutter
 from capture.frames import Frame
 from capture.sources.registry import Inventory
 
@@ -25,6 +26,7 @@ ESTIMATE = 0.05  # of a video's number of frames, by which it may be less than w
 class VideoSource:
     live = False
     remarks: Sequence[str] = ()
+    shutter: Shutter | None = None
 
     def __init__(self, file: Path) -> None:
         self._file = file

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.session.shutter import Shutter as SensorShutter
 from capture.find import finder_of
 from capture.frames import Frame, FrameSource
 from capture.reader import Reader
@@ -72,6 +73,10 @@ class Shown:
     def remarks(self) -> Sequence[str]:
         return self._source.remarks
 
+    @property
+    def shutter(self) -> SensorShutter | None:
+        return self._source.shutter
+
     def __enter__(self) -> Self:
         self._source.__enter__()
         return self
@@ -114,7 +119,10 @@ class Watch:
         described = (task.session / "session.yaml").exists()
         board = board_of(task.session, task.asked[0])
         like = None if described else task.asked
-        with self._reader as reader, Recorder(task.session, board, like=like, bare=task.bare) as recorder:
+        with (
+            self._reader as reader,
+            Recorder(task.session, board, like=like, bare=task.bare, shutter=reader.source.shutter) as recorder,
+        ):
             finder = finder_of(board)
             kept = corners_of(recorder.pictures, finder)
             begun(tuple(kept))

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from calib.session.shutter import Shutter
 from capture.errors import CaptureError
 from capture.frames import Frame
 from capture.reader import Reader
+from capture.session_file import read_setup
 from capture.sources.registry import SCHEMES, open_source
 from tests.capture.recordings import capture, noise, read_pictures
 
@@ -22,6 +24,8 @@ script = (here / "script").read_text().split()
 option = dict(zip(sys.argv[1:], sys.argv[2:]))
 width, height = int(option["--width"]), int(option["--height"])
 print("[0:08:35.2] [1961]  INFO Camera camera.cpp:1028 configuring streams: (0) %dx%d-YUV420" % (width, height), file=sys.stderr)
+print("[0:08:35.3] [1964]  INFO RPI vc4.cpp:565 Sensor: /base/soc/i2c0mux/i2c@1/imx296@1a - Selected sensor format: 1456x1088-SBGGR10_1X10"
+    " - Selected unicam format: 1456x1088-pBAA", file=sys.stderr)
 grey = (here / "grey").read_bytes()
 stride = (width + 63) // 64 * 64
 frames = []
@@ -95,6 +99,15 @@ def test_the_grey_plane_is_kept_without_its_padding(program: Path) -> None:
     assert not np.shares_memory(frames[0].pixels, frames[1].pixels)
 
 
+def test_the_shutter_of_the_sensor_that_the_program_names_is_written(program: Path, tmp_path: Path) -> None:
+    (program / "script").write_text("0 1 2")
+    done = capture("record", "--source", SOURCE, "--board", "9x9", "--square-mm", "20", "--all", tmp_path / "session")
+    assert done.returncode == 0, done.stderr
+    _, camera, _ = read_setup(tmp_path / "session" / "session.yaml")
+    assert camera.shutter == Shutter(rolling=False)
+    assert "camera.shutter" not in done.stderr
+
+
 def test_everything_is_locked_from_the_start(program: Path) -> None:
     frames_of(program, "0")
     said = (program / "arguments").read_text()
@@ -119,7 +132,7 @@ def test_a_truncated_last_frame_is_dropped(program: Path) -> None:
     [
         ("fail", r"ended with exit code 255 \(it said: ERROR: \*\*\* no cameras available \*\*\*\)"),
         ("0 half fail", r"ended with exit code 255 in the middle of a picture \(it said: ERROR"),
-        ("half", r"ended before its first picture \(it said: .*configuring streams"),
+        ("half", r"ended before its first picture \(it said: .*Selected sensor format"),
         ("0 hang", r"has sent nothing for 1\.6 s"),
         ("other 0", r"pictures of 96x48 px: write \?size=96x48"),
     ],
