@@ -19,7 +19,7 @@ import torch
 from numpy.typing import NDArray
 
 from calib.diagnosis.score_test import Optimum
-from calib.diagnosis.sign_flips import views_gain
+from calib.diagnosis.sign_flips import views_agree, views_gain
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.elimination import eliminated
 from calib.estimation.joint_fit import JointFit
@@ -49,6 +49,10 @@ class HeldOut:
     """(M,) the pose of the board."""
     weight: Array
     """(M,) from 0 to 1, how surely the fit that did not see a corner predicts it: the noise's part of the predicted variance."""
+    missed: Array
+    """(M, 2) px, of which these are the squares."""
+    half: bool
+    """Whether the views' own parameters are those of half of their corners, and the others were scored."""
 
     def by_view(self, limit: float, weight: Array) -> Array:
         """(V,) px^2, weighted mean of the clipped squares."""
@@ -79,6 +83,9 @@ class Gain:
     """px, of the difference."""
     p_value: float
     """How often chance alone does as much."""
+    presence: float
+    """How often chance alone makes what other views say of the difference agree as well with what held-out views leave. 1 where halves of
+    views were scored."""
 
     @property
     def relative(self) -> float:
@@ -133,6 +140,7 @@ def hold_out(model: CameraModel, observations: Observations, fitted: JointFit, s
     """
     start = fitted.start
     squares, weight = np.full((2, len(observations.pixels)), np.nan)
+    missed = np.full((len(observations.pixels), 2), np.nan)
 
     def score(part: int) -> None:
         out = torch.from_numpy(split.part == part)
@@ -141,13 +149,14 @@ def hold_out(model: CameraModel, observations: Observations, fitted: JointFit, s
         test = observations.without(~out)
         scored = torch.arange(len(test.pixels)) % 2 == 1 if half else torch.ones(len(test.pixels), dtype=torch.bool)
         poses = model.seen(found, test.kept(~scored) if half else test, fitted.poses[out])
-        own = (residuals(model.path, found.values, test, poses).image ** 2).sum(-1)
-        squares[rows] = torch.where(scored, own.nan_to_num(torch.inf), torch.nan).numpy()
+        own = residuals(model.path, found.values, test, poses).image
+        squares[rows] = torch.where(scored, (own**2).sum(-1).nan_to_num(torch.inf), torch.nan).numpy()
+        missed[rows] = torch.where(scored[:, None], own, torch.nan).numpy()
         weight[rows] = 1 / (1 + predicted_variance(Optimum(model, test, replace(found, poses=poses))))
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # each part's fit keeps to one thread
         list(pool.map(score, range(int(split.part.max()) + 1)))
-    return HeldOut(squares, split.pose[observations.view.numpy()], weight)
+    return HeldOut(squares, split.pose[observations.view.numpy()], weight, missed, half)
 
 
 def predicted_variance(at: Optimum) -> Array:
@@ -167,4 +176,16 @@ def gain(before: HeldOut, after: HeldOut) -> Gain:
     rng = np.random.default_rng(0)
     drawn = rng.integers(0, len(one), (DRAWS, len(one)))
     low, high = np.quantile(np.sqrt(one[drawn].mean(1)) - np.sqrt(two[drawn].mean(1)), [0.025, 0.975])
-    return Gain(float(np.sqrt(one.mean())), float(np.sqrt(two.mean())), (float(low), float(high)), views_gain(one, two))
+    presence = 1.0 if after.half else views_agree(_agreement(before, after))
+    return Gain(float(np.sqrt(one.mean())), float(np.sqrt(two.mean())), (float(low), float(high)), views_gain(one, two), presence)
+
+
+def _agreement(before: HeldOut, after: HeldOut) -> Array:
+    """(V,) px^2, of what the one model leaves with what the other takes from it, summed over the corners that are no outliers.
+
+    Both fit a view's pose to all of its corners, so what these leave is the view's own noise, and what one takes from the other is by views
+    that it is independent of: without the effect the products are as often negative.
+    """
+    known = (before.squares < before.limit) & np.isfinite(after.squares)  # not by how large these are: where they disagree, they are larger
+    product = (before.missed * (before.missed - after.missed)).sum(1)
+    return np.asarray(np.bincount(before.view[known], (before.weight * product)[known], before.view.max() + 1), np.float64)

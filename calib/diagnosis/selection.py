@@ -189,7 +189,7 @@ class Loop:
             half = any(e.per_view for e in beside)
             left = self.left() if len(beside) == len(self.model.effects) else self._fresh(self.base.with_effects(beside), half=half)
             lost = gain(self._fresh(fewer, half=half), left)
-            if lost.p_value > NEEDED or not worth(lost):
+            if min(lost.p_value, lost.presence) > NEEDED or not worth(lost):
                 model = self.base.with_effects(e for e in self.model.effects if e is not effect)
                 joint = model.fitted(self.observations, self.joint.poses)
                 if joint.finite:

@@ -18,6 +18,10 @@ def views_gain(before: Array, after: Array) -> float:
     The test is made twice, and the better p-value doubled: on the logarithm of the errors' ratio, in which a view with bad corners counts
     no more than another, and on the difference of the squares, for an effect that only some of the views show.
     """
-    signs = np.random.default_rng(0).choice([-1.0, 1.0], (FLIPS, len(before)))
-    p_values = [float(((signs @ gains >= gains.sum()).sum() + 1) / (FLIPS + 1)) for gains in (np.log(before / after), before - after)]
-    return min(1.0, 2 * min(p_values))
+    return min(1.0, 2 * min(views_agree(gains) for gains in (np.log(before / after), before - after)))
+
+
+def views_agree(each: Array) -> float:
+    """p-value of "these numbers of views, (V,), are as often negative as positive"."""
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], (FLIPS, len(each)))
+    return float(((signs @ each >= each.sum()).sum() + 1) / (FLIPS + 1))

@@ -58,11 +58,14 @@ class Trial:
 
     @property
     def confirmed(self) -> bool:
-        """Whether held-out views say that its gain is not chance, all candidates of the round allowed for: by their test or, where few
-        views show much and a test by views is weak, by the odds, and the test of this candidate alone."""
-        if self.gain is None or self.gain.ci95[0] <= 0:
+        """Whether held-out views say that it is not chance, all candidates of the round allowed for: by the test of its gain or, where its
+        odds are sure, by whether they leave what the other views say of it. Where views are few or an effect is small, that it is there can
+        be told long before how much of their error it takes."""
+        if self.gain is None:
             return False
-        return self.gain.p_value < (ALPHA if self.sure else ALPHA / self.among)
+        if self.sure:
+            return self.gain.presence < ALPHA
+        return self.gain.ci95[0] > 0 and self.gain.p_value < ALPHA / self.among
 
     @property
     def sure(self) -> bool:
