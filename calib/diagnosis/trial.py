@@ -59,13 +59,13 @@ class Trial:
     @property
     def confirmed(self) -> bool:
         """Whether held-out views say that it is not chance, all candidates of the round allowed for: by the test of its gain or, where its
-        odds are sure, by whether they leave what the other views say of it. Where views are few or an effect is small, that it is there can
-        be told long before how much of their error it takes."""
+        odds are sure, by the test of this candidate alone, or by whether they leave what the other views say of it. Where views are few
+        or an effect is small, that it is there can be told long before how much of their error it takes."""
         if self.gain is None:
             return False
-        if self.sure:
-            return self.gain.presence < ALPHA
-        return self.gain.ci95[0] > 0 and self.gain.p_value < ALPHA / self.among
+        if self.sure and self.gain.presence < ALPHA:
+            return True
+        return self.gain.ci95[0] > 0 and self.gain.p_value < (ALPHA if self.sure else ALPHA / self.among)
 
     @property
     def sure(self) -> bool:

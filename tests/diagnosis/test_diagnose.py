@@ -205,6 +205,9 @@ def test_what_the_evidence_is_sure_of_is_asked_for_less() -> None:
     assert not Trial(test, among=20, odds=5.9, gain=few).passes
     assert Trial(test, among=20, odds=6.1, gain=few).passes
     assert not Trial(test, among=20, odds=6.1, gain=replace(few, presence=0.06)).passes
+    by_halves = Gain(0.2, 0.18, (0.001, 0.04), 0.02, 1.0)
+    assert Trial(test, among=20, odds=6.1, gain=by_halves).passes, "where halves of views are scored, its gain alone is asked for"
+    assert not Trial(test, among=20, odds=5.9, gain=by_halves).passes
     assert not Trial(test, among=20, odds=6.1, gain=replace(few, after=0.1999)).passes, "it is there, and takes nothing"
     by_chance, harm = Gain(0.2, 0.21, (-0.03, 0.01), 0.6, 0.6), Gain(0.2, 0.21, (-0.03, -0.01), 1.0, 1.0)
     assert Trial(test, among=20, odds=6.1, gain=few, bands=by_chance).passes
