@@ -43,28 +43,33 @@ CLIP = 2.5
 class HeldOut:
     """Each view's error when it was held out."""
 
-    squares: Array
-    """(M,) px^2 of every corner; NaN where it was not scored, infinite where the model cannot see it."""
+    missed: Array
+    """(M, 2) px, what is left of every corner; NaN where it was not scored, infinite where the model cannot see it."""
     view: NDArray[np.int64]
     """(M,) the pose of the board."""
     weight: Array
     """(M,) from 0 to 1, how surely the fit that did not see a corner predicts it: the noise's part of the predicted variance."""
-    missed: Array
-    """(M, 2) px, of which these are the squares."""
     half: bool
     """Whether the views' own parameters are those of half of their corners, and the others were scored."""
 
+    @property
+    def squares(self) -> Array:
+        """(M,) px^2 of every corner, NaN or infinite as it is."""
+        return np.asarray((self.missed**2).sum(1))
+
     def by_view(self, limit: float, weight: Array) -> Array:
         """(V,) px^2, weighted mean of the clipped squares."""
-        scored = ~np.isnan(self.squares)
+        squares = self.squares
+        scored = ~np.isnan(squares)
         own, view = weight[scored], self.view[scored]
-        total = np.bincount(view, own * np.minimum(self.squares, limit)[scored], self.view.max() + 1)
+        total = np.bincount(view, own * np.minimum(squares, limit)[scored], self.view.max() + 1)
         return np.asarray(total / np.bincount(view, own, self.view.max() + 1).clip(1e-300))
 
     @property
     def rms(self) -> float:
         """px, of all corners that the model sees."""
-        return float(np.sqrt(self.squares[np.isfinite(self.squares)].mean()))
+        squares = self.squares
+        return float(np.sqrt(squares[np.isfinite(squares)].mean()))
 
     @property
     def limit(self) -> float:
@@ -139,8 +144,7 @@ def hold_out(model: CameraModel, observations: Observations, fitted: JointFit, s
         half: fit the parameters of a held-out view to every other corner and score the rest, as parameters of single views ask for.
     """
     start = fitted.start
-    squares, weight = np.full((2, len(observations.pixels)), np.nan)
-    missed = np.full((len(observations.pixels), 2), np.nan)
+    missed, weight = np.full((len(observations.pixels), 2), np.nan), np.full(len(observations.pixels), np.nan)
 
     def score(part: int) -> None:
         out = torch.from_numpy(split.part == part)
@@ -150,13 +154,12 @@ def hold_out(model: CameraModel, observations: Observations, fitted: JointFit, s
         scored = torch.arange(len(test.pixels)) % 2 == 1 if half else torch.ones(len(test.pixels), dtype=torch.bool)
         poses = model.seen(found, test.kept(~scored) if half else test, fitted.poses[out])
         own = residuals(model.path, found.values, test, poses).image
-        squares[rows] = torch.where(scored, (own**2).sum(-1).nan_to_num(torch.inf), torch.nan).numpy()
-        missed[rows] = torch.where(scored[:, None], own, torch.nan).numpy()
+        missed[rows] = torch.where(scored[:, None], own.nan_to_num(torch.inf), torch.nan).numpy()
         weight[rows] = 1 / (1 + predicted_variance(Optimum(model, test, replace(found, poses=poses))))
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # each part's fit keeps to one thread
         list(pool.map(score, range(int(split.part.max()) + 1)))
-    return HeldOut(squares, split.pose[observations.view.numpy()], weight, missed, half)
+    return HeldOut(missed, split.pose[observations.view.numpy()], weight, half)
 
 
 def predicted_variance(at: Optimum) -> Array:
@@ -187,5 +190,6 @@ def _agreement(before: HeldOut, after: HeldOut) -> Array:
     that it is independent of: without the effect the products are as often negative.
     """
     known = (before.squares < before.limit) & np.isfinite(after.squares)  # not by how large these are: where they disagree, they are larger
-    product = (before.missed * (before.missed - after.missed)).sum(1)
-    return np.asarray(np.bincount(before.view[known], (before.weight * product)[known], before.view.max() + 1), np.float64)
+    left, taken = before.missed[known], before.missed[known] - after.missed[known]
+    own = before.weight[known] * (left * taken).sum(1)
+    return np.asarray(np.bincount(before.view[known], own, before.view.max() + 1), np.float64)
