@@ -33,7 +33,8 @@ class Tmux:
         self._do("send-keys", "Enter")
 
     def shown(self) -> str:
-        return self._do("capture-pane", "-p", "-J")  # a line that the terminal broke is one
+        """A line that the terminal broke is one; what scrolled out at the top is there, too."""
+        return self._do("capture-pane", "-p", "-J", "-S", "-")
 
     def see(self, words: str, within_s: float = 900) -> None:
         begun = time.monotonic()
