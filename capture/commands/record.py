@@ -39,6 +39,7 @@ def run(args: argparse.Namespace) -> None:
     from capture.recording_loop import Plan, corners_of, record
     from capture.session_file import board_of, read_setup
     from capture.sources.registry import open_source
+    from capture.wrong_folder import check_folder, doubt
 
     source = open_source(args.source)
     if args.all and (args.burst > 1 or args.every):
@@ -46,11 +47,15 @@ def run(args: argparse.Namespace) -> None:
     like = read_setup(args.cover_from) if args.cover_from else None
     board = board_of(args.session, asked_board(args), like)
     views = args.views or (None if args.all else 30)
+    if args.bare:
+        check_folder(args.source, covered=False)
     with (
         Reader(source, Waits()) as reader,
         Recorder(args.session, board, like=like, bare=args.bare, shutter=reader.source.shutter) as recorder,
         ending_by(reader.close) as wish,
     ):
+        if args.bare and (said := doubt(args.source, covered=False)):
+            recorder.remarks.append(said)
         narrator = Narrator(reader, recorder, views, json=args.json)
         try:
             if args.all:

@@ -75,6 +75,10 @@ class CaptureApp(App[None]):
     @on(ExportScreen.Done)
     def _exported(self, message: ExportScreen.Done) -> None:
         self._maps += [path for path in message.written if path not in self._maps]
+        if message.screen is self.screen:
+            message.screen.tell(message)
+        else:
+            self.notify(message.sentence, markup=False)
 
     def action_interrupt(self) -> None:
         """Ends the program, as everywhere; in a browser the same keys copy."""

@@ -38,6 +38,11 @@ class Task:
     def folder(self) -> Path:
         return self.session / ("bare" if self.bare else "frames")
 
+    @property
+    def covered(self) -> bool:
+        """The pictures are taken through a cover."""
+        return not self.bare and self.asked[2].shape != "none"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Preview:

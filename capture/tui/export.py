@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from textual import on, work
-from textual.app import ComposeResult
+from textual.app import App, ComposeResult
 from textual.binding import Binding
 from textual.containers import Horizontal, Vertical
 from textual.message import Message
@@ -41,10 +41,11 @@ class ExportScreen(ModalScreen[None]):
     ]
 
     class Done(Message):
-        """The command has ended."""
+        """The command has ended, perhaps after its screen was left: so the app is told."""
 
-        def __init__(self, sentence: str, written: Sequence[Path]) -> None:
+        def __init__(self, screen: "ExportScreen", sentence: str, written: Sequence[Path]) -> None:
             super().__init__()
+            self.screen = screen
             self.sentence = sentence
             self.written = written
 
@@ -96,18 +97,17 @@ class ExportScreen(ModalScreen[None]):
         form = str(self.query_one("#form", Select).value)
         at = ["--depth", *depths] if depths else []
         self._say("Being written.")
-        self._run(["export", str(self._calibration), "--format", form, "-o", folder, *at])
+        self._run(self.app, ["export", str(self._calibration), "--format", form, "-o", folder, *at])
 
     @work(thread=True, exclusive=True)
-    def _run(self, arguments: Sequence[str]) -> None:
+    def _run(self, app: App[None], arguments: Sequence[str]) -> None:
         done = calib(arguments)
         written = [Path(line) for line in done.stdout.splitlines()]
-        said = [f"Wrote {' '.join(path.name for path in written)}", *done.remarks, DONE]
-        self.post_message(self.Done("\n".join(said) if done.returncode == 0 else done.sentence, written))
+        said = [f"Wrote {' '.join(path.name for path in written)}", *done.remarks]
+        app.post_message(self.Done(self, "\n".join(said) if done.returncode == 0 else done.sentence, written))
 
-    @on(Done)
-    def _ended(self, message: Done) -> None:
-        self._say(message.sentence)
+    def tell(self, message: Done) -> None:
+        self._say(f"{message.sentence}\n{DONE}" if message.written else message.sentence)
 
     def _say(self, sentence: str) -> None:
         self.query_one("#said", Static).update(sentence)

@@ -29,6 +29,7 @@ from capture.tui.form import BOARD, Typed, explained, problem, read_form, write_
 from capture.tui.lacking import lacking
 from capture.tui.opening import OpeningScreen
 from capture.tui.page import TYPING, Field, Page, onward, typed
+from capture.wrong_folder import check_folder, doubt
 
 BARE_VIEWS = 10
 """Without cover; from here on the lens is taken as recorded, and the set-up proposes to go on through the cover."""
@@ -38,7 +39,6 @@ PHASE_HELP = "First without the cover, to find the lens; then through it, withou
 COVER_ON = "NOW PUT THE COVER ON, and leave the focus alone. "
 LIVE = "Then enter on Start."
 PLAYED = "Name the source of the pictures through it, then ^s."
-WANTED = ("without the cover", "through it")
 BOARDS = {
     "checkerboard": {"columns": "9", "rows": "6"},
     "charuco": {"columns": "9", "rows": "6", "dictionary": "DICT_4X4_250", "legacy_pattern": "no"},
@@ -315,9 +315,9 @@ class SetupScreen(Page):
         except InputError as error:
             self._say(str(error))
             return
-        if (doubt := _doubt(task)) and doubt != self._doubted:
-            self._doubted = doubt
-            self._say(f"{doubt} Start once more if they are right all the same.")
+        if (said := doubt(task.source, covered=task.covered)) and said != self._doubted:
+            self._doubted = said
+            self._say(f"{said} Start once more if they are right all the same.")
             return
         self._source = task.source
         if self.is_current:  # and not started by the same key already
@@ -336,41 +336,12 @@ class SetupScreen(Page):
         else:
             asked = read_form(self._typed(), self._like[1] if self._like else None)
         task = Task(self.session, texts["source"], asked, bare=cast(bool, self.query_one("#phase", Select).value))
-        _check_folder(task)
+        if asked[2].shape != "none":
+            check_folder(task.source, covered=task.covered)
         return task
 
     def _say(self, sentence: str) -> None:
         self.query_one("#problem", Static).update(sentence)
-
-
-def _check_folder(task: Task) -> None:
-    """Pictures with and without the cover look alike to the program, and a session has both: InputError where the wrong ones are named."""
-    scheme, _, rest = task.source.partition(":")
-    place = Path(rest.partition("?")[0])
-    if scheme != "folder" or task.asked[2].shape == "none":
-        return
-    if task.bare and (place / "bare").is_dir():
-        raise InputError(f"{task.source} gives a session's pictures through its cover: for those without, write folder:{place / 'bare'}.")
-    if not task.bare and place.name == "bare":
-        raise InputError(f"{task.source} has pictures without the cover: name those that were taken through it, as in folder:SESSION.")
-
-
-def _doubt(task: Task) -> str:
-    """What a folder's own session.yaml says against it; empty where it says nothing."""
-    scheme, _, rest = task.source.partition(":")
-    place = Path(rest.partition("?")[0])
-    file = (place.parent if place.name == "frames" else place) / "session.yaml"
-    if scheme != "folder" or not file.is_file():
-        return ""
-    try:
-        shape = read_setup(file)[2].shape
-    except InputError:  # of pictures that somebody else described
-        return ""
-    covered = not task.bare and task.asked[2].shape != "none"
-    if (shape != "none") == covered:
-        return ""
-    has = "no cover" if shape == "none" else f"a cover, a {shape}"
-    return f"{file} says that its pictures have {has}, where those {WANTED[covered]} are wanted."
 
 
 def _row(label: str, field: Input | Select[Any]) -> Horizontal:

@@ -120,6 +120,19 @@ def test_all_keeps_every_frame_without_looking(tmp_path: Path) -> None:
     assert all(np.array_equal(a, b) for a, b in zip(kept, pictures[:4], strict=True))
 
 
+def test_a_covered_folder_recorded_without_cover_is_remarked_on(tmp_path: Path) -> None:
+    source = write_recording(tmp_path / "source", noise(2))
+    shutil.copy(FIXTURE / "session.yaml", source)
+    asked = ("record", tmp_path / "session", "--source", f"folder:{source}", *BOARD_FLAGS, "--all", "--bare")
+    done = capture(*asked)
+    assert done.returncode == 0
+    assert "says that its pictures have a cover, a cone, where those without the cover are wanted." in done.stderr
+    (source / "bare").mkdir()
+    done = capture(*asked)
+    assert done.returncode == 2
+    assert f"for those without, write folder:{source / 'bare'}." in done.stderr
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_ends_with_a_summary(tmp_path: Path, number: signal.Signals) -> None:
     source = write_recording(tmp_path / "source", noise(3), 30.0)

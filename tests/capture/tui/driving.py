@@ -27,10 +27,13 @@ def drive(story: Coroutine[Any, Any, None]) -> None:
 
 
 @asynccontextmanager
-async def running(session: Path, source: str = "", size: tuple[int, int] = (80, 24)) -> AsyncIterator[Pilot[None]]:
+async def running(
+    session: Path, source: str = "", size: tuple[int, int] = (80, 24), *, notices: bool = False
+) -> AsyncIterator[Pilot[None]]:
+    """`notices`: those that come and go over the screen are drawn."""
     app = CaptureApp(session, source)
     app.dots = False  # no terminal tells what it can
-    async with app.run_test(size=size) as pilot:
+    async with app.run_test(size=size, notifications=notices) as pilot:
         await pilot.pause()
         yield pilot
 

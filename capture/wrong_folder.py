@@ -1,0 +1,42 @@
+"""Pictures with and without the cover look alike to the program: whether a folder is named for the step that its pictures are of."""
+
+from pathlib import Path
+
+from calib.errors import InputError
+from capture.session_file import read_setup
+
+WANTED = ("without the cover", "through it")
+
+
+def check_folder(source: str, *, covered: bool) -> None:
+    """InputError where `source` is a folder of a session that keeps the wanted pictures in another one."""
+    place = _folder(source)
+    if not place:
+        return
+    if not covered and (place / "bare").is_dir():
+        raise InputError(f"{source} gives a session's pictures through its cover: for those without, write folder:{place / 'bare'}.")
+    if covered and place.name == "bare":
+        raise InputError(f"{source} has pictures without the cover: name those that were taken through it, as in folder:SESSION.")
+
+
+def doubt(source: str, *, covered: bool) -> str:
+    """What a folder's own session.yaml says against it; empty where it says nothing."""
+    place = _folder(source)
+    if not place:
+        return ""
+    file = (place.parent if place.name == "frames" else place) / "session.yaml"
+    if not file.is_file():
+        return ""
+    try:
+        shape = read_setup(file)[2].shape
+    except InputError:  # of pictures that somebody else described
+        return ""
+    if (shape != "none") == covered:
+        return ""
+    has = "no cover" if shape == "none" else f"a cover, a {shape}"
+    return f"{file} says that its pictures have {has}, where those {WANTED[covered]} are wanted."
+
+
+def _folder(source: str) -> Path | None:
+    scheme, _, rest = source.partition(":")
+    return Path(rest.partition("?")[0]) if scheme == "folder" else None
