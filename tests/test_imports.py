@@ -38,7 +38,7 @@ LAYERS = {
         ("errors", "frames", "exposure", "saddles", "sharpness", "settings_drift", "sensors", "interrupt", "orphan", "process"),
         ("disk", "lattice", "reader", "sources"),
         ("sighting", "coded_light", "session_file"),
-        ("finder", "coded_finder"),
+        ("finder", "coded_finder", "wrong_folder"),
         ("find", "gate", "recorder"),
         ("coverage", "recording_loop"),
         ("guidance", "narrator", "serve"),
