@@ -264,7 +264,7 @@ class SetupScreen(Page):
     async def _wrong(self, field: Input) -> str | None:
         try:
             if field.id == "source":
-                open_source(field.value)
+                open_source(field.value, "source")
             elif field.id == "like":
                 await self._follow(field.value)
             else:
@@ -329,7 +329,7 @@ class SetupScreen(Page):
 
     def _read(self) -> Task:
         texts = {each.name or each.id or "": each.value for each in self.query(Input)}
-        open_source(texts["source"])
+        open_source(texts["source"], "source")
         if (self.session / "session.yaml").exists():
             asked = read_setup(self.session / "session.yaml")
             board_of(self.session, None)

@@ -8,7 +8,7 @@ from calib.errors import InputError
 from calib.session.cover import SHAPES, Cover
 from calib.session.schema import Number
 from capture.session_file import read_setup
-from capture.tui.form import HELP, Typed, problem, read_form, write_form
+from capture.tui.form import HELP, Typed, explained, problem, read_form, write_form
 from tests.capture.recordings import FIXTURE
 
 SETUP = read_setup(FIXTURE / "session.yaml")
@@ -62,6 +62,13 @@ def test_values_that_do_not_go_together() -> None:
 
 def test_every_number_is_explained() -> None:
     assert {quantity.key for quantities in SHAPES.values() for quantity in quantities} <= set(HELP)
+
+
+def test_the_order_of_the_tilts_is_said() -> None:
+    orders = {quantity.components for quantities in SHAPES.values() for quantity in quantities if quantity.key == "tilt_deg"}
+    said = explained("tilt_deg", "checkerboard")
+    assert orders
+    assert all(said.index(f"about {first}") < said.index(f"about {second}") for first, second in orders)
 
 
 def test_no_cover_has_no_numbers() -> None:
