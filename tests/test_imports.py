@@ -35,7 +35,7 @@ LAYERS = {
         ("__main__",),
     ),
     "capture": (
-        ("errors", "frames", "exposure", "saddles", "sharpness", "settings_drift", "sensors", "interrupt", "orphan", "process"),
+        ("errors", "frames", "exposure", "saddles", "sharpness", "settings_drift", "sensors", "interrupt", "orphan", "process", "typed_path"),
         ("disk", "lattice", "reader", "sources"),
         ("sighting", "coded_light", "session_file"),
         ("finder", "coded_finder", "wrong_folder"),

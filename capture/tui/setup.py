@@ -29,6 +29,7 @@ from capture.tui.form import BOARD, Typed, explained, problem, read_form, write_
 from capture.tui.lacking import lacking
 from capture.tui.opening import OpeningScreen
 from capture.tui.page import TYPING, Field, Page, onward, typed
+from capture.typed_path import typed_path
 from capture.wrong_folder import check_folder, doubt
 
 BARE_VIEWS = 10
@@ -279,7 +280,7 @@ class SetupScreen(Page):
             return
         self._like, self._liked = None, ""
         if like.strip():
-            place = Path(like.strip())
+            place = typed_path(like.strip())
             with reading(place):
                 place = place / "session.yaml" if place.is_dir() else place
             self._like = read_setup(place)

@@ -53,6 +53,13 @@ def test_a_field_is_called_by_its_own_name(text: str) -> None:
     assert "--" not in str(caught.value)
 
 
+@pytest.mark.parametrize("text", ["folder:~/pictures?speed=max", "video:~/film.mkv"])
+def test_a_tilde_is_the_home(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    with pytest.raises(InputError, match=f"^{tmp_path / 'home'}/.*cannot be"), open_source(text):
+        pass
+
+
 @pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)
 def test_every_example_is_understood_and_opens_nothing(scheme: Scheme) -> None:
     open_source(scheme.example)

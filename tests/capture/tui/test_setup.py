@@ -72,6 +72,19 @@ async def _like(session: Path, like: Path) -> None:
         await see(pilot, "no more pictures")
 
 
+def test_a_tilde_is_the_home_in_source_and_like(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(FIXTURE.parent))
+    drive(_tilde(tmp_path / "session"))
+
+
+async def _tilde(session: Path) -> None:
+    async with running(session, f"folder:~/{FIXTURE.name}") as pilot:
+        await see(pilot, "a new session")
+        burst(pilot, "<enter>", f"~/{FIXTURE.name}", "<ctrl+s>")
+        await see(pilot, "gives a session's pictures through its cover: for those without, write folder:")
+        assert "41.95" in shown(pilot)
+
+
 def test_what_is_corrected_stays_although_another_session_is_named(tmp_path: Path) -> None:
     session = tmp_path / "session"
     drive(_corrected(session))
