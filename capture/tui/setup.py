@@ -1,5 +1,6 @@
 """Set-up: the camera, the board and the cover, every value checked as it is typed."""
 
+from asyncio import to_thread
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, cast
@@ -13,7 +14,7 @@ from textual.message import Message
 from textual.suggester import SuggestFromList
 from textual.widgets import Button, Input, Label, Select, Static
 
-from calib.errors import InputError, harmless
+from calib.errors import InputError, RefracalError, harmless
 from calib.io.files import reading
 from calib.io.images import list_images
 from calib.session.coding import DICTIONARIES
@@ -92,6 +93,8 @@ class SetupScreen(Page):
         """What was said against the source last: to start it once more is to mean it."""
         self._helped = False
         """The help has just been read: everything stands as it was typed."""
+        self._shut = ("", "")
+        """The source that could not be opened last, and why."""
 
     def step(self) -> str:
         return "Set-up"
@@ -162,12 +165,11 @@ class SetupScreen(Page):
         elif not self.query("#board Input"):
             await self._begin_anew()
         source = self.query_one("#source", Input)
-        played = source.value.startswith(("folder:", "video:"))
-        self.query_one("#state", Static).update(COVER_ON + (PLAYED if played else LIVE) if self._covered else harmless(state))
+        self.query_one("#state", Static).update(COVER_ON + (PLAYED if played(source.value) else LIVE) if self._covered else harmless(state))
         for each in self.query("#kind, #board Input, #cover Input, #shape"):
             each.disabled = described
         self.query_one("#phase", Select).value = self._bare_is_missing() and not self._covered
-        if described and self._source and not (self._covered and played):
+        if described and self._source and not (self._covered and played(source.value)):
             self.query_one("#start").focus()
         else:
             source.focus().action_select_all()  # what is typed replaces it
@@ -251,8 +253,12 @@ class SetupScreen(Page):
     @on(Input.Changed)
     async def _check(self, event: Input.Changed) -> None:
         field = event.input
-        wrong = await self._wrong(field)
         self._keep()
+        await self._mark(field)
+
+    async def _mark(self, field: Input) -> None:
+        """Beside the field, whether it is wrong; and below, why."""
+        wrong = await self._wrong(field)
         name = field.name or field.id
         label = next(iter(self.query(f"#label-{name}").results(Label)), None)
         if label is None:  # the field has gone meanwhile
@@ -266,6 +272,8 @@ class SetupScreen(Page):
         try:
             if field.id == "source":
                 open_source(field.value, "source")
+                if field.value == self._shut[0]:
+                    return self._shut[1]
             elif field.id == "like":
                 await self._follow(field.value)
             else:
@@ -320,6 +328,12 @@ class SetupScreen(Page):
             self._doubted = said
             self._say(f"{said} Start once more if they are right all the same.")
             return
+        if played(task.source) and (shut := await to_thread(_shut, task.source)):
+            self._shut = task.source, shut
+            source = self.query_one("#source", Input)
+            await self._mark(source)
+            source.focus()
+            return
         self._source = task.source
         if self.is_current:  # and not started by the same key already
             self.app.push_screen(CollectScreen(task), self._cover_on)
@@ -343,6 +357,20 @@ class SetupScreen(Page):
 
     def _say(self, sentence: str) -> None:
         self.query_one("#problem", Static).update(sentence)
+
+
+def played(source: str) -> bool:
+    """Whether it is no camera, which may be plugged in yet, but pictures that are there or not."""
+    return source.startswith(("folder:", "video:"))
+
+
+def _shut(source: str) -> str:
+    """Why these pictures cannot be opened; empty where they can. Blocks."""
+    try:
+        with open_source(source, "source"):
+            return ""
+    except RefracalError as error:
+        return str(error)
 
 
 def _row(label: str, field: Input | Select[Any]) -> Horizontal:

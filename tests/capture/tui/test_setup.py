@@ -161,7 +161,7 @@ async def _recorded(session: Path) -> None:
         await see(pilot, "[RESULTS]")
 
 
-def test_back_from_a_source_that_fails_everything_stands_as_it_was_typed(tmp_path: Path) -> None:
+def test_a_source_that_cannot_be_opened_is_marked_in_the_form(tmp_path: Path) -> None:
     drive(_failed(tmp_path / "session"))
 
 
@@ -170,11 +170,19 @@ async def _failed(session: Path) -> None:
         await see(pilot, "a new session")
         pilot.app.screen.query_one("#shape", Select).value = "none"
         pilot.app.screen.query_one("#board Input", Input).value = "17"
+        list(pilot.app.screen.query("#board Input").results(Input))[-1].value = "20"
         await pilot.pause()
         await pilot.press("ctrl+s")
-        await see(pilot, "/nowhere")
-        await pilot.press("escape")
-        await see(pilot, "a new session")
+        await see(pilot, "/nowhere cannot be listed (No such file or directory)")
+        await see(pilot, "✗ source")
+        assert "[SET-UP]" in shown(pilot)
+        await pilot.press("shift+tab", "tab")
+        await see(pilot, "/nowhere cannot be listed")
+        assert pilot.app.focused is pilot.app.screen.query_one("#source")
+        await pilot.press("end", "x")
+        await until(pilot, lambda: "✗ source" not in shown(pilot), 20)
+        await pilot.press("backspace")
+        await see(pilot, "✗ source")
         assert pilot.app.screen.query_one("#shape", Select).value == "none"
         assert pilot.app.screen.query_one("#board Input", Input).value == "17"
     async with running(session) as pilot:  # and after the program has ended
