@@ -2,6 +2,7 @@
 
 from asyncio import to_thread
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, ClassVar, cast
 
@@ -185,6 +186,9 @@ class SetupScreen(Page):
             source = self.query_one("#source", Input)
             source.value = source.value or draft.source
             self.query_one("#like", Input).value = draft.like
+            with suppress(InputError):  # said as the field is looked at
+                self._like = _read_like(draft.like)
+                self._liked = draft.like
 
     def _keep(self) -> None:
         if self.query("#board Input") and not self.query_one("#kind", Select).disabled:
@@ -287,12 +291,9 @@ class SetupScreen(Page):
         if like == self._liked:
             return
         self._like, self._liked = None, ""
-        if like.strip():
-            place = typed_path(like.strip())
-            with reading(place):
-                place = place / "session.yaml" if place.is_dir() else place
-            self._like = read_setup(place)
-            await self._fill(self._like)
+        if setup := _read_like(like):
+            self._like = setup
+            await self._fill(setup)
             self.query_one("#phase", Select).value = self._bare_is_missing()
         self._liked = like
 
@@ -357,6 +358,16 @@ class SetupScreen(Page):
 
     def _say(self, sentence: str) -> None:
         self.query_one("#problem", Static).update(sentence)
+
+
+def _read_like(like: str) -> Setup | None:
+    """What another session says; None where none is named."""
+    if not like.strip():
+        return None
+    place = typed_path(like.strip())
+    with reading(place):
+        place = place / "session.yaml" if place.is_dir() else place
+    return read_setup(place)
 
 
 def played(source: str) -> bool:

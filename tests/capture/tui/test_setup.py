@@ -103,6 +103,24 @@ async def _corrected(session: Path) -> None:
         await see(pilot, "no more pictures")
 
 
+def test_what_was_corrected_is_there_again_although_another_session_is_named(tmp_path: Path) -> None:
+    drive(_reopened(tmp_path / "session"))
+
+
+async def _reopened(session: Path) -> None:
+    async with running(session, "folder:there") as pilot:
+        await see(pilot, "a new session")
+        burst(pilot, "<enter>", str(FIXTURE))
+        await see(pilot, "41.95")
+        burst(pilot, "<enter>", "<tab>", "<enter>", "<ctrl+u>", "6", "<enter>", "<ctrl+u>", "25", "<enter>")
+        await see(pilot, "rows 6 square_mm 25")
+    async with running(session, "folder:there") as pilot:
+        await see(pilot, "41.95")
+        await pilot.press("tab", "tab", "shift+tab")  # the field is looked at once more
+        await see(pilot, "Another session, its folder")
+        await see(pilot, "rows 6 square_mm 25")
+
+
 def test_covered_pictures_are_refused_where_bare_ones_are_wanted(tmp_path: Path) -> None:
     drive(_covered_for_bare(tmp_path / "session"))
     assert not (tmp_path / "session").exists()
