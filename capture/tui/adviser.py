@@ -8,6 +8,7 @@ from capture.coverage import Guide, Hint, PlainGuide, SeenView, SessionProgress
 from capture.guidance import Guidance, GuidanceError
 from capture.tui.camera import Task
 from capture.tui.child import Child
+from capture.tui.lacking import has_bare
 from capture.tui.lens import find_lens
 
 Advice = tuple[Hint | None, SessionProgress]
@@ -56,7 +57,7 @@ class Adviser:
         board, _, cover = self._task.asked
         camera = self._camera
         if camera.intrinsics is None:
-            if not (self._task.session / "bare").is_dir():
+            if not has_bare(self._task.session):
                 raise GuidanceError("The guide goes by picture, depth and tilt: the lens is not known without pictures that have no cover.")
             *_, last = {"sentence": "The lens is not looked for any more."}, *self._lens.events()
             if "camera" not in last:

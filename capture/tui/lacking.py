@@ -7,6 +7,12 @@ from calib.io.images import list_images
 from calib.session.session import read_session
 
 
+def has_bare(session: Path) -> bool:
+    """Whether there are views without the cover, which tell the lens."""
+    bare = session / "bare"
+    return bare.is_dir() and ((bare / "session.yaml").exists() or bool(list_images(bare)))
+
+
 def lacking(session: Path) -> str:
     """A sentence; empty where a fit can begin."""
     frames = session / "frames"

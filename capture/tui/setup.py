@@ -94,6 +94,8 @@ class SetupScreen(Page):
         """What was said against the source last: to start it once more is to mean it."""
         self._helped = False
         """The help has just been read: everything stands as it was typed."""
+        self._proposed: bool | None = None
+        """To record without the cover: what the program chose last. None: nothing yet."""
         self._shut = ("", "")
         """The source that could not be opened last, and why."""
 
@@ -169,7 +171,7 @@ class SetupScreen(Page):
         self.query_one("#state", Static).update(COVER_ON + (PLAYED if played(source.value) else LIVE) if self._covered else harmless(state))
         for each in self.query("#kind, #board Input, #cover Input, #shape"):
             each.disabled = described
-        self.query_one("#phase", Select).value = self._bare_is_missing() and not self._covered
+        self._propose()
         if described and self._source and not (self._covered and played(source.value)):
             self.query_one("#start").focus()
         else:
@@ -209,6 +211,14 @@ class SetupScreen(Page):
             return False
         return self._taken(True) < BARE_VIEWS
 
+    def _propose(self) -> None:
+        """What to record now; but what the person chose stays, be it by the field or by going on from the bare step."""
+        phase = self.query_one("#phase", Select)
+        if self._covered:
+            phase.value = False
+        elif self._proposed is None or phase.value == self._proposed:
+            phase.value = self._proposed = self._bare_is_missing()
+
     @work(thread=True, exclusive=True, group="cameras")
     def _find_cameras(self) -> None:
         found = [camera for scheme in SCHEMES for camera in scheme.backend().inventory().cameras if not camera.problem]
@@ -236,7 +246,7 @@ class SetupScreen(Page):
         if [each.name for each in self.query("#cover Input")] != [quantity.key for quantity in SHAPES[shape]]:
             await self._show_fields("#cover", [quantity.key for quantity in SHAPES[shape]], EMPTY.cover)
         self._keep()
-        self.query_one("#phase", Select).value = self._bare_is_missing()
+        self._propose()
 
     async def _fill(self, setup: Setup) -> None:
         typed = write_form(setup[0], setup[2])
@@ -294,7 +304,7 @@ class SetupScreen(Page):
         if setup := _read_like(like):
             self._like = setup
             await self._fill(setup)
-            self.query_one("#phase", Select).value = self._bare_is_missing()
+            self._propose()
         self._liked = like
 
     @on(DescendantFocus)

@@ -294,6 +294,38 @@ async def _cover_on(session: Path) -> None:
         await see(pilot, "Where pictures come from")
 
 
+@pytest.fixture
+def empty(tmp_path: Path) -> Path:
+    """A folder of three pictures in which there is no board."""
+    folder = tmp_path / "camera"
+    folder.mkdir()
+    for number in range(3):
+        cv2.imwrite(str(folder / f"{number}.png"), np.full((616, 820), 100, np.uint8))
+    return folder
+
+
+def test_what_to_record_stays_as_it_was_chosen(tmp_path: Path, empty: Path) -> None:
+    drive(_chosen(tmp_path / "session", empty))
+
+
+async def _chosen(session: Path, empty: Path) -> None:
+    """Through the cover although no view without it is there."""
+    async with running(session, f"folder:{empty}") as pilot:
+        await see(pilot, "a new session")
+        burst(pilot, "<enter>", str(FIXTURE))
+        await see(pilot, "41.95")
+        await see(pilot, "record now without the cover")
+        (session / "bare").mkdir(parents=True)  # as a bare step without a view leaves it
+        await pilot.press("shift+tab", "shift+tab", "shift+tab", "enter", "down", "enter", "ctrl+s")
+        await see(pilot, "[THROUGH COVER]")
+        await see(pilot, "no more pictures")
+        await see(pilot, "not known without pictures")
+        assert "session.yaml" not in shown(pilot)
+        await pilot.press("escape")
+        await see(pilot, "[SET-UP]")
+        await see(pilot, "record now through the cover")
+
+
 def test_a_finished_session_is_opened_without_a_fit(tmp_path: Path) -> None:
     session = tmp_path / "session"
     shutil.copytree(FIXTURE, session)
