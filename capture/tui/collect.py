@@ -137,7 +137,7 @@ class CollectScreen(Page):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         del parameters
-        offered = {"cover_on": self.plan.bare, "fit": not self.plan.bare, "again": self._watch is None}
+        offered = {"cover_on": self.plan.bare, "fit": not self.plan.bare, "again": self._watch is None, "take": self._watch is not None}
         return offered.get(action, True)
 
     @on(ScreenResume)
@@ -153,6 +153,7 @@ class CollectScreen(Page):
             except RefracalError as error:
                 self._say(str(error))
                 return
+            self._shutter.pressed()  # of a source that has ended
             self.refresh_bindings()
             self._run(self._watch)
 

@@ -15,6 +15,7 @@ from calib.cli import main
 from capture.session_file import read_setup
 from capture.tui.app import CaptureApp
 from capture.tui.fit import FitScreen
+from capture.tui.picture import Picture
 from tests.capture.tui.driving import CONE, describe, drive, running, see, shown, until, write
 from tests.capture.tui.test_session import FIXTURE
 from tests.fuzz.keys import walk
@@ -324,6 +325,30 @@ async def _chosen(session: Path, empty: Path) -> None:
         await pilot.press("escape")
         await see(pilot, "[SET-UP]")
         await see(pilot, "record now through the cover")
+
+
+def test_what_was_pressed_after_the_end_takes_nothing(tmp_path: Path) -> None:
+    shutil.copytree(FIXTURE, tmp_path, dirs_exist_ok=True)
+    for picture in sorted((tmp_path / "frames").glob("*.jpg"))[2:]:
+        picture.unlink()
+    drive(_pressed(tmp_path))
+    assert len(list((tmp_path / "frames").glob("*.*g"))) == 2
+
+
+async def _pressed(session: Path) -> None:
+    async with running(session, f"folder:{session / 'frames'}") as pilot:
+        await see(pilot, "continued")
+        await pilot.press("ctrl+s")
+        await see(pilot, "no more pictures. Press f to fit")
+        assert "Take now" not in shown(pilot)
+        await pilot.press("space", "space")
+        await pilot.pause(0.2)
+        await see(pilot, "no more pictures. Press f to fit")
+        before = pilot.app.screen.query_one(Picture).updates
+        await pilot.press("c")
+        await until(pilot, lambda: pilot.app.screen.query_one(Picture).updates >= before + 2)
+        await see(pilot, "no more pictures. Press f to fit")
+        assert "2 views" in shown(pilot)
 
 
 def test_a_finished_session_is_opened_without_a_fit(tmp_path: Path) -> None:
