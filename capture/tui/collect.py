@@ -23,7 +23,7 @@ from capture.tui.adviser import Adviser
 from capture.tui.camera import Preview, Task, Watch
 from capture.tui.cells import FOUND, HINT, Mark
 from capture.tui.fit import FitScreen
-from capture.tui.lacking import lacking
+from capture.tui.lacking import lacking, none_found
 from capture.tui.page import DOTS, HELP_AND_QUIT, Line, Page
 from capture.tui.panel import Panel
 from capture.tui.picture import Picture
@@ -86,11 +86,13 @@ class CollectScreen(Page):
     class Stopped(Message):
         """No more frames come."""
 
-        def __init__(self, watch: Watch, sentence: str, *, again: bool) -> None:
+        def __init__(self, watch: Watch, sentence: str, *, again: bool, ended: bool = False) -> None:
+            """`ended`: every picture of the source was looked at."""
             super().__init__()
             self.watch = watch
             self.sentence = sentence
             self.again = again
+            self.ended = ended
 
     class Advised(Message):
         """The guide has thought about the views."""
@@ -124,6 +126,9 @@ class CollectScreen(Page):
         self._improved_with = -1  # views
         self._left = False
         self._said_until = 0.0
+        self._looked = 0
+        """Pictures of this stretch that were looked at, and in how many of them there was a board."""
+        self._boards = 0
 
     def step(self) -> str:
         return "Without cover" if self.plan.bare else "Through cover"
@@ -137,7 +142,7 @@ class CollectScreen(Page):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         del parameters
-        offered = {"cover_on": self.plan.bare, "fit": not self.plan.bare, "again": self._watch is None, "take": self._watch is not None}
+        offered = {"cover_on": self.plan.bare and bool(self.kept), "fit": not self.plan.bare, "again": self._watch is None, "take": self._watch is not None}
         return offered.get(action, True)
 
     @on(ScreenResume)
@@ -153,6 +158,7 @@ class CollectScreen(Page):
             except RefracalError as error:
                 self._say(str(error))
                 return
+            self._looked = self._boards = 0
             self._shutter.pressed()  # of a source that has ended
             self.refresh_bindings()
             self._run(self._watch)
@@ -162,7 +168,7 @@ class CollectScreen(Page):
         try:
             for step in watch.run(lambda kept: self.post_message(self.Begun(watch, kept))):
                 self.post_message(self.Judged(watch, step))
-            self.post_message(self.Stopped(watch, "The source has no more pictures.", again=False))
+            self.post_message(self.Stopped(watch, "The source has no more pictures.", again=False, ended=True))
         except RefracalError as error:
             self.post_message(self.Stopped(watch, str(error), again=isinstance(error, CaptureError)))
 
@@ -180,6 +186,7 @@ class CollectScreen(Page):
     def _take_up(self, message: Begun) -> None:
         if message.watch is self._watch:
             self.kept = list(message.kept)
+            self.refresh_bindings()
             self._think()
 
     @on(Judged)
@@ -187,12 +194,15 @@ class CollectScreen(Page):
         if message.watch is not self._watch:
             return
         step = message.step
+        self._looked += 1
+        self._boards += step.sighting.corners is not None
         self._found = step.sighting.corners if step.sighting.corners is not None else step.sighting.part
         if step.picture is not None:
             assert step.sighting.corners is not None
             self.kept.append(step.sighting.corners)
             self.app.bell()
             self._say(f"TAKEN: view {len(self.kept)}. Move the board to the next place.", TAKEN_S)
+            self.refresh_bindings()
             self._think()
         elif time.monotonic() > self._said_until:
             self._say(step.verdict.sentence)
@@ -209,11 +219,19 @@ class CollectScreen(Page):
             self._hint = None
             self.query_one("#next", Line).say("")
             self._draw()
-        onward = "n to go on through the cover, from another source, " if self.plan.bare else "f to fit, " if self.kept else ""
-        go_on = " It is tried again every 3 s." if message.again else f" Press {onward}c to try again, esc for the set-up."
-        self._say(message.sentence + go_on)
+        self._say(self._ending(message))
         if message.again:
             self.set_timer(RETRY_S, self._begin)
+
+    def _ending(self, message: Stopped) -> str:
+        if message.again:
+            return f"{message.sentence} It is tried again every 3 s."
+        if message.ended and self._looked and not (self._boards or self.kept):
+            return none_found(self.plan, self._looked)
+        onward = ""
+        if self.kept:
+            onward = "n to go on through the cover, from another source, " if self.plan.bare else "f to fit, "
+        return f"{message.sentence} Press {onward}c to try again, esc for the set-up."
 
     def _think(self) -> None:
         self._count()

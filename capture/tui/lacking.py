@@ -5,6 +5,17 @@ from pathlib import Path
 from calib.errors import InputError
 from calib.io.images import list_images
 from calib.session.session import read_session
+from capture.tui.camera import Task
+
+
+def none_found(task: Task, pictures: int) -> str:
+    """Of a source in whose pictures there was no board: what to look after."""
+    board, file = task.asked[0], task.session / "session.yaml"
+    first = f"No board of {board} inner corners" if board.coding is None else f"No board as described, {board},"
+    count = "count the inner corners" if board.coding is None else "compare its type, its columns and rows, and its dictionary"
+    where = f"correct the board in {file}" if file.exists() else "esc corrects the board"
+    among = f"in any of the {pictures} pictures" if pictures > 1 else "in the picture"
+    return f"{first} {among}: {count}; {where}."
 
 
 def has_bare(session: Path) -> bool:

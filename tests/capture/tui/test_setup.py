@@ -305,6 +305,22 @@ def empty(tmp_path: Path) -> Path:
     return folder
 
 
+def test_a_source_without_the_board_says_what_was_looked_for(tmp_path: Path, empty: Path) -> None:
+    drive(_without(tmp_path / "session", empty))
+
+
+async def _without(session: Path, empty: Path) -> None:
+    async with running(session, f"folder:{empty}") as pilot:
+        await see(pilot, "a new session")
+        burst(pilot, "<enter>", str(FIXTURE), "<ctrl+s>")
+        await see(pilot, "No board of 9x9 inner corners in any of the 3 pictures: count the inner corners; esc corrects the board.")
+        assert "Cover on" not in shown(pilot)
+        await pilot.press("n")
+        assert "[WITHOUT COVER]" in shown(pilot)
+        await pilot.press("escape")
+        await see(pilot, "[SET-UP]")
+
+
 def test_what_to_record_stays_as_it_was_chosen(tmp_path: Path, empty: Path) -> None:
     drive(_chosen(tmp_path / "session", empty))
 
@@ -319,7 +335,7 @@ async def _chosen(session: Path, empty: Path) -> None:
         (session / "bare").mkdir(parents=True)  # as a bare step without a view leaves it
         await pilot.press("shift+tab", "shift+tab", "shift+tab", "enter", "down", "enter", "ctrl+s")
         await see(pilot, "[THROUGH COVER]")
-        await see(pilot, "no more pictures")
+        await see(pilot, "No board of 9x9")
         await see(pilot, "not known without pictures")
         assert "session.yaml" not in shown(pilot)
         await pilot.press("escape")
