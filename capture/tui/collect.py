@@ -23,7 +23,7 @@ from capture.tui.adviser import Adviser
 from capture.tui.camera import Preview, Task, Watch
 from capture.tui.cells import FOUND, HINT, Mark
 from capture.tui.fit import FitScreen
-from capture.tui.lacking import lacking, none_found
+from capture.tui.lacking import NO_LENS, lacking, lens_known, none_found
 from capture.tui.page import DOTS, HELP_AND_QUIT, Line, Page
 from capture.tui.panel import Panel
 from capture.tui.picture import Picture
@@ -47,6 +47,7 @@ class CollectScreen(Page):
         Binding("a", "automatic", "Auto"),
         Binding("n", "cover_on", "Cover on"),
         Binding("f", "fit", "Fit"),
+        Binding("f", "not_yet", show=False),
         Binding("c", "again", "Camera again"),
         DOTS,
         Binding("escape", "back", "Set-up", key_display="esc"),
@@ -142,8 +143,11 @@ class CollectScreen(Page):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         del parameters
-        offered = {"cover_on": self.plan.bare and bool(self.kept), "fit": not self.plan.bare, "again": self._watch is None, "take": self._watch is not None}
+        offered = {"cover_on": self.plan.bare and bool(self.kept), "fit": not self.plan.bare and self._lens_known(), "again": self._watch is None, "take": self._watch is not None}
         return offered.get(action, True)
+
+    def _lens_known(self) -> bool:
+        return lens_known(self.plan.session, self.plan.asked)
 
     @on(ScreenResume)
     def _begin(self) -> None:
@@ -228,6 +232,8 @@ class CollectScreen(Page):
             return f"{message.sentence} It is tried again every 3 s."
         if message.ended and self._looked and not (self._boards or self.kept):
             return none_found(self.plan, self._looked)
+        if not (self.plan.bare or self._lens_known()):
+            return f"{message.sentence} {NO_LENS} Press esc for that."
         onward = ""
         if self.kept:
             onward = "n to go on through the cover, from another source, " if self.plan.bare else "f to fit, "
@@ -279,7 +285,7 @@ class CollectScreen(Page):
         over = self.plan.bare and not self._watch  # one goes on, not looking for a better view
         self._hint = None if over or message.progress.enough else message.hint
         self.query_one(Panel).progress = message.progress
-        onward = "press n, then put the cover on" if self.plan.bare else "press f to fit"
+        onward = "press n, then put the cover on" if self.plan.bare else "press f to fit" if self._lens_known() else "now the lens is wanted"
         words = f"Next: {self._hint.words}." if self._hint else ""
         if message.progress.enough:
             words = f"ENOUGH: {onward}. More views do no harm."
@@ -333,6 +339,10 @@ class CollectScreen(Page):
         self._close()
         self._say("The camera is being opened.")
         self.app.push_screen(FitScreen(self.plan.session))
+
+    def action_not_yet(self) -> None:
+        """Where a fit is not offered."""
+        self._say("The fit comes after the views through the cover." if self.plan.bare else NO_LENS, LACKING_S)
 
     def _close(self) -> None:
         if self._watch:

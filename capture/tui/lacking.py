@@ -5,7 +5,11 @@ from pathlib import Path
 from calib.errors import InputError
 from calib.io.images import list_images
 from calib.session.session import read_session
+from capture.session_file import Setup, read_setup
 from capture.tui.camera import Task
+
+
+NO_LENS = "The lens is not known yet: in the set-up, set record now to without the cover, and name those pictures."
 
 
 def none_found(task: Task, pictures: int) -> str:
@@ -24,12 +28,20 @@ def has_bare(session: Path) -> bool:
     return bare.is_dir() and ((bare / "session.yaml").exists() or bool(list_images(bare)))
 
 
+def lens_known(session: Path, setup: Setup) -> bool:
+    """Whether a fit has where to take the lens from; without a cover, it finds it itself."""
+    _, camera, cover = setup
+    return cover.shape == "none" or camera.intrinsics is not None or has_bare(session)
+
+
 def lacking(session: Path) -> str:
     """A sentence; empty where a fit can begin."""
     frames = session / "frames"
     if not (frames.is_dir() and list_images(frames)):
         return f"There is nothing to fit yet: {frames} has no picture. Views are taken by themselves, or by space."
     try:
+        if (session / "session.yaml").exists() and not lens_known(session, read_setup(session / "session.yaml")):
+            return NO_LENS
         read_session(session)
     except InputError as error:
         return str(error)

@@ -15,6 +15,7 @@ from calib.cli import main
 from capture.session_file import read_setup
 from capture.tui.app import CaptureApp
 from capture.tui.fit import FitScreen
+from capture.tui.lacking import NO_LENS
 from capture.tui.picture import Picture
 from tests.capture.tui.driving import CONE, describe, drive, running, see, shown, until, write
 from tests.capture.tui.test_session import FIXTURE
@@ -249,14 +250,22 @@ async def _nothing(session: Path) -> None:
     async with running(session, f"folder:{session / 'camera'}") as pilot:
         await see(pilot, "continued")
         await pilot.press("shift+tab", "enter", "down", "enter", "ctrl+s")
-        await see(pilot, "no more pictures. Press c to try again")
-        await pilot.press("f")
-        await see(pilot, "There is nothing to fit yet:")
+        await see(pilot, "No board of 9x9")
+        assert "f Fit" not in shown(pilot)
         shutil.copytree(FIXTURE / "frames", session / "frames", dirs_exist_ok=True)
         await pilot.press("f")
-        await see(pilot, "or put pictures taken without the cover in")
+        await see(pilot, NO_LENS)
         await pilot.press("escape", "ctrl+r")
-        await see(pilot, "or put pictures taken without the cover in")
+        await see(pilot, "[SET-UP]")
+        await see(pilot, NO_LENS)
+        for picture in (session / "frames").iterdir():
+            picture.unlink()
+        (session / "bare").mkdir()
+        shutil.copy(FIXTURE / "bare" / "0000.jpg", session / "bare")
+        await pilot.press("ctrl+s")
+        await see(pilot, "f Fit")
+        await pilot.press("f")
+        await see(pilot, "There is nothing to fit yet:")
 
 
 def test_nothing_of_one_field_stays_under_another(tmp_path: Path) -> None:
