@@ -9,7 +9,7 @@ from capture.guidance import Guidance, GuidanceError
 from capture.tui.camera import Task
 from capture.tui.child import Child
 from capture.tui.lacking import has_bare
-from capture.tui.lens import find_lens
+from capture.tui.lens import ENOUGH, find_lens
 
 Advice = tuple[Hint | None, SessionProgress]
 
@@ -20,8 +20,8 @@ class Adviser:
     def __init__(self, task: Task, size: tuple[int, int]) -> None:
         """`size`: of the camera's pictures, px. Blocks for some tenths of a second."""
         board, camera, _ = task.asked
-        self.remark = ""
-        """Why the plain rule serves; empty if that is as it should be."""
+        self.remark = _not_computed(task)
+        """Why the plain rule serves; empty where how sure the maps would be is computed."""
         self._task = task
         self._camera = camera if (camera.width, camera.height) == size else Camera(*size)
         self._plain = PlainGuide(board, self._camera)
@@ -58,7 +58,7 @@ class Adviser:
         camera = self._camera
         if camera.intrinsics is None:
             if not has_bare(self._task.session):
-                raise GuidanceError("The guide goes by picture, depth and tilt: the lens is not known without pictures that have no cover.")
+                raise GuidanceError("How sure the maps would be cannot be computed: the lens is not known.")
             *_, last = {"sentence": "The lens is not looked for any more."}, *self._lens.events()
             if "camera" not in last:
                 raise GuidanceError(last["sentence"])
@@ -67,3 +67,12 @@ class Adviser:
         if self._closed:
             guidance.close()
         return guidance
+
+
+def _not_computed(task: Task) -> str:
+    """What is said beside the plain rule, before anything better is there."""
+    if task.bare:
+        return f"From {ENOUGH} views on you may go on (n); more make the lens surer."
+    if task.asked[2].shape == "none":
+        return "How sure the maps are is computed by the fit."
+    return "How sure the maps would be is not computed yet."

@@ -285,7 +285,7 @@ class CollectScreen(Page):
         over = self.plan.bare and not self._watch  # one goes on, not looking for a better view
         self._hint = None if over or message.progress.enough else message.hint
         self.query_one(Panel).progress = message.progress
-        onward = "press n, then put the cover on" if self.plan.bare else "press f to fit" if self._lens_known() else "now the lens is wanted"
+        onward = "press n, then put the cover on" if self.plan.bare else "press f to fit" if self._lens_known() else "esc, for the lens is not known yet"
         words = f"Next: {self._hint.words}." if self._hint else ""
         if message.progress.enough:
             words = f"ENOUGH: {onward}. More views do no harm."

@@ -29,13 +29,12 @@ from capture.tui.farewell import fitted
 from capture.tui.fit import FitScreen
 from capture.tui.form import BOARD, Typed, explained, problem, read_form, write_form
 from capture.tui.lacking import lacking
+from capture.tui.lens import ENOUGH
 from capture.tui.opening import OpeningScreen
 from capture.tui.page import TYPING, Field, Page, onward, typed
 from capture.typed_path import typed_path
 from capture.wrong_folder import check_folder, doubt
 
-BARE_VIEWS = 10
-"""Without cover; from here on the lens is taken as recorded, and the set-up proposes to go on through the cover."""
 SOURCE_HELP = "Where pictures come from: v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE."
 LIKE_HELP = "Another session, its folder: board, cover and lens are taken from there. May stay empty."
 PHASE_HELP = "First without the cover, to find the lens; then through it, without touching the focus."
@@ -209,7 +208,7 @@ class SetupScreen(Page):
     def _bare_is_missing(self) -> bool:
         if self.query_one("#shape", Select).value == "none" or (self._like and self._like[1].intrinsics):
             return False
-        return self._taken(True) < BARE_VIEWS
+        return self._taken(True) < ENOUGH
 
     def _propose(self) -> None:
         """What to record now; but what the person chose stays, be it by the field or by going on from the bare step."""
