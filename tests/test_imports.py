@@ -35,7 +35,8 @@ LAYERS = {
         ("__main__",),
     ),
     "capture": (
-        ("errors", "frames", "exposure", "saddles", "sharpness", "settings_drift", "sensors", "interrupt", "orphan", "process", "typed_path"),
+        ("typed_path",),
+        ("errors", "frames", "exposure", "saddles", "sharpness", "settings_drift", "sensors", "interrupt", "orphan", "process"),
         ("disk", "lattice", "reader", "sources"),
         ("sighting", "coded_light", "session_file"),
         ("finder", "coded_finder", "wrong_folder"),

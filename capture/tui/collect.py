@@ -143,7 +143,12 @@ class CollectScreen(Page):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         del parameters
-        offered = {"cover_on": self.plan.bare and bool(self.kept), "fit": not self.plan.bare and self._lens_known(), "again": self._watch is None, "take": self._watch is not None}
+        offered = {
+            "cover_on": self.plan.bare and bool(self.kept),
+            "fit": not self.plan.bare and self._lens_known(),
+            "again": self._watch is None,
+            "take": self._watch is not None,
+        }
         return offered.get(action, True)
 
     def _lens_known(self) -> bool:
@@ -285,13 +290,17 @@ class CollectScreen(Page):
         over = self.plan.bare and not self._watch  # one goes on, not looking for a better view
         self._hint = None if over or message.progress.enough else message.hint
         self.query_one(Panel).progress = message.progress
-        onward = "press n, then put the cover on" if self.plan.bare else "press f to fit" if self._lens_known() else "esc, for the lens is not known yet"
         words = f"Next: {self._hint.words}." if self._hint else ""
         if message.progress.enough:
-            words = f"ENOUGH: {onward}. More views do no harm."
+            words = f"ENOUGH: {self._onward()}. More views do no harm."
         self.query_one("#next", Line).say(words)
         self._note()
         self._draw()
+
+    def _onward(self) -> str:
+        if self.plan.bare:
+            return "press n, then put the cover on"
+        return "press f to fit" if self._lens_known() else "esc, for the lens is not known yet"
 
     def _draw(self) -> None:
         marks = []

@@ -38,7 +38,7 @@ HELP = {
     "inner_radius_mm": "Millimetres from the cover's axis to its inner face, at the height of the lens.",
     "radius_slope": "By how much the radius grows downwards: -0.1 is 1 mm narrower every 10 mm.",
     "axis_offset_mm": "From the lens to the cover's axis in mm: x to the right in the picture, z ahead; 0, -30 is 30 mm behind.",
-    "tilt_deg": "Degrees of its tilt: first about x (to the right in the picture), then about z (ahead), or of a window about y (down). 0, 0 is straight.",
+    "tilt_deg": "Degrees of its tilt, first about x (to the right), then about z (ahead), or of a window about y (down): 0, 0 is straight.",
     "thickness_mm": "Thickness of the glass in millimetres.",
     "refractive_index": "Of the glass: about 1.5; acrylic 1.49, polycarbonate 1.58.",
     "outside_index": "Of what is outside: 1 in air, 1.333 in water.",

@@ -8,7 +8,6 @@ from calib.session.session import read_session
 from capture.session_file import Setup, read_setup
 from capture.tui.camera import Task
 
-
 NO_LENS = "The lens is not known yet: in the set-up, set record now to without the cover, and name those pictures."
 
 

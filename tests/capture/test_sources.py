@@ -48,7 +48,7 @@ def test_a_source_that_is_written_wrongly_gets_its_sentence(text: str, says: str
 
 @pytest.mark.parametrize("text", ["", "webcam:0", "folder:", "folder:x?sped=2", "folder:x?speed=", "video:x?speed=1"])
 def test_a_field_is_called_by_its_own_name(text: str) -> None:
-    with pytest.raises(InputError, match="^source ") as caught:
+    with pytest.raises(InputError, match=r"^source ") as caught:
         open_source(text, "source")
     assert "--" not in str(caught.value)
 
