@@ -37,6 +37,8 @@ class Adviser:
         """Look into what these views tell; at each step, the advice has become better. Blocks for seconds."""
         if self._task.bare or self._task.asked[2].shape == "none":
             return
+        if not views and self._camera.intrinsics is None and has_bare(self._task.session):
+            return  # the lens is looked for in a session, which has pictures in frames/
         try:
             if self._guidance is None:
                 self._guidance = self._prepared()

@@ -14,6 +14,7 @@ from textual.widgets import Input, Select
 from calib.cli import main
 from capture.session_file import read_setup
 from capture.tui.app import CaptureApp
+from capture.tui.collect import CollectScreen
 from capture.tui.fit import FitScreen
 from capture.tui.lacking import NO_LENS
 from capture.tui.picture import Picture
@@ -346,11 +347,29 @@ async def _chosen(session: Path, empty: Path) -> None:
         await pilot.press("shift+tab", "shift+tab", "shift+tab", "enter", "down", "enter", "ctrl+s")
         await see(pilot, "[THROUGH COVER]")
         await see(pilot, "No board of 9x9")
-        await see(pilot, "would be cannot be computed:")
+        await see(pilot, "cannot be computed: the lens")
         assert "session.yaml" not in shown(pilot)
         await pilot.press("escape")
         await see(pilot, "[SET-UP]")
         await see(pilot, "record now through the cover")
+
+
+def test_before_the_first_view_through_the_cover_the_guide_asks_for_no_files(tmp_path: Path, empty: Path) -> None:
+    session = tmp_path / "session"
+    shutil.copytree(FIXTURE, session, ignore=shutil.ignore_patterns("frames", "frames.csv"))
+    drive(_before_the_first(session, empty))
+
+
+async def _before_the_first(session: Path, empty: Path) -> None:
+    async with running(session, f"folder:{empty}") as pilot:
+        await see(pilot, "continued, 12 views without cover and 0 views through it")
+        await pilot.press("ctrl+s")
+        await see(pilot, "No board of 9x9")
+        screen = pilot.app.screen
+        assert isinstance(screen, CollectScreen)
+        await until(pilot, lambda: screen._improved_with == 0 and not screen._improving)
+        assert screen._adviser
+        assert screen._adviser.remark == "How sure the maps would be is not computed yet."
 
 
 def test_what_was_pressed_after_the_end_takes_nothing(tmp_path: Path) -> None:
