@@ -76,5 +76,5 @@ def _not_computed(task: Task) -> str:
     if task.bare:
         return f"From {ENOUGH} views on you may go on (n); more make the lens surer."
     if task.asked[2].shape == "none":
-        return "How sure the maps are is computed by the fit."
+        return "The fit computes how sure the maps are."
     return "How sure the maps would be is not computed yet."

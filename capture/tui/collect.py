@@ -237,10 +237,11 @@ class CollectScreen(Page):
             return f"{message.sentence} It is tried again every 3 s."
         if message.ended and self._looked and not (self._boards or self.kept):
             return none_found(self.plan, self._looked)
-        if not (self.plan.bare or self._lens_known()):
+        known = self.plan.bare or self._lens_known()
+        if message.ended and not known:
             return f"{message.sentence} {NO_LENS} Press esc for that."
         onward = ""
-        if self.kept:
+        if self.kept and known:
             onward = "n to go on through the cover, from another source, " if self.plan.bare else "f to fit, "
         return f"{message.sentence} Press {onward}c to try again, esc for the set-up."
 

@@ -98,7 +98,7 @@ class Page(Screen[bool]):
         small = event.size.width < SMALLEST[0] or event.size.height < SMALLEST[1]
         if small and not self.small:
             self._had_focus = self.focused
-        elif self.small and not small and self._had_focus:
+        elif self.small and not small and self._had_focus and self._had_focus.is_attached:
             self.call_after_refresh(self._had_focus.focus)
         self.set_class(small, "-small")
         if small:
