@@ -396,6 +396,7 @@ async def _pressed(session: Path) -> None:
         assert "2 views" in shown(pilot)
 
 
+@pytest.mark.slow
 def test_a_finished_session_is_opened_without_a_fit(tmp_path: Path) -> None:
     session = tmp_path / "session"
     shutil.copytree(FIXTURE, session)
