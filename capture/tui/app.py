@@ -15,12 +15,14 @@ import cv2
 from textual import on
 from textual.app import App
 from textual.binding import Binding
+from textual.events import Event, Key, Paste
 from textual.reactive import reactive
 
 from capture.process import prepare
 from capture.tui.export import ExportScreen
 from capture.tui.farewell import farewell
 from capture.tui.fit import FitScreen
+from capture.tui.page import Page
 from capture.tui.results import ResultsScreen
 from capture.tui.setup import SetupScreen
 
@@ -62,6 +64,15 @@ class CaptureApp(App[None]):
         sys.setswitchinterval(SWITCH_S)
         cv2.setNumThreads(1)  # of two cores, one stays for the screen
         self.push_screen(SetupScreen(self.session, self.source))
+
+    async def on_event(self, event: Event) -> None:
+        """What is hidden by the notice that the terminal is too small obeys no key, and nothing is typed into it."""
+        if isinstance(event, Key | Paste) and isinstance(self.screen, Page) and self.screen.small:
+            if isinstance(event, Key) and event.key == "q":
+                self.exit()
+            if not (isinstance(event, Key) and event.key == "ctrl+c"):
+                return
+        await super().on_event(event)
 
     @on(ResultsScreen.FitAgain)
     def _fit_again(self, message: ResultsScreen.FitAgain) -> None:
