@@ -177,3 +177,21 @@ async def _late(session: Path, changed: Event) -> None:
         changed.set()
         await until(pilot, lambda: any("Wrote map_1m.npz" in each.message for each in pilot.app._notifications), SOON_S)
         assert "'1.0m' is not a depth" in shown(pilot)
+
+
+def test_the_last_export_is_the_one_that_is_told_of(tmp_path: Path, asked: list[Sequence[str]]) -> None:
+    drive(_twice(tmp_path))
+    assert len(asked) == 2
+
+
+async def _twice(session: Path) -> None:
+    (session / "calibration").mkdir()
+    (session / "calibration" / "calibration.yaml").touch()
+    async with exporting(session) as pilot:
+        for depths in ("500", "0.5 1"):
+            await write(pilot, depths)
+            await pilot.press("shift+tab", "ctrl+s")
+            await see(pilot, f"map_{depths.split()[-1]}m.npz", SOON_S)
+        *told, following = pilot.app.farewell  # type: ignore[attr-defined]
+    assert [Path(line.split()[-1]).name for line in told[1:]] == ["rays.npz", "map_0.5m.npz", "map_1m.npz"]
+    assert " --depth 0.5 " in following
