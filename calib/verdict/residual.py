@@ -17,6 +17,7 @@ from calib.verdict.case import Case
 from calib.verdict.thresholds import AGREED, BEYOND_NOISE, MOST_NAMED, NAMED_BESIDE, SCORED, WORTH_NAMING
 from calib.verdict.verdict import Reason
 
+NOT_ALL_NOISE = "what is left is not all noise"
 NUMBERS = {"focal": ("camera.fx", "camera.fy"), "principal_point": ("camera.cx", "camera.cy")}
 
 
@@ -26,7 +27,7 @@ def residual(case: Case) -> Iterator[Reason]:
     large = case.left_px > BEYOND_NOISE * noise
     if not (large or organised or likely):
         return
-    said = f"{case.left_px:.3f} px are left where the corners' noise is about {noise:.3f} px" if large else "what is left is not all noise"
+    said = f"{case.left_px:.3f} px are left where the corners' noise is about {noise:.3f} px" if large else NOT_ALL_NOISE
     if organised:
         most = organised[0]
         said += f", and {100 * most.fraction:.0f} % of it go with {most.organised_by} ({100 * most.chance:.0f} % by chance)"

@@ -51,14 +51,17 @@ class CaptureApp(App[None]):
         prepare()
         self.session = session
         self.source = source
-        self._shown: Path | None = None
+        self._shown: ResultsScreen.Opened | None = None
+        self._fit: FitScreen | None = None
         self._maps: list[Path] = []
         self.set_reactive(CaptureApp.dots, plain or self.console.color_system in (None, "standard"))
 
     @property
     def farewell(self) -> Sequence[str]:
         """Lines for the terminal, when the screen has gone."""
-        return list(farewell(self.session, self._shown, self._maps))
+        shown, cut_short = self._shown, self._fit is not None and self._fit.cut_short
+        calibration, doubt = (shown.calibration, shown.doubt) if shown else (None, "")
+        return list(farewell(self.session, calibration, self._maps, doubt=doubt, cut_short=cut_short))
 
     def on_mount(self) -> None:
         sys.setswitchinterval(SWITCH_S)
@@ -81,11 +84,15 @@ class CaptureApp(App[None]):
 
     @on(ResultsScreen.Opened)
     def _opened(self, message: ResultsScreen.Opened) -> None:
-        self._shown = message.calibration
+        self._shown = message
+
+    @on(FitScreen.Began)
+    def _began(self, message: FitScreen.Began) -> None:
+        self._fit = message.screen
 
     @on(ExportScreen.Done)
     def _exported(self, message: ExportScreen.Done) -> None:
-        self._maps += [path for path in message.written if path not in self._maps]
+        self._maps = list(message.written) or self._maps
         if message.screen is self.screen:
             message.screen.tell(message)
         else:
