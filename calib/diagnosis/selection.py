@@ -180,7 +180,8 @@ class Loop:
 
     def _backward(self, newest: Effect | None) -> None:
         """Drop what is no longer needed, the oldest first; the newest has just been asked for. What parameters of every view do as well is
-        not dropped for it: an effect for all views is judged beside its like only."""
+        not dropped for it: an effect for all views is judged beside its like only, unless the corners are more probable without it, those
+        parameters integrated out."""
         for effect in self.model.effects:
             if effect is newest:
                 continue
@@ -189,12 +190,15 @@ class Loop:
             half = any(e.per_view for e in beside)
             left = self.left() if len(beside) == len(self.model.effects) else self._fresh(self.base.with_effects(beside), half=half)
             lost = gain(self._fresh(fewer, half=half), left)
-            if min(lost.p_value, lost.presence) > NEEDED or not worth(lost):
-                model = self.base.with_effects(e for e in self.model.effects if e is not effect)
-                joint = model.fitted(self.observations, self.joint.poses)
-                if joint.finite:
-                    self.model, self.joint = model, joint
-                    self.known.clear()
+            idle = min(lost.p_value, lost.presence) > NEEDED or not worth(lost)
+            private = self.model.path.private and not effect.per_view
+            if not (idle or private):
+                continue
+            model = self.base.with_effects(e for e in self.model.effects if e is not effect)
+            joint = model.fitted(self.observations, self.joint.poses)
+            if joint.finite and (idle or joint.log_marginal > self.joint.log_marginal):
+                self.model, self.joint = model, joint
+                self.known.clear()
 
     def _fresh(self, model: CameraModel, *, half: bool) -> HeldOut:
         """What another model leaves on held-out views."""
