@@ -24,7 +24,7 @@ def farewell(session: Path, shown: Path | None, maps: Sequence[Path], *, doubt: 
 
     Args:
         shown: the calibration whose results were looked at last; None: those of no one.
-        maps: what was exported last.
+        maps: what was exported last; empty: what lies in the session's export folder since that fit.
         doubt: what the verdict on that says, if it is not to be trusted.
         cut_short: the last fit was ended before it had a result.
     """
@@ -33,6 +33,7 @@ def farewell(session: Path, shown: Path | None, maps: Sequence[Path], *, doubt: 
         if cut_short:
             yield "The last fit was ended before it had a result: the calibration is the one of before."
         yield f"The calibration is in {_said(folder)}"
+        maps = maps or _since(folder / CALIBRATION, session / "export")
         for path in maps:
             yield f"Exported {_said(path)}"
         if doubt:
@@ -47,6 +48,14 @@ def farewell(session: Path, shown: Path | None, maps: Sequence[Path], *, doubt: 
     else:
         yield f"Nothing is recorded in {_said(session)} yet; what was typed is kept."
     yield f"To go on: {_command('capture', session)}"
+
+
+def _since(calibration: Path, exported: Path) -> Sequence[Path]:
+    """The files of a folder that are not older than the calibration."""
+    if not (calibration.exists() and exported.is_dir()):
+        return ()
+    made = calibration.stat().st_mtime_ns
+    return sorted(path for path in exported.iterdir() if path.is_file() and path.stat().st_mtime_ns >= made)
 
 
 def _use(session: Path, folder: Path, maps: Sequence[Path]) -> str:

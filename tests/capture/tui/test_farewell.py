@@ -32,8 +32,11 @@ def test_what_it_says_to_type_goes_from_a_calibration_to_straight_pictures(tmp_p
     maps = sorted((session / "export").iterdir())
     *told, undistort = farewell(session, session / "calibration" / "calibration.yaml", maps)
     assert told == [where, *(f"Exported {path}" for path in maps)]
+    assert list(farewell(session, None, [])) == [*told, undistort], "of a session that is opened another day"
     assert main(undistort.split()[2:]) == 0
     assert (session / "undistorted" / "0000.jpg").exists()
+    (session / "calibration" / "calibration.yaml").touch()  # a later fit, of which nothing is exported
+    assert list(farewell(session, None, [])) == [where, export]
 
 
 def test_of_a_doubtful_calibration_the_report_comes_next(tmp_path: Path) -> None:
