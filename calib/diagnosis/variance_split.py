@@ -119,8 +119,8 @@ def _phase(scene: Scene) -> Basis:
 
 
 def _means(label: NDArray[np.generic]) -> Basis:
-    """One number for all that have the same label."""
-    return np.unique(label, return_inverse=True)[1].ravel().astype(np.int64), np.ones((len(label), 1))
+    """One number for all that have the same label, a whole number."""
+    return label.astype(np.int64), np.ones((len(label), 1))
 
 
 def _everywhere(*columns: Array) -> Basis:

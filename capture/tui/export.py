@@ -18,6 +18,7 @@ from calib.errors import harmless
 from calib.export.formats import FORMATS
 from capture.tui.command import calib
 from capture.tui.page import TYPING, Field, onward, typed
+from capture.typed_path import typed_path
 
 ABOUT = (
     "Maps that undistort pictures, one for each depth of the scene. Name one depth or more, as in 0.5 1: metres from the lens, along its "
@@ -142,10 +143,10 @@ def folder(text: str) -> Path:
     """As a shell would take it."""
     if not text.strip():
         raise argparse.ArgumentTypeError("No folder is named: write where the files are to go")
-    try:
-        return Path(text.strip()).expanduser()
-    except RuntimeError as error:
-        raise argparse.ArgumentTypeError(f"{quoted(text)} begins in the home of nobody who is known here: write the whole path") from error
+    path = typed_path(text.strip())
+    if path.parts[0].startswith("~"):
+        raise argparse.ArgumentTypeError(f"{quoted(text)} begins in the home of nobody who is known here: write the whole path")
+    return path
 
 
 def is_map(path: Path) -> bool:

@@ -15,8 +15,7 @@ from textual.message import Message
 from textual.suggester import SuggestFromList
 from textual.widgets import Button, Input, Label, Select, Static
 
-from calib.errors import InputError, RefracalError, harmless
-from calib.io.files import reading
+from calib.errors import InputError, harmless
 from calib.io.images import list_images
 from calib.session.coding import DICTIONARIES
 from calib.session.cover import SHAPES
@@ -30,9 +29,9 @@ from capture.tui.fit import FitScreen
 from capture.tui.form import BOARD, Typed, explained, problem, read_form, write_form
 from capture.tui.lacking import lacking
 from capture.tui.lens import ENOUGH
+from capture.tui.named import cannot_be_opened, played, read_like
 from capture.tui.opening import OpeningScreen
 from capture.tui.page import TYPING, Field, Page, onward, typed
-from capture.typed_path import typed_path
 from capture.wrong_folder import check_folder, doubt
 
 SOURCE_HELP = "Where pictures come from: v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE."
@@ -188,7 +187,7 @@ class SetupScreen(Page):
             source.value = source.value or draft.source
             self.query_one("#like", Input).value = draft.like
             with suppress(InputError):  # said as the field is looked at
-                self._like = _read_like(draft.like)
+                self._like = read_like(draft.like)
                 self._liked = draft.like
 
     def _keep(self) -> None:
@@ -300,7 +299,7 @@ class SetupScreen(Page):
         if like == self._liked:
             return
         self._like, self._liked = None, ""
-        if setup := _read_like(like):
+        if setup := read_like(like):
             self._like = setup
             await self._fill(setup)
             self._propose()
@@ -338,7 +337,7 @@ class SetupScreen(Page):
             self._doubted = said
             self._say(f"{said} Start once more if they are right all the same.")
             return
-        if played(task.source) and (shut := await to_thread(_shut, task.source)):
+        if played(task.source) and (shut := await to_thread(cannot_be_opened, task.source)):
             self._shut = task.source, shut
             source = self.query_one("#source", Input)
             await self._mark(source)
@@ -367,30 +366,6 @@ class SetupScreen(Page):
 
     def _say(self, sentence: str) -> None:
         self.query_one("#problem", Static).update(sentence)
-
-
-def _read_like(like: str) -> Setup | None:
-    """What another session says; None where none is named."""
-    if not like.strip():
-        return None
-    place = typed_path(like.strip())
-    with reading(place):
-        place = place / "session.yaml" if place.is_dir() else place
-    return read_setup(place)
-
-
-def played(source: str) -> bool:
-    """Whether it is no camera, which may be plugged in yet, but pictures that are there or not."""
-    return source.startswith(("folder:", "video:"))
-
-
-def _shut(source: str) -> str:
-    """Why these pictures cannot be opened; empty where they can. Blocks."""
-    try:
-        with open_source(source, "source"):
-            return ""
-    except RefracalError as error:
-        return str(error)
 
 
 def _row(label: str, field: Input | Select[Any]) -> Horizontal:
