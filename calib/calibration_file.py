@@ -66,7 +66,7 @@ CALIBRATION = record(
         "declared": record({"camera": table(anything), "cover": table(anything)}, {"doubted": many(text)}),
         "relief": maybe(record({"low": anything, "high": anything, "grid": anything, "beta": positive, "exact_hit": flag})),
         "effects": many(
-            record({"name": text, "form": table(either(number, text, many(number), many(text))), "parameters": table(anything)})
+            record({"name": text, "form": table(either(flag, number, text, many(number), many(text))), "parameters": table(anything)})
         ),
         "gauge": text,
         "settings": record({}, SETTINGS),

@@ -14,7 +14,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from calib.optics.lens import PINHOLE, PUPIL, entrance, normalised
+from calib.optics.lens import PINHOLE, entrance, normalised
 from calib.optics.params import Param, Values
 from calib.optics.rays import LENS, Rays
 from calib.optics.vector import Vector
@@ -35,23 +35,22 @@ COEFFICIENTS = tuple(Param(f"camera.{name}", "", 1e-3) for name in NAMES[FISHEYE
 class Fisheye:
     """Reads camera.fx, .fy, .cx, .cy and the four coefficients."""
 
-    pupil: bool = False
+    pupil: tuple[Param, ...] = ()
     wide: ClassVar[bool] = True
 
     @property
     def params(self) -> tuple[Param, ...]:
-        return (*PINHOLE, *COEFFICIENTS, *(PUPIL if self.pupil else ()))
+        return (*PINHOLE, *COEFFICIENTS, *self.pupil)
 
-    def with_pupil(self) -> Fisheye:
-        return replace(self, pupil=True)
+    def with_pupil(self, pupil: tuple[Param, ...]) -> Fisheye:
+        return replace(self, pupil=pupil)
 
     def __call__(self, pixels: Tensor, values: Values) -> Rays:
         x, y = normalised(pixels, values)
         distance = (x * x + y * y).clamp_min(TINY**2).sqrt()
         angle, failed = incidence(distance, _coefficients(values))
-        outward, zero = angle.sin() / distance, torch.zeros_like(x)
-        start = entrance(angle, values) if self.pupil else zero
-        return Rays(Vector(zero, zero, start), Vector(x * outward, y * outward, angle.cos()), failed.to(torch.uint8) * LENS)
+        outward = angle.sin() / distance
+        return Rays(entrance(angle, values, self.pupil), Vector(x * outward, y * outward, angle.cos()), failed.to(torch.uint8) * LENS)
 
     def project(self, points: Tensor, values: Values) -> Tensor:
         """Beside and behind the pinhole, too; what the lens does not see lands where its polynomial says."""

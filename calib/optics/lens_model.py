@@ -11,7 +11,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from calib.optics.lens import PINHOLE, PUPIL, entrance, normalised
+from calib.optics.lens import PINHOLE, entrance, normalised
 from calib.optics.params import Param, Values
 from calib.optics.rays import LENS, Rays
 from calib.optics.vector import Vector
@@ -31,16 +31,15 @@ class LensModel:
     """Launches a ray through the entrance pupil for each pixel. Reads camera.fx, .fy, .cx, .cy and the first `count` coefficients."""
 
     count: int
-    pupil: bool = False
-    """Whether the entrance pupil moves."""
+    pupil: tuple[Param, ...] = ()
     wide: ClassVar[bool] = False
 
     @property
     def params(self) -> tuple[Param, ...]:
-        return (*PINHOLE, *(Param(f"camera.{name}", "", 1e-3) for name in COEFFICIENTS[: self.count]), *(PUPIL if self.pupil else ()))
+        return (*PINHOLE, *(Param(f"camera.{name}", "", 1e-3) for name in COEFFICIENTS[: self.count]), *self.pupil)
 
-    def with_pupil(self) -> "LensModel":
-        return replace(self, pupil=True)
+    def with_pupil(self, pupil: tuple[Param, ...]) -> "LensModel":
+        return replace(self, pupil=pupil)
 
     def __call__(self, pixels: Tensor, values: Values) -> Rays:
         """(..., 2) px to rays that start at the entrance pupil."""
@@ -48,9 +47,8 @@ class LensModel:
         failed = torch.zeros_like(x, dtype=torch.bool)
         if self.count:
             x, y, failed = undistort(x, y, self._coefficients(values))
-        zero = torch.zeros_like(x)
-        start = entrance((x * x + y * y).clamp_min(1e-24).sqrt().atan(), values) if self.pupil else zero
-        return Rays(Vector(zero, zero, start), Vector(x, y, torch.ones_like(x)).unit(), failed.to(torch.uint8) * LENS)
+        start = entrance((x * x + y * y).clamp_min(1e-24).sqrt().atan(), values, self.pupil)
+        return Rays(start, Vector(x, y, torch.ones_like(x)).unit(), failed.to(torch.uint8) * LENS)
 
     def project(self, points: Tensor, values: Values) -> Tensor:
         """(..., 3) m in front of the pinhole to (..., 2) px, as if there were no cover and the pupil kept still."""

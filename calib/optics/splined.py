@@ -81,7 +81,7 @@ class Splined:
     wide: ClassVar[bool] = True
 
     @property
-    def pupil(self) -> bool:
+    def pupil(self) -> tuple[Param, ...]:
         return self.base.pupil
 
     @property
@@ -89,8 +89,8 @@ class Splined:
         count = self.grid.shape[0] * self.grid.shape[1]
         return (*self.base.params, *(Param(name, "px", 0.1, (count,)) for name in SHIFTS))
 
-    def with_pupil(self) -> Splined:
-        return replace(self, base=self.base.with_pupil())
+    def with_pupil(self, pupil: tuple[Param, ...]) -> Splined:
+        return replace(self, base=self.base.with_pupil(pupil))
 
     def __call__(self, pixels: Tensor, values: Values) -> Rays:
         return self.base(pixels + self._shift(pixels, values), values)

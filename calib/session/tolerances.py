@@ -36,6 +36,7 @@ RADIAL = Tolerance(0.1, "", 1e-3, "lenses that are called free of distortion hav
 TANGENTIAL = Tolerance(0.01, "", 1e-3, "a lens tilted by half a degree")
 
 ENTRANCE_PUPIL = Tolerance(5e-3, "m", 1e-3, "at a radian off the axis: wide lenses, from some tenths to some millimetres (their length)")
+ENTRANCE_PUPIL_ASIDE = Tolerance(5e-4, "m", 1e-3, "a tenth of that: lens elements are centred to some hundredths of their size")
 
 BOARD_SHAPE = Tolerance(3e-3, "m", 1e-3, "boards of makers are bent by 0.3 to 2.5 mm (ten of seventeen measured sets)")
 SQUARE_SIDE = Tolerance(2e-3, "", 1e-3, "of the side: a ruler's half millimetre over a board of 25 cm")

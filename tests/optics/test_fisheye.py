@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from calib.optics.fisheye import Fisheye
+from calib.optics.lens import PUPIL, PUPIL_ASIDE
 from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.optics.projection import project
@@ -20,7 +21,8 @@ PINHOLE = {"fx": 300.0, "fy": 305.0, "cx": 400.0, "cy": 310.0}
 def values(coefficients: tuple[float, ...] = COEFFICIENTS) -> dict[str, torch.Tensor]:
     named = PINHOLE | {f"kb{order}": value for order, value in enumerate(coefficients, 1)}
     lens = {f"camera.{name}": torch.tensor(value, dtype=torch.float64) for name, value in named.items()}
-    return lens | {f"entrance_pupil.{name}": torch.tensor(value, dtype=torch.float64) for name, value in (("e2", 2e-3), ("e4", -1e-4))}
+    pupil = {"e2": 2e-3, "e4": -1e-4, "x2": 3e-4, "y2": -2e-4}
+    return lens | {f"entrance_pupil.{name}": torch.tensor(value, dtype=torch.float64) for name, value in pupil.items()}
 
 
 def around(degrees: float, count: int = 36) -> torch.Tensor:
@@ -81,7 +83,7 @@ def test_a_second_branch_is_no_ray() -> None:
 
 
 def test_derivatives_agree_with_central_differences() -> None:
-    lens = Fisheye(pupil=True)
+    lens = Fisheye(pupil=PUPIL + PUPIL_ASIDE)
     pixels = torch.tensor([[100.0, 700.0], [420.0, 305.0], [1000.0, 100.0]], dtype=torch.float64)  # 40, 4 and 120 degrees off the axis
 
     def launched(at: Values) -> torch.Tensor:
@@ -98,6 +100,18 @@ def test_derivatives_agree_with_central_differences() -> None:
         numeric = (up - down) / (2 * size)
         assert numeric.abs().max() > 0
         assert (analytic - numeric).abs().max() < 1e-6 * numeric.abs().max(), param.name
+
+
+@pytest.mark.parametrize("degrees", [0.0, 30.0, 110.0])
+def test_rays_begin_where_the_pupil_stands_at_their_angle(degrees: float) -> None:
+    """On the axis for a centred lens, and as far to one side, whatever their direction around the axis, for a decentred one."""
+    pixels = Fisheye().project(around(degrees), values())
+    angle = math.radians(degrees)
+    along = 2e-3 * angle**2 - 1e-4 * angle**4
+    for pupil, aside in ((PUPIL, (0.0, 0.0)), (PUPIL + PUPIL_ASIDE, (3e-4, -2e-4))):
+        origin = Fisheye(pupil)(pixels, values()).origin.stacked().numpy()
+        assert np.abs(origin - [aside[0] * angle**2, aside[1] * angle**2, along]).max() < 1e-14
+    assert not Fisheye()(pixels, values()).origin.stacked().any()
 
 
 def test_projection_and_rays_have_inverse_derivatives() -> None:
