@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from calib.estimation.observations import Observations
 
@@ -71,7 +71,7 @@ class Scene:
             dimensions += u.shape[1]
         k, rows = 2 * dimensions, weighed.size
         fraction, chance = explained / float((weighed**2).sum()), k / rows
-        p_value = float(stats.f.sf((fraction / k) / ((1 - fraction) / (rows - k)), k, rows - k))
+        p_value = float(special.fdtrc(k, rows - k, max((fraction / k) / ((1 - fraction) / (rows - k)), 0.0)))
         return Share(name, fraction, chance, p_value)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from calib.diagnosis.diagnose import organising_of, split_of
 from calib.diagnosis.score_test import ScoreTest
@@ -55,7 +55,7 @@ def likely_effects(case: Case) -> list[tuple[Effect, float]]:
         return 1.0 - float(np.sqrt(1.0 - min(1.0, beyond / test.cost)))
 
     def sure(test: ScoreTest) -> bool:
-        return test.p_value < AGREED and float(stats.chi2.sf(test.chi2 / dispersion, test.dof)) < SCORED / len(scores)
+        return test.p_value < AGREED and float(special.chdtrc(test.dof, test.chi2 / dispersion)) < SCORED / len(scores)
 
     gains = {test: gain(test) for test in scores if sure(test)}
     best = max(gains.values(), default=0.0)

@@ -153,22 +153,23 @@ async def collect_charuco(pilot: Pilot[None], session: Path) -> None:
     await see(pilot, "The maps would be 0.31 px")
 
 
-def take_over(screen: WorkingPage) -> None:
-    """The process that the screen has started is ended, and one that never starts is in its place: the story says what it says."""
+def take_over(screen: WorkingPage) -> Child:
+    """The process that the screen has started is ended, and this, which never starts, is in its place: the story says what it says."""
     screen.cancel()
-    screen.child = Child(fit_session)
     screen._tasks.clear()
+    screen.child = Child(fit_session)
+    return screen.child
 
 
 async def fit(pilot: Pilot[None], session: Path) -> None:
     screen = FitScreen(session / "missing")
     await pilot.app.push_screen(screen)
-    take_over(screen)
+    child = take_over(screen)
     events = [("Loading torch", 1, 1, ""), ("Corners in session", 12, 12, "12 boards found"), ("Joint fit", 12, 4, "0.121 px")]
     for title, total, done, words in events:
-        screen.post_message(FitScreen.Said(screen.child, {"event": "task", "title": title, "total": total}))
-        screen.post_message(FitScreen.Said(screen.child, {"event": "step", "done": done, "words": words}))
-    screen.post_message(FitScreen.Said(screen.child, {"event": "step", "done": 7, "words": "0.084 px"}))
+        screen.post_message(FitScreen.Said(child, {"event": "task", "title": title, "total": total}))
+        screen.post_message(FitScreen.Said(child, {"event": "step", "done": done, "words": words}))
+    screen.post_message(FitScreen.Said(child, {"event": "step", "done": 7, "words": "0.084 px"}))
     await see(pilot, "0.084 px")
 
 
@@ -215,9 +216,9 @@ async def effects_working(pilot: Pilot[None], session: Path) -> None:
     screen = EffectsScreen(session / "missing")
     await pilot.app.push_screen(screen)
     await see(pilot, "esc cancels")
-    take_over(screen)
-    screen.post_message(EffectsScreen.Said(screen.child, {"event": "task", "title": "Diagnosis", "total": 20}))
-    screen.post_message(EffectsScreen.Said(screen.child, {"event": "step", "done": 4, "words": "fit with board_shape"}))
+    child = take_over(screen)
+    screen.post_message(EffectsScreen.Said(child, {"event": "task", "title": "Diagnosis", "total": 20}))
+    screen.post_message(EffectsScreen.Said(child, {"event": "step", "done": 4, "words": "fit with board_shape"}))
     await see(pilot, "fit with board_shape")
     await see(pilot, "esc Back ? Help")
 
