@@ -11,6 +11,7 @@ import torch
 from hypothesis import configuration, settings
 from hypothesis.internal.conjecture import providers
 from hypothesis.internal.constants_ast import Constants
+from threadpoolctl import threadpool_limits
 
 settings.register_profile("refracal", derandomize=True, deadline=None, database=None)
 settings.load_profile("refracal")
@@ -36,6 +37,8 @@ def _activated() -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True, scope="session")
-def _one_thread() -> None:
-    """Small tensors: threads only cost time, most of all on a busy machine."""
+def _one_thread() -> Iterator[None]:
+    """Small tensors and matrices: threads only cost time, most of all on a busy machine."""
     torch.set_num_threads(1)
+    with threadpool_limits(1, user_api="blas"):
+        yield
