@@ -1,5 +1,6 @@
 """What every test runs under."""
 
+import gc
 import os
 import sys
 from collections.abc import Iterator
@@ -19,6 +20,23 @@ configuration.set_hypothesis_home_dir(Path(gettempdir()) / "refracal-hypothesis"
 # It would draw constants from whatever modules of ours are loaded: others for each choice of tests and each worker.
 setattr(providers, "_get_local_constants", Constants)  # noqa: B010
 
+LONGEST = (
+    *("test_fixtures.py", "capture/tui/test_session.py", "commands/test_choices.py", "capture/tui/test_setup.py"),
+    *("commands/test_coded_boards.py", "diagnosis/test_diagnose.py", "test_library.py", "commands/test_cli.py", "optics/test_shapes.py"),
+    *("verdict/test_bare_pictures.py", "corners/test_other_coding.py", "verdict/test_orientation.py", "test_border_fixtures.py"),
+    *("capture/tui/test_snapshots.py", "capture/test_coded_live.py", "corners/test_detect_all.py", "capture/tui/test_faults.py"),
+)
+"""Files of half a minute of work and more: begun first, for whichever comes last leaves the other worker idle."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.option.loadscopereorder = False  # xdist would begin with the files of the most tests
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    place = {Path(__file__).parent / name: number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path, len(place)))
+
 
 @pytest.fixture(autouse=True, scope="session")
 def _own_state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
@@ -34,6 +52,13 @@ def _activated() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PATH", str(Path(sys.executable).parent), prepend=os.pathsep)
         yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _frozen() -> None:
+    """What is loaded by now stays: no collection looks through torch again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -35,7 +35,7 @@ def test_a_pixel_goes_where_opencv_puts_it(way: Orientation) -> None:
 
 @pytest.fixture(scope="module")
 def made() -> Scene:
-    return scene(3, views=20, noise=0.02)
+    return scene(3, views=12, noise=0.02)
 
 
 def turned(made: Scene, quarters: int, mirrored: bool) -> tuple[View, ...]:
