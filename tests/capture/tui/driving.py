@@ -46,16 +46,19 @@ async def see(pilot: Pilot[None], words: str, within_s: float = 900) -> None:
 
 
 async def until(pilot: Pilot[None], holds: Callable[[], bool], within_s: float = 900) -> None:
+    """Looks again after a twentieth of the time that it waited, for a process that fits needs the processor more."""
     begun = time.monotonic()
     while not holds():
-        assert time.monotonic() - begun < within_s, f"it never came:\n{shown(pilot)}"
-        await pilot.pause(0.02)
+        waited = time.monotonic() - begun
+        assert waited < within_s, f"it never came:\n{shown(pilot)}"
+        await pilot.pause(min(0.02 + waited / 20, 0.2))
     await pilot.pause()
 
 
 async def write(pilot: Pilot[None], text: str) -> None:
-    """Type over what stands in the field, and go on to the next."""
-    await pilot.press("ctrl+u", "ctrl+k", *text, "enter")
+    """Type over what stands in the field, and go on to the next. After every key that it presses, a pilot waits for an idle app."""
+    burst(pilot, "<ctrl+u>", "<ctrl+k>", *text, "<enter>")
+    await pilot.pause()
 
 
 async def describe(pilot: Pilot[None], source: str) -> None:
