@@ -63,7 +63,9 @@ def _frozen() -> None:
 
 @pytest.fixture(autouse=True, scope="session")
 def _one_thread() -> Iterator[None]:
-    """Small tensors and matrices: threads only cost time, most of all on a busy machine."""
+    """Small tensors and matrices: threads only cost time, most of all on a busy machine; in processes that tests start, too."""
     torch.set_num_threads(1)
-    with threadpool_limits(1, user_api="blas"):
+    with threadpool_limits(1, user_api="blas"), pytest.MonkeyPatch.context() as patch:
+        for library in ("OMP", "OPENBLAS"):
+            patch.setenv(f"{library}_NUM_THREADS", "1")
         yield
