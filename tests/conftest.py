@@ -1,5 +1,6 @@
 """What every test runs under."""
 
+import gc
 import os
 import sys
 from collections.abc import Iterator
@@ -11,12 +12,30 @@ import torch
 from hypothesis import configuration, settings
 from hypothesis.internal.conjecture import providers
 from hypothesis.internal.constants_ast import Constants
+from threadpoolctl import threadpool_limits
 
 settings.register_profile("refracal", derandomize=True, deadline=None, database=None)
 settings.load_profile("refracal")
 configuration.set_hypothesis_home_dir(Path(gettempdir()) / "refracal-hypothesis")  # its tables of Unicode: not into the checkout
 # It would draw constants from whatever modules of ours are loaded: others for each choice of tests and each worker.
 setattr(providers, "_get_local_constants", Constants)  # noqa: B010
+
+LONGEST = (
+    *("test_fixtures.py", "capture/tui/test_session.py", "commands/test_choices.py", "capture/tui/test_setup.py"),
+    *("commands/test_coded_boards.py", "diagnosis/test_diagnose.py", "test_library.py", "commands/test_cli.py", "optics/test_shapes.py"),
+    *("verdict/test_bare_pictures.py", "corners/test_other_coding.py", "verdict/test_orientation.py", "test_border_fixtures.py"),
+    *("capture/tui/test_snapshots.py", "capture/test_coded_live.py", "corners/test_detect_all.py", "capture/tui/test_faults.py"),
+)
+"""Files of half a minute of work and more: begun first, for whichever comes last leaves the other worker idle."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.option.loadscopereorder = False  # xdist would begin with the files of the most tests
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    place = {Path(__file__).parent / name: number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path, len(place)))
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -36,6 +55,17 @@ def _activated() -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True, scope="session")
-def _one_thread() -> None:
-    """Small tensors: threads only cost time, most of all on a busy machine."""
+def _frozen() -> None:
+    """What is loaded by now stays: no collection looks through torch again."""
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _one_thread() -> Iterator[None]:
+    """Small tensors and matrices: threads only cost time, most of all on a busy machine; in processes that tests start, too."""
     torch.set_num_threads(1)
+    with threadpool_limits(1, user_api="blas"), pytest.MonkeyPatch.context() as patch:
+        for library in ("OMP", "OPENBLAS"):
+            patch.setenv(f"{library}_NUM_THREADS", "1")
+        yield

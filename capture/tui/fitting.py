@@ -11,14 +11,15 @@ if TYPE_CHECKING:
 
 def fit_session(progress: Progress, session: Path, out: Path) -> dict[str, object]:
     """Fit and save as `calib fit` does. Returns the summary."""
+    from calib.session.session import read_session
+
+    described = read_session(session)  # what is wrong with it is said before torch is loaded
     progress.task("Loading torch", 1)
     from calib.calibration import DERIVED
     from calib.fitting.fit import fit
     from calib.fitting.stages import Settings
     from calib.io.file_set import FileSet
-    from calib.session.session import read_session
 
-    described = read_session(session)
     with FileSet(out) as files:
         calibration = fit(described, Settings(), progress)
         saved = calibration.write(files)

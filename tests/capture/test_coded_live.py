@@ -4,7 +4,6 @@ the declared ones."""
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import cv2
@@ -32,7 +31,6 @@ each_pose = pytest.mark.parametrize("pose", ["whole", "partial"])
 POSES = {"whole": WHOLE, "partial": PARTIAL}
 
 
-@cache
 def drawn(name: str, pose: str = "whole") -> tuple[Grey, NDArray[np.float64]]:
     """The picture and its corners, px."""
     view = KINDS[name].view(POSES[pose])
@@ -45,7 +43,9 @@ def look(pixels: Grey, board: Board, time_s: float = 1.0) -> Sighting:
 
 def sentence(pixels: Grey, board: Board) -> str:
     """The verdict on a board that is held still, in a new session."""
-    return judge(look(pixels, board), look(pixels, board, 0.9), ()).sentence
+    finder = finder_of(board)
+    before, now = (finder.look(Frame(pixels, 0, time_s)) for time_s in (0.9, 1.0))
+    return judge(now, before, ()).sentence
 
 
 def off(found: NDArray[np.float64] | None, truth: NDArray[np.float64]) -> NDArray[np.float64]:

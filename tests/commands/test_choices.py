@@ -16,6 +16,12 @@ from tests.diagnosis.test_diagnose import BOW, TRUTH
 from tests.test_calibration import write_session
 
 
+@pytest.fixture(autouse=True)
+def _without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Seven figures of each fit take longer than the fit: the tests of the report draw them."""
+    monkeypatch.setattr("calib.report.write.DRAWINGS", ())
+
+
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Twelve views through the paper's glass, as corners."""
@@ -104,7 +110,7 @@ def test_a_wrong_choice_gets_a_sentence(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], words: str
 ) -> None:
     try:
-        code = main(["fit", str(session), "-o", str(tmp_path / "out"), *options])
+        code = main(["fit", str(session), "-o", str(tmp_path / "out"), "--grid", "5x4", *options])
     except SystemExit as stop:  # argparse's own way
         code = int(stop.code or 0)
     assert code == 2

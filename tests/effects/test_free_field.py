@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
+from scipy.stats import Covariance, multivariate_normal
 
 from calib.effects.cosine_field import KNEES, SIZES, WAVES
 from calib.effects.free_field import FreeField
@@ -27,12 +27,13 @@ def observed(size: float, knee: float, seed: int) -> tuple[np.ndarray, np.ndarra
 
 
 def test_the_evidence_is_the_residual_s_probability() -> None:
-    """The chosen scale is that of the largest density of the residual, which numpy's normal distribution gives without any algebra."""
+    """The chosen scale is that of the largest density of the residual, which scipy's normal distribution gives without any algebra."""
     columns, residual = observed(2e-4, 4.0, seed=1)
 
     def density(size: float, knee: float) -> float:
         spread = columns * (size / SCALE * falls(knee) / falls(FIELD.knee))
-        return float(multivariate_normal.logpdf(residual, np.zeros(ROWS), np.eye(ROWS) + spread @ spread.T))
+        covariance = Covariance.from_cholesky(np.linalg.cholesky(np.eye(ROWS) + spread @ spread.T))
+        return float(multivariate_normal.logpdf(residual, np.zeros(ROWS), covariance))
 
     best = max(((FreeField.first_size * factor, knee) for factor in SIZES for knee in KNEES), key=lambda scale: density(*scale))
     chosen = FIELD.tuned(columns.T @ columns, columns.T @ residual)

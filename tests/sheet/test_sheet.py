@@ -34,9 +34,9 @@ each_sheet = pytest.mark.parametrize(("paper", "columns", "rows", "side"), SHEET
 
 @each_sheet
 def test_the_detector_finds_every_corner_where_the_sheet_says(paper: str, columns: int, rows: int, side: float | None) -> None:
-    """0.05 mm is half of a pixel at 300 dpi; the largest that was seen is 0.0014 mm."""
+    """0.05 mm is a third of a pixel at 150 dpi; the largest that was seen is 0.0074 mm."""
     sheet = made(paper, columns, rows, side)
-    raster = rasterise(to_pdf(sheet))
+    raster = rasterise(to_pdf(sheet), 150)
     found = find_corners(exposed(raster.grey), Board(columns, rows, sheet.side / 1000))
     assert found
     off = np.linalg.norm(raster.place(found.corners) - sheet.corners, axis=1)
@@ -47,8 +47,8 @@ def test_the_detector_finds_every_corner_where_the_sheet_says(paper: str, column
 def test_the_detector_finds_the_sheet_on_black(columns: int, rows: int, side: float | None) -> None:
     """Where the paper ends, a dark table begins: even the least white is enough."""
     sheet = made("A4", columns, rows, side)
-    raster = rasterise(to_pdf(sheet))
-    around = 200
+    raster = rasterise(to_pdf(sheet), 150)
+    around = 100
     found = find_corners(exposed(np.pad(raster.grey, around)), Board(columns, rows, sheet.side / 1000))
     assert found
     off = np.linalg.norm(raster.place(found.corners - around) - sheet.corners, axis=1)

@@ -16,7 +16,7 @@ from calib.verdict.orientation import ALL, Orientation
 from fixtures.calibrated import CAMERA, tolerant
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, Scene, scene
 
-FAST = Settings(grid=(6, 6))
+FAST = Settings(grid=(4, 4))
 TURNS = {0: None, 1: cv2.ROTATE_90_CLOCKWISE, 2: cv2.ROTATE_180, 3: cv2.ROTATE_90_COUNTERCLOCKWISE}
 
 
@@ -35,7 +35,7 @@ def test_a_pixel_goes_where_opencv_puts_it(way: Orientation) -> None:
 
 @pytest.fixture(scope="module")
 def made() -> Scene:
-    return scene(3, views=20, noise=0.02)
+    return scene(3, views=12, noise=0.02)
 
 
 def turned(made: Scene, quarters: int, mirrored: bool) -> tuple[View, ...]:

@@ -1,23 +1,18 @@
 """Driving the app by keys, and reading what stands on its screen."""
 
 import asyncio
-import re
 import time
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
-from html import unescape
 from pathlib import Path
 from typing import Any
 
-from rich.cells import set_cell_size
+from textual._context import visible_screen_stack
 from textual.events import Key
 from textual.pilot import Pilot
 
 from capture.tui.app import CaptureApp
 
-TEXT = re.compile(r'<text [^>]*\bx="([\d.]+)"[^>]*-line-(\d+)\)">([^<]*)</text>')
-"""A piece of a line in Textual's drawing of the screen: where it begins, the number of its line, what it says."""
-CELL = 12.2  # units of the drawing: letters are 20 high, and 0.61 of that wide
 SIZES = ((80, 24), (120, 40))
 CONE = ("41.95", "-0.105", "0, -30", "0, 0", "3", "1.5", "1")
 """The fixtures' cover, in the order of the form."""
@@ -41,11 +36,8 @@ async def running(
 
 def shown(pilot: Pilot[None]) -> str:
     """The lines of the screen, as a terminal without colours has them."""
-    lines = [""] * pilot.app.size.height
-    for x, number, text in TEXT.findall(pilot.app.export_screenshot(simplify=True)):
-        before = set_cell_size(lines[int(number)], round(float(x) / CELL))  # blanks are not drawn
-        lines[int(number)] = before + unescape(text).replace("\N{NO-BREAK SPACE}", " ")
-    return "\n".join(line.rstrip() for line in lines)
+    visible_screen_stack.set(pilot.app._background_screens)
+    return "\n".join(line.text.rstrip() for line in pilot.app.screen._compositor.render_strips())
 
 
 async def see(pilot: Pilot[None], words: str, within_s: float = 900) -> None:
@@ -54,16 +46,19 @@ async def see(pilot: Pilot[None], words: str, within_s: float = 900) -> None:
 
 
 async def until(pilot: Pilot[None], holds: Callable[[], bool], within_s: float = 900) -> None:
+    """Looks again after a twentieth of the time that it waited, for a process that fits needs the processor more."""
     begun = time.monotonic()
     while not holds():
-        assert time.monotonic() - begun < within_s, f"it never came:\n{shown(pilot)}"
-        await pilot.pause(0.02)
+        waited = time.monotonic() - begun
+        assert waited < within_s, f"it never came:\n{shown(pilot)}"
+        await pilot.pause(min(0.02 + waited / 20, 0.2))
     await pilot.pause()
 
 
 async def write(pilot: Pilot[None], text: str) -> None:
-    """Type over what stands in the field, and go on to the next."""
-    await pilot.press("ctrl+u", "ctrl+k", *text, "enter")
+    """Type over what stands in the field, and go on to the next. After every key that it presses, a pilot waits for an idle app."""
+    burst(pilot, "<ctrl+u>", "<ctrl+k>", *text, "<enter>")
+    await pilot.pause()
 
 
 async def describe(pilot: Pilot[None], source: str) -> None:

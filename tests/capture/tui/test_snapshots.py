@@ -34,6 +34,7 @@ from capture.tui.effects import EffectsScreen
 from capture.tui.fit import FitScreen
 from capture.tui.fitting import fit_session
 from capture.tui.results import ResultsScreen
+from capture.tui.working import WorkingPage
 from fixtures.coded_boards import CHARUCO, LENS
 from tests.capture.tui.driving import SIZES, describe, drive, running, see, shown, until
 from tests.capture.tui.test_effects import FINDING, NUMBERS
@@ -152,17 +153,23 @@ async def collect_charuco(pilot: Pilot[None], session: Path) -> None:
     await see(pilot, "The maps would be 0.31 px")
 
 
+def take_over(screen: WorkingPage) -> Child:
+    """The process that the screen has started is ended, and this, which never starts, is in its place: the story says what it says."""
+    screen.cancel()
+    screen._tasks.clear()
+    screen.child = Child(fit_session)
+    return screen.child
+
+
 async def fit(pilot: Pilot[None], session: Path) -> None:
     screen = FitScreen(session / "missing")
     await pilot.app.push_screen(screen)
-    await see(pilot, "is not a folder")
-    screen.child = Child(fit_session)
-    screen._tasks.clear()
+    child = take_over(screen)
     events = [("Loading torch", 1, 1, ""), ("Corners in session", 12, 12, "12 boards found"), ("Joint fit", 12, 4, "0.121 px")]
     for title, total, done, words in events:
-        screen.post_message(FitScreen.Said(screen.child, {"event": "task", "title": title, "total": total}))
-        screen.post_message(FitScreen.Said(screen.child, {"event": "step", "done": done, "words": words}))
-    screen.post_message(FitScreen.Said(screen.child, {"event": "step", "done": 7, "words": "0.084 px"}))
+        screen.post_message(FitScreen.Said(child, {"event": "task", "title": title, "total": total}))
+        screen.post_message(FitScreen.Said(child, {"event": "step", "done": done, "words": words}))
+    screen.post_message(FitScreen.Said(child, {"event": "step", "done": 7, "words": "0.084 px"}))
     await see(pilot, "0.084 px")
 
 
@@ -200,7 +207,7 @@ async def results_doubtful(pilot: Pilot[None], session: Path) -> None:
 async def effects(pilot: Pilot[None], session: Path) -> None:
     screen = EffectsScreen(session / "missing")
     await pilot.app.push_screen(screen)
-    await see(pilot, "Press e to look again")
+    take_over(screen)
     screen.finished({**RESULT, "accepted": ["board_shape"], "text": as_text(FINDING, NUMBERS)})
     await see(pilot, "enter Use them")
 
@@ -208,13 +215,10 @@ async def effects(pilot: Pilot[None], session: Path) -> None:
 async def effects_working(pilot: Pilot[None], session: Path) -> None:
     screen = EffectsScreen(session / "missing")
     await pilot.app.push_screen(screen)
-    await see(pilot, "Press e to look again")
-    screen.action_again()
     await see(pilot, "esc cancels")
-    screen.child = Child(fit_session)
-    screen._tasks.clear()
-    screen.post_message(EffectsScreen.Said(screen.child, {"event": "task", "title": "Diagnosis", "total": 20}))
-    screen.post_message(EffectsScreen.Said(screen.child, {"event": "step", "done": 4, "words": "fit with board_shape"}))
+    child = take_over(screen)
+    screen.post_message(EffectsScreen.Said(child, {"event": "task", "title": "Diagnosis", "total": 20}))
+    screen.post_message(EffectsScreen.Said(child, {"event": "step", "done": 4, "words": "fit with board_shape"}))
     await see(pilot, "fit with board_shape")
     await see(pilot, "esc Back ? Help")
 
