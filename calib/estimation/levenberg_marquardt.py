@@ -6,19 +6,20 @@ camera's, say) and on the parameters y_v of its own block (a view's pose). Each 
 camera system of bundle adjustment is solved for x, and back-substitution gives the blocks, so that the time grows linearly with their
 number. The damping mu follows the gain ratio: how much F fell over what the quadratic model promised.
 
-Along a curved valley, what many views leave open, a good step lands up the valley's wall. So one that raises F is not shortened at once:
-one more step from there tells whether the two together lower it, and only if not the first is taken back (a watchdog).
+Along a curved valley, what many views leave open, a good step lands up the valley's wall. So one that gains much less than it promised is
+bent, before it is shortened: the second derivative of the residuals along it, by differences, gives the geodesic acceleration, which
+follows the valley.
 
 As in the references, gradient and Hessian are those of F / 2: J^T r and, in the Gauss-Newton approximation, J^T J.
 
 Sources: J. Nocedal, S. J. Wright, Numerical optimization (2006), sections 10.3 and 4.1, for the method and its gain ratio; K. Madsen,
 H. B. Nielsen, O. Tingleff, Methods for non-linear least squares problems (2004), section 3.2, for the update of the damping; B. Triggs
-et al., Bundle adjustment: a modern synthesis (2000), section 6.1, for the Schur complement; R. M. Chamberlain, M. J. D. Powell et al.,
-The watchdog technique for forcing convergence in algorithms for constrained optimization (1982).
+et al., Bundle adjustment: a modern synthesis (2000), section 6.1, for the Schur complement; M. K. Transtrum, J. P. Sethna,
+Improvements to the Levenberg-Marquardt algorithm for nonlinear least-squares minimization (2012), for the acceleration.
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import pairwise
@@ -34,8 +35,10 @@ SMALLEST_HELP = 1e-5
 TRIES = 12
 """Of a step's length. By then the damping is SMALLEST_HELP * 2^(1 + 2 + ... + 12) = 3e18, and as a damped step promises at most
 2 n / damping of the cost by n parameters, finite equations have ended long before at any tolerance that is used."""
-WORTH_RISING = 0.05
-"""Of what a step that raised the cost had promised: the least by which two steps together must lower it."""
+KEPT = 2
+"""Pieces of the Jacobian that are kept for a bend: more would be too much memory."""
+STRAIGHT = 0.75
+"""Of what a step promised: one that gains less is bent."""
 ROUNDING = 1e-26
 """A cost that exact data leave."""
 
@@ -87,6 +90,10 @@ class Problem(Protocol):
     def linearise(self, shared: Tensor, blocks: Tensor) -> Iterable[Linearised]:
         """(S,) and (V, B) to rows whose squares have the cost's gradient, and about its Hessian: all blocks, some at a time, so that the
         memory need not hold the whole Jacobian at once."""
+        ...
+
+    def bent(self, pieces: Iterable[Linearised], shared: Tensor, blocks: Tensor, move: tuple[Tensor, Tensor]) -> Iterable[Tensor]:
+        """(M, D) of each of these pieces, linearised at a point, the residuals' second derivative along a (S,) and (V, B) move."""
         ...
 
 
@@ -165,10 +172,10 @@ def minimise(
     def prior(shared: Tensor, blocks: Tensor) -> float:
         return float(shared @ precision @ shared) + float((blocks**2 @ problem.block_precision).sum())
 
-    def equations_at(shared: Tensor, blocks: Tensor) -> NormalEquations:
-        rows = normal_equations(problem.linearise(shared, blocks))
-        own = problem.block_precision
-        return replace(rows, hessian_block=rows.hessian_block + own.diag(), gradient_block=rows.gradient_block + own * blocks)
+    def equations_at(shared: Tensor, blocks: Tensor) -> tuple[NormalEquations, Iterable[Linearised]]:
+        pieces = _Kept(lambda: problem.linearise(shared, blocks))
+        rows, own = normal_equations(pieces), problem.block_precision
+        return replace(rows, hessian_block=rows.hessian_block + own.diag(), gradient_block=rows.gradient_block + own * blocks), pieces
 
     def cost_at(shared: Tensor, blocks: Tensor) -> float:
         return problem.cost(shared, blocks) + prior(shared, blocks)
@@ -177,37 +184,28 @@ def minimise(
     if math.isnan(cost):
         raise ValueError("the cost at the start is not a number")
     damping = FIRST_DAMPING
-    retreat: _Retreat | None = None
     for step in range(1, steps + 1):
-        rows = equations_at(shared, blocks)
-        if not retreat and not (rows.finite and math.isfinite(cost)):
+        rows, pieces = equations_at(shared, blocks)
+        if not (rows.finite and math.isfinite(cost)):
             return Solution(Outcome.NOT_FINITE, shared, blocks, cost, step, rows)
         whole = replace(rows, hessian_shared=rows.hessian_shared + precision, gradient_shared=rows.gradient_shared + precision @ shared)
-        may_rise = not retreat and step < steps
-        if retreat:
-            move_shared, move_blocks = _damped_step(whole, damping)
-            moved, moved_blocks = shared + move_shared, blocks + move_blocks
-            new_cost = cost_at(moved, moved_blocks) if rows.finite else math.inf
-            if retreat.cost - new_cost > WORTH_RISING * retreat.promised:  # false for a cost that is not finite
-                shared, blocks, cost, retreat = moved, moved_blocks, new_cost, None
-                continue
-            shared, blocks, cost, rows, whole, retreat = retreat.shared, retreat.blocks, retreat.cost, retreat.rows, retreat.whole, None
-            damping = 2 * max(damping, SMALLEST_HELP)
         growth = 2.0
         for _ in range(TRIES):
-            move_shared, move_blocks = _damped_step(whole, damping)
-            promised = -_model_change(whole, move_shared, move_blocks)
+            move = _damped_step(whole, damping)
+            promised = -_model_change(whole, *move)
             if promised <= tolerance * cost or cost < ROUNDING:
                 # A heavily damped step promises little whatever the gradient.
                 outcome = Outcome.CONVERGED if damping <= 1 or cost < ROUNDING else Outcome.STUCK
                 return Solution(outcome, shared, blocks, cost, step, rows)
-            moved, moved_blocks = shared + move_shared, blocks + move_blocks
+            moved, moved_blocks = shared + move[0], blocks + move[1]
             new_cost = cost_at(moved, moved_blocks)
+            if not (cost - new_cost) / promised > STRAIGHT and math.isfinite(promised):
+                bend = _bend(whole, pieces, problem.bent(pieces, shared, blocks, move), damping)
+                bent, bent_blocks = moved + bend[0], moved_blocks + bend[1]
+                if (bent_cost := cost_at(bent, bent_blocks)) < new_cost:
+                    moved, moved_blocks, new_cost = bent, bent_blocks, bent_cost
             gain = (cost - new_cost) / promised
             if gain > 0:  # false for a cost that is not finite
-                break
-            if may_rise and math.isfinite(new_cost):
-                retreat = _Retreat(shared, blocks, cost, promised, rows, whole)
                 break
             damping = max(damping, SMALLEST_HELP) * growth
             growth *= 2
@@ -215,26 +213,11 @@ def minimise(
             outcome = Outcome.STUCK if math.isfinite(promised) else Outcome.NOT_FINITE
             return Solution(outcome, shared, blocks, cost, step, rows)
         shared, blocks, cost = moved, moved_blocks, new_cost
-        if retreat:
-            continue
         damping = (max(damping, SMALLEST_HELP) if gain < 0.25 else damping) * max(1 / 3, 1 - (2 * gain - 1) ** 3)
         if progress:
             progress(step, cost)
-    rows = equations_at(shared, blocks)
+    rows, _ = equations_at(shared, blocks)
     return Solution(Outcome.STEPS_USED_UP if rows.finite else Outcome.NOT_FINITE, shared, blocks, cost, steps, rows)
-
-
-@dataclass(frozen=True, slots=True)
-class _Retreat:
-    """Where a step began that raised the cost."""
-
-    shared: Tensor
-    blocks: Tensor
-    cost: float
-    promised: float
-    rows: NormalEquations
-    whole: NormalEquations
-    """With the prior."""
 
 
 def normal_equations(pieces: Iterable[Linearised]) -> NormalEquations:
@@ -274,6 +257,34 @@ def _damped_step(at: NormalEquations, damping: float) -> tuple[Tensor, Tensor]:
         schur = shared - cross.mT @ from_cross.flatten(0, 1)
         move_shared = -_solve(schur, at.gradient_shared - cross.mT @ from_gradient.flatten())
     return move_shared, -(from_gradient + from_cross @ move_shared)
+
+
+def _bend(at: NormalEquations, pieces: Iterable[Linearised], bent: Iterable[Tensor], damping: float) -> tuple[Tensor, Tensor]:
+    """Half the geodesic acceleration: what a damped step lacks for the residuals' second derivative along it."""
+    by_block, by_shared = [], torch.zeros_like(at.gradient_shared)
+    for piece, bend in zip(pieces, bent, strict=True):
+        by_shared = by_shared + piece.jacobian_shared.flatten(0, 1).mT @ bend.flatten()
+        for first, last in pairwise(piece.starts.tolist()):
+            by_block.append(piece.jacobian_block[first:last].flatten(0, 1).mT @ bend[first:last].flatten())
+    return _damped_step(replace(at, gradient_block=torch.stack(by_block) / 2, gradient_shared=by_shared / 2), damping)
+
+
+class _Kept:
+    """Pieces that are made once if they are few, and else again for everyone who asks."""
+
+    def __init__(self, make: Callable[[], Iterable[Linearised]]) -> None:
+        self._make = make
+        self._kept: list[Linearised] = []
+
+    def __iter__(self) -> Iterator[Linearised]:
+        if self._kept:
+            yield from self._kept
+            return
+        found: list[Linearised] = []
+        for count, piece in enumerate(self._make()):
+            found = [*found, piece] if count < KEPT else []
+            yield piece
+        self._kept = found
 
 
 def _solve(matrix: Tensor, right: Tensor) -> Tensor:

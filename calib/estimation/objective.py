@@ -4,7 +4,7 @@ Huber's loss is minimised by iteratively reweighted least squares. Source: P. J.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import torch
@@ -17,6 +17,8 @@ from calib.optics.board_target import FLEX, MOTION, POSE, parts_of
 from calib.session.tolerances import BOARD_FLEX, BOARD_MOVE, BOARD_SPIN
 
 HUBER = 3.0
+PROBE = 0.1
+"""Of a step: how far along it the second derivative is taken, by differences."""
 
 
 def view_precision(blocks: Tensor) -> Tensor:
@@ -59,6 +61,16 @@ class LandingProblem:
                 robust = (self.huber / size.clamp_min(self.huber)).sqrt()[:, None, None]  # the square root of Huber's weight
                 at = Linearised(at.starts, at.residual * robust[..., 0], at.jacobian_block * robust, at.jacobian_shared * robust)
             yield at
+
+    def bent(self, pieces: Iterable[Linearised], shared: Tensor, blocks: Tensor, move: tuple[Tensor, Tensor]) -> Iterator[Tensor]:
+        ahead = self.parameters.values(shared + PROBE * move[0])
+        parts = zip(pieces, self._split(blocks + PROBE * move[1]), self._split(move[1]), strict=True)
+        for at, (landing, poses), (_, moves) in parts:
+            straight = at.jacobian_shared @ move[0] + (at.jacobian_block @ moves[landing.observations.view].unsqueeze(-1)).squeeze(-1)
+            there, lands = landing.residual(ahead, poses)
+            weight = (self.huber / at.residual.norm(dim=-1, keepdim=True)).clamp_max(1.0)  # Huber's root once more, of what it has weighted
+            bend = 2 / PROBE * ((weight * there - at.residual) / PROBE - straight)
+            yield torch.where(lands[:, None] & bend.isfinite(), bend, 0.0)
 
     def _split(self, blocks: Tensor) -> Iterator[tuple[Landing, Tensor]]:
         begin = 0

@@ -88,6 +88,31 @@ def test_derivatives_agree_with_central_differences() -> None:
         assert (at.jacobian_block[..., column] - numeric).abs().max() < 1e-6 * numeric.abs().max(), column
 
 
+@pytest.mark.parametrize("huber", [torch.inf, 1e-3])
+def test_bends_agree_with_central_differences(huber: float) -> None:
+    """The residuals' second derivative along a move of everything, weighted as the rows are. So short a move has no third derivative."""
+    made = scene(1, views=3, grid=(4, 5), amplitude=2e-5, noise=0.1)
+    parameters = Parameters.of(made.path, made.values, Priors({"camera.fx": 1.0, "cover.thickness": 1.0}))
+    weights = pixel_weights(made.path, made.values, made.observations, made.poses, 1.0)
+    views = tuple(landings(made.path, parameters, made.observations, weights))
+    nothing = torch.zeros(parameters.count, parameters.count, dtype=torch.float64)
+    problem, smooth = (LandingProblem(parameters, views, nothing, view_precision(made.poses), huber=limit) for limit in (huber, torch.inf))
+    rng = torch.Generator().manual_seed(0)
+    scale = torch.where(torch.arange(parameters.count) < parameters.amplitudes, 1e-6, 1e-2)
+    move = scale * torch.randn(parameters.count, generator=rng, dtype=torch.float64), 1e-3 * torch.randn(3, 6, generator=rng).double()
+    here = torch.zeros(parameters.count, dtype=torch.float64)
+
+    def rows(way: float) -> torch.Tensor:
+        return torch.cat([at.residual for at in smooth.linearise(here + way * move[0], made.poses + way * move[1])])
+
+    pieces = list(problem.linearise(here, made.poses))
+    bend = torch.cat(list(problem.bent(pieces, here, made.poses, move)))
+    weight = torch.cat([at.residual for at in pieces]).norm(dim=-1) / rows(0.0).norm(dim=-1)
+    near = 0.05
+    numeric = weight[:, None] * (rows(near) - 2 * rows(0.0) + rows(-near)) / near**2
+    assert (bend - numeric).abs().max() < 0.02 * numeric.abs().max()  # a tenth of the move ahead and none behind
+
+
 def test_a_run_of_views_at_a_time_gives_the_same_fit(made: Scene, fitted: tuple[Path, JointFit], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("calib.estimation.residual_blocks.ROWS", 700)
     path, values, poses = start(made)
