@@ -37,14 +37,14 @@ def still_contradicted(joint: JointFit, name: str, tolerance: float) -> bool:
     return joint.finite and apart_without(distance, tolerance, float(joint.sigma_of(name))) > CONTRADICTED
 
 
-def farthest(joint: JointFit, but: Collection[str] = ()) -> str:
-    """The scalar that the views pull farthest from the mean of its prior; empty where none is CONTRADICTED."""
+def farthest(joint: JointFit, but: Collection[str] = (), beyond: float = CONTRADICTED) -> str:
+    """The scalar that the views pull farthest from the mean of its prior; empty where none is `beyond` so many standard deviations."""
     if not joint.finite:
         return ""
     scalars = [param.name for param in joint.parameters.free if not joint.values[param.name].ndim and param.name not in but]
     far = {name: _apart(joint, name) for name in scalars}
     name = max(far, key=far.__getitem__, default="")
-    return name if name and far[name] > CONTRADICTED else ""
+    return name if name and far[name] > beyond else ""
 
 
 def _apart(joint: JointFit, name: str) -> float:

@@ -28,6 +28,8 @@ four wrong sessions 0.09 to 0.18 was left (benchmarks/declared); `bumps`, all tr
 DECISIVE = 10.0
 """Logarithm: by so much must a fit whose numbers are contradicted be the more probable one to be believed. A hundred to one is 4.6, and the
 approximation is off by some; wrong sessions win by hundreds (benchmarks/declared)."""
+STRAINED = 2.5
+"""Standard deviations."""
 AT_NOISE = 1.3
 """Of the corners' noise: a fit that leaves more lacks something else, which may be what pulls a number away."""
 
@@ -51,11 +53,14 @@ def believing(fitted: Fitted, setup: Setup, told: Setup, views: Sequence[View], 
     it."""
     observations = Observations.of(views, setup.board)
     believed = Believed(fitted, setup, setup)
-    if _credible(fitted):
+    credible, may_hold = _credible(fitted), AUTO in settings.free and setup != told
+    if credible and not (may_hold and fitted.joint and farthest(fitted.joint, beyond=STRAINED)):
         return believed
-    if AUTO not in settings.free or setup == told:
+    if not may_hold:
         return _doubting(believed, observations, views, settings, progress)
     exact = fit_stages(told, observations, settings, progress, purpose="numbers as declared")
+    if credible:
+        return believed if _evidence(fitted) > _evidence(exact) else Believed(exact, told, told)
     if _decisive(fitted, exact):
         believed = _doubting(believed, observations, views, settings, progress)
         ours, theirs = (height_spread(one.path, one.values, observations) for one in (believed.fitted, exact))
