@@ -173,14 +173,35 @@ class Loop:
 
     def _accept(self, trial: Trial) -> None:
         """Take an effect in, with the noise and the prior estimated anew; where such a fit is not finite, the trial's stands."""
-        wider, joint = with_most_probable(self.model, trial.test.effect, self.observations, trial.fitted.joint)
-        self.model, self.joint = (wider, joint) if joint.finite else (trial.fitted.model, trial.fitted.joint)
+        if trial.test.effect.per_view:
+            fit = self._loosened(trial.fitted)
+        else:
+            fit = Fit(*with_most_probable(self.model, trial.test.effect, self.observations, trial.fitted.joint))
+            fit = fit if fit.joint.finite else trial.fitted
+        self.model, self.joint = fit.model, fit.joint
         self.known.clear()
         self._say(f"found {trial.test.effect.name}")
 
+    def _loosened(self, fit: Fit) -> Fit:
+        """With what single views have for themselves as large as held-out views ask for: the most probable size is that of most views, and
+        a few may have far more."""
+        left = hold_out(fit.model, self.observations, fit.joint, self.folds, half=True)
+        effect = fit.model.effects[-1]
+        sizes = effect.alternatives()
+        for form in sizes[sizes.index(effect) + 1 :]:
+            model = self.model.with_effect(form)
+            joint = model.fitted(self.observations, fit.joint.poses, fit.joint.start)
+            there = hold_out(model, self.observations, joint, self.folds, half=True)
+            found = gain(left, there)
+            if not (joint.finite and worth(found) and found.p_value < NEEDED):
+                break
+            fit, left = Fit(model, joint), there
+        return fit
+
     def _backward(self, newest: Effect | None) -> None:
         """Drop what is no longer needed, the oldest first; the newest has just been asked for. What parameters of every view do as well is
-        not dropped for it: an effect for all views is judged beside its like only."""
+        not dropped for it: an effect for all views is judged beside its like only, unless the corners are more probable without it, those
+        parameters integrated out."""
         for effect in self.model.effects:
             if effect is newest:
                 continue
@@ -189,12 +210,15 @@ class Loop:
             half = any(e.per_view for e in beside)
             left = self.left() if len(beside) == len(self.model.effects) else self._fresh(self.base.with_effects(beside), half=half)
             lost = gain(self._fresh(fewer, half=half), left)
-            if min(lost.p_value, lost.presence) > NEEDED or not worth(lost):
-                model = self.base.with_effects(e for e in self.model.effects if e is not effect)
-                joint = model.fitted(self.observations, self.joint.poses)
-                if joint.finite:
-                    self.model, self.joint = model, joint
-                    self.known.clear()
+            idle = min(lost.p_value, lost.presence) > NEEDED or not worth(lost)
+            private = self.model.path.private and not effect.per_view
+            if not (idle or private):
+                continue
+            model = self.base.with_effects(e for e in self.model.effects if e is not effect)
+            joint = model.fitted(self.observations, self.joint.poses)
+            if joint.finite and (idle or joint.log_marginal > self.joint.log_marginal):
+                self.model, self.joint = model, joint
+                self.known.clear()
 
     def _fresh(self, model: CameraModel, *, half: bool) -> HeldOut:
         """What another model leaves on held-out views."""
