@@ -125,7 +125,7 @@ def main() -> None:
             found = list(track(ran, title, total=len(drawn), console=Console(stderr=True)))
         console.print(tabulated(found, title))
         for one in found:
-            if asked.all and (one.wrong or one.word in ("crashed", "unreadable")):
+            if one.word in ("crashed", "unreadable") or (asked.all and one.wrong):
                 console.print(f"{one.kind} {one.seed}: {one.word}, {one.off:.1f}: {one.said[:300]}", markup=False)
 
 

@@ -1,4 +1,4 @@
-"""Every check in one command: `python -m tests`. What follows is passed on to pytest."""
+"""The checks in one command: `python -m tests`. What follows is passed on to pytest; `-m slow` has the tests that are left out here."""
 
 import subprocess
 import sys
@@ -9,7 +9,7 @@ COVERAGE = ("--cov=calib", "--cov=capture", "--cov-report=")
 """Reported below in one figure. What tests run in processes of their own is not counted."""
 
 if __name__ == "__main__":
-    pytest = ["pytest", "-n", "2", "--dist", "loadfile", *COVERAGE, *sys.argv[1:]]
+    pytest = ["pytest", "-n", "2", "--dist", "loadfile", "-m", "not slow", *COVERAGE, *sys.argv[1:]]
     for check in (*STYLE, pytest, ["coverage", "report", "--format=total"]):
         print("$", *check, flush=True)
         code = subprocess.run([sys.executable, "-m", *check], check=False).returncode

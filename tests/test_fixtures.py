@@ -160,6 +160,7 @@ def _bend(corners: np.ndarray) -> float:
     return float(np.sqrt(((seen - corners) ** 2).sum(-1).mean()))
 
 
+@pytest.mark.slow
 def test_blind_c_is_fitted(tmp_path: Path) -> None:
     folder = copied(MEASURED / "blind-c", tmp_path / "s")
     result = fit(read_session(folder), Settings(), Silent())

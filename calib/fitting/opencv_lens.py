@@ -17,6 +17,7 @@ from calib.session.board import Board
 from calib.session.camera import Intrinsics
 from calib.session.lens import COEFFICIENTS
 from calib.session.schema import Number
+from calib.threads import opencv_on_one_thread
 
 CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-9)
 
@@ -106,9 +107,10 @@ def step(
         camera[:2, :2] *= focal / camera[0, 0]
         guess |= cv2.CALIB_FIX_FOCAL_LENGTH
     try:
-        rms, found, bent, rotvecs, translations, _, _, per_view = cv2.calibrateCameraExtended(
-            objects, pixels, size, camera, coefficients, flags=FLAGS[count] | guess, criteria=CRITERIA
-        )
+        with opencv_on_one_thread():
+            rms, found, bent, rotvecs, translations, _, _, per_view = cv2.calibrateCameraExtended(
+                objects, pixels, size, camera, coefficients, flags=FLAGS[count] | guess, criteria=CRITERIA
+            )
     except cv2.error as error:
         raise NotEnoughDataError(NO_FIT) from error
     lens = np.ravel(bent)[:count].astype(np.float64)

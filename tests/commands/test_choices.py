@@ -113,6 +113,7 @@ def test_a_wrong_choice_gets_a_sentence(
     assert "Traceback" not in said
 
 
+@pytest.mark.slow
 def test_effects_auto_and_diagnose_say_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_session(tmp_path, hidden(BOW, TRUTH, views=12))
     assert main(["fit", str(folder), "--grid", "8x8", "-o", str(tmp_path / "auto"), "--effects", "auto", "--json"]) == 0

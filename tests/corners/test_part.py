@@ -2,6 +2,7 @@
 
 import cv2
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from calib.corners.detection import Detection, NotFound
@@ -97,6 +98,7 @@ def test_a_larger_board_is_no_part_either() -> None:
     assert isinstance(find_board(hidden, BOARD), NotFound)
 
 
+@pytest.mark.slow
 def test_whatever_is_covered_no_corner_is_taken_for_another() -> None:
     """Discs and bands of any grey anywhere, bands along the squares among them, white ones too."""
     rng = np.random.default_rng(4)

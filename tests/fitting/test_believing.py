@@ -44,6 +44,7 @@ def test_a_wrong_number_is_estimated_though_it_is_contradicted(good: Scene) -> N
     assert found.setup.cover.parameters["thickness"].sigma > found.declared.cover.parameters["thickness"].sigma
 
 
+@pytest.mark.slow
 def test_glass_that_the_prior_does_not_expect_leaves_numbers_as_they_are_declared() -> None:
     """Bumps of some 60 um on a fine grid: with tolerances, the numbers make up for what the relief's prior holds to be unlikely."""
     uneven = scene(1, views=16, grid=(10, 10), amplitude=1e-5, noise=0.1)

@@ -134,6 +134,7 @@ def test_another_seed_gives_other_cases(bench: Bench) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.slow
 def test_the_command_sums_up_and_tells_an_unknown_kind() -> None:
     command = [sys.executable, "-m", "tests.fuzz", "--cases", "4"]
     done = subprocess.run([*command, "--kind", "frames.csv"], capture_output=True, text=True, check=False)

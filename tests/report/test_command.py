@@ -136,6 +136,7 @@ def test_what_lies_at_home_is_found_from_there(monkeypatch: pytest.MonkeyPatch, 
     assert out == f"{tmp_path / 'my session'} /elsewhere/it's --free\n"
 
 
+@pytest.mark.slow
 def test_the_printed_commands_make_the_calibration_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Given by relative paths with spaces, diagnosed with a holdout; then pasted into a shell that stands elsewhere."""
     monkeypatch.chdir(tmp_path)

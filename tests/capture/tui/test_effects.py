@@ -4,6 +4,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
 from textual.pilot import Pilot
 
 from calib.calibration import Calibration
@@ -67,6 +68,7 @@ def test_finding_nothing_is_said_as_a_result() -> None:
     assert "verdict" not in as_text(nothing)
 
 
+@pytest.mark.slow
 def test_a_hidden_bow_is_found_and_exported(tmp_path: Path) -> None:
     session = tmp_path / "session"
     session.mkdir()

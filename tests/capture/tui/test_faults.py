@@ -84,6 +84,7 @@ async def _slow(session: Path, slow: Path) -> None:
         await see(pilot, "s: waiting for the next one.")
 
 
+@pytest.mark.slow
 def test_a_fit_that_is_killed_can_be_repeated(session: Path) -> None:
     drive(_killed_fit(session))
 
@@ -96,6 +97,7 @@ async def _killed_fit(session: Path) -> None:
         await see(pilot, "[RESULTS]")
 
 
+@pytest.mark.slow
 def test_a_search_for_effects_that_is_killed_can_be_repeated(session: Path) -> None:
     drive(_killed_search(session))
 

@@ -255,6 +255,7 @@ async def _cover_on(session: Path) -> None:
         await see(pilot, "Where pictures come from")
 
 
+@pytest.mark.slow
 def test_a_finished_session_is_opened_without_a_fit(tmp_path: Path) -> None:
     session = tmp_path / "session"
     shutil.copytree(FIXTURE, session)

@@ -58,6 +58,7 @@ def terminals() -> Iterator[list[Tmux]]:
         terminal.hang_up()
 
 
+@pytest.mark.slow
 def test_from_a_source_to_maps_over_a_lost_connection(tmp_path: Path, terminals: list[Tmux]) -> None:
     session = tmp_path / "session"
     command = [sys.executable, "-m", "capture", str(session)]

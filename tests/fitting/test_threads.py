@@ -1,0 +1,20 @@
+"""The same views give the same numbers, however many threads there are."""
+
+import cv2
+
+from calib.fitting.intrinsics import calibrate_bare
+from calib.progress import Silent
+from fixtures.degenerate import bare_session
+
+
+def test_a_lens_that_the_views_hardly_tell_is_the_same_every_time() -> None:
+    """Steps that differ by what is rounded end at focal lengths from 142 to 244 px: threads of cv2.calibrateCamera add up as they come."""
+    shown = bare_session("line", 5021)
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(4)
+    try:
+        found = {calibrate_bare(shown.views, shown.board, shown.camera, Silent()).intrinsics.fx.value for _ in range(4)}
+        assert cv2.getNumThreads() == 4
+    finally:
+        cv2.setNumThreads(before)
+    assert len(found) == 1

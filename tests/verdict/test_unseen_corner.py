@@ -1,0 +1,19 @@
+"""A fitted lens may see no place where some corner is: that corner has no part in what is asked of the others."""
+
+from pathlib import Path
+
+import torch
+
+from benchmarks.degenerate import calibration_of
+from calib.estimation.residuals import residuals
+from calib.verdict.judge import judge
+from calib.verdict.verdict import Word
+from fixtures.degenerate import bare_session
+
+
+def test_views_in_one_line_are_judged_though_a_corner_is_out_of_sight(tmp_path: Path) -> None:
+    found = calibration_of(bare_session("line", 5099), tmp_path)
+    path, values = found.model()
+    left = residuals(path, values, found.observations, torch.from_numpy(found.poses)).board
+    assert 0 < int(torch.isnan(left).any(-1).sum()) < 5
+    assert judge(found).word is not Word.TRUSTED
