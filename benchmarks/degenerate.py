@@ -16,20 +16,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-import yaml
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
 from calib.calibration import Calibration
-from calib.corners.corners_file import write_corners
 from calib.errors import RefracalError
-from calib.fitting.fit import fit
-from calib.fitting.stages import Settings
-from calib.session.session import read_session, session_to_yaml
 from calib.threads import single_thread
 from calib.verdict.judge import judge
-from fixtures.degenerate import KINDS, WRONG, Shown, bare_session, covered_session
+from fixtures.degenerate import KINDS, WRONG, Shown, bare_session, calibration_of, covered_session
 from fixtures.map_errors import errors
 
 
@@ -50,15 +45,6 @@ class Outcome:
     def wrong(self) -> bool:
         """Also where the sigma is not a number."""
         return self.word not in ("refused", "crashed") and not self.off <= WRONG
-
-
-def calibration_of(shown: Shown, folder: Path) -> Calibration:
-    """What `calib fit` makes of a session, as it is read back."""
-    written = {"format": 1, **session_to_yaml(shown.board, shown.camera, shown.cover), "corners": "corners.vnl"}
-    (folder / "session.yaml").write_text(yaml.safe_dump(written))
-    write_corners(folder / "corners.vnl", shown.views)
-    made = fit(read_session(folder), Settings())
-    return Calibration.load(made.save(folder / "calibration"))
 
 
 def bare_errors(shown: Shown, found: Calibration) -> float:

@@ -4,7 +4,6 @@ Views of one large board behind the paper's cone, from a corners file to the rep
 """
 
 import argparse
-import math
 import os
 import subprocess
 import sys
@@ -12,29 +11,7 @@ import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import yaml
-
-from calib.corners.corners_file import write_corners
-from calib.session.board import Board
-from calib.session.camera import Camera
-from calib.session.session import session_to_yaml
-from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, paper_cone, scene
-
-SIDE = 0.16
-"""m, of the board, whatever its squares."""
-NOISE = 0.1
-"""px per axis"""
-
-
-def write_session(folder: Path, corners: int, views: int) -> int:
-    """A session of about so many corners; how many it has."""
-    across = max(3, round(math.sqrt(corners / views)))
-    board = Board(across, across, SIDE / (across - 1))
-    made = scene(1, views, noise=NOISE, board=board, cover=paper_cone(), depths=(0.35, 1.2))
-    setup = session_to_yaml(board, Camera(WIDTH, HEIGHT, intrinsics=INTRINSICS), made.cover)
-    (folder / "session.yaml").write_text(yaml.safe_dump({"format": 1, **setup, "corners": "corners.vnl"}))
-    write_corners(folder / "corners.vnl", made.views)
-    return views * board.count
+from fixtures.large import write_session
 
 
 def taken(command: list[str]) -> tuple[int, float, float, float]:

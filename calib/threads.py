@@ -1,9 +1,8 @@
-"""How many threads torch, scipy and OpenCV may use."""
+"""How many threads torch and scipy may use."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import cv2
 import torch
 from threadpoolctl import threadpool_limits
 
@@ -22,15 +21,3 @@ def single_thread() -> Iterator[None]:
             yield
     finally:
         torch.set_num_threads(before)
-
-
-@contextmanager
-def opencv_on_one_thread() -> Iterator[None]:
-    """Within, OpenCV adds up in one order: cv2.calibrateCamera's threads add up as they come, and where views say little, its steps go
-    elsewhere by what is rounded."""
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(before)

@@ -25,6 +25,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """The command `capture`; returns its exit code."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     argv = sys.argv[1:] if argv is None else list(argv)
+    if not argv:
+        print("capture: name a folder, which is made if need be: capture SESSION. capture --help lists the commands.", file=sys.stderr)
+        return 2
     names = {command.__name__.rpartition(".")[2] for command in COMMANDS}
     if argv and argv[0] not in (*names, "-h", "--help", "--version"):
         argv = ["ui", *argv]

@@ -115,8 +115,8 @@ class PlainGuide:
         needed = 0
         while (best := self._best(done)) is not None:
             done, needed = done + self._covered[best], needed + 1
-        said = f"likely {needed} more views" if needed else "enough"
-        sentence = f"Judged by picture, depth and tilt (no error is predicted): {said}."
+        said = f"likely {needed} more view{'s' * (needed > 1)}" if needed else "enough"
+        sentence = f"Judged by picture, depth and tilt: {said}."
         return SessionProgress(
             not needed, sentence, None, needed, image, depth, image
         )  # each pixel looks through its own point of the glass

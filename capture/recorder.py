@@ -76,7 +76,7 @@ class Recorder:
             (width, height), (asked, high) = frame.size, self._size
             raise InputError(
                 f"{frame.name or 'The picture'} is {width}x{height} px where {self.session / 'session.yaml'} says {asked}x{high}: set the "
-                f"camera to that size (?size={asked}x{high} after --source), or record another session."
+                f"camera to that size (?size={asked}x{high} after the source), or record another session."
             )
 
     def keep(self, frame: Frame, *, same_view: bool = False) -> Path:

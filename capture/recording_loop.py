@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from calib.corners.detect import eight_bits
 from calib.io.images import read_grey
 from capture.frames import Frame
-from capture.gate import Verdict, judge
+from capture.gate import Verdict, judge, new
 from capture.recorder import Recorder
 from capture.sighting import LiveFinder, Sighting
 
@@ -40,7 +40,8 @@ class Shutter:
         self._pressed = threading.Event()
 
     def press(self) -> None:
-        """Keep the next frame in which the board's corners can be measured, whatever else is wrong with it."""
+        """Keep the next frame in which the board's corners can be measured, whatever else is wrong with it; but no recorded picture
+        whose view is there already."""
         self._pressed.set()
 
     def pressed(self) -> bool:
@@ -91,7 +92,9 @@ def record(
                 picture = recorder.keep(frame, same_view=True)
         else:
             verdict = judge(now, before, kept, alone=frame.alone)
-            if shutter.pressed() or (shutter.automatic and verdict.keep and frame.time_s - last_s >= plan.every_s):
+            there = bool(frame.name) and now.corners is not None and new(now, before, kept) is not None  # a folder that is read once more
+            asked = now.corners is not None and not there and shutter.pressed()
+            if asked or (shutter.automatic and verdict.keep and frame.time_s - last_s >= plan.every_s):
                 corners = finder.refine(frame, now)
                 if corners is not None:
                     picture = recorder.keep(frame)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from calib.errors import InputError
 from capture.session_file import read_setup
+from capture.typed_path import typed_path
 
 WANTED = ("without the cover", "through it")
 
@@ -39,4 +40,4 @@ def doubt(source: str, *, covered: bool) -> str:
 
 def _folder(source: str) -> Path | None:
     scheme, _, rest = source.partition(":")
-    return Path(rest.partition("?")[0]) if scheme == "folder" else None
+    return typed_path(rest.partition("?")[0]) if scheme == "folder" else None

@@ -17,7 +17,7 @@ def test_the_hooks_are_the_checks() -> None:
 
 
 def test_github_runs_the_test_command_of_the_readme() -> None:
-    command = re.search(r"Run all checks .*?```\n(.*?)\n```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    command = re.search(r"Run the checks .*?```\n(.*?)\n```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
     job = yaml.safe_load((ROOT / ".github" / "workflows" / "checks.yml").read_text(encoding="utf-8"))["jobs"]["checks"]
     assert command
     assert command[1] in [step.get("run") for step in job["steps"]]

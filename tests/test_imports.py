@@ -35,6 +35,7 @@ LAYERS = {
         ("__main__",),
     ),
     "capture": (
+        ("typed_path",),
         ("errors", "frames", "exposure", "saddles", "sharpness", "settings_drift", "sensors", "interrupt", "orphan", "process"),
         ("disk", "lattice", "reader", "sources"),
         ("sighting", "coded_light", "session_file"),

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from calib.commands.program import as_typed
 from calib.errors import harmless
 from calib.verdict.verdict import Verdict, Word
 
@@ -21,6 +22,6 @@ def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[s
     console.print(verdict.word.sentence, style="bold")
     for reason in verdict.reasons:
         console.print(harmless(f"- {reason.sentence}"))
-    console.print(harmless(f"Next: {verdict.next}"))
+    console.print(harmless(f"Next: {as_typed(verdict.next)}"))
     if further and verdict.word is not Word.DO_NOT_USE:
-        console.print(harmless(f"Then: {'; '.join(one for one in further if one != verdict.next)}"))
+        console.print(harmless(f"Then: {'; '.join(as_typed(one) for one in further if one != verdict.next)}"))

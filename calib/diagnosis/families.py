@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import ndtr
 
 from calib.diagnosis.finding import Family
 from calib.diagnosis.fine_surface_search import surroundings
@@ -110,7 +110,7 @@ def _odds(fit: Fit, best: Fit, observations: Observations) -> float:
         return 1.0
     apart = best[1].log_marginal - fit[1].log_marginal
     each = _by_view(best, observations) - _by_view(fit, observations)
-    agreed = float(stats.norm.sf(apart / (each.std(ddof=1) * len(each) ** 0.5)))
+    agreed = float(ndtr(-apart / (each.std(ddof=1) * len(each) ** 0.5)))
     return max(float(np.exp(-apart)), agreed / (1 - agreed))
 
 

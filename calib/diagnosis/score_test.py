@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import chdtrc, fdtrc
 
 from calib.diagnosis.jackknife import jackknife
 from calib.effects.effect import Effect
@@ -124,9 +124,9 @@ class Optimum:
             information = new.T @ unlike
             score = new.T @ off - imitated[:, entries - fitted].T @ unfinished  # else an effect they imitate would seem to explain it
             hessian = information + precision[np.ix_(entries, entries)]
-            chi2 = float(score @ np.linalg.solve(hessian, score))
+            chi2 = max(0.0, float(score @ np.linalg.solve(hessian, score)))
             if len(score) > len(views) // 3:
-                p_value = float(stats.chi2.sf(chi2 / max(dispersion, 1e-12), len(score)))
+                p_value = float(chdtrc(len(score), chi2 / max(dispersion, 1e-12)))
             else:
                 by_view = np.array([part.sum(0) for part in np.split(unlike * off[:, None], starts)])
                 by_view += (score - by_view.sum(0)) / len(by_view)  # the prior's share
@@ -170,7 +170,7 @@ class Optimum:
             dof += directions.shape[1]
         left = max(1, self._freedom() - dof)
         typical = (squares - chi2) / left  # what is left with them, for each degree of freedom
-        p_value = float(stats.f.sf(chi2 / dof / typical, dof, left))
+        p_value = float(fdtrc(dof, left, max(0.0, chi2 / dof / typical)))
         return ScoreTest(effect, np.zeros((0, 0)), 0.0, chi2, dof, p_value, squares, np.zeros((0, 0)), np.zeros(0))
 
     def _freedom(self) -> int:
@@ -185,4 +185,4 @@ def _hotelling(by_view: Array) -> float:
     scatter = np.cov(by_view, rowvar=False).reshape(dof, dof)
     scale = np.sqrt(np.maximum(scatter.diagonal(), 1e-300))
     t2 = views * float((mean / scale) @ np.linalg.pinv(scatter / np.outer(scale, scale), rcond=1e-10) @ (mean / scale))
-    return float(stats.f.sf((views - dof) / (dof * (views - 1)) * t2, dof, views - dof))
+    return float(fdtrc(dof, views - dof, (views - dof) / (dof * (views - 1)) * max(0.0, t2)))

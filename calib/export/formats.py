@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from importlib.util import find_spec
 
+BRIEF = 37
+"""Characters, of which a list in a narrow window has room."""
+
 
 @dataclass(frozen=True, slots=True)
 class ExportLens:
@@ -34,6 +37,8 @@ class Format:
     """The library that it is written with, by the name it is imported by, where refracal installs that only with an extra."""
     lacking: str = ""
     """What to do where that is absent."""
+    brief: str = ""
+    """The summary of no more than BRIEF characters, where it is longer than that."""
 
     @property
     def writable(self) -> bool:
@@ -48,15 +53,23 @@ MRCAL = (ExportLens("OPENCV4", 4), ExportLens("OPENCV5", 5), ExportLens("OPENCV8
 
 FORMATS: tuple[Format, ...] = (
     Format(
-        "npz", "npz", "the ray field, from which any depth's map follows, and the maps of cv2.remap for every --depth", needs_depth=False
+        *("npz", "npz", "the ray field, from which any depth's map follows, and the maps of cv2.remap for every --depth"),
+        needs_depth=False,
+        brief="maps for cv2.remap, and every ray",
     ),
-    Format("opencv", "opencv", "FileStorage YAML, and the exact maps of cv2.remap as float TIFF", OPENCV),
+    Format(
+        *("opencv", "opencv", "FileStorage YAML, and the exact maps of cv2.remap as float TIFF", OPENCV),
+        brief="FileStorage YAML, and maps as TIFF",
+    ),
     Format("opencv-xml", "opencv", "the same with FileStorage XML", OPENCV),
     Format("ros", "ros", "camera_info", ROS),
     Format("kalibr", "kalibr", "camchain", (ExportLens("radtan", 4), ExportLens("equidistant", 4, fisheye=True))),
     Format("colmap", "colmap", "cameras.txt", COLMAP),
     Format("mrcal", "mrcal", ".cameramodel", MRCAL),
-    Format("stmap", "stmap", "for compositing programs: undistort and redistort, 32-bit float TIFF"),
+    Format(
+        *("stmap", "stmap", "for compositing programs: undistort and redistort, 32-bit float TIFF"),
+        brief="for compositing programs, as TIFF",
+    ),
     Format(
         *("stmap-exr", "stmap", "the same as OpenEXR"),
         needs="OpenEXR",

@@ -55,7 +55,7 @@ def believing(fitted: Fitted, setup: Setup, told: Setup, views: Sequence[View], 
         return believed
     if AUTO not in settings.free or setup == told:
         return _doubting(believed, observations, views, settings, progress)
-    exact = fit_stages(told, observations, settings, progress)
+    exact = fit_stages(told, observations, settings, progress, purpose="numbers as declared")
     if _decisive(fitted, exact):
         believed = _doubting(believed, observations, views, settings, progress)
         ours, theirs = (height_spread(one.path, one.values, observations) for one in (believed.fitted, exact))
@@ -73,7 +73,7 @@ def _doubting(believed: Believed, observations: Observations, views: Sequence[Vi
             break
         intrinsics, cover = widened(believed.setup.intrinsics, believed.setup.cover, name, DOUBT)
         wider = replace(believed.setup, intrinsics=intrinsics, cover=cover)
-        again = fit_stages(wider, observations, settings, progress)
+        again = fit_stages(wider, observations, settings, progress, purpose=f"{name.partition('.')[2]} doubted")
         if not (again.joint and still_contradicted(again.joint, name, float(joint.parameters.priors.sigmas[name]))):
             break
         believed = Believed(again, wider, believed.declared, (*believed.doubted, name))

@@ -52,15 +52,17 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
         settings = replace(settings, grid=grid)
     looks: tuple[SecondLook, ...] | None = () if session.corners else None
     earlier: Fitted | None = None
+    purpose = ""
     while True:
         _check_enough(views, rejected)
         observations = Observations.of(views, session.board)
         with single_thread():
-            fitted = fit_stages(setup, observations, settings, progress, earlier=earlier)
+            fitted = fit_stages(setup, observations, settings, progress, earlier=earlier, purpose=purpose)
         earlier = None
         views, bad = _without_outliers(views, observations, fitted.residuals)
         rejected = (*rejected, *bad)
         if bad:
+            purpose = f"without {len(rejected)} view{'s' * (len(rejected) > 1)}"
             continue
         if looks is not None:
             break
@@ -69,6 +71,7 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
             views, looks = look_again(fitted, views, session.board, session.frames, size, progress)
         if not any(look.found for look in looks):
             break
+        purpose = "with more corners"
         if start.intrinsics_from == "views":
             again = recalibrated(views, session, start.intrinsics, progress)
             views, rejected = again.views, (*rejected, *again.rejected)

@@ -3,7 +3,8 @@
 Source: Z. Zhang, A flexible new technique for camera calibration (2000), the paper's reference for its own intrinsics.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import cv2
@@ -17,7 +18,6 @@ from calib.session.board import Board
 from calib.session.camera import Intrinsics
 from calib.session.lens import COEFFICIENTS
 from calib.session.schema import Number
-from calib.threads import opencv_on_one_thread
 
 CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-9)
 
@@ -107,7 +107,7 @@ def step(
         camera[:2, :2] *= focal / camera[0, 0]
         guess |= cv2.CALIB_FIX_FOCAL_LENGTH
     try:
-        with opencv_on_one_thread():
+        with _on_one_thread():
             rms, found, bent, rotvecs, translations, _, _, per_view = cv2.calibrateCameraExtended(
                 objects, pixels, size, camera, coefficients, flags=FLAGS[count] | guess, criteria=CRITERIA
             )
@@ -121,3 +121,15 @@ def step(
         np.concatenate([np.squeeze(rotvecs, -1), np.squeeze(translations, -1)], 1),
         float(rms),
     )
+
+
+@contextmanager
+def _on_one_thread() -> Iterator[None]:
+    """Within, OpenCV adds up in one order: cv2.calibrateCamera's threads add up as they come, and where views say little, its steps go
+    elsewhere by what is rounded."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)

@@ -84,12 +84,13 @@ class Fitted:
 
 
 def fit_stages(
-    setup: Setup, observations: Observations, settings: Settings, progress: Progress, *, earlier: Fitted | None = None
+    setup: Setup, observations: Observations, settings: Settings, progress: Progress, *, earlier: Fitted | None = None, purpose: str = ""
 ) -> Fitted:
     """Fit the model to corners, stage by stage. Numbers that are described with a standard deviation are estimated, by the joint method.
 
     Args:
         earlier: of the same setup and views, with other corners: where the last stage starts.
+        purpose: what tells this fit from another of the same session, in a few words for the person who waits.
 
     Raises:
         InputError: no ray of the camera leaves the cover.
@@ -127,7 +128,7 @@ def fit_stages(
     if settings.method == "paper":
         values[AMPLITUDES] = _descend(path, values, observations, poses, settings.steps, progress)
     else:
-        advance = progress.task("Joint fit", LINEARISATIONS)
+        advance = progress.task(f"Joint fit, {purpose}" if purpose else "Joint fit", LINEARISATIONS)
         if start:
             start = replace(start, values={**flat, **start.values})
         joint = fit_joint(

@@ -40,6 +40,7 @@ STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.titlesize": 9.5,
     "axes.titlepad": 7,
+    "axes.titley": 1.0,  # else every title looks for its place among the ticks, a third of a figure's time
     "axes.facecolor": "none",
     "figure.facecolor": "none",
     "savefig.facecolor": "none",
@@ -142,6 +143,7 @@ def colour_bar(figure: Figure, shown: ScalarMappable, axes: Axes, unit: str, ext
     """The key to a field's colours, to the right of a panel: it takes 0.6 inches."""
     wide = figure.get_size_inches()[0]
     box = axes.get_position()
-    bar = figure.colorbar(shown, cax=figure.add_axes((box.x1 + 0.1 / wide, box.y0, 0.11 / wide, box.height)), extend=extend)
-    bar.outline.set_visible(False)
-    bar.ax.set_title(unit, fontsize=8.5)
+    with mpl.rc_context({"axes.titley": None}):  # above the bar's pointed end, where it has one
+        bar = figure.colorbar(shown, cax=figure.add_axes((box.x1 + 0.1 / wide, box.y0, 0.11 / wide, box.height)), extend=extend)
+        bar.outline.set_visible(False)
+        bar.ax.set_title(unit, fontsize=8.5)

@@ -11,6 +11,7 @@ from calib.fitting.provenance import KEY
 from calib.report.evidence import Evidence
 from calib.report.patterns import over_board, over_image
 from calib.verdict.judge import judge
+from calib.verdict.residual import NOT_ALL_NOISE
 from calib.verdict.thresholds import BEYOND_NOISE
 from calib.verdict.verdict import Verdict
 
@@ -31,7 +32,7 @@ def summarise(evidence: Evidence, depths: Sequence[float] = ()) -> Summary:
     """Args: depths: m, for which maps are wanted."""
     session = Path(evidence.calibration.settings.get(KEY, {}).get("session", "SESSION")).name
     verdict = judge(evidence.calibration, depths=depths, folder=HERE, session=Path(session))
-    return Summary((_subject(evidence), _fit(evidence), _reach(evidence)), verdict)
+    return Summary((_subject(evidence), _fit(evidence, verdict), _reach(evidence)), verdict)
 
 
 def _subject(evidence: Evidence) -> str:
@@ -49,7 +50,7 @@ def _subject(evidence: Evidence) -> str:
     )
 
 
-def _fit(evidence: Evidence) -> str:
+def _fit(evidence: Evidence, verdict: Verdict) -> str:
     c = evidence.calibration
     last, noise = c.stages[-1].rms_px, c.noise_px
     said = f"The model leaves {last:.3f} px"
@@ -59,7 +60,8 @@ def _fit(evidence: Evidence) -> str:
         said += "; there are too few corners to tell how much of that is noise"
     elif last <= NOISE_ALONE * noise:
         patterns = over_image(evidence).is_pattern or over_board(evidence).is_pattern
-        rest = "most of what is left" if patterns else "what is left"
+        doubted = any(reason.sentence.startswith(NOT_ALL_NOISE) for reason in verdict.reasons)
+        rest = "most of what is left" if patterns or doubted else "what is left"
         said += f", and the corners' own noise is about {noise:.3f} px: {rest} is noise"
     elif last <= BEYOND_NOISE * noise:
         said += f", where the corners' own noise is about {noise:.3f} px: a little more than noise is left"

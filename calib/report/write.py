@@ -57,7 +57,7 @@ def write_report(
             views_html(evidence, thumbnails),
             again_html(evidence, files.folder),
         )
-    path = files.write(NAME, page(calibration.camera.model or "A camera", summarise(evidence, depths), sections))
+    path = files.write(NAME, page(calibration.camera.model or "a camera", summarise(evidence, depths), sections))
     advance(len(DRAWINGS) + 2, "")
     return path
 

@@ -7,17 +7,18 @@ import numpy as np
 from calib.diagnosis.diagnosed import STAGE
 from calib.fitting.declared import comparisons
 from calib.session.freeing import AUTO, with_free
+from calib.verdict.bare_pictures import taken_through_cover
 from calib.verdict.case import Case
 from calib.verdict.thresholds import TAKEN_UP, WORSE_THAN_BARE
 from calib.verdict.verdict import Reason
 
 
 def cover_stage(case: Case) -> Iterator[Reason]:
-    """Only of numbers that were held: those that are estimated are compared one by one."""
+    """Only of numbers that were held: those that are estimated are compared one by one; and only where the lens has no cover in it."""
     cover, bare, last = (case.rms_px.get(name, np.nan) for name in ("cover", "pinhole", "cover+rbf"))
     numbers = [one for one in comparisons(case.calibration) if one.name.startswith("cover.")]
     suspects = tuple(one.name for one in numbers if one.name in ("cover.inner_radius", "cover.distance", "cover.thickness"))
-    if not all(one.held for one in comparisons(case.calibration)):
+    if taken_through_cover(case) or not all(one.held for one in comparisons(case.calibration)):
         return
     if cover > WORSE_THAN_BARE * bare:
         said = (

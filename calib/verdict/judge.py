@@ -11,6 +11,7 @@ from calib.calibration import Calibration
 from calib.fitting.evaluate import Evaluation
 from calib.fitting.provenance import KEY
 from calib.threads import single_thread
+from calib.verdict.bare_pictures import bare_pictures
 from calib.verdict.board_place import board_place
 from calib.verdict.case import Case
 from calib.verdict.cover_stage import cover_stage
@@ -34,6 +35,7 @@ CHECKS: tuple[Check, ...] = (
     principal_point,
     board_place,
     unseen_row,
+    bare_pictures,
     orientation,
     medium,
     not_converged,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc
 
 from calib.diagnosis.diagnose import organising_of, split_of
 from calib.diagnosis.score_test import ScoreTest
@@ -17,6 +17,7 @@ from calib.verdict.case import Case
 from calib.verdict.thresholds import AGREED, BEYOND_NOISE, MOST_NAMED, NAMED_BESIDE, SCORED, WORTH_NAMING
 from calib.verdict.verdict import Reason
 
+NOT_ALL_NOISE = "what is left is not all noise"
 NUMBERS = {"focal": ("camera.fx", "camera.fy"), "principal_point": ("camera.cx", "camera.cy")}
 
 
@@ -26,7 +27,7 @@ def residual(case: Case) -> Iterator[Reason]:
     large = case.left_px > BEYOND_NOISE * noise
     if not (large or organised or likely):
         return
-    said = f"{case.left_px:.3f} px are left where the corners' noise is about {noise:.3f} px" if large else "what is left is not all noise"
+    said = f"{case.left_px:.3f} px are left where the corners' noise is about {noise:.3f} px" if large else NOT_ALL_NOISE
     if organised:
         most = organised[0]
         said += f", and {100 * most.fraction:.0f} % of it go with {most.organised_by} ({100 * most.chance:.0f} % by chance)"
@@ -54,7 +55,7 @@ def likely_effects(case: Case) -> list[tuple[Effect, float]]:
         return 1.0 - float(np.sqrt(1.0 - min(1.0, beyond / test.cost)))
 
     def sure(test: ScoreTest) -> bool:
-        return test.p_value < AGREED and float(stats.chi2.sf(test.chi2 / dispersion, test.dof)) < SCORED / len(scores)
+        return test.p_value < AGREED and float(chdtrc(test.dof, test.chi2 / dispersion)) < SCORED / len(scores)
 
     gains = {test: gain(test) for test in scores if sure(test)}
     best = max(gains.values(), default=0.0)

@@ -6,6 +6,10 @@ beside it, sigma would be 4 % larger. Flat valleys of numbers that are hardly kn
 
 WORSE_THAN_BARE = 1.5
 """Cover stage over pinhole stage: a cover that is described well lowers the error, and one of thin glass hardly changes it."""
+EXPLAINED = 3.0
+"""Pinhole stage over the corners' noise, up to where the camera alone explains them: a lens that was found through the cover leaves
+little more than noise, for what it cannot have is how the cover acts with depth; one that was found without it, a multiple
+(tests/verdict/test_bare_pictures.py has covers of one and three millimetres)."""
 TAKEN_UP = 10.0
 """Cover stage over final stage with every number held: uneven glass alone (`fixtures/bumps`, 11 um of it) makes 6 of it, a thickness, focal
 length or principal point that is wrong 10 to 22."""

@@ -63,11 +63,14 @@ def _apps(text: str) -> int:
 
 
 def _described(session: Path) -> bool:
-    """Whether it has a session.yaml; InputError where its folders may not be read, which the screen would do at every turn."""
+    """Whether it has a session.yaml; InputError where it is no folder, or may not be read, which the screen would do at every turn."""
+    from calib.errors import InputError
     from calib.io.files import reading
     from calib.io.images import list_images
 
     with reading(session):
+        if session.exists() and not session.is_dir():
+            raise InputError(f"{session} is not a folder: name the session's folder, which is made if need be.")
         for folder in (session, session / "frames", session / "bare"):
             if folder.is_dir():
                 list_images(folder)

@@ -25,6 +25,7 @@ from calib.session.shutter import Shutter
 from capture.frames import PAUSE_S, Frame
 from capture.sources.options import read_number
 from capture.sources.registry import Inventory
+from capture.typed_path import typed_path
 
 SPEED = Quantity("speed", low=0.01, high=1000, default=1.0)
 
@@ -85,7 +86,7 @@ class FolderSource:
 
 def open_source(place: str, options: Section) -> FolderSource:
     options.only(("speed",), "known option")
-    return FolderSource(Path(place), None if options.values.get("speed") == "max" else read_number(options, SPEED))
+    return FolderSource(typed_path(place), None if options.values.get("speed") == "max" else read_number(options, SPEED))
 
 
 def inventory() -> Inventory:

@@ -132,7 +132,9 @@ class LibcameraSource:
         whole.validate()
         given = configuration.size.width, configuration.size.height
         if given != self._size:
-            raise CaptureError(f"The camera gives pictures of {given[0]}x{given[1]} px: write ?size={given[0]}x{given[1]} after --source.")
+            raise CaptureError(
+                f"The camera gives pictures of {given[0]}x{given[1]} px: write ?size={given[0]}x{given[1]} after the source."
+            )
         self._camera.configure(whole)
         self._stride = configuration.stride
         return configuration.stream

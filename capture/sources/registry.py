@@ -1,6 +1,5 @@
 """Where frames can come from, by the first word of `--source`."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib import import_module
@@ -63,26 +62,33 @@ SCHEMES: tuple[Scheme, ...] = (
 """Cameras first, in the order in which `capture sources` lists them."""
 
 
-def open_source(text: str) -> FrameSource:
-    """The source that `SCHEME:PLACE?key=value&...` names; an InputError says what is wrong with the text."""
+def open_source(text: str, called: str = "--source") -> FrameSource:
+    """The source that `SCHEME:PLACE?key=value&...` names; an InputError says what is wrong with the text.
+
+    Args:
+        called: the option or the field that it was written for, as a message names it.
+    """
+    if not text.strip():
+        raise InputError(f"{called} is empty: {_expected()}")
+    said = f"{called} {brief(text)}"
     name, colon, rest = text.partition(":")
     scheme = next((scheme for scheme in SCHEMES if scheme.name == name), None)
     if scheme is None:
-        raise InputError(_unknown(text, name if colon else ""))
+        raise InputError(_unknown(said, name if colon else "", text))
     place, mark, query = rest.rpartition("?")
     if not (mark and "=" in query):  # a question mark of the path's own
         place, query = rest, ""
     if not place:
-        raise InputError(f"--source {brief(text)} does not say where: write it like {scheme.example}.")
-    return scheme.backend().open_source(place, Section(_pairs(text, query), f"--source {brief(text)}"))
+        raise InputError(f"{said} does not say where: write it like {scheme.example}.")
+    return scheme.backend().open_source(place, Section(_pairs(said, query), said))
 
 
-def _pairs(text: str, query: str) -> dict[str, object]:
+def _pairs(said: str, query: str) -> dict[str, object]:
     pairs: dict[str, object] = {}
     for pair in query.split("&") if query else ():
         key, equals, value = pair.partition("=")
         if not (key and equals and value) or key in pairs:
-            raise InputError(f"--source {brief(text)}: {brief(repr(pair))} is not an option: write each once, as key=value with & between.")
+            raise InputError(f"{said}: {brief(repr(pair))} is not an option: write each once, as key=value with & between.")
         try:
             pairs[key] = float(value)
         except ValueError:
@@ -90,8 +96,11 @@ def _pairs(text: str, query: str) -> dict[str, object]:
     return pairs
 
 
-def _unknown(text: str, name: str) -> str:
+def _unknown(said: str, name: str, text: str) -> str:
     close = get_close_matches(name, [scheme.name for scheme in SCHEMES], n=1) if name else []
     hint = f" (did you mean {close[0]}?)" if close else " (did you mean v4l2?)" if text.startswith("/dev/video") else ""
-    examples: Sequence[str] = [scheme.example for scheme in SCHEMES]
-    return f"--source {brief(text)} names no kind of source{hint}: write one of {', '.join(examples)}."
+    return f"{said} names no kind of source{hint}: {_expected()}"
+
+
+def _expected() -> str:
+    return f"write one of {', '.join(scheme.example for scheme in SCHEMES)}."

@@ -151,7 +151,7 @@ class RpicamSource:
             found = CONFIGURED.search(line)
             if found and (int(found[1]), int(found[2])) != self._size:
                 raise CaptureError(
-                    f"The camera gives pictures of {found[1]}x{found[2]} px: write ?size={found[1]}x{found[2]} after --source."
+                    f"The camera gives pictures of {found[1]}x{found[2]} px: write ?size={found[1]}x{found[2]} after the source."
                 )
 
     def _listen(self, stderr: IO[bytes]) -> None:

@@ -134,7 +134,7 @@ class V4l2Source:
         given = tuple(int(self._capture.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
         if given != self._size:
             raise CaptureError(
-                f"{self._path} gives pictures of {given[0]}x{given[1]} px: write ?size={given[0]}x{given[1]} after --source."
+                f"{self._path} gives pictures of {given[0]}x{given[1]} px: write ?size={given[0]}x{given[1]} after the source."
             )
         if mode.format in ROWS and (added := device.padding(self._handle, *ROWS[mode.format])):
             raise CaptureError(

@@ -19,6 +19,7 @@ from calib.session.schema import Section
 from calib.session.shutter import Shutter
 from capture.frames import Frame
 from capture.sources.registry import Inventory
+from capture.typed_path import typed_path
 
 ESTIMATE = 0.05  # of a video's number of frames, by which it may be less than was promised
 
@@ -69,7 +70,7 @@ class VideoSource:
 def open_source(place: str, options: Section) -> VideoSource:
     if options.values:
         raise InputError(f"{options.file}: a video has no options: leave out what follows the question mark.")
-    return VideoSource(Path(place))
+    return VideoSource(typed_path(place))
 
 
 def inventory() -> Inventory:

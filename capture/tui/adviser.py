@@ -8,7 +8,8 @@ from capture.coverage import Guide, Hint, PlainGuide, SeenView, SessionProgress
 from capture.guidance import Guidance, GuidanceError
 from capture.tui.camera import Task
 from capture.tui.child import Child
-from capture.tui.lens import find_lens
+from capture.tui.lacking import has_bare
+from capture.tui.lens import ENOUGH, find_lens
 
 Advice = tuple[Hint | None, SessionProgress]
 
@@ -19,8 +20,8 @@ class Adviser:
     def __init__(self, task: Task, size: tuple[int, int]) -> None:
         """`size`: of the camera's pictures, px. Blocks for some tenths of a second."""
         board, camera, _ = task.asked
-        self.remark = ""
-        """Why the plain rule serves; empty if that is as it should be."""
+        self.remark = _not_computed(task)
+        """Why the plain rule serves; empty where how sure the maps would be is computed."""
         self._task = task
         self._camera = camera if (camera.width, camera.height) == size else Camera(*size)
         self._plain = PlainGuide(board, self._camera)
@@ -36,6 +37,8 @@ class Adviser:
         """Look into what these views tell; at each step, the advice has become better. Blocks for seconds."""
         if self._task.bare or self._task.asked[2].shape == "none":
             return
+        if not views and self._camera.intrinsics is None and has_bare(self._task.session):
+            return  # the lens is looked for in a session, which has pictures in frames/
         try:
             if self._guidance is None:
                 self._guidance = self._prepared()
@@ -56,8 +59,8 @@ class Adviser:
         board, _, cover = self._task.asked
         camera = self._camera
         if camera.intrinsics is None:
-            if not (self._task.session / "bare").is_dir():
-                raise GuidanceError("The guide goes by picture, depth and tilt: the lens is not known without pictures that have no cover.")
+            if not has_bare(self._task.session):
+                raise GuidanceError("How sure the maps would be cannot be computed: the lens is not known.")
             *_, last = {"sentence": "The lens is not looked for any more."}, *self._lens.events()
             if "camera" not in last:
                 raise GuidanceError(last["sentence"])
@@ -66,3 +69,12 @@ class Adviser:
         if self._closed:
             guidance.close()
         return guidance
+
+
+def _not_computed(task: Task) -> str:
+    """What is said beside the plain rule, before anything better is there."""
+    if task.bare:
+        return f"From {ENOUGH} views on you may go on (n); more make the lens surer."
+    if task.asked[2].shape == "none":
+        return "The fit computes how sure the maps are."
+    return "How sure the maps would be is not computed yet."

@@ -15,12 +15,14 @@ import cv2
 from textual import on
 from textual.app import App
 from textual.binding import Binding
+from textual.events import Event, Key, Paste
 from textual.reactive import reactive
 
 from capture.process import prepare
 from capture.tui.export import ExportScreen
 from capture.tui.farewell import farewell
 from capture.tui.fit import FitScreen
+from capture.tui.page import Page
 from capture.tui.results import ResultsScreen
 from capture.tui.setup import SetupScreen
 
@@ -49,19 +51,31 @@ class CaptureApp(App[None]):
         prepare()
         self.session = session
         self.source = source
-        self._shown: Path | None = None
+        self._shown: ResultsScreen.Opened | None = None
+        self._fit: FitScreen | None = None
         self._maps: list[Path] = []
         self.set_reactive(CaptureApp.dots, plain or self.console.color_system in (None, "standard"))
 
     @property
     def farewell(self) -> Sequence[str]:
         """Lines for the terminal, when the screen has gone."""
-        return list(farewell(self.session, self._shown, self._maps))
+        shown, cut_short = self._shown, self._fit is not None and self._fit.cut_short
+        calibration, doubt = (shown.calibration, shown.doubt) if shown else (None, "")
+        return list(farewell(self.session, calibration, self._maps, doubt=doubt, cut_short=cut_short))
 
     def on_mount(self) -> None:
         sys.setswitchinterval(SWITCH_S)
         cv2.setNumThreads(1)  # of two cores, one stays for the screen
         self.push_screen(SetupScreen(self.session, self.source))
+
+    async def on_event(self, event: Event) -> None:
+        """What is hidden by the notice that the terminal is too small obeys no key, and nothing is typed into it."""
+        if isinstance(event, Key | Paste) and isinstance(self.screen, Page) and self.screen.small:
+            if isinstance(event, Key) and event.key == "q":
+                self.exit()
+            if not (isinstance(event, Key) and event.key == "ctrl+c"):
+                return
+        await super().on_event(event)
 
     @on(ResultsScreen.FitAgain)
     def _fit_again(self, message: ResultsScreen.FitAgain) -> None:
@@ -70,11 +84,15 @@ class CaptureApp(App[None]):
 
     @on(ResultsScreen.Opened)
     def _opened(self, message: ResultsScreen.Opened) -> None:
-        self._shown = message.calibration
+        self._shown = message
+
+    @on(FitScreen.Began)
+    def _began(self, message: FitScreen.Began) -> None:
+        self._fit = message.screen
 
     @on(ExportScreen.Done)
     def _exported(self, message: ExportScreen.Done) -> None:
-        self._maps += [path for path in message.written if path not in self._maps]
+        self._maps = list(message.written) or self._maps
         if message.screen is self.screen:
             message.screen.tell(message)
         else:

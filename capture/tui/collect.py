@@ -23,7 +23,7 @@ from capture.tui.adviser import Adviser
 from capture.tui.camera import Preview, Task, Watch
 from capture.tui.cells import FOUND, HINT, Mark
 from capture.tui.fit import FitScreen
-from capture.tui.lacking import lacking
+from capture.tui.lacking import NO_LENS, lacking, lens_known, none_found
 from capture.tui.page import DOTS, HELP_AND_QUIT, Line, Page
 from capture.tui.panel import Panel
 from capture.tui.picture import Picture
@@ -47,6 +47,7 @@ class CollectScreen(Page):
         Binding("a", "automatic", "Auto"),
         Binding("n", "cover_on", "Cover on"),
         Binding("f", "fit", "Fit"),
+        Binding("f", "not_yet", show=False),
         Binding("c", "again", "Camera again"),
         DOTS,
         Binding("escape", "back", "Set-up", key_display="esc"),
@@ -86,11 +87,13 @@ class CollectScreen(Page):
     class Stopped(Message):
         """No more frames come."""
 
-        def __init__(self, watch: Watch, sentence: str, *, again: bool) -> None:
+        def __init__(self, watch: Watch, sentence: str, *, again: bool, ended: bool = False) -> None:
+            """`ended`: every picture of the source was looked at."""
             super().__init__()
             self.watch = watch
             self.sentence = sentence
             self.again = again
+            self.ended = ended
 
     class Advised(Message):
         """The guide has thought about the views."""
@@ -124,6 +127,9 @@ class CollectScreen(Page):
         self._improved_with = -1  # views
         self._left = False
         self._said_until = 0.0
+        self._looked = 0
+        """Pictures of this stretch that were looked at, and in how many of them there was a board."""
+        self._boards = 0
 
     def step(self) -> str:
         return "Without cover" if self.plan.bare else "Through cover"
@@ -137,8 +143,16 @@ class CollectScreen(Page):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         del parameters
-        offered = {"cover_on": self.plan.bare, "fit": not self.plan.bare, "again": self._watch is None}
+        offered = {
+            "cover_on": self.plan.bare and bool(self.kept),
+            "fit": not self.plan.bare and self._lens_known(),
+            "again": self._watch is None,
+            "take": self._watch is not None,
+        }
         return offered.get(action, True)
+
+    def _lens_known(self) -> bool:
+        return lens_known(self.plan.session, self.plan.asked)
 
     @on(ScreenResume)
     def _begin(self) -> None:
@@ -153,6 +167,8 @@ class CollectScreen(Page):
             except RefracalError as error:
                 self._say(str(error))
                 return
+            self._looked = self._boards = 0
+            self._shutter.pressed()  # of a source that has ended
             self.refresh_bindings()
             self._run(self._watch)
 
@@ -161,7 +177,7 @@ class CollectScreen(Page):
         try:
             for step in watch.run(lambda kept: self.post_message(self.Begun(watch, kept))):
                 self.post_message(self.Judged(watch, step))
-            self.post_message(self.Stopped(watch, "The source has no more pictures.", again=False))
+            self.post_message(self.Stopped(watch, "The source has no more pictures.", again=False, ended=True))
         except RefracalError as error:
             self.post_message(self.Stopped(watch, str(error), again=isinstance(error, CaptureError)))
 
@@ -179,6 +195,7 @@ class CollectScreen(Page):
     def _take_up(self, message: Begun) -> None:
         if message.watch is self._watch:
             self.kept = list(message.kept)
+            self.refresh_bindings()
             self._think()
 
     @on(Judged)
@@ -186,12 +203,15 @@ class CollectScreen(Page):
         if message.watch is not self._watch:
             return
         step = message.step
+        self._looked += 1
+        self._boards += step.sighting.corners is not None
         self._found = step.sighting.corners if step.sighting.corners is not None else step.sighting.part
         if step.picture is not None:
             assert step.sighting.corners is not None
             self.kept.append(step.sighting.corners)
             self.app.bell()
             self._say(f"TAKEN: view {len(self.kept)}. Move the board to the next place.", TAKEN_S)
+            self.refresh_bindings()
             self._think()
         elif time.monotonic() > self._said_until:
             self._say(step.verdict.sentence)
@@ -208,11 +228,22 @@ class CollectScreen(Page):
             self._hint = None
             self.query_one("#next", Line).say("")
             self._draw()
-        onward = "n to go on through the cover, from another source, " if self.plan.bare else "f to fit, " if self.kept else ""
-        go_on = " It is tried again every 3 s." if message.again else f" Press {onward}c to try again, esc for the set-up."
-        self._say(message.sentence + go_on)
+        self._say(self._ending(message))
         if message.again:
             self.set_timer(RETRY_S, self._begin)
+
+    def _ending(self, message: Stopped) -> str:
+        if message.again:
+            return f"{message.sentence} It is tried again every 3 s."
+        if message.ended and self._looked and not (self._boards or self.kept):
+            return none_found(self.plan, self._looked)
+        known = self.plan.bare or self._lens_known()
+        if message.ended and not known:
+            return f"{message.sentence} {NO_LENS} Press esc for that."
+        onward = ""
+        if self.kept and known:
+            onward = "n to go on through the cover, from another source, " if self.plan.bare else "f to fit, "
+        return f"{message.sentence} Press {onward}c to try again, esc for the set-up."
 
     def _think(self) -> None:
         self._count()
@@ -260,13 +291,17 @@ class CollectScreen(Page):
         over = self.plan.bare and not self._watch  # one goes on, not looking for a better view
         self._hint = None if over or message.progress.enough else message.hint
         self.query_one(Panel).progress = message.progress
-        onward = "press n, then put the cover on" if self.plan.bare else "press f to fit"
         words = f"Next: {self._hint.words}." if self._hint else ""
         if message.progress.enough:
-            words = f"ENOUGH: {onward}. More views do no harm."
+            words = f"ENOUGH: {self._onward()}. More views do no harm."
         self.query_one("#next", Line).say(words)
         self._note()
         self._draw()
+
+    def _onward(self) -> str:
+        if self.plan.bare:
+            return "press n, then put the cover on"
+        return "press f to fit" if self._lens_known() else "esc, for the lens is not known yet"
 
     def _draw(self) -> None:
         marks = []
@@ -314,6 +349,10 @@ class CollectScreen(Page):
         self._close()
         self._say("The camera is being opened.")
         self.app.push_screen(FitScreen(self.plan.session))
+
+    def action_not_yet(self) -> None:
+        """Where a fit is not offered."""
+        self._say("The fit comes after the views through the cover." if self.plan.bare else NO_LENS, LACKING_S)
 
     def _close(self) -> None:
         if self._watch:

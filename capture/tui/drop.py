@@ -1,9 +1,11 @@
 """Setting a picture aside: it leaves the session's frames, and can come back."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import count
+from itertools import count, takewhile
 from pathlib import Path
 
+from calib.errors import InputError
 from capture.disk import sync_folder, writing
 
 
@@ -20,18 +22,35 @@ class Dropped:
 def drop(session: Path, file: str) -> Dropped:
     """Move a picture to frames/dropped, where calib does not look."""
     frames = session / "frames"
+    if not (frames / file).exists():
+        raise InputError(f"{frames / file} is not there any more: it was moved or deleted outside of this program.")
     aside = frames / "dropped"
     with writing(aside):
         aside.mkdir(exist_ok=True)
-        names = (aside / f"{Path(file).stem}{f'-{number}' if number else ''}{Path(file).suffix}" for number in count())
-        place = next(name for name in names if not name.exists())
+        place = next(place for place in _places(aside, file) if not place.exists())
         (frames / file).rename(place)
         sync_folder(frames)
     return Dropped(file, place)
 
 
-def take_back(dropped: Dropped) -> None:
-    frames = dropped.now.parent.parent
+def dropped(session: Path, files: Iterable[str]) -> list[Dropped]:
+    """Which of these pictures were set aside, by whomever, and lie where `drop` puts them."""
+    frames = session / "frames"
+    found = []
+    for file in files:
+        there = [] if (frames / file).exists() else list(takewhile(Path.exists, _places(frames / "dropped", file)))
+        if there:
+            found.append(Dropped(file, there[-1]))
+    return found
+
+
+def _places(aside: Path, file: str) -> Iterable[Path]:
+    """Where a picture may come to lie, the first free one first."""
+    return (aside / f"{Path(file).stem}{f'-{number}' if number else ''}{Path(file).suffix}" for number in count())
+
+
+def take_back(one: Dropped) -> None:
+    frames = one.now.parent.parent
     with writing(frames):
-        dropped.now.rename(frames / dropped.file)
+        one.now.rename(frames / one.file)
         sync_folder(frames)

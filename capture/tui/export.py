@@ -13,16 +13,22 @@ from textual.message import Message
 from textual.screen import ModalScreen
 from textual.widgets import Button, Footer, Input, Label, Select, Static
 
-from calib.commands.arguments import depth
+from calib.commands.arguments import depth, quoted
+from calib.errors import harmless
 from calib.export.formats import FORMATS
 from capture.tui.command import calib
 from capture.tui.page import TYPING, Field, onward, typed
+from capture.typed_path import typed_path
 
 ABOUT = (
     "Maps that undistort pictures, one for each depth of the scene. Name one depth or more, as in 0.5 1: metres from the lens, along its "
     "axis. npz has map_x and map_y as cv2.remap takes them."
 )
 DONE = "That is all: esc goes back to the results, and q there ends the program."
+NO_MAP = (
+    "No map, as no depth was named. rays.npz holds the ray of every pixel, from which calib makes a map for any depth: name one here, and "
+    "press ^s again, or esc goes back."
+)
 
 
 class ExportScreen(ModalScreen[None]):
@@ -53,33 +59,36 @@ class ExportScreen(ModalScreen[None]):
         super().__init__()
         self._calibration = calibration
         self._folder = session / "export"
+        self._wrong = False
+        """What stands in the fields is none that could be exported, and the screen says why."""
 
     def compose(self) -> ComposeResult:
         with Vertical(id="box"):
             yield Static(ABOUT, markup=False)
             yield Static()
             yield _row("depths in metres", Field("1.0", id="depths", compact=True))
-            forms = [(f"{form.name:<12}{form.summary}", form.name) for form in FORMATS]
+            forms = [(f"{form.name:<12}{form.brief or form.summary}", form.name) for form in FORMATS]
             yield _row("form", Select(forms, value=FORMATS[0].name, allow_blank=False, id="form", compact=True))
             yield _row("folder", Field(str(self._folder), id="folder", compact=True))
             yield Button("Export", id="export", variant="primary", compact=True)
             yield Static(id="said", markup=False)
         yield Footer(show_command_palette=False, compact=True)
 
-    @on(Input.Changed, "#depths")
+    @on(Input.Changed)
     def _check(self) -> None:
-        try:
-            self._depths()
-        except argparse.ArgumentTypeError as error:
-            self._say(str(error))
-        else:
-            self._say("")
+        self._asked()
 
-    def _depths(self) -> Sequence[str]:
-        texts = self.query_one("#depths", Input).value.replace(",", " ").split()
-        for text in texts:
-            depth(text)
-        return texts
+    def _asked(self) -> tuple[Sequence[str], Path] | None:
+        """The depths and the folder; None where they will not do, and the screen says why."""
+        try:
+            asked = depths(self.query_one("#depths", Input).value), folder(self.query_one("#folder", Input).value)
+        except argparse.ArgumentTypeError as error:
+            self._wrong = True
+            self._say(str(error))
+            return None
+        self._wrong = False
+        self._say("")
+        return asked
 
     def action_onward(self) -> None:
         onward(self)
@@ -88,29 +97,66 @@ class ExportScreen(ModalScreen[None]):
     @work(exclusive=True, group="export")
     async def action_export(self) -> None:
         await typed(self)
-        try:
-            depths = self._depths()
-        except argparse.ArgumentTypeError as error:
-            self._say(str(error))
+        if not (asked := self._asked()):
             return
-        folder = self.query_one("#folder", Input).value
+        at, out = asked
         form = str(self.query_one("#form", Select).value)
-        at = ["--depth", *depths] if depths else []
         self._say("Being written.")
-        self._run(self.app, ["export", str(self._calibration), "--format", form, "-o", folder, *at])
+        self._run(self.app, ["export", str(self._calibration), "--format", form, "-o", str(out), *(["--depth", *at] if at else [])])
 
     @work(thread=True, exclusive=True)
     def _run(self, app: App[None], arguments: Sequence[str]) -> None:
         done = calib(arguments)
         written = [Path(line) for line in done.stdout.splitlines()]
-        said = [f"Wrote {' '.join(path.name for path in written)}", *done.remarks]
-        app.post_message(self.Done(self, "\n".join(said) if done.returncode == 0 else done.sentence, written))
+        app.post_message(self.Done(self, done.sentence if done.returncode else _told(written, done.remarks), written))
 
     def tell(self, message: Done) -> None:
-        self._say(f"{message.sentence}\n{DONE}" if message.written else message.sentence)
+        """What stands in the fields may have been changed meanwhile: what is wrong with it stays to be read."""
+        if self._wrong:
+            self.notify(message.sentence, markup=False)
+        else:
+            self._say(f"{message.sentence}\n{DONE}" if any(map(is_map, message.written)) else message.sentence)
 
     def _say(self, sentence: str) -> None:
         self.query_one("#said", Static).update(sentence)
+
+
+def depths(text: str) -> Sequence[str]:
+    """Of a list of depths, as they were written."""
+    listed = [word.rstrip(",") for word in text.split() if word.strip(",")]
+    for word in listed:
+        if "," in word:
+            raise argparse.ArgumentTypeError(f"{quoted(word)} may be one depth or more: {_unmistakably(word)}")
+        depth(word)
+    return listed
+
+
+def _unmistakably(word: str) -> str:
+    match word.split(","):
+        case [whole, decimals] if whole.isdecimal() and decimals.isdecimal():
+            return f"write {whole}.{decimals} with a point, or {whole} {decimals} for two depths"
+        case _:
+            return "write decimals with a point, and a blank between two depths"
+
+
+def folder(text: str) -> Path:
+    """As a shell would take it."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError("No folder is named: write where the files are to go")
+    path = typed_path(text.strip())
+    if path.parts[0].startswith("~"):
+        raise argparse.ArgumentTypeError(f"{quoted(text)} begins in the home of nobody who is known here: write the whole path")
+    return path
+
+
+def is_map(path: Path) -> bool:
+    """And not the rays alone."""
+    return path.name != "rays.npz"
+
+
+def _told(written: Sequence[Path], remarks: Sequence[str]) -> str:
+    wrote = f"Wrote {' '.join(path.name for path in written)}\nin {harmless(str(written[0].parent.resolve()))}"
+    return "\n".join([wrote, *([] if any(map(is_map, written)) else [NO_MAP]), *remarks])
 
 
 def _row(label: str, field: Input | Select[str]) -> Horizontal:

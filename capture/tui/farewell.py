@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from calib.commands.program import as_typed
 from calib.errors import harmless
 from calib.io.images import list_images
 
@@ -18,19 +19,28 @@ def fitted(session: Path) -> Path | None:
     return folder if (folder / CALIBRATION).exists() else None
 
 
-def farewell(session: Path, shown: Path | None, maps: Sequence[Path]) -> Iterator[str]:
+def farewell(session: Path, shown: Path | None, maps: Sequence[Path], *, doubt: str = "", cut_short: bool = False) -> Iterator[str]:
     """Lines.
 
     Args:
         shown: the calibration whose results were looked at last; None: those of no one.
-        maps: what was exported.
+        maps: what was exported last; empty: what lies in the session's export folder since that fit.
+        doubt: what the verdict on that says, if it is not to be trusted.
+        cut_short: the last fit was ended before it had a result.
     """
     folder = shown.parent if shown else fitted(session)
     if folder:
+        if cut_short:
+            yield "The last fit was ended before it had a result: the calibration is the one of before."
         yield f"The calibration is in {_said(folder)}"
+        maps = maps or _since(folder / CALIBRATION, session / "export")
         for path in maps:
             yield f"Exported {_said(path)}"
-        yield f"Next: {_use(session, folder, maps)}"
+        if doubt:
+            yield f"{doubt} The report says why, and what to do."
+            yield f"Next: {_command('calib', 'report', folder)}"
+        else:
+            yield f"Next: {_use(session, folder, maps)}"
         return
     bare, frames = (len(list_images(place)) if place.is_dir() else 0 for place in (session / "bare", session / "frames"))
     if bare or frames:
@@ -38,6 +48,14 @@ def farewell(session: Path, shown: Path | None, maps: Sequence[Path]) -> Iterato
     else:
         yield f"Nothing is recorded in {_said(session)} yet; what was typed is kept."
     yield f"To go on: {_command('capture', session)}"
+
+
+def _since(calibration: Path, exported: Path) -> Sequence[Path]:
+    """The files of a folder that are not older than the calibration."""
+    if not (calibration.exists() and exported.is_dir()):
+        return ()
+    made = calibration.stat().st_mtime_ns
+    return sorted(path for path in exported.iterdir() if path.is_file() and path.stat().st_mtime_ns >= made)
 
 
 def _use(session: Path, folder: Path, maps: Sequence[Path]) -> str:
@@ -49,7 +67,7 @@ def _use(session: Path, folder: Path, maps: Sequence[Path]) -> str:
 
 
 def _command(*words: str | Path) -> str:
-    return harmless(shlex.join(map(str, words)))
+    return harmless(as_typed(shlex.join(map(str, words))))
 
 
 def _said(path: Path) -> str:

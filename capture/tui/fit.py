@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from textual.binding import Binding
+from textual.message import Message
 
 from capture.tui.child import Event
 from capture.tui.fitting import fit_session
@@ -20,22 +21,41 @@ class FitScreen(WorkingPage):
     ]
     AGAIN = "Press f to fit again, esc to go back."
 
+    class Began(Message):
+        """This screen fits the session from now on."""
+
+        def __init__(self, screen: "FitScreen") -> None:
+            super().__init__()
+            self.screen = screen
+
     def __init__(self, session: Path, before: Event | None = None) -> None:
         """`before`: the result of the fit before this one, to compare with."""
         super().__init__()
         self.session = session
         self._before = before
+        self.cut_short = False
+        """The fit was cancelled, and has left nothing."""
 
     def step(self) -> str:
         return "Fit"
 
     def action_again(self) -> None:
         self.say("The views are being fitted. The camera rests; esc cancels.")
+        self.cut_short = False
+        self.post_message(self.Began(self))
         self.follow(fit_session, self.session, self.session / "calibration")
 
     def finished(self, result: Event) -> None:
         self.app.switch_screen(ResultsScreen(self.session, result, self._before))
 
+    def cancel(self) -> None:
+        self.cut_short = self.cut_short or self.child is not None
+        super().cancel()
+
     def action_back(self) -> None:
+        """To the results that a fit was to follow, which are still those of the calibration."""
         self.cancel()
-        self.app.pop_screen()
+        if self._before:
+            self.app.switch_screen(ResultsScreen(self.session, self._before, self._before.get("before")))
+        else:
+            self.app.pop_screen()

@@ -38,7 +38,7 @@ HELP = {
     "inner_radius_mm": "Millimetres from the cover's axis to its inner face, at the height of the lens.",
     "radius_slope": "By how much the radius grows downwards: -0.1 is 1 mm narrower every 10 mm.",
     "axis_offset_mm": "From the lens to the cover's axis in mm: x to the right in the picture, z ahead; 0, -30 is 30 mm behind.",
-    "tilt_deg": "Degrees by which the cover is tilted, about two axes: 0, 0 if it is mounted straight.",
+    "tilt_deg": "Degrees of its tilt, first about x (to the right), then about z (ahead), or of a window about y (down): 0, 0 is straight.",
     "thickness_mm": "Thickness of the glass in millimetres.",
     "refractive_index": "Of the glass: about 1.5; acrylic 1.49, polycarbonate 1.58.",
     "outside_index": "Of what is outside: 1 in air, 1.333 in water.",
@@ -69,6 +69,7 @@ def problem(key: str, text: str, shape: str, kind: str = "checkerboard") -> str 
     """What is wrong with one value by itself, or None; of a field that this shape and type do not have, as it is about to go, nothing."""
     try:
         if key in BOARD[kind]:
+            _check_point(f"board.{key}", text)
             session_from_mapping(_mapping({"type": kind, **ALONE[kind], key: _value(key, text)}, {"shape": "none"}), WHERE)
         elif quantity := _quantity(key, shape):
             Section(_written(quantity, text), WHERE, "cover").read(quantity)
@@ -79,6 +80,8 @@ def problem(key: str, text: str, shape: str, kind: str = "checkerboard") -> str 
 
 def read_form(typed: Typed, camera: Camera | None = None) -> Setup:
     """The set-up, with the camera of another session if there is one; an InputError says what to write instead."""
+    for key, text in typed.board.items():
+        _check_point(f"board.{key}", text)
     board = {"type": typed.kind, **{key: _value(key, text) for key, text in typed.board.items()}}
     cover: dict[str, object] = {"shape": typed.shape}
     for quantity in SHAPES[typed.shape]:
@@ -108,8 +111,16 @@ def _written(quantity: Quantity, text: str) -> dict[str, object]:
     if not text.strip() and quantity.default is not None:
         return {}
     if not quantity.components:
+        _check_point(f"cover.{quantity.key}", text)
         return {quantity.key: _number(text)}
     return {quantity.key: [_number(part) for part in re.split(r"[,;\s]+", _joined(text).strip(" []"))]}
+
+
+def _check_point(key: str, text: str) -> None:
+    """InputError where a single number, or its sigma, has a decimal comma. In a list, a comma parts two numbers."""
+    if re.fullmatch(r"[+-]?[0-9]+([.,][0-9]+)?(±[0-9]+([.,][0-9]+)?)?", _joined(text.strip())) and "," in text:
+        meant = _joined(text.strip()).replace(",", ".").replace("±", " ± ")
+        raise InputError(f"{WHERE}: {key} is {text.strip()}: write {meant}, with a point.")
 
 
 def _value(key: str, text: str) -> object:

@@ -5,6 +5,32 @@ from pathlib import Path
 from calib.errors import InputError
 from calib.io.images import list_images
 from calib.session.session import read_session
+from capture.session_file import Setup, read_setup
+from capture.tui.camera import Task
+
+NO_LENS = "The lens is not known yet: in the set-up, set record now to without the cover, and name those pictures."
+
+
+def none_found(task: Task, pictures: int) -> str:
+    """Of a source in whose pictures there was no board: what to look after."""
+    board, file = task.asked[0], task.session / "session.yaml"
+    first = f"No board of {board} inner corners" if board.coding is None else f"No board as described, {board},"
+    count = "count the inner corners" if board.coding is None else "compare its type, its columns and rows, and its dictionary"
+    where = f"correct the board in {file}" if file.exists() else "esc corrects the board"
+    among = f"in any of the {pictures} pictures" if pictures > 1 else "in the picture"
+    return f"{first} {among}: {count}; {where}."
+
+
+def has_bare(session: Path) -> bool:
+    """Whether there are views without the cover, which tell the lens."""
+    bare = session / "bare"
+    return bare.is_dir() and ((bare / "session.yaml").exists() or bool(list_images(bare)))
+
+
+def lens_known(session: Path, setup: Setup) -> bool:
+    """Whether a fit has where to take the lens from; without a cover, it finds it itself."""
+    _, camera, cover = setup
+    return cover.shape == "none" or camera.intrinsics is not None or has_bare(session)
 
 
 def lacking(session: Path) -> str:
@@ -13,6 +39,8 @@ def lacking(session: Path) -> str:
     if not (frames.is_dir() and list_images(frames)):
         return f"There is nothing to fit yet: {frames} has no picture. Views are taken by themselves, or by space."
     try:
+        if (session / "session.yaml").exists() and not lens_known(session, read_setup(session / "session.yaml")):
+            return NO_LENS
         read_session(session)
     except InputError as error:
         return str(error)

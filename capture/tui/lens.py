@@ -9,6 +9,9 @@ from calib.progress import Progress
 from calib.session.camera import camera_to_yaml
 from calib.session.session import read_session
 
+ENOUGH = 10
+"""Views without the cover: from here on the lens is taken as recorded, and the screens propose to go on through the cover."""
+
 
 def find_lens(progress: Progress, session: Path) -> dict[str, object]:
     """Returns `camera`: the session's, as session.yaml would have it with intrinsics."""

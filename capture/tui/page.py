@@ -10,6 +10,7 @@ from textual.app import ComposeResult
 from textual.binding import Binding
 from textual.events import Key, Resize
 from textual.screen import Screen
+from textual.widget import Widget
 from textual.widgets import Footer, Input, Static
 
 from capture.tui.help import HelpScreen
@@ -64,6 +65,9 @@ class Page(Screen[bool]):
     Page.-small > #small { display: block; }
     """
 
+    _had_focus: Widget | None = None
+    """What had the focus before the terminal became too small: what is hidden loses it."""
+
     def compose(self) -> ComposeResult:
         yield Static(self._way(), id="steps", markup=False)
         yield from self.body()
@@ -84,13 +88,23 @@ class Page(Screen[bool]):
     def action_help(self) -> None:
         self.app.push_screen(HelpScreen())
 
+    @property
+    def small(self) -> bool:
+        """Whether the terminal is, so that a notice stands in the place of everything."""
+        return self.has_class("-small")
+
     @on(Resize)
     def _measure(self, event: Resize) -> None:
         small = event.size.width < SMALLEST[0] or event.size.height < SMALLEST[1]
+        if small and not self.small:
+            self._had_focus = self.focused
+        elif self.small and not small and self._had_focus and self._had_focus.is_attached:
+            self.call_after_refresh(self._had_focus.focus)
         self.set_class(small, "-small")
         if small:
             words = f"This terminal has {event.size.width} columns and {event.size.height} rows.\n"
-            words += f"Enlarge it to {SMALLEST[0]} and {SMALLEST[1]}, or make its letters smaller: what runs goes on."
+            words += f"Enlarge it to {SMALLEST[0]} and {SMALLEST[1]}, or make its letters smaller: what runs goes on.\n"
+            words += "Until then no key does anything but q, which quits."
             self.query_one("#small", Static).update(words)
 
 

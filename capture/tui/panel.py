@@ -12,7 +12,7 @@ from capture.tui.maps import shaded
 from capture.tui.page import Line
 
 MAP = (13, 5)  # columns and rows of a coverage map
-LEGEND = f"{FOUND} found   {HINT} hold it here\n░ ▒ ▓ covered   █ enough"
+LEGEND = f"{FOUND} found   {HINT} hold it here\n░ ▒ ▓ some views   █ enough"
 
 
 class Panel(Vertical):

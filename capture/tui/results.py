@@ -1,6 +1,6 @@
 """Results: the error before and after, the views from the worst on, and what to do about them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -20,7 +20,7 @@ from capture.tui.camera import Preview
 from capture.tui.cells import FOUND, WORST, Mark
 from capture.tui.child import Event
 from capture.tui.command import calib
-from capture.tui.drop import Dropped, drop, take_back
+from capture.tui.drop import Dropped, drop, dropped, take_back
 from capture.tui.effects import EffectsScreen
 from capture.tui.export import ExportScreen
 from capture.tui.page import DOTS, HELP_AND_QUIT, Page
@@ -65,9 +65,11 @@ class ResultsScreen(Page):
     class Opened(Message):
         """These are the results of this calibration, by its file."""
 
-        def __init__(self, calibration: Path) -> None:
+        def __init__(self, calibration: Path, doubt: str) -> None:
             super().__init__()
             self.calibration = calibration
+            self.doubt = doubt
+            """The word of the verdict, as a sentence, if that is not trust."""
 
     class Reported(Message):
         """The report's command has ended."""
@@ -87,9 +89,10 @@ class ResultsScreen(Page):
         """`result` as `fit_session` gives it, and that of the fit before, to compare with."""
         super().__init__()
         self.session = session
-        self.result = result
+        self.result = {**result, "before": {"stages": before["stages"]}} if before else result
+        """With what it is compared with."""
         self._before = before
-        self._dropped: list[Dropped] = []
+        self._dropped: list[Dropped] = dropped(session, (view["file"] for view in result["views"]))
 
     def step(self) -> str:
         return "Results"
@@ -111,7 +114,12 @@ class ResultsScreen(Page):
 
     def on_mount(self) -> None:
         self.query_one(OptionList).focus()
-        self.post_message(self.Opened(Path(self.result["calibration"])))
+        doubt = "" if self._trusted else self.result["verdict"]["sentences"][0]
+        self.post_message(self.Opened(Path(self.result["calibration"]), doubt))
+
+    @property
+    def _trusted(self) -> bool:
+        return bool(self.result["verdict"]["word"] == "trusted")
 
     def _stages(self) -> str:
         before = {stage["name"]: stage for stage in self._before["stages"]} if self._before else {}
@@ -130,12 +138,21 @@ class ResultsScreen(Page):
         word, *reasons = self.result["verdict"]["sentences"]
         more = len(reasons) - SHOWN
         told = [*reasons[:SHOWN], *([f"And {more} more reasons, which the report shows."] if more > 0 else [])]
-        said = [word, *told, *said]
+        said = [*self._aside(), word, *told, *said]
         if rejected := self.result["rejected"]:
             others = f" and {len(rejected) - 1} more" if len(rejected) > 1 else ""
             said.append(f"Not used: {rejected[0]['file']} ({rejected[0]['reason']}){others}.")
-        effects = "" if self.result["verdict"]["word"] == "trusted" else "e to look for what the model lacks, "
-        return harmless(" ".join([*said, f"Press {effects}r for the report, x to export maps."]))
+        return harmless(" ".join([*said, self._onward()]))
+
+    def _aside(self) -> Iterator[str]:
+        if (number := len(self._dropped)) == 1:
+            yield "1 view was set aside since this fit: f fits without it, u takes it back."
+        elif number:
+            yield f"{number} views were set aside since this fit: f fits without them, u takes one back."
+
+    def _onward(self) -> str:
+        effects = "" if self._trusted else "e to look for what the model lacks, "
+        return f"Press {effects}r for the report, x to export maps."
 
     def _line(self, view: Mapping[str, Any]) -> str:
         gone = any(each.file == view["file"] for each in self._dropped)
@@ -183,12 +200,15 @@ class ResultsScreen(Page):
             self._redraw(chosen[0], f"{chosen[1]['file']} is set aside in frames/dropped. Press f to fit without it, u to take it back.")
 
     def action_take_back(self) -> None:
-        one = self._dropped.pop()
+        """The chosen view, or else the last that was set aside."""
+        chosen = self._chosen()
+        one = next((each for each in self._dropped if chosen and each.file == chosen[1]["file"]), self._dropped[-1])
         try:
             take_back(one)
         except RefracalError as error:
             self._say(str(error))
             return
+        self._dropped.remove(one)
         index = next(i for i, view in enumerate(self.result["views"]) if view["file"] == one.file)
         self._redraw(index, f"{one.file} is back.")
 
@@ -198,7 +218,9 @@ class ResultsScreen(Page):
         self.refresh_bindings()
 
     def _say(self, sentence: str) -> None:
-        self.query_one("#sentence", Static).update(harmless(sentence))
+        """Above what stays so: the word of the verdict, and how to go on."""
+        lasting = f"{self.result['verdict']['sentences'][0]} {self._onward()}"
+        self.query_one("#sentence", Static).update(f"{harmless(sentence)}\n{harmless(lasting)}")
 
     def action_refit(self) -> None:
         self.post_message(self.FitAgain(self))

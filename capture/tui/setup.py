@@ -1,6 +1,8 @@
 """Set-up: the camera, the board and the cover, every value checked as it is typed."""
 
+from asyncio import to_thread
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, ClassVar, cast
 
@@ -14,7 +16,6 @@ from textual.suggester import SuggestFromList
 from textual.widgets import Button, Input, Label, Select, Static
 
 from calib.errors import InputError, harmless
-from calib.io.files import reading
 from calib.io.images import list_images
 from calib.session.coding import DICTIONARIES
 from calib.session.cover import SHAPES
@@ -27,12 +28,12 @@ from capture.tui.farewell import fitted
 from capture.tui.fit import FitScreen
 from capture.tui.form import BOARD, Typed, explained, problem, read_form, write_form
 from capture.tui.lacking import lacking
+from capture.tui.lens import ENOUGH
+from capture.tui.named import cannot_be_opened, played, read_like
 from capture.tui.opening import OpeningScreen
 from capture.tui.page import TYPING, Field, Page, onward, typed
 from capture.wrong_folder import check_folder, doubt
 
-BARE_VIEWS = 10
-"""Without cover; from here on the lens is taken as recorded, and the set-up proposes to go on through the cover."""
 SOURCE_HELP = "Where pictures come from: v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE."
 LIKE_HELP = "Another session, its folder: board, cover and lens are taken from there. May stay empty."
 PHASE_HELP = "First without the cover, to find the lens; then through it, without touching the focus."
@@ -91,6 +92,10 @@ class SetupScreen(Page):
         """What was said against the source last: to start it once more is to mean it."""
         self._helped = False
         """The help has just been read: everything stands as it was typed."""
+        self._proposed: bool | None = None
+        """To record without the cover: what the program chose last. None: nothing yet."""
+        self._shut = ("", "")
+        """The source that could not be opened last, and why."""
 
     def step(self) -> str:
         return "Set-up"
@@ -161,12 +166,11 @@ class SetupScreen(Page):
         elif not self.query("#board Input"):
             await self._begin_anew()
         source = self.query_one("#source", Input)
-        played = source.value.startswith(("folder:", "video:"))
-        self.query_one("#state", Static).update(COVER_ON + (PLAYED if played else LIVE) if self._covered else harmless(state))
+        self.query_one("#state", Static).update(COVER_ON + (PLAYED if played(source.value) else LIVE) if self._covered else harmless(state))
         for each in self.query("#kind, #board Input, #cover Input, #shape"):
             each.disabled = described
-        self.query_one("#phase", Select).value = self._bare_is_missing() and not self._covered
-        if described and self._source and not (self._covered and played):
+        self._propose()
+        if described and self._source and not (self._covered and played(source.value)):
             self.query_one("#start").focus()
         else:
             source.focus().action_select_all()  # what is typed replaces it
@@ -182,6 +186,9 @@ class SetupScreen(Page):
             source = self.query_one("#source", Input)
             source.value = source.value or draft.source
             self.query_one("#like", Input).value = draft.like
+            with suppress(InputError):  # said as the field is looked at
+                self._like = read_like(draft.like)
+                self._liked = draft.like
 
     def _keep(self) -> None:
         if self.query("#board Input") and not self.query_one("#kind", Select).disabled:
@@ -200,7 +207,15 @@ class SetupScreen(Page):
     def _bare_is_missing(self) -> bool:
         if self.query_one("#shape", Select).value == "none" or (self._like and self._like[1].intrinsics):
             return False
-        return self._taken(True) < BARE_VIEWS
+        return self._taken(True) < ENOUGH
+
+    def _propose(self) -> None:
+        """What to record now; but what the person chose stays, be it by the field or by going on from the bare step."""
+        phase = self.query_one("#phase", Select)
+        if self._covered:
+            phase.value = False
+        elif self._proposed is None or phase.value == self._proposed:
+            phase.value = self._proposed = self._bare_is_missing()
 
     @work(thread=True, exclusive=True, group="cameras")
     def _find_cameras(self) -> None:
@@ -229,7 +244,7 @@ class SetupScreen(Page):
         if [each.name for each in self.query("#cover Input")] != [quantity.key for quantity in SHAPES[shape]]:
             await self._show_fields("#cover", [quantity.key for quantity in SHAPES[shape]], EMPTY.cover)
         self._keep()
-        self.query_one("#phase", Select).value = self._bare_is_missing()
+        self._propose()
 
     async def _fill(self, setup: Setup) -> None:
         typed = write_form(setup[0], setup[2])
@@ -250,8 +265,12 @@ class SetupScreen(Page):
     @on(Input.Changed)
     async def _check(self, event: Input.Changed) -> None:
         field = event.input
-        wrong = await self._wrong(field)
         self._keep()
+        await self._mark(field)
+
+    async def _mark(self, field: Input) -> None:
+        """Beside the field, whether it is wrong; and below, why."""
+        wrong = await self._wrong(field)
         name = field.name or field.id
         label = next(iter(self.query(f"#label-{name}").results(Label)), None)
         if label is None:  # the field has gone meanwhile
@@ -264,7 +283,9 @@ class SetupScreen(Page):
     async def _wrong(self, field: Input) -> str | None:
         try:
             if field.id == "source":
-                open_source(field.value)
+                open_source(field.value, "source")
+                if field.value == self._shut[0]:
+                    return self._shut[1]
             elif field.id == "like":
                 await self._follow(field.value)
             else:
@@ -278,13 +299,10 @@ class SetupScreen(Page):
         if like == self._liked:
             return
         self._like, self._liked = None, ""
-        if like.strip():
-            place = Path(like.strip())
-            with reading(place):
-                place = place / "session.yaml" if place.is_dir() else place
-            self._like = read_setup(place)
-            await self._fill(self._like)
-            self.query_one("#phase", Select).value = self._bare_is_missing()
+        if setup := read_like(like):
+            self._like = setup
+            await self._fill(setup)
+            self._propose()
         self._liked = like
 
     @on(DescendantFocus)
@@ -319,6 +337,12 @@ class SetupScreen(Page):
             self._doubted = said
             self._say(f"{said} Start once more if they are right all the same.")
             return
+        if played(task.source) and (shut := await to_thread(cannot_be_opened, task.source)):
+            self._shut = task.source, shut
+            source = self.query_one("#source", Input)
+            await self._mark(source)
+            source.focus()
+            return
         self._source = task.source
         if self.is_current:  # and not started by the same key already
             self.app.push_screen(CollectScreen(task), self._cover_on)
@@ -329,7 +353,7 @@ class SetupScreen(Page):
 
     def _read(self) -> Task:
         texts = {each.name or each.id or "": each.value for each in self.query(Input)}
-        open_source(texts["source"])
+        open_source(texts["source"], "source")
         if (self.session / "session.yaml").exists():
             asked = read_setup(self.session / "session.yaml")
             board_of(self.session, None)

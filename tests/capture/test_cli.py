@@ -218,7 +218,6 @@ def test_what_cannot_be_recorded_gets_one_sentence(
         (["record", "x", "--source", "y", "--square-mm", "0"], "write a number above 0"),
         (["record", "x", "--source", "y", "--views", "0"], "write a whole number above 0"),
         (["record", "x", "--source", "y", "--every", "inf"], "write a number above 0"),
-        ([], "COMMAND"),
     ],
 )
 def test_wrong_usage_exits_with_2(arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -226,6 +225,11 @@ def test_wrong_usage_exits_with_2(arguments: list[str], says: str, capsys: pytes
         main(arguments)
     assert stop.value.code == 2
     assert says in capsys.readouterr().err
+
+
+def test_without_a_word_a_folder_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 2
+    assert capsys.readouterr().err.startswith("capture: name a folder, which is made if need be: capture SESSION")
 
 
 def test_the_screen_needs_a_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -18,7 +18,7 @@ from tests.capture.recordings import FIXTURE, noise, write_recording
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "names no kind of source: write one of v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH, video:FILE"),
+        ("", "--source is empty: write one of v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH, video:FILE"),
         ("/dev/video0", "did you mean v4l2?"),
         ("vl42:/dev/video0", "did you mean v4l2?"),
         ("folders:x", "did you mean folder?"),
@@ -44,6 +44,20 @@ def test_a_source_that_is_written_wrongly_gets_its_sentence(text: str, says: str
     with pytest.raises(InputError) as caught:
         open_source(text)
     assert says in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["", "webcam:0", "folder:", "folder:x?sped=2", "folder:x?speed=", "video:x?speed=1"])
+def test_a_field_is_called_by_its_own_name(text: str) -> None:
+    with pytest.raises(InputError, match=r"^source ") as caught:
+        open_source(text, "source")
+    assert "--" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["folder:~/pictures?speed=max", "video:~/film.mkv"])
+def test_a_tilde_is_the_home(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    with pytest.raises(InputError, match=f"^{tmp_path / 'home'}/.*cannot be"), open_source(text):
+        pass
 
 
 @pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.size import write_session
 from calib.cli import main
+from fixtures.large import write_session
 
 
 @pytest.mark.slow

@@ -22,7 +22,7 @@ from calib.estimation.poses import pinhole_poses, refit_poses
 from calib.fitting.fit import fit
 from calib.fitting.inputs import read_views
 from calib.fitting.stages import Settings, Setup, fit_stages
-from calib.progress import Silent
+from calib.progress import Advance, Silent
 from calib.session.session import read_session
 from calib.verdict.judge import judge
 from calib.verdict.verdict import Word
@@ -177,3 +177,26 @@ def test_a_fit_that_is_not_finite_is_told_and_keeps_no_covariance(tmp_path: Path
     assert read.camera.intrinsics.fx.sigma == 30.0, "no better known than was stated"
     with pytest.raises(NotEnoughDataError, match="not finite"):
         diagnose(read, Silent())
+
+
+class Tasks(Silent):
+    """The titles of the bars."""
+
+    def __init__(self) -> None:
+        self.titles: list[str] = []
+
+    def task(self, title: str, total: int) -> Advance:
+        self.titles.append(title)
+        return super().task(title, total)
+
+
+def test_the_fits_of_a_session_are_told_apart(tmp_path: Path) -> None:
+    """A radius so wrong that it is first believed, then held, then doubted; and a view that is left out."""
+    tasks, ten = Tasks(), scene(21, views=10, noise=0.05)
+    fit(read_session(spoiled(tmp_path / "radius", ten, cover__inner_radius_mm=60.0)), SHORT, tasks)
+    assert tasks.titles == ["Joint fit", "Joint fit, numbers as declared", "Joint fit, inner_radius doubted"]
+    last = ten.views[-1]
+    swapped = last.corners.reshape(9, 9, 2)[[1, 0, *range(2, 9)]].reshape(81, 2)  # two rows taken for each other
+    again, held = Tasks(), replace(SHORT, free=("none",))
+    fit(read_session(write_session(tmp_path / "view", ten, (*ten.views[:-1], replace(last, corners=swapped)))), held, again)
+    assert again.titles == ["Joint fit", "Joint fit, without 1 view"]

@@ -61,6 +61,12 @@ def test_stages_and_numbers_are_those_of_the_calibration(reported: Reported) -> 
     assert f"calib fit {reported.session} --grid 6x6 --free none --folds 3 -o {reported.session / 'calibration'}" in said
 
 
+def test_the_title_names_the_camera_or_none(few: Calibration, tmp_path: Path) -> None:
+    for model, title in (("Pi <2>", "Calibration of Pi &lt;2&gt;"), ("", "Calibration of a camera")):
+        named = replace(few, camera=replace(few.camera, model=model))
+        assert f"<title>{title}</title>" in report_in(tmp_path, named).read_text()
+
+
 def test_the_worst_view_comes_first(reported: Reported) -> None:
     errors = [float(error) for error in re.findall(r'<span class="number">([\d.]+) px', reported.html)]
     assert len(errors) == 45

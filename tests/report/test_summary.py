@@ -12,7 +12,8 @@ from calib.report.evidence import gather_evidence
 from calib.report.patterns import over_board, over_image
 from calib.report.summary import summarise
 from calib.session.board import Board
-from calib.verdict.verdict import Word
+from calib.verdict.residual import NOT_ALL_NOISE
+from calib.verdict.verdict import Reason, Verdict, Word
 from fixtures.synthetic import scene
 from tests.optics.shapes import Example, each_shape
 from tests.report.conftest import Reported
@@ -38,6 +39,14 @@ def test_a_good_calibration_is_trusted(reported: Reported) -> None:
     assert "so it does not overfit" in left
     assert "one standard deviation of the maps" in where
     assert all(sentence.endswith(".") for sentence in summary.sentences)
+
+
+def test_the_paragraph_says_what_the_verdict_says(reported: Reported, monkeypatch: pytest.MonkeyPatch) -> None:
+    evidence = gather_evidence(reported.calibration)
+    assert ": what is left is noise" in summarise(evidence).sentences[1]
+    doubted = Verdict((Reason(f"{NOT_ALL_NOISE}: it may be board_shape.", "calib diagnose it"),), "")
+    monkeypatch.setattr("calib.report.summary.judge", lambda *_, **__: doubted)
+    assert ": most of what is left is noise" in summarise(evidence).sentences[1]
 
 
 def test_overfitting_is_said(reported: Reported) -> None:

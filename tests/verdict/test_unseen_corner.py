@@ -4,11 +4,10 @@ from pathlib import Path
 
 import torch
 
-from benchmarks.degenerate import calibration_of
 from calib.estimation.residuals import residuals
 from calib.verdict.judge import judge
 from calib.verdict.verdict import Word
-from fixtures.degenerate import bare_session
+from fixtures.degenerate import bare_session, calibration_of
 
 
 def test_views_in_one_line_are_judged_though_a_corner_is_out_of_sight(tmp_path: Path) -> None:

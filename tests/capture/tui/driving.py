@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.cells import set_cell_size
+from textual.events import Key
 from textual.pilot import Pilot
 
 from capture.tui.app import CaptureApp
@@ -75,3 +76,13 @@ async def describe(pilot: Pilot[None], source: str) -> None:
     await pilot.press("tab")  # the shape is a cone
     for text in CONE:
         await write(pilot, text)
+
+
+def burst(pilot: Pilot[None], *texts: str) -> None:
+    """As over a slow connection: fields and keys arrive at once, before any is looked at. A text of one word in < > is a key."""
+    for text in texts:
+        if text.startswith("<"):
+            pilot.app.post_message(Key(text.strip("<>"), None))
+        else:
+            for letter in text:
+                pilot.app.post_message(Key(letter, letter))

@@ -1,14 +1,22 @@
-"""The export screen may be left while the files are written."""
+"""What the export screen takes, what it says was written, and that it may be left while that goes on."""
 
-from collections.abc import Sequence
+import argparse
+import re
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
 from pathlib import Path
 from threading import Event
 
 import pytest
+from textual.pilot import Pilot
 
+from calib.export.formats import BRIEF, FORMATS
 from capture.tui.command import Done
-from capture.tui.export import ExportScreen
-from tests.capture.tui.driving import drive, running, see, shown
+from capture.tui.export import ExportScreen, depths
+from tests.capture.tui.driving import drive, running, see, shown, until, write
+
+SOON_S = 20
+"""Nothing here calculates."""
 
 
 def test_who_leaves_while_it_writes_is_told_when_it_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -40,3 +48,150 @@ async def _leave(session: Path, left: Event) -> None:
         left.set()
         await see(pilot, "Wrote map_1m.npz")
         assert f"Exported {session / 'export' / 'map_1m.npz'}" in pilot.app.farewell  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("text", "read"),
+    [("", []), ("0.5 1", ["0.5", "1"]), ("0.5, 1", ["0.5", "1"]), (" 1.0 ,\t2, ", ["1.0", "2"]), ("inf", ["inf"])],
+)
+def test_depths_are_a_list(text: str, read: list[str]) -> None:
+    assert depths(text) == read
+
+
+@pytest.mark.parametrize(
+    ("text", "advice"),
+    [
+        ("1,5", "'1,5' may be one depth or more: write 1.5 with a point, or 1 5 for two depths"),
+        ("2 0,5", "write 0.5 with a point, or 0 5 for two depths"),
+        ("0.5,1", "a blank between two depths"),
+        ("0,5,1,5", "write decimals with a point"),
+        (",5", "write decimals with a point"),
+        ("0.5m", "is not a depth"),
+    ],
+)
+def test_what_may_be_a_decimal_comma_is_asked_about(text: str, advice: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError, match=re.escape(advice)):
+        depths(text)
+
+
+def test_every_form_has_a_line_that_the_list_has_room_for() -> None:
+    long = [form.name for form in FORMATS if len(form.brief or form.summary) > BRIEF]
+    assert not long
+
+
+@asynccontextmanager
+async def exporting(session: Path, *, notices: bool = False) -> AsyncIterator[Pilot[None]]:
+    async with running(session, notices=notices) as pilot:
+        pilot.app.push_screen(ExportScreen(session, session / "calibration"))
+        await see(pilot, "depths in metres", SOON_S)
+        yield pilot
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[str]]:
+    """What is asked of `calib`, which is a command of its own, and writes here as it says it would."""
+    asked: list[Sequence[str]] = []
+
+    def export(arguments: Sequence[str]) -> Done:
+        asked.append(arguments)
+        folder = Path(arguments[arguments.index("-o") + 1])
+        at = arguments[arguments.index("--depth") + 1 :] if "--depth" in arguments else []
+        return Done(0, "\n".join(map(str, [folder / "rays.npz", *(folder / f"map_{depth}m.npz" for depth in at)])), "", ())
+
+    monkeypatch.setattr("capture.tui.export.calib", export)
+    return asked
+
+
+def test_of_what_will_not_do_nothing_is_written(tmp_path: Path, asked: list[Sequence[str]]) -> None:
+    drive(_refuse(tmp_path))
+    assert not asked
+
+
+async def _refuse(session: Path) -> None:
+    async with exporting(session) as pilot:
+        await write(pilot, "1,5")
+        await pilot.press("ctrl+s")
+        await see(pilot, "write 1.5 with a point, or 1 5 for two", SOON_S)
+        await pilot.press("shift+tab")
+        await write(pilot, "1.5")
+        await pilot.press("tab")
+        await write(pilot, "")
+        await pilot.press("ctrl+s")
+        await see(pilot, "No folder is named", SOON_S)
+        await pilot.press("shift+tab")
+        await write(pilot, "~nobody-by-this-name/maps")
+        await pilot.press("ctrl+s")
+        await see(pilot, "write the whole path", SOON_S)
+
+
+def test_a_home_is_found_and_the_whole_folder_named(tmp_path: Path, asked: list[Sequence[str]], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", "/home/of-me")
+    drive(_at_home(tmp_path))
+    (words,) = asked
+    assert words[words.index("-o") + 1] == "/home/of-me/maps"
+
+
+async def _at_home(session: Path) -> None:
+    async with exporting(session) as pilot:
+        await write(pilot, "0.5, 2")
+        await pilot.press("tab")
+        await write(pilot, "~/maps")
+        await pilot.press("ctrl+s")
+        await see(pilot, "Wrote rays.npz map_0.5m.npz map_2m.npz", SOON_S)
+        await see(pilot, "in /home/of-me/maps", SOON_S)
+        await see(pilot, "That is all", SOON_S)
+
+
+def test_without_a_depth_it_is_said_that_there_is_no_map(tmp_path: Path, asked: list[Sequence[str]]) -> None:
+    drive(_no_depth(tmp_path))
+    assert "--depth" not in asked[0]
+
+
+async def _no_depth(session: Path) -> None:
+    async with exporting(session) as pilot:
+        await write(pilot, "")
+        await pilot.press("ctrl+s")
+        await see(pilot, "No map, as no depth was named.", SOON_S)
+        assert "Wrote rays.npz " in shown(pilot)
+        assert "That is all" not in shown(pilot)
+
+
+def test_a_late_success_leaves_what_is_wrong_now(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    changed = Event()
+
+    def slow(arguments: Sequence[str]) -> Done:
+        del arguments
+        assert changed.wait(60)
+        return Done(0, f"{tmp_path / 'map_1m.npz'}\n", "", ())
+
+    monkeypatch.setattr("capture.tui.export.calib", slow)
+    drive(_late(tmp_path, changed))
+
+
+async def _late(session: Path, changed: Event) -> None:
+    async with exporting(session) as pilot:
+        await pilot.press("ctrl+s")
+        await see(pilot, "Being written", SOON_S)
+        await pilot.press("end", "m")
+        await see(pilot, "'1.0m' is not a depth", SOON_S)
+        changed.set()
+        await until(pilot, lambda: any("Wrote map_1m.npz" in each.message for each in pilot.app._notifications), SOON_S)
+        assert "'1.0m' is not a depth" in shown(pilot)
+
+
+def test_the_last_export_is_the_one_that_is_told_of(tmp_path: Path, asked: list[Sequence[str]]) -> None:
+    drive(_twice(tmp_path))
+    assert len(asked) == 2
+
+
+async def _twice(session: Path) -> None:
+    (session / "calibration").mkdir()
+    (session / "calibration" / "calibration.yaml").touch()
+    async with exporting(session) as pilot:
+        for depths in ("500", "0.5 1"):
+            await write(pilot, depths)
+            await pilot.press("shift+tab", "ctrl+s")
+            await see(pilot, f"map_{depths.split()[-1]}m.npz", SOON_S)
+        *told, following = pilot.app.farewell  # type: ignore[attr-defined]
+    assert [Path(line.split()[-1]).name for line in told[1:]] == ["rays.npz", "map_0.5m.npz", "map_1m.npz"]
+    assert " --depth 0.5 " in following

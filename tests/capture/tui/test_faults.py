@@ -10,6 +10,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
+from textual.events import Paste
 from textual.pilot import Pilot
 
 from capture.disk import locked
@@ -212,6 +213,30 @@ async def _small_terminal(session: Path) -> None:
         await see(pilot, "This terminal has 79 columns and 24 rows.")
         await pilot.resize_terminal(80, 24)
         await see(pilot, "[THROUGH COVER]")
+
+
+def test_a_small_terminal_takes_no_key_but_q(tmp_path: Path) -> None:
+    drive(_blind(tmp_path / "session"))
+
+
+async def _blind(session: Path) -> None:
+    async with running(session) as pilot:
+        await see(pilot, "a new session")
+        await pilot.press(*"folder:a")
+        await pilot.resize_terminal(60, 20)
+        await see(pilot, "Until then no key does anything but q, which quits.")
+        await pilot.press("b", "tab", "ctrl+u", "f1", "ctrl+q", "escape")
+        pilot.app.post_message(Paste("pasted"))
+        await pilot.pause()
+        await pilot.resize_terminal(80, 24)
+        await see(pilot, "source folder:a")
+        assert "folder:ab" not in shown(pilot)
+        await pilot.press("end", "b")  # the field is entered again
+        await see(pilot, "source folder:ab")
+        await pilot.resize_terminal(60, 20)
+        await see(pilot, "no key does anything")
+        await pilot.press("q")
+        await until(pilot, lambda: not pilot.app.is_running, 20)
 
 
 def test_another_recorder_is_said(session: Path) -> None:

@@ -8,7 +8,7 @@ from calib.errors import InputError
 from calib.session.cover import SHAPES, Cover
 from calib.session.schema import Number
 from capture.session_file import read_setup
-from capture.tui.form import HELP, Typed, problem, read_form, write_form
+from capture.tui.form import HELP, Typed, explained, problem, read_form, write_form
 from tests.capture.recordings import FIXTURE
 
 SETUP = read_setup(FIXTURE / "session.yaml")
@@ -34,6 +34,11 @@ def test_what_is_written_reads_the_same() -> None:
         ("square_mm", "0.02", "0.02 m, if metres were meant, is 20"),
         ("square_mm", "20 ± 1", None),
         ("square_mm", "20 ± x", "write a number"),
+        ("square_mm", "20,5", "board.square_mm is 20,5: write 20.5, with a point"),
+        ("square_mm", "20,5 +- 0,1", "write 20.5 ± 0.1, with a point"),
+        ("square_mm", "20, 5", "is the text"),
+        ("thickness_mm", "-2,5", "cover.thickness_mm is -2,5: write -2.5, with a point"),
+        ("axis_offset_mm", "0,-30", None),
         ("inner_radius_mm", "41.95", None),
         ("inner_radius_mm", "42 ± 2", None),
         ("inner_radius_mm", "42 +- 2", None),
@@ -62,6 +67,13 @@ def test_values_that_do_not_go_together() -> None:
 
 def test_every_number_is_explained() -> None:
     assert {quantity.key for quantities in SHAPES.values() for quantity in quantities} <= set(HELP)
+
+
+def test_the_order_of_the_tilts_is_said() -> None:
+    orders = {quantity.components for quantities in SHAPES.values() for quantity in quantities if quantity.key == "tilt_deg"}
+    said = explained("tilt_deg", "checkerboard")
+    assert orders
+    assert all(said.index(f"about {first}") < said.index(f"about {second}") for first, second in orders)
 
 
 def test_no_cover_has_no_numbers() -> None:

@@ -7,27 +7,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from textual.events import Key
-from textual.pilot import Pilot
 from textual.widgets import Input, Select
 
 from calib.cli import main
 from capture.session_file import read_setup
 from capture.tui.app import CaptureApp
 from capture.tui.fit import FitScreen
-from tests.capture.tui.driving import CONE, describe, drive, running, see, shown, until, write
+from capture.tui.lacking import NO_LENS
+from tests.capture.tui.driving import CONE, burst, describe, drive, running, see, shown, until, write
 from tests.capture.tui.test_session import FIXTURE
 from tests.fuzz.keys import walk
-
-
-def burst(pilot: Pilot[None], *texts: str) -> None:
-    """As over a slow connection: fields and keys arrive at once, before any is looked at. A text of one word in < > is a key."""
-    for text in texts:
-        if text.startswith("<"):
-            pilot.app.post_message(Key(text.strip("<>"), None))
-        else:
-            for letter in text:
-                pilot.app.post_message(Key(letter, letter))
 
 
 def test_start_waits_for_what_was_typed_before_it(tmp_path: Path) -> None:
@@ -72,6 +61,19 @@ async def _like(session: Path, like: Path) -> None:
         await see(pilot, "no more pictures")
 
 
+def test_a_tilde_is_the_home_in_source_and_like(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(FIXTURE.parent))
+    drive(_tilde(tmp_path / "session"))
+
+
+async def _tilde(session: Path) -> None:
+    async with running(session, f"folder:~/{FIXTURE.name}") as pilot:
+        await see(pilot, "a new session")
+        burst(pilot, "<enter>", f"~/{FIXTURE.name}", "<ctrl+s>")
+        await see(pilot, "gives a session's pictures through its cover: for those without, write folder:")
+        assert "41.95" in shown(pilot)
+
+
 def test_what_is_corrected_stays_although_another_session_is_named(tmp_path: Path) -> None:
     session = tmp_path / "session"
     drive(_corrected(session))
@@ -88,6 +90,24 @@ async def _corrected(session: Path) -> None:
         await write(pilot, "20.1")
         await pilot.press("ctrl+s")
         await see(pilot, "no more pictures")
+
+
+def test_what_was_corrected_is_there_again_although_another_session_is_named(tmp_path: Path) -> None:
+    drive(_reopened(tmp_path / "session"))
+
+
+async def _reopened(session: Path) -> None:
+    async with running(session, "folder:there") as pilot:
+        await see(pilot, "a new session")
+        burst(pilot, "<enter>", str(FIXTURE))
+        await see(pilot, "41.95")
+        burst(pilot, "<enter>", "<tab>", "<enter>", "<ctrl+u>", "6", "<enter>", "<ctrl+u>", "25", "<enter>")
+        await see(pilot, "rows 6 square_mm 25")
+    async with running(session, "folder:there") as pilot:
+        await see(pilot, "41.95")
+        await pilot.press("tab", "tab", "shift+tab")  # the field is looked at once more
+        await see(pilot, "Another session, its folder")
+        await see(pilot, "rows 6 square_mm 25")
 
 
 def test_covered_pictures_are_refused_where_bare_ones_are_wanted(tmp_path: Path) -> None:
@@ -148,7 +168,7 @@ async def _recorded(session: Path) -> None:
         await see(pilot, "[RESULTS]")
 
 
-def test_back_from_a_source_that_fails_everything_stands_as_it_was_typed(tmp_path: Path) -> None:
+def test_a_source_that_cannot_be_opened_is_marked_in_the_form(tmp_path: Path) -> None:
     drive(_failed(tmp_path / "session"))
 
 
@@ -157,11 +177,19 @@ async def _failed(session: Path) -> None:
         await see(pilot, "a new session")
         pilot.app.screen.query_one("#shape", Select).value = "none"
         pilot.app.screen.query_one("#board Input", Input).value = "17"
+        list(pilot.app.screen.query("#board Input").results(Input))[-1].value = "20"
         await pilot.pause()
         await pilot.press("ctrl+s")
-        await see(pilot, "/nowhere")
-        await pilot.press("escape")
-        await see(pilot, "a new session")
+        await see(pilot, "/nowhere cannot be listed (No such file or directory)")
+        await see(pilot, "✗ source")
+        assert "[SET-UP]" in shown(pilot)
+        await pilot.press("shift+tab", "tab")
+        await see(pilot, "/nowhere cannot be listed")
+        assert pilot.app.focused is pilot.app.screen.query_one("#source")
+        await pilot.press("end", "x")
+        await until(pilot, lambda: "✗ source" not in shown(pilot), 20)
+        await pilot.press("backspace")
+        await see(pilot, "✗ source")
         assert pilot.app.screen.query_one("#shape", Select).value == "none"
         assert pilot.app.screen.query_one("#board Input", Input).value == "17"
     async with running(session) as pilot:  # and after the program has ended
@@ -209,14 +237,22 @@ async def _nothing(session: Path) -> None:
     async with running(session, f"folder:{session / 'camera'}") as pilot:
         await see(pilot, "continued")
         await pilot.press("shift+tab", "enter", "down", "enter", "ctrl+s")
-        await see(pilot, "no more pictures. Press c to try again")
-        await pilot.press("f")
-        await see(pilot, "There is nothing to fit yet:")
+        await see(pilot, "No board of 9x9")
+        assert "f Fit" not in shown(pilot)
         shutil.copytree(FIXTURE / "frames", session / "frames", dirs_exist_ok=True)
         await pilot.press("f")
-        await see(pilot, "or put pictures taken without the cover in")
+        await see(pilot, NO_LENS)
         await pilot.press("escape", "ctrl+r")
-        await see(pilot, "or put pictures taken without the cover in")
+        await see(pilot, "[SET-UP]")
+        await see(pilot, NO_LENS)
+        for picture in (session / "frames").iterdir():
+            picture.unlink()
+        (session / "bare").mkdir()
+        shutil.copy(FIXTURE / "bare" / "0000.jpg", session / "bare")
+        await pilot.press("ctrl+s")
+        await see(pilot, "f Fit")
+        await pilot.press("f")
+        await see(pilot, "There is nothing to fit yet:")
 
 
 def test_nothing_of_one_field_stays_under_another(tmp_path: Path) -> None:
@@ -249,6 +285,7 @@ async def _cover_on(session: Path) -> None:
         await see(pilot, "continued")
         await pilot.press("shift+tab", "enter", "up", "enter", "ctrl+s")
         await see(pilot, "[WITHOUT COVER]")
+        await see(pilot, "From 10 views on you may go")
         await pilot.press("n")
         await see(pilot, "NOW PUT THE COVER ON, and leave the focus alone. Name the source")
         await until(pilot, lambda: pilot.app.focused is pilot.app.screen.query_one("#source"), 20)

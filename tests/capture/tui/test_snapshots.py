@@ -118,7 +118,7 @@ async def collect(pilot: Pilot[None], _: Path) -> None:
     await see(pilot, "3 views")
     screen = pilot.app.screen
     assert isinstance(screen, CollectScreen)
-    await until(pilot, lambda: screen._adviser is not None and bool(screen._adviser.remark))  # it has said all that it will
+    await until(pilot, lambda: screen._adviser is not None and "cannot be" in screen._adviser.remark)  # it has said all that it will
     await pilot.pause(0.5)
     pilot.app.screen.post_message(CollectScreen.Advised(3, HINT, PROGRESS))
     await see(pilot, "The maps would be 0.31 px")

@@ -34,6 +34,13 @@ def test_a_damaged_session_is_refused_before_the_screen_opens(tmp_path: Path) ->
     assert "bord" in done.stderr
 
 
+def test_a_file_in_the_place_of_the_session_is_refused_before_the_screen_opens(tmp_path: Path) -> None:
+    (tmp_path / "README.md").write_text("not a session")
+    done = capture(tmp_path / "README.md")
+    assert done.returncode == 2
+    assert done.stderr.endswith("README.md is not a folder: name the session's folder, which is made if need be.\n")
+
+
 def test_the_help_names_it(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["--help"])

@@ -1,0 +1,103 @@
+"""While collecting: a source without the board, what is recorded when, and a source that has ended."""
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from capture.tui.collect import CollectScreen
+from capture.tui.picture import Picture
+from tests.capture.tui.driving import burst, drive, running, see, shown, until
+from tests.capture.tui.test_session import FIXTURE
+
+
+@pytest.fixture
+def empty(tmp_path: Path) -> Path:
+    """A folder of three pictures in which there is no board."""
+    folder = tmp_path / "camera"
+    folder.mkdir()
+    for number in range(3):
+        cv2.imwrite(str(folder / f"{number}.png"), np.full((616, 820), 100, np.uint8))
+    return folder
+
+
+def test_a_source_without_the_board_says_what_was_looked_for(tmp_path: Path, empty: Path) -> None:
+    drive(_without(tmp_path / "session", empty))
+
+
+async def _without(session: Path, empty: Path) -> None:
+    async with running(session, f"folder:{empty}") as pilot:
+        await see(pilot, "a new session")
+        burst(pilot, "<enter>", str(FIXTURE), "<ctrl+s>")
+        await see(pilot, "No board of 9x9 inner corners in any of the 3 pictures: count the inner corners; esc corrects the board.")
+        assert "Cover on" not in shown(pilot)
+        await pilot.press("n")
+        assert "[WITHOUT COVER]" in shown(pilot)
+        await pilot.press("escape")
+        await see(pilot, "[SET-UP]")
+
+
+def test_what_to_record_stays_as_it_was_chosen(tmp_path: Path, empty: Path) -> None:
+    drive(_chosen(tmp_path / "session", empty))
+
+
+async def _chosen(session: Path, empty: Path) -> None:
+    """Through the cover although no view without it is there."""
+    async with running(session, f"folder:{empty}") as pilot:
+        await see(pilot, "a new session")
+        burst(pilot, "<enter>", str(FIXTURE))
+        await see(pilot, "41.95")
+        await see(pilot, "record now without the cover")
+        (session / "bare").mkdir(parents=True)  # as a bare step without a view leaves it
+        await pilot.press("shift+tab", "shift+tab", "shift+tab", "enter", "down", "enter", "ctrl+s")
+        await see(pilot, "[THROUGH COVER]")
+        await see(pilot, "No board of 9x9")
+        await see(pilot, "cannot be computed: the lens")
+        assert "session.yaml" not in shown(pilot)
+        await pilot.press("escape")
+        await see(pilot, "[SET-UP]")
+        await see(pilot, "record now through the cover")
+
+
+def test_before_the_first_view_through_the_cover_the_guide_asks_for_no_files(tmp_path: Path, empty: Path) -> None:
+    session = tmp_path / "session"
+    shutil.copytree(FIXTURE, session, ignore=shutil.ignore_patterns("frames", "frames.csv"))
+    drive(_before_the_first(session, empty))
+
+
+async def _before_the_first(session: Path, empty: Path) -> None:
+    async with running(session, f"folder:{empty}") as pilot:
+        await see(pilot, "continued, 12 views without cover and 0 views through it")
+        await pilot.press("ctrl+s")
+        await see(pilot, "No board of 9x9")
+        screen = pilot.app.screen
+        assert isinstance(screen, CollectScreen)
+        await until(pilot, lambda: screen._improved_with == 0 and not screen._improving)
+        assert screen._adviser
+        assert screen._adviser.remark == "How sure the maps would be is not computed yet."
+
+
+def test_what_was_pressed_after_the_end_takes_nothing(tmp_path: Path) -> None:
+    shutil.copytree(FIXTURE, tmp_path, dirs_exist_ok=True)
+    for picture in sorted((tmp_path / "frames").glob("*.jpg"))[2:]:
+        picture.unlink()
+    drive(_pressed(tmp_path))
+    assert len(list((tmp_path / "frames").glob("*.*g"))) == 2
+
+
+async def _pressed(session: Path) -> None:
+    async with running(session, f"folder:{session / 'frames'}") as pilot:
+        await see(pilot, "continued")
+        await pilot.press("ctrl+s")
+        await see(pilot, "no more pictures. Press f to fit")
+        assert "Take now" not in shown(pilot)
+        await pilot.press("space", "space")
+        await pilot.pause(0.2)
+        await see(pilot, "no more pictures. Press f to fit")
+        before = pilot.app.screen.query_one(Picture).updates
+        await pilot.press("c")
+        await until(pilot, lambda: pilot.app.screen.query_one(Picture).updates >= before + 2)
+        await see(pilot, "no more pictures. Press f to fit")
+        assert "2 views" in shown(pilot)

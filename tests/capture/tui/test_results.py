@@ -1,0 +1,128 @@
+"""The results of a session that was left and is opened again, and what stays on their screen."""
+
+import shutil
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+from textual.pilot import Pilot
+
+from capture.tui.app import CaptureApp
+from capture.tui.command import Done
+from capture.tui.results import ResultsScreen
+from tests.capture.tui.driving import drive, running, see, shown
+from tests.capture.tui.test_session import FIXTURE
+from tests.capture.tui.test_snapshots import RESULT
+
+SOON_S = 30
+BEFORE = {**RESULT, "stages": [{"name": "pinhole", "title": "camera alone", "rms_px": 3.33, "rmse_cm": 0.2}]}
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Path:
+    """Whose first two views were set aside by a program that has ended."""
+    (tmp_path / "frames" / "dropped").mkdir(parents=True)
+    shutil.copy(FIXTURE / "session.yaml", tmp_path)
+    for number, view in enumerate(RESULT["views"]):  # type: ignore[arg-type, var-annotated]
+        aside = tmp_path / "frames" / "dropped" if number < 2 else tmp_path / "frames"
+        shutil.copy(FIXTURE / "frames" / view["file"], aside)
+    return tmp_path
+
+
+@asynccontextmanager
+async def results(session: Path) -> AsyncIterator[Pilot[None]]:
+    async with running(session) as pilot:
+        pilot.app.push_screen(ResultsScreen(session, RESULT, BEFORE))
+        await see(pilot, "x to export maps", SOON_S)
+        yield pilot
+
+
+def farewell(pilot: Pilot[None]) -> Sequence[str]:
+    assert isinstance(pilot.app, CaptureApp)
+    return pilot.app.farewell
+
+
+def test_what_was_set_aside_is_shown_so_and_comes_back(session: Path) -> None:
+    drive(_come_back(session))
+    assert sorted(path.name for path in (session / "frames" / "dropped").iterdir()) == ["0001.jpg"]
+    assert (session / "frames" / "0002.jpg").exists()
+
+
+async def _come_back(session: Path) -> None:
+    async with results(session) as pilot:
+        await see(pilot, "2 views were set aside since this fit: f fits without them", SOON_S)
+        assert [line.split("  ")[0].strip() for line in shown(pilot).splitlines() if "px dropped" in line] == ["0001.jpg", "0002.jpg"]
+        await see(pilot, "worst: 0.50 px off", SOON_S)
+        await pilot.press("down", "u")
+        await see(pilot, "0002.jpg is back", SOON_S)
+        assert "0002.jpg          0.050 px █" in shown(pilot)
+
+
+def test_a_picture_that_is_gone_cannot_be_set_aside(session: Path) -> None:
+    shutil.rmtree(session / "frames" / "dropped")
+    drive(_gone(session))
+
+
+async def _gone(session: Path) -> None:
+    async with results(session) as pilot:
+        await see(pilot, "cannot be read any more", SOON_S)
+        await pilot.press("d")
+        await see(pilot, "0001.jpg is not there any more", SOON_S)
+
+
+def test_a_second_picture_of_that_name_is_the_one_that_comes_back(session: Path) -> None:
+    aside = session / "frames" / "dropped"
+    shutil.copy(aside / "0002.jpg", aside / "0001-1.jpg")
+    drive(_second(session))
+    assert (session / "frames" / "0001.jpg").read_bytes() == (FIXTURE / "frames" / "0002.jpg").read_bytes()
+    assert (aside / "0001.jpg").exists()
+
+
+async def _second(session: Path) -> None:
+    async with results(session) as pilot:
+        await pilot.press("u")
+        await see(pilot, "0001.jpg is back", SOON_S)
+
+
+def test_the_verdict_stays_beside_the_report(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("capture.tui.results.calib", lambda _: Done(0, "s/calibration/report.html\n", "", ()))
+    drive(_report(session))
+
+
+async def _report(session: Path) -> None:
+    async with results(session) as pilot:
+        await pilot.press("r")
+        await see(pilot, "The report is s/calibration/report.html", SOON_S)
+        said = " ".join(shown(pilot).split())
+        assert "To be trusted where it has corners. Press r for the report, x to export maps." in said
+
+
+def test_esc_in_a_refit_leads_back_to_the_results(session: Path) -> None:
+    drive(_refit(session))
+
+
+async def _refit(session: Path) -> None:
+    async with results(session) as pilot:
+        assert "3.330" in shown(pilot)
+        await pilot.press("f")
+        await see(pilot, "[FIT]", SOON_S)
+        await pilot.press("escape")
+        await see(pilot, "[RESULTS]", SOON_S)
+        await see(pilot, "f fits without them", SOON_S)
+        assert "3.330" in shown(pilot), "the fit that they are compared with"
+        assert farewell(pilot)[0] == "The last fit was ended before it had a result: the calibration is the one of before."
+
+
+@pytest.mark.parametrize("key", ["ctrl+c", "q"])
+def test_who_ends_the_program_in_a_refit_is_told_which_calibration_there_is(session: Path, key: str) -> None:
+    drive(_end(session, key))
+
+
+async def _end(session: Path, key: str) -> None:
+    async with results(session) as pilot:
+        assert not farewell(pilot)[0].startswith("The last fit")
+        await pilot.press("f")
+        await see(pilot, "[FIT]", SOON_S)
+        await pilot.press(key)
+    assert farewell(pilot)[0].startswith("The last fit was ended before it had a result")

@@ -1,0 +1,64 @@
+"""What is said to be typed next runs where the person is: with the environment activated or not."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from calib.commands.program import as_typed
+from calib.commands.verdict_lines import print_verdict
+from calib.verdict.verdict import Reason, Verdict
+
+
+@pytest.fixture
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with both programs, of which this is one that was started there by its place; no other is found."""
+    folder = tmp_path / "an env" / "bin"
+    folder.mkdir(parents=True)
+    for name in ("calib", "capture"):
+        (folder / name).write_text("#!/bin/sh\n")
+        (folder / name).chmod(0o755)
+    monkeypatch.setattr(sys, "argv", [str(folder / "capture"), "session"])
+    monkeypatch.setenv("PATH", str(tmp_path / "empty"))
+    return folder
+
+
+def test_a_program_that_the_shell_does_not_find_is_named_by_its_place(installed: Path) -> None:
+    assert as_typed("calib fit 'my s'") == f"'{installed}/calib' fit 'my s'"
+    assert as_typed("capture s") == f"'{installed}/capture' s"
+
+
+def test_the_place_is_as_it_was_typed(installed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(installed.parent)
+    monkeypatch.setattr(sys, "argv", ["bin/calib"])
+    assert as_typed("calib fit s") == "bin/calib fit s"
+
+
+def test_one_that_it_finds_goes_by_its_name(installed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(installed))
+    assert as_typed("calib fit s") == "calib fit s"
+
+
+def test_another_one_that_it_finds_is_not_meant(installed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    other = tmp_path / "other" / "calib"
+    other.parent.mkdir()
+    other.write_text("#!/bin/sh\n")
+    other.chmod(0o755)
+    monkeypatch.setenv("PATH", str(other.parent))
+    assert as_typed("calib fit s") == f"'{installed}/calib' fit s"
+
+
+def test_by_python_m_the_program_is_the_interpreters(installed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["/somewhere/calib/__main__.py"])
+    monkeypatch.setattr(sys, "executable", str(installed / "python"))
+    assert as_typed("calib fit s") == f"'{installed}/calib' fit s"
+    (installed / "calib").unlink()
+    assert as_typed("calib fit s") == "calib fit s", "nothing better is known"
+
+
+def test_every_command_after_a_verdict_is(installed: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    print_verdict(Verdict((Reason("why.", "calib diagnose it"),), ""), [], ["calib evaluate it", "calib undistort it"])
+    *_, following, then = capsys.readouterr().out.splitlines()
+    own = f"'{installed}/calib'"
+    assert following == f"Next: {own} diagnose it"
+    assert then == f"Then: {own} evaluate it; {own} undistort it"
