@@ -6,6 +6,7 @@ added, if it does so beyond chance (held_out) with all candidates tried so far a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -16,7 +17,8 @@ from calib.diagnosis.fine_surface_search import surroundings
 from calib.diagnosis.held_out import HeldOut, Split, gain, hold_out
 from calib.diagnosis.most_probable_form import with_most_probable
 from calib.diagnosis.score_test import Optimum, ScoreTest
-from calib.diagnosis.trial import LEAST_GAIN, Fit, Trial, worth
+from calib.diagnosis.trial import ALPHA, LEAST_GAIN, Fit, Trial, worth
+from calib.diagnosis.unnamed_structure import gain as gain_of_structure
 from calib.effects.effect import Effect, Surroundings
 from calib.effects.registry import EFFECTS, FIELDS
 from calib.estimation.camera_model import CameraModel
@@ -90,7 +92,8 @@ class Loop:
         fitted = self._lowering(shared)
         if passing := self._first_passing(fitted, lambda fit: fit.joint.log_evidence):
             return passing
-        private = self._first_passing(self._more_probable(self._lowering(single, among=len(shared))), lambda fit: fit.joint.log_marginal)
+        moving = self._more_probable(self._lowering(single, among=len(shared)))
+        private = self._first_passing(self._caused(moving), lambda fit: fit.joint.log_marginal)
         if not (private or self.organised(self.model, self.joint)):
             return None
         fields = self._more_probable(self._lowering(FIELDS, among=len(EFFECTS)))
@@ -148,6 +151,18 @@ class Loop:
             else:
                 found.append(trial)
         return found
+
+    def _caused(self, trials: Sequence[Trial]) -> list[Trial]:
+        """Of trials of what single views have for themselves, those without which structure of no cause does not make the corners as
+        probable: what a model lacks in single views, small numbers in single views follow, whatever they are called."""
+        if not trials:
+            return []
+        least = self._with_structure(self.model, self.joint) + math.log(len(trials) / ALPHA)
+        return [trial for trial in trials if self._with_structure(trial.fitted.model, trial.fitted.joint) > least]
+
+    def _with_structure(self, model: CameraModel, joint: JointFit) -> float:
+        """The logarithm of the corners' probability with structure of no cause in every view."""
+        return joint.log_marginal + gain_of_structure(Optimum(model, self.observations, joint))
 
     def _first_passing(self, trials: Sequence[Trial], probable: Callable[[Fit], float]) -> Trial | None:
         """The most probable of the trials that held-out views confirm."""
