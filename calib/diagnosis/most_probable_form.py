@@ -16,4 +16,4 @@ def with_most_probable(model: CameraModel, effect: Effect, observations: Observa
     """
     forms = [model.with_effect(form) for form in effect.alternatives() or (effect,)]
     fits = [(form, form.fitted(observations, begin.poses, begin.start, ROUNDS)) for form in forms]
-    return max(fits, key=lambda fit: fit[1].log_evidence)
+    return max(fits, key=lambda fit: fit[1].log_marginal if effect.per_view else fit[1].log_evidence)

@@ -6,6 +6,7 @@ added, if it does so beyond chance (held_out) with all candidates tried so far a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -16,7 +17,8 @@ from calib.diagnosis.fine_surface_search import surroundings
 from calib.diagnosis.held_out import HeldOut, Split, gain, hold_out
 from calib.diagnosis.most_probable_form import with_most_probable
 from calib.diagnosis.score_test import Optimum, ScoreTest
-from calib.diagnosis.trial import LEAST_GAIN, Fit, Trial, worth
+from calib.diagnosis.trial import ALPHA, LEAST_GAIN, Fit, Trial, worth
+from calib.diagnosis.unnamed_structure import gain as gain_of_structure
 from calib.effects.effect import Effect, Surroundings
 from calib.effects.registry import EFFECTS, FIELDS
 from calib.estimation.camera_model import CameraModel
@@ -90,7 +92,8 @@ class Loop:
         fitted = self._lowering(shared)
         if passing := self._first_passing(fitted, lambda fit: fit.joint.log_evidence):
             return passing
-        private = self._first_passing(self._more_probable(self._lowering(single, among=len(shared))), lambda fit: fit.joint.log_marginal)
+        moving = self._more_probable(self._lowering(single, among=len(shared)))
+        private = self._first_passing(self._caused(moving), lambda fit: fit.joint.log_marginal)
         if not (private or self.organised(self.model, self.joint)):
             return None
         fields = self._more_probable(self._lowering(FIELDS, among=len(EFFECTS)))
@@ -149,6 +152,18 @@ class Loop:
                 found.append(trial)
         return found
 
+    def _caused(self, trials: Sequence[Trial]) -> list[Trial]:
+        """Of trials of what single views have for themselves, those without which structure of no cause does not make the corners as
+        probable: what a model lacks in single views, small numbers in single views follow, whatever they are called."""
+        if not trials:
+            return []
+        least = self._with_structure(self.model, self.joint) + math.log(len(trials) / ALPHA)
+        return [trial for trial in trials if self._with_structure(trial.fitted.model, trial.fitted.joint) > least]
+
+    def _with_structure(self, model: CameraModel, joint: JointFit) -> float:
+        """The logarithm of the corners' probability with structure of no cause in every view."""
+        return joint.log_marginal + gain_of_structure(Optimum(model, self.observations, joint))
+
     def _first_passing(self, trials: Sequence[Trial], probable: Callable[[Fit], float]) -> Trial | None:
         """The most probable of the trials that held-out views confirm."""
         for trial in sorted(trials, key=lambda trial: probable(trial.fitted), reverse=True):
@@ -173,10 +188,30 @@ class Loop:
 
     def _accept(self, trial: Trial) -> None:
         """Take an effect in, with the noise and the prior estimated anew; where such a fit is not finite, the trial's stands."""
-        wider, joint = with_most_probable(self.model, trial.test.effect, self.observations, trial.fitted.joint)
-        self.model, self.joint = (wider, joint) if joint.finite else (trial.fitted.model, trial.fitted.joint)
+        if trial.test.effect.per_view:
+            fit = self._loosened(trial.fitted)
+        else:
+            fit = Fit(*with_most_probable(self.model, trial.test.effect, self.observations, trial.fitted.joint))
+            fit = fit if fit.joint.finite else trial.fitted
+        self.model, self.joint = fit.model, fit.joint
         self.known.clear()
         self._say(f"found {trial.test.effect.name}")
+
+    def _loosened(self, fit: Fit) -> Fit:
+        """With what single views have for themselves as large as held-out views ask for: the most probable size is that of most views, and
+        a few may have far more."""
+        left = hold_out(fit.model, self.observations, fit.joint, self.folds, half=True)
+        effect = fit.model.effects[-1]
+        sizes = effect.alternatives()
+        for form in sizes[sizes.index(effect) + 1 :]:
+            model = self.model.with_effect(form)
+            joint = model.fitted(self.observations, fit.joint.poses, fit.joint.start)
+            there = hold_out(model, self.observations, joint, self.folds, half=True)
+            found = gain(left, there)
+            if not (joint.finite and worth(found) and found.p_value < NEEDED):
+                break
+            fit, left = Fit(model, joint), there
+        return fit
 
     def _backward(self, newest: Effect | None) -> None:
         """Drop what is no longer needed, the oldest first; the newest has just been asked for. What parameters of every view do as well is

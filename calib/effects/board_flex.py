@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
-from calib.effects.effect import Effect, Surroundings, Unknown
+from calib.effects.effect import SIZES, Effect, Surroundings, Unknown
 from calib.optics.board_target import FLEX
 from calib.optics.path import Path
 
@@ -17,6 +17,8 @@ class BoardFlex(Effect):
     half_x: float
     """m, half the distance between the outermost corners along x: there u = 1."""
     half_y: float
+    size: float = SIZES[-1]
+    """Over what is possible at most: the standard deviation of each parameter beforehand."""
     name: ClassVar[str] = "board_flex"
     about: ClassVar[str] = "each single view"
     advice: ClassVar[str] = "glue the board to something stiff, or lay it down or lean it alike in every view"
@@ -26,9 +28,12 @@ class BoardFlex(Effect):
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:
         return () if there.path.target.flex else (cls(*there.board.half),)
 
+    def alternatives(self) -> tuple[Self, ...]:
+        return tuple(replace(self, size=size) for size in SIZES)
+
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
         return ()
 
     def apply(self, path: Path) -> Path:
-        return replace(path, target=replace(path.target, flex=(self.half_x, self.half_y)))
+        return replace(path, target=replace(path.target, flex=(self.half_x, self.half_y)), sizes=(*path.sizes, (FLEX, self.size)))

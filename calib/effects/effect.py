@@ -62,6 +62,10 @@ class Surroundings:
     """(2,) chart coordinates of the glass where the residual asks for a finer relief; None where it was not asked for."""
 
 
+SIZES = (0.03, 0.1, 0.3, 1.0)
+"""Of what single views have for themselves, over what is possible at most: hands that hold a board still do not move it by as much."""
+
+
 class Effect(Protocol):
     """One physical cause of error, as a change of the ray path."""
 
@@ -107,7 +111,8 @@ class Effect(Protocol):
         return self
 
     def alternatives(self) -> tuple[Self, ...]:
-        """The same with fewer and with more parameters, the simplest first, where a fit's evidence is to choose among them; else none."""
+        """The same with fewer and with more parameters, or a narrower and a wider prior of what single views have, the simplest first,
+        where a fit's evidence is to choose among them; else none."""
         return ()
 
     def apply(self, path: Path) -> Path:

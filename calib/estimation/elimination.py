@@ -52,7 +52,7 @@ def view_equations(path: Path, parameters: Parameters, observations: Observation
     weights = pixel_weights(path, parameters.origin, observations, poses, sigma)
     zero = poses.new_zeros(parameters.count)
     views = tuple(landings(path, parameters, observations, weights))
-    for piece in LandingProblem(parameters, views, zero.diag(), view_precision(poses)).linearise(zero, poses):
+    for piece in LandingProblem(parameters, views, zero.diag(), view_precision(path, poses)).linearise(zero, poses):
         for first, last in pairwise(piece.starts.tolist()):
             residual = piece.residual[first:last].flatten().numpy()
             own, shared = (part[first:last].flatten(0, 1).numpy() for part in (piece.jacobian_block, piece.jacobian_shared))

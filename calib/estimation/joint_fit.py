@@ -141,7 +141,7 @@ def fit_joint(
         precision = torch.from_numpy(parameters.prior_precision(smoothness)).to(shared)
         weights = pixel_weights(path, parameters.values(shared), observations, poses, sigma)
         views = tuple(landings(path, parameters, observations, weights))
-        problem = LandingProblem(parameters, views, precision, view_precision(poses))
+        problem = LandingProblem(parameters, views, precision, view_precision(path, poses))
         solution = minimise(problem, shared, poses, steps=STEPS, tolerance=tolerance)
         shared, poses, spent = solution.shared, solution.blocks, spent + solution.iterations
         if progress:
@@ -157,7 +157,7 @@ def fit_joint(
     outcome = solution.outcome if finite else Outcome.NOT_FINITE
     covariance = covariance if finite else torch.full_like(covariance, torch.nan)
     log_evidence = _evidence(solution, observations, sigma, parameters)[0].log(sigma, smoothness) if finite else -math.inf
-    log_marginal = log_evidence + _own_evidence(solution, sigma)
+    log_marginal = log_evidence + _own_evidence(path, solution, sigma)
     return JointFit(
         values=parameters.values(shared),
         poses=poses,
@@ -182,10 +182,10 @@ def _evidence(solution: Solution, observations: Observations, sigma: float, para
     return MarginalLikelihood(quadratic, parameters.relief, parameters.free_root()), (square / freedom) ** 0.5
 
 
-def _own_evidence(solution: Solution, sigma: float) -> float:
+def _own_evidence(path: Path, solution: Solution, sigma: float) -> float:
     """What integrating the views' own parameters out adds to the evidence: the width of their posterior in that of their prior (Laplace). A
     pose has no prior, and the same unit one in every model."""
-    blocks, precision = solution.blocks, view_precision(solution.blocks)
+    blocks, precision = solution.blocks, view_precision(path, solution.blocks)
     narrowed = torch.linalg.slogdet(solution.equations.hessian_block).logabsdet.sum()
     known = precision[precision > 0]
     apart = float((blocks**2 @ precision).sum())

@@ -14,6 +14,7 @@ from calib.estimation.levenberg_marquardt import Linearised
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import Landing
 from calib.optics.board_target import FLEX, MOTION, POSE, parts_of
+from calib.optics.path import Path
 from calib.session.tolerances import BOARD_FLEX, BOARD_MOVE, BOARD_SPIN
 
 HUBER = 3.0
@@ -21,10 +22,11 @@ PROBE = 0.1
 """Of a step: how far along it the second derivative is taken, by differences."""
 
 
-def view_precision(blocks: Tensor) -> Tensor:
+def view_precision(path: Path, blocks: Tensor) -> Tensor:
     """(B,) inverse variances of each view's own parameters (V, B) beforehand: nothing is known of its pose."""
+    sizes = dict(path.sizes)
     spreads = {POSE: [math.inf] * 6, MOTION: [BOARD_SPIN.sigma] * 3 + [BOARD_MOVE.sigma] * 3, FLEX: [BOARD_FLEX.sigma] * 3}
-    return blocks.new_tensor([sigma**-2 for part in parts_of(blocks.shape[1]) for sigma in spreads[part]])
+    return blocks.new_tensor([(sizes.get(part, 1.0) * sigma) ** -2 for part in parts_of(blocks.shape[1]) for sigma in spreads[part]])
 
 
 @dataclass(frozen=True, slots=True)

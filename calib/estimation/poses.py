@@ -81,7 +81,7 @@ def _refined(
 ) -> Solution:
     none = Parameters.none(values)
     views = tuple(landings(path, none, observations, weights))
-    problem = LandingProblem(none, views, poses.new_zeros(0, 0), view_precision(poses), huber)
+    problem = LandingProblem(none, views, poses.new_zeros(0, 0), view_precision(path, poses), huber)
     return minimise(problem, poses.new_zeros(0), poses, tolerance=tolerance)
 
 

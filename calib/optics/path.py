@@ -43,6 +43,8 @@ class Path:
     adjustments: tuple[Adjustment, ...] = ()
     shutter: bool = False
     """Whether boards move while a picture is read out: then every view has a motion beside its pose."""
+    sizes: tuple[tuple[str, float], ...] = ()
+    """How large the parts are that views have for themselves beside their poses, over what is possible at most; 1 of those not named."""
 
     @property
     def params(self) -> tuple[Param, ...]:

@@ -68,7 +68,7 @@ def test_derivatives_agree_with_central_differences() -> None:
     weights = pixel_weights(made.path, made.values, made.observations, made.poses, 1.0)
     views = tuple(landings(made.path, parameters, made.observations, weights))
     nothing = torch.zeros(parameters.count, parameters.count, dtype=torch.float64)
-    problem = LandingProblem(parameters, views, nothing, view_precision(made.poses), huber=torch.inf)
+    problem = LandingProblem(parameters, views, nothing, view_precision(made.path, made.poses), huber=torch.inf)
     here = torch.zeros(parameters.count, dtype=torch.float64)
 
     def rows(amount: torch.Tensor, poses: torch.Tensor) -> torch.Tensor:
