@@ -96,7 +96,9 @@ def test_bends_agree_with_central_differences(huber: float) -> None:
     weights = pixel_weights(made.path, made.values, made.observations, made.poses, 1.0)
     views = tuple(landings(made.path, parameters, made.observations, weights))
     nothing = torch.zeros(parameters.count, parameters.count, dtype=torch.float64)
-    problem, smooth = (LandingProblem(parameters, views, nothing, view_precision(made.poses), huber=limit) for limit in (huber, torch.inf))
+    problem, smooth = (
+        LandingProblem(parameters, views, nothing, view_precision(made.path, made.poses), huber=limit) for limit in (huber, torch.inf)
+    )
     rng = torch.Generator().manual_seed(0)
     scale = torch.where(torch.arange(parameters.count) < parameters.amplitudes, 1e-6, 1e-2)
     move = scale * torch.randn(parameters.count, generator=rng, dtype=torch.float64), 1e-3 * torch.randn(3, 6, generator=rng).double()
