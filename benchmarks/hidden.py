@@ -12,7 +12,7 @@ from torch import Tensor
 
 from calib.calibration import Calibration
 from calib.corners.view import View
-from calib.effects.effect import Effect, Surroundings
+from calib.effects.effect import Effect, Surroundings, Unknown
 from calib.effects.entrance_pupil import EntrancePupil
 from calib.effects.fine_surface import CENTRES, FineSurface
 from calib.effects.flat_port import WALL, FlatPort
@@ -33,6 +33,8 @@ SMALL = {"m": 1e-5, "rad": 1e-4, "px": 0.01, "": 1e-4}
 """What the search for the smallest size begins with."""
 THICKEST = 0.02
 """m, of a window in air."""
+FARTHEST = 5.0
+"""Standard deviations of what may well be: no entrance pupil moves farther."""
 DRAWN = {MOTION: [1e-4] * 3 + [1e-5] * 3, FLEX: [1e-5] * 3}
 """rad and m: the same for a board that moves."""
 
@@ -77,6 +79,10 @@ class Hidden:
         """Whether there is such a thing, and every corner is still seen."""
         if isinstance(self.effect, FlatPort) and size * float(self.direction["flat_port.thickness"]) > THICKEST:
             return False
+        if isinstance(self.effect, EntrancePupil):
+            spread = {u.param.name: u.sigma for u in self.effect.unknowns}
+            if max(size * abs(float(step)) / spread[name] for name, step in self.direction.items()) > FARTHEST:
+                return False
         return all(np.isfinite(view.corners).all() for view in self.session(size).views)
 
     def scaled(self) -> Self:
@@ -113,7 +119,7 @@ class Hidden:
 
 
 def direction(effect: Effect, rng: np.random.Generator) -> dict[str, Tensor]:
-    """By how much each of its parameters differs from neutral."""
+    """By how much each of its parameters differs from neutral: at random, in proportion of what may well be."""
     match effect:
         case FlatPort():
             return {"flat_port.thickness": torch.tensor(WALL / 100, dtype=torch.float64)}
@@ -121,7 +127,12 @@ def direction(effect: Effect, rng: np.random.Generator) -> dict[str, Tensor]:
             bump = torch.zeros(CENTRES, dtype=torch.float64)
             bump[CENTRES[0] // 2, CENTRES[1] // 2] = SMALL["m"]
             return {"fine_surface.amplitudes": bump}
-    return {u.param.name: torch.from_numpy(np.asarray(rng.normal(size=u.param.shape))) * SMALL[u.param.unit] for u in effect.unknowns}
+    widest = {u.param.unit: max(float(np.max(v.sigma)) for v in effect.unknowns if v.param.unit == u.param.unit) for u in effect.unknowns}
+
+    def drawn(u: Unknown) -> Tensor:
+        return torch.from_numpy(np.asarray(rng.normal(size=u.param.shape) * SMALL[u.param.unit] * u.sigma / widest[u.param.unit]))
+
+    return {u.param.name: drawn(u) for u in effect.unknowns}
 
 
 def bare(seed: int, views: int) -> Scene:
