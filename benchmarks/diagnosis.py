@@ -44,7 +44,7 @@ class Outcome:
 
     said: str
     """right, by name or by a family that the truth is in, wrong, missed, or
-    unseen: so large that some corner is out of sight, a window in air thicker than 20 mm, or a pupil beyond five sigma of what may well be."""
+    unseen: so large that some corner is out of sight, a window in air thicker than 20 mm, or a pupil beyond its prior."""
     wrong: tuple[str, ...] = ()
     shift: float = float("nan")
     """px RMS, poses refitted."""
