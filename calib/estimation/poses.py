@@ -69,10 +69,11 @@ def refine_poses_in_image(
     return _refined(path, values, observations, poses, pixel_weights(path, values, observations, poses, sigma), HUBER, tolerance)
 
 
-def refit_poses(path: Path, values: Values, observations: Observations, start: Tensor) -> tuple[Tensor, Residuals]:
-    """The (V, 6) poses of least reprojection error through a known path, and what they leave."""
+def refit_poses(path: Path, values: Values, observations: Observations, start: Tensor, *, sigma: float = 1.0) -> tuple[Tensor, Residuals]:
+    """The (V, 6) poses of least reprojection error through a known path, and what they leave; sigma (px) as `refine_poses_in_image` has it.
+    What else views have for themselves has a prior, which is weighed against the corners by it."""
     poses = refine_poses(path, values, observations, start).blocks
-    poses = refine_poses_in_image(path, values, observations, poses).blocks
+    poses = refine_poses_in_image(path, values, observations, poses, sigma=sigma).blocks
     return poses, residuals(path, values, observations, poses)
 
 

@@ -83,7 +83,7 @@ def evaluate(calibration: Calibration, session: Session, progress: Progress = Si
     poses = poses[torch.tensor(found)]
     with single_thread():
         if halves or path.private:
-            poses, missed = _by_halves(path, values, observations, poses)
+            poses, missed = _by_halves(path, values, observations, poses, float(calibration.settings.get("sigma_px", 1.0)))
         else:
             poses, missed = refit_poses(path, values, observations, poses)
     depth = path.place(observations.corners, observations.with_times(values), poses[observations.view])[:, 2]
@@ -91,14 +91,14 @@ def evaluate(calibration: Calibration, session: Session, progress: Progress = Si
     return Evaluation(missed.rms_px, missed.rmse_cm, len(views), _bands(missed, depth), near, far, (*rejected, *few, *lost))
 
 
-def _by_halves(path: Path, values: Values, observations: Observations, poses: Tensor) -> tuple[Tensor, Residuals]:
+def _by_halves(path: Path, values: Values, observations: Observations, poses: Tensor, sigma: float) -> tuple[Tensor, Residuals]:
     """Each half of a view's corners measured with the parameters that the other half gives: where a view has so many of its own
-    that they would hide its error."""
+    that they would hide its error. sigma: px, of a corner."""
     poses = with_parts(poses, path.view_parts)
     odd = (torch.arange(len(observations.pixels)) - observations.starts[observations.view]) % 2 == 1
     image, board = torch.empty_like(observations.pixels), torch.empty_like(observations.pixels)
     for scored in (odd, ~odd):
-        own, _ = refit_poses(path, values, observations.kept(~scored), poses)
+        own, _ = refit_poses(path, values, observations.kept(~scored), poses, sigma=sigma)
         missed = residuals(path, values, observations, own)
         image[scored], board[scored] = missed.image[scored], missed.board[scored]
     return own, Residuals(image, board)
