@@ -72,7 +72,7 @@ def _families(loop: Loop) -> tuple[Family, ...]:
     for effect in loop.model.effects:
         rivals = _rivals(loop, effect)
         names = [effect, *(rival.test.effect for rival in rivals)]
-        fits = [_weighed(loop, effect), *((rival.model, rival.joint) for rival in rivals)]
+        fits = [(loop.model, loop.joint), *((rival.model, rival.joint) for rival in rivals)]
         best = int(np.argmax([joint.log_marginal for _, joint in fits]))
         odds = [_odds(fit, fits[best], loop.observations) for fit in fits]
         chances = np.array(odds) / sum(odds)
@@ -85,22 +85,6 @@ def _families(loop: Loop) -> tuple[Family, ...]:
             place = " or ".join(dict.fromkeys(one.about for one in members))
             found.append(Family(f"something about {place}", shares, separation(loop, members[0], members[1:])))
     return tuple(found)
-
-
-def _weighed(loop: Loop, effect: Effect) -> Fit:
-    """The loop's model as it is weighed against rivals: what single views have for themselves has its most probable size, as theirs has."""
-    best = loop.model, loop.joint
-    if not effect.per_view:
-        return best
-    without = loop.base.with_effects(e for e in loop.model.effects if e is not effect)
-    sizes = effect.alternatives()
-    for form in reversed(sizes[: sizes.index(effect)]):
-        model = without.with_effect(form)
-        joint = model.fitted(loop.observations, best[1].poses, best[1].start)
-        if not joint.log_marginal > best[1].log_marginal:
-            break
-        best = model, joint
-    return best
 
 
 def _odds(fit: Fit, best: Fit, observations: Observations) -> float:

@@ -188,30 +188,10 @@ class Loop:
 
     def _accept(self, trial: Trial) -> None:
         """Take an effect in, with the noise and the prior estimated anew; where such a fit is not finite, the trial's stands."""
-        if trial.test.effect.per_view:
-            fit = self._loosened(trial.fitted)
-        else:
-            fit = Fit(*with_most_probable(self.model, trial.test.effect, self.observations, trial.fitted.joint))
-            fit = fit if fit.joint.finite else trial.fitted
-        self.model, self.joint = fit.model, fit.joint
+        wider, joint = with_most_probable(self.model, trial.test.effect, self.observations, trial.fitted.joint)
+        self.model, self.joint = (wider, joint) if joint.finite else (trial.fitted.model, trial.fitted.joint)
         self.known.clear()
         self._say(f"found {trial.test.effect.name}")
-
-    def _loosened(self, fit: Fit) -> Fit:
-        """With what single views have for themselves as large as held-out views ask for: the most probable size is that of most views, and
-        a few may have far more."""
-        left = hold_out(fit.model, self.observations, fit.joint, self.folds, half=True)
-        effect = fit.model.effects[-1]
-        sizes = effect.alternatives()
-        for form in sizes[sizes.index(effect) + 1 :]:
-            model = self.model.with_effect(form)
-            joint = model.fitted(self.observations, fit.joint.poses, fit.joint.start)
-            there = hold_out(model, self.observations, joint, self.folds, half=True)
-            found = gain(left, there)
-            if not (joint.finite and worth(found) and found.p_value < NEEDED):
-                break
-            fit, left = Fit(model, joint), there
-        return fit
 
     def _backward(self, newest: Effect | None) -> None:
         """Drop what is no longer needed, the oldest first; the newest has just been asked for. What parameters of every view do as well is
