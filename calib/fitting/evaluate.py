@@ -83,7 +83,8 @@ def evaluate(calibration: Calibration, session: Session, progress: Progress = Si
     poses = poses[torch.tensor(found)]
     with single_thread():
         if halves or path.private:
-            poses, missed = _by_halves(path, values, observations, poses, float(calibration.settings.get("sigma_px", 1.0)))
+            noise = float(calibration.settings.get("sigma_px", 1.0)) if path.private else 1.0  # else there is no prior to weigh
+            poses, missed = _by_halves(path, values, observations, poses, noise)
         else:
             poses, missed = refit_poses(path, values, observations, poses)
     depth = path.place(observations.corners, observations.with_times(values), poses[observations.view])[:, 2]
