@@ -157,8 +157,9 @@ class Loop:
         probable: what a model lacks in single views, small numbers in single views follow, whatever they are called."""
         if not trials:
             return []
-        least = self._with_structure(self.model, self.joint) + math.log(len(trials) / ALPHA)
-        return [trial for trial in trials if self._with_structure(trial.fitted.model, trial.fitted.joint) > least]
+        least = self._with_structure(self.model, self.joint)
+        beside = ((trial, self._with_structure(trial.fitted.model, trial.fitted.joint)) for trial in trials)
+        return [trial for trial, probable in beside if probable - least > math.log(trial.among / ALPHA)]
 
     def _with_structure(self, model: CameraModel, joint: JointFit) -> float:
         """The logarithm of the corners' probability with structure of no cause in every view."""
