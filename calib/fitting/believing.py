@@ -49,9 +49,9 @@ class Believed:
 
 
 def believing(fitted: Fitted, setup: Setup, told: Setup, views: Sequence[View], settings: Settings, progress: Progress) -> Believed:
-    """A fit with tolerances (`setup`) as it is, if none of its numbers is contradicted, and none is strained or it is more probable than that
-    in which what has no tolerance of its own is exact (`told`). If one is contradicted, one that doubts those that are, if that leaves
-    none, and is better than with exact numbers; else the latter, if the settings allow it."""
+    """A fit with tolerances (`setup`) as it is, if none of its numbers is contradicted, and none is strained, or it is more probable than
+    one in which what has no tolerance of its own is exact (`told`). If a number is contradicted, a fit that doubts it, if that leaves none
+    and is better than with exact numbers; else the latter, if the settings allow it."""
     observations = Observations.of(views, setup.board)
     believed = Believed(fitted, setup, setup)
     credible, may_hold = _credible(fitted), AUTO in settings.free and setup != told
