@@ -106,7 +106,7 @@ async def _refit(session: Path) -> None:
     async with results(session) as pilot:
         assert "3.330" in shown(pilot)
         await pilot.press("f")
-        await see(pilot, "[FIT]", SOON_S)
+        await see(pilot, "The views are being fitted", SOON_S)
         await pilot.press("escape")
         await see(pilot, "[RESULTS]", SOON_S)
         await see(pilot, "f fits without them", SOON_S)
@@ -123,6 +123,6 @@ async def _end(session: Path, key: str) -> None:
     async with results(session) as pilot:
         assert not farewell(pilot)[0].startswith("The last fit")
         await pilot.press("f")
-        await see(pilot, "[FIT]", SOON_S)
+        await see(pilot, "The views are being fitted", SOON_S)
         await pilot.press(key)
     assert farewell(pilot)[0].startswith("The last fit was ended before it had a result")
