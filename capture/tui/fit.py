@@ -42,7 +42,7 @@ class FitScreen(WorkingPage):
     def action_again(self) -> None:
         self.say("The views are being fitted. The camera rests; esc cancels.")
         self.cut_short = False
-        self.post_message(self.Began(self))
+        self.app.post_message(self.Began(self))  # at once: a key may end the program next
         self.follow(fit_session, self.session, self.session / "calibration")
 
     def finished(self, result: Event) -> None:

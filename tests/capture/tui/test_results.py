@@ -1,6 +1,7 @@
 """The results of a session that was left and is opened again, and what stays on their screen."""
 
 import shutil
+import time
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -8,6 +9,7 @@ from pathlib import Path
 import pytest
 from textual.pilot import Pilot
 
+from calib.progress import Progress
 from capture.tui.app import CaptureApp
 from capture.tui.command import Done
 from capture.tui.results import ResultsScreen
@@ -98,6 +100,19 @@ async def _report(session: Path) -> None:
         assert "To be trusted where it has corners. Press r for the report, x to export maps." in said
 
 
+def endless(progress: Progress, _session: Path, _out: Path) -> dict[str, object]:
+    """A fit that a person ends."""
+    progress.task("Loading torch", 1)
+    time.sleep(3600)
+    return {}
+
+
+@pytest.fixture
+def _endless(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("capture.tui.fit.fit_session", endless)
+
+
+@pytest.mark.usefixtures("_endless")
 def test_esc_in_a_refit_leads_back_to_the_results(session: Path) -> None:
     drive(_refit(session))
 
@@ -114,6 +129,7 @@ async def _refit(session: Path) -> None:
         assert farewell(pilot)[0] == "The last fit was ended before it had a result: the calibration is the one of before."
 
 
+@pytest.mark.usefixtures("_endless")
 @pytest.mark.parametrize("key", ["ctrl+c", "q"])
 def test_who_ends_the_program_in_a_refit_is_told_which_calibration_there_is(session: Path, key: str) -> None:
     drive(_end(session, key))
