@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.effects.effect import Effect, Surroundings, Unknown, linear_evidence
+from calib.effects.effect import Effect, Surroundings, Unknown, most_evident
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
 from calib.session.tolerances import BOARD_SHAPE
@@ -61,13 +61,7 @@ class BoardShape(Effect):
 
     def tuned(self, information: NDArray[np.float64], score: NDArray[np.float64]) -> Self:
         """With the degree of the largest evidence, to first order."""
-
-        def evidence(form: Self) -> float:
-            spread = np.array([unknown.sigma / unknown.param.scale for unknown in form.unknowns])
-            count = len(spread)
-            return linear_evidence(information[:count, :count], score[:count], spread)
-
-        return max((form for form in self.alternatives() if form.degree <= self.degree), key=evidence)
+        return most_evident([form for form in self.alternatives() if form.degree <= self.degree], information, score)
 
     def apply(self, path: Path) -> Path:
         return replace(path, target=replace(path.target, bends=(*path.target.bends, self)))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, Self
+from typing import ClassVar, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,3 +137,18 @@ def linear_evidence(information: NDArray[np.float64], score: NDArray[np.float64]
     weighed = np.eye(len(spread)) + spread[:, None] * information * spread
     scaled = spread * score
     return float(scaled @ np.linalg.solve(weighed, scaled) - np.linalg.slogdet(weighed)[1]) / 2
+
+
+E = TypeVar("E", bound=Effect)
+
+
+def most_evident(forms: Sequence[E], information: NDArray[np.float64], score: NDArray[np.float64]) -> E:
+    """The form of the largest evidence, to first order. Each begins with the parameters of the simpler ones, to which (k, k) information
+    and the (k,) score belong as in `Effect.tuned`; all have numbers as parameters, not fields."""
+
+    def evidence(form: E) -> float:
+        spread = np.array([unknown.sigma / unknown.param.scale for unknown in form.unknowns])
+        count = len(spread)
+        return linear_evidence(information[:count, :count], score[:count], spread)
+
+    return max(forms, key=evidence)

@@ -12,7 +12,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.effects.effect import Effect, Surroundings, Unknown, linear_evidence
+from calib.effects.effect import Effect, Surroundings, Unknown, most_evident
 from calib.optics.lens import PUPIL, PUPIL_ASIDE
 from calib.optics.path import Path
 from calib.session.tolerances import ENTRANCE_PUPIL, ENTRANCE_PUPIL_ASIDE
@@ -41,13 +41,7 @@ class EntrancePupil(Effect):
 
     def tuned(self, information: NDArray[np.float64], score: NDArray[np.float64]) -> Self:
         """With the larger evidence, to first order."""
-
-        def evidence(form: Self) -> float:
-            spread = np.array([unknown.sigma / unknown.param.scale for unknown in form.unknowns])
-            count = len(spread)
-            return linear_evidence(information[:count, :count], score[:count], spread)
-
-        return max((form for form in self.alternatives() if form.decentred <= self.decentred), key=evidence)
+        return most_evident([form for form in self.alternatives() if form.decentred <= self.decentred], information, score)
 
     def apply(self, path: Path) -> Path:
         return replace(path, lens=path.lens.with_pupil(tuple(unknown.param for unknown in self.unknowns)))

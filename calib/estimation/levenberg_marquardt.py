@@ -22,7 +22,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from enum import Enum
-from itertools import pairwise
+from itertools import pairwise, tee
 from typing import Protocol
 
 import torch
@@ -200,7 +200,8 @@ def minimise(
             moved, moved_blocks = shared + move[0], blocks + move[1]
             new_cost = cost_at(moved, moved_blocks)
             if not (cost - new_cost) / promised > STRAIGHT and math.isfinite(promised):
-                bend = _bend(whole, pieces, problem.bent(pieces, shared, blocks, move), damping)
+                once, again = tee(pieces)  # which may have to be made anew
+                bend = _bend(whole, once, problem.bent(again, shared, blocks, move), damping)
                 bent, bent_blocks = moved + bend[0], moved_blocks + bend[1]
                 if (bent_cost := cost_at(bent, bent_blocks)) < new_cost:
                     moved, moved_blocks, new_cost = bent, bent_blocks, bent_cost
