@@ -99,6 +99,7 @@ def main() -> None:
     parser.add_argument("--bare", type=int, default=120)
     parser.add_argument("--covered", type=int, default=40)
     parser.add_argument("--first", type=int, default=5000, help="the first seed")
+    parser.add_argument("--workers", type=int, help="processes (default: one for every processor)")
     parser.add_argument("--all", action="store_true", help="print every session that is wrong")
     asked = parser.parse_args()
     console = Console(width=160)
@@ -106,13 +107,14 @@ def main() -> None:
         drawn = [(kind, seed) for kind in KINDS for seed in range(asked.first, asked.first + count)]
         if not drawn:
             continue
-        with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
-            ran = pool.map(partial(outcome, covered=covered), *zip(*drawn, strict=True), chunksize=4)
-            found = list(track(ran, title, total=len(drawn), console=Console(stderr=True)))
+        with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
+            ran = pool.map(partial(outcome, covered=covered), *zip(*drawn, strict=True))
+            found: list[Outcome] = []
+            for one in track(ran, title, total=len(drawn), console=Console(stderr=True)):
+                found.append(one)
+                if one.word in ("crashed", "unreadable") or (asked.all and one.wrong):
+                    console.print(f"{one.kind} {one.seed}: {one.word}, {one.off:.1f}: {one.said[:300]}", markup=False)
         console.print(tabulated(found, title))
-        for one in found:
-            if one.word in ("crashed", "unreadable") or (asked.all and one.wrong):
-                console.print(f"{one.kind} {one.seed}: {one.word}, {one.off:.1f}: {one.said[:300]}", markup=False)
 
 
 if __name__ == "__main__":
