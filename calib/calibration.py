@@ -25,6 +25,7 @@ from calib.errors import InputError, NotEnoughDataError, brief
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.stated_priors import priors_of
+from calib.io.arrays import decode_npz
 from calib.io.file_set import FileSet, in_force
 from calib.io.files import npz, reading
 from calib.io.yaml_reader import read_yaml
@@ -202,9 +203,9 @@ class Calibration:
         Raises:
             NotEnoughDataError: as `save`.
         """
-        _check_readable(self._as_mapping(""))
-        files.write("calibration.npz", self._arrays())
-        said = self._as_mapping(self.digest)
+        said, arrays = self._as_mapping(self.digest), self._arrays()
+        _check_readable(said, arrays)
+        files.write("calibration.npz", arrays)
         return files.write("calibration.yaml", yaml.safe_dump(said, sort_keys=False, allow_unicode=True, width=120))
 
     @property
@@ -265,15 +266,15 @@ class Calibration:
             raise InputError(f"{path} is not a whole calibration ({brief(error)}): fit the session again.") from error
 
 
-def _check_readable(said: dict[str, Any]) -> None:
-    for camera, cover in ((said["camera"], said["cover"]), (said["declared"]["camera"], said["declared"]["cover"])):
-        try:
-            session_from_mapping({"board": said["board"], "camera": camera, "cover": cover}, "calibration.yaml")
-        except InputError as error:
-            raise NotEnoughDataError(
-                f"The views leave a number of the camera or cover open, so that no calibration is written: take more views, tilted, near "
-                f"and far, or hold more numbers with --free ({str(error).rstrip('.')})."
-            ) from error
+def _check_readable(said: dict[str, Any], arrays: memoryview) -> None:
+    """As whoever reads them would."""
+    try:
+        _from_mapping(said, decode_npz(bytes(arrays)), FilePath("calibration.yaml"))
+    except (InputError, ValueError) as error:
+        raise NotEnoughDataError(
+            f"The views leave a number of the camera or cover open, so that no calibration is written: take more views, tilted, near "
+            f"and far, or hold more numbers with --free ({str(error).rstrip('.')})."
+        ) from error
 
 
 def _read_pair(path: FilePath) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:

@@ -324,6 +324,14 @@ def test_what_could_not_be_read_back_is_not_written(calibration: Calibration, tm
         assert not (tmp_path / "out" / "calibration.npz").exists()
 
 
+def test_an_array_that_could_not_be_read_back_is_not_written(calibration: Calibration, tmp_path: Path) -> None:
+    uneven = calibration.covariance.copy()
+    uneven[0, 1] += 0.1 * np.sqrt(uneven[0, 0] * uneven[1, 1])
+    with pytest.raises(NotEnoughDataError, match=r"no calibration is written.*covariance is not symmetric"):
+        replace(calibration, covariance=uneven).save(tmp_path / "out")
+    assert not list(tmp_path.glob("out/calibration.*"))
+
+
 def test_more_folds_than_views(made: Scene, tmp_path: Path) -> None:
     with pytest.raises(NotEnoughDataError, match="9 folds need as many poses of the board"):
         fit(read_session(write_session(tmp_path, made)), replace(SHORT, folds=9), Silent())

@@ -61,6 +61,8 @@ class Loop:
     done: int = 0
     known: dict[tuple[bool, bool], HeldOut] = field(default_factory=dict)
     """What the model leaves on held-out views, by `half` and `banded`."""
+    structured: float | None = None
+    """By how much structure of no cause beside the model makes the corners more probable: the logarithm."""
 
     def run(self) -> HeldOut:
         """Add what is missing; returns what was left on held-out views before."""
@@ -80,7 +82,7 @@ class Loop:
         half = model.path.private
         before = self._fresh(without, half=half)
         self.model, self.joint = model, joint
-        self.known.clear()
+        self._forget()
         shown = gain(before, self.left(half=half))
         self.trials[test.effect.name, test.effect.form] = Trial(test, Fit(model, joint), gain=shown)
 
@@ -155,20 +157,28 @@ class Loop:
     def _caused(self, trials: Sequence[Trial]) -> list[Trial]:
         """Of trials of what single views have for themselves, those without which structure of no cause does not make the corners as
         probable: what a model lacks in single views, small numbers in single views follow, whatever they are called."""
-        if not trials:
-            return []
-        least = self._with_structure(self.model, self.joint)
-        beside = ((trial, self._with_structure(trial.fitted.model, trial.fitted.joint)) for trial in trials)
-        return [trial for trial, probable in beside if probable - least > math.log(trial.among / ALPHA)]
+        found = []
+        for trial in trials:
+            odds = trial.fitted.joint.log_marginal - self.joint.log_marginal + self._structure_left(trial)
+            if odds > math.log(trial.among / ALPHA):
+                found.append(trial)
+        return found
 
-    def _with_structure(self, model: CameraModel, joint: JointFit) -> float:
-        """The logarithm of the corners' probability with structure of no cause in every view."""
-        return joint.log_marginal + gain_of_structure(Optimum(model, self.observations, joint))
+    def _structure_left(self, trial: Trial) -> float:
+        """By how much more, or less where it is negative, structure of no cause has to explain with the trial than without."""
+        if self.structured is None:
+            self.structured = gain_of_structure(Optimum(self.model, self.observations, self.joint))
+        return gain_of_structure(Optimum(trial.fitted.model, self.observations, trial.fitted.joint)) - self.structured
+
+    def _soberly(self, trial: Trial) -> Trial:
+        """A trial whose odds are those beside structure of no cause, too: where a model lacks something in every view, corners are not
+        independent, and what makes all of them more probable is too sure of itself."""
+        return replace(trial, odds=trial.odds + min(0.0, self._structure_left(trial))) if trial.sure else trial
 
     def _first_passing(self, trials: Sequence[Trial], probable: Callable[[Fit], float]) -> Trial | None:
         """The most probable of the trials that held-out views confirm."""
         for trial in sorted(trials, key=lambda trial: probable(trial.fitted), reverse=True):
-            if (held := self._held_out(trial)).passes:
+            if (held := self._held_out(self._soberly(trial))).passes:
                 return held
         return None
 
@@ -191,7 +201,7 @@ class Loop:
         """Take an effect in, with the noise and the prior estimated anew; where such a fit is not finite, the trial's stands."""
         wider, joint = with_most_probable(self.model, trial.test.effect, self.observations, trial.fitted.joint)
         self.model, self.joint = (wider, joint) if joint.finite else (trial.fitted.model, trial.fitted.joint)
-        self.known.clear()
+        self._forget()
         self._say(f"found {trial.test.effect.name}")
 
     def _backward(self, newest: Effect | None) -> None:
@@ -214,7 +224,7 @@ class Loop:
             joint = model.fitted(self.observations, self.joint.poses)
             if joint.finite and (idle or joint.log_marginal > self.joint.log_marginal):
                 self.model, self.joint = model, joint
-                self.known.clear()
+                self._forget()
 
     def _fresh(self, model: CameraModel, *, half: bool) -> HeldOut:
         """What another model leaves on held-out views."""
@@ -239,6 +249,11 @@ class Loop:
             if np.linalg.svd(ours.T @ theirs, compute_uv=False)[-1] ** 2 > CONFOUNDED:
                 self.confounded.setdefault(one, set()).add(other)
                 self.confounded.setdefault(other, set()).add(one)
+
+    def _forget(self) -> None:
+        """What was known of another model."""
+        self.known.clear()
+        self.structured = None
 
     def _say(self, words: str) -> None:
         self.done += 1

@@ -1,8 +1,8 @@
 """The rival of what single views have for themselves: structure of no cause, smooth over the board and another one in every view.
 
 Where a model lacks something small in every view, small numbers in every view follow it, whatever they are called. So how probable the
-corners are is asked with a Gaussian process over each view's board as well, whose height and length, and the noise beside it, are chosen
-by evidence: what is said to be a cause has to make them more probable beside that, too.
+corners are is asked with a Gaussian process over each view's board as well: a sum of three, of different lengths, whose heights, and the
+noise beside them, are chosen by evidence. What is said to be a cause has to make them more probable beside that, too.
 
 Source: C. E. Rasmussen, C. K. I. Williams, Gaussian processes for machine learning (2006), sections 2.7 and 5.4.
 """
@@ -10,6 +10,7 @@ Source: C. E. Rasmussen, C. K. I. Williams, Gaussian processes for machine learn
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -21,95 +22,127 @@ from calib.diagnosis.score_test import Optimum
 from calib.estimation.objective import view_precision
 
 LENGTHS = (0.15, 0.3, 0.6)
-"""Of the board's longer side: of the correlation exp(-d^2 / (2 length^2))."""
+"""Of the board's longer side: of the correlations exp(-d^2 / (2 length^2))."""
 HEIGHTS = (0.25, 1.0, 4.0)
-"""Of the noise: where the search begins."""
-FAINT = 1e-3
-"""Of the largest: a mode with a smaller variance is left out."""
+"""Of the noise: where the search begins, of one length after the other."""
+LOW = 0.1
+"""The others' there."""
+LIMITS = (1e-3, 1e2), (0.1, 10.0)
+"""Of a height over the noise, and of the noise over the fit's."""
+FAINT = 1e-4
+"""Of an axis's largest: a mode with a smaller variance is left out."""
+
+TINY = 1e-12
+"""Of the processes' variance: what keeps the root of their covariance real."""
 
 
 def gain(at: Optimum) -> float:
     """By how much the logarithm of the corners' probability rises with such structure, everything else integrated out; at least 0."""
-    views = list(at.equations())
+    corners = at.observations.corners.numpy()
+    modes, spread = modes_of(corners)
+    deviation, shown, products, inner = torch.from_numpy(at.deviation), torch.from_numpy(modes), [], []
     own_precision = view_precision(at.model.path, at.joint.poses)
-    deviation = torch.from_numpy(at.deviation)
-    blocks = []
-    for view, pose in zip(views, at.joint.poses, strict=True):
+    starts = at.observations.starts.tolist()
+    for view, pose, first, end in zip(at.equations(), at.joint.poses, starts, starts[1:], strict=False):
         own, shared = torch.from_numpy(view.own), torch.from_numpy(view.shared)
         before = torch.from_numpy(view.residual) - own @ (pose * (own_precision > 0)) - shared @ deviation  # at the priors' means
-        blocks.append(torch.cat([own, shared, before[:, None]], 1))
-    corners = at.observations.corners.numpy()
-    each = np.split(np.arange(len(corners)), at.observations.starts[1:-1].numpy())
-    precision = torch.from_numpy(at.prior_precision())
-    found = 0.0
-    for length in LENGTHS:
-        modes = torch.from_numpy(modes_of(corners, length)).repeat_interleave(2, 0)
-        whole = [
-            _products(modes[np.repeat(2 * own, 2) + np.tile([0, 1], len(own))], block) for own, block in zip(each, blocks, strict=True)
-        ]
-        likelihood = Likelihood(torch.stack(whole), 2 * modes.shape[1], own_precision, precision, 2 * len(corners))
-        found = max(found, likelihood.best() - likelihood.log(0.0, 1.0))
-    return found
+        columns, here = torch.cat([own, shared, before[:, None]], 1), shown[first:end]
+        inner.append(here.mT @ here)
+        products.append(Products(here.mT @ columns[::2], here.mT @ columns[1::2], columns.mT @ columns))
+    likelihood = Likelihood(
+        torch.from_numpy(spread),
+        torch.stack(inner),
+        Products(*(torch.stack(each) for each in zip(*products, strict=True))),
+        own_precision,
+        torch.from_numpy(at.prior_precision()),
+        2 * len(corners),
+    )
+    return max(0.0, likelihood.best() - float(likelihood.log(torch.zeros(len(LENGTHS)), torch.ones(()))))
 
 
-def modes_of(corners: NDArray[np.float64], length: float) -> NDArray[np.float64]:
-    """(M, q) the process at (M, 2) corners by independent standard normal numbers: the eigenvectors of its covariance on the board's grid,
-    which is a product of one along x and one along y, times the roots of the eigenvalues."""
+def modes_of(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Functions over the board that all lengths share, and how large each length's process is in them.
+
+    Returns:
+        (M, q) at (M, 2) corners, products of one along x and one along y, orthonormal on the board's grid; and (L, q, q) the covariances
+        of their coefficients.
+    """
     side = float(np.ptp(corners, axis=0).max())
-    axes = []
+    functions, spreads = [], []
     for at in corners.T:
         places, index = np.unique(at.round(9), return_inverse=True)
-        size, vectors = np.linalg.eigh(np.exp(-((places[:, None] - places) ** 2) / (2 * (length * side) ** 2)))
-        axes.append((size, vectors[index]))
-    (wide, along), (high, down) = axes
-    size = np.outer(wide, high)
-    i, k = np.nonzero(size > FAINT * size.max())
-    return np.asarray(along[:, i] * down[:, k] * np.sqrt(size[i, k]))
+        apart = (places[:, None] - places) ** 2
+        kernels = np.stack([np.exp(-apart / (2 * (length * side) ** 2)) for length in LENGTHS])
+        size, vectors = np.linalg.eigh(kernels.sum(0))
+        kept = vectors[:, size > FAINT * size[-1]]
+        functions.append(kept[index])
+        spreads.append(kept.T @ kernels @ kept)
+    along, down = functions
+    modes = (along[:, :, None] * down[:, None]).reshape(len(corners), -1)
+    return modes, np.stack([np.kron(wide, high) for wide, high in zip(*spreads, strict=True)])
 
 
-def _products(modes: Tensor, block: Tensor) -> Tensor:
-    """(n, n) inner products of a view's columns: the modes along x, along y, and the block's."""
-    across, along = modes.clone(), modes.clone()
-    across[1::2], along[::2] = 0, 0
-    columns = torch.cat([across, along, block], 1)
-    return columns.mT @ columns
+class Products(NamedTuple):
+    """Inner products of columns (a view's own, the shared ones, the residual): of the modes with their rows along x, and along y, and of
+    the columns among themselves."""
+
+    x: Tensor
+    y: Tensor
+    columns: Tensor
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Likelihood:
-    """Of the linearised corners, over the noise of the fit, for any height of the process and any noise."""
+    """Of the linearised corners, over the noise of the fit, for any heights of the processes and any noise."""
 
-    products: Tensor
-    """(V, n, n): modes, own, shared, residual."""
-    modes: int
+    spread: Tensor
+    """(L, q, q)."""
+    inner: Tensor
+    """(V, q, q) of the modes."""
+    products: Products
     own_precision: Tensor
     precision: Tensor
     rows: int
 
-    def log(self, height: float, noise: float) -> float:
-        """The logarithm up to a constant, of a height and a noise over the fit's noise."""
-        q, own = self.modes, len(self.own_precision)
-        rest, logs = self.products[:, q:, q:], self.rows * 2 * np.log(noise)
-        if height:
-            inner = self.products[:, :q, :q] + torch.eye(q, dtype=torch.float64) / height**2
-            cross = self.products[:, :q, q:]
-            factor = torch.linalg.cholesky(inner)
-            rest = rest - cross.mT @ torch.cholesky_solve(cross, factor)
-            logs += 2 * float(factor.diagonal(dim1=1, dim2=2).log().sum()) + len(rest) * q * 2 * np.log(height)
+    def log(self, heights: Tensor, noise: Tensor) -> Tensor:
+        """() the logarithm up to a constant, of (L,) heights over the noise, and a noise over the fit's noise."""
+        own = len(self.own_precision)
+        each = torch.eye(self.spread.shape[-1], dtype=torch.float64)
+        spread = (heights[:, None, None] ** 2 * self.spread).sum(0)
+        root = torch.linalg.cholesky(spread + TINY * (1 + spread.diagonal().mean()) * each)
+        factor = torch.linalg.cholesky(each + root.mT @ self.inner @ root)
+        rest = self.products.columns
+        for crossed in (self.products.x, self.products.y):
+            through = torch.linalg.solve_triangular(factor, root.mT @ crossed, upper=False)
+            rest = rest - through.mT @ through
+        logs = 2 * self.rows * noise.log() + 4 * factor.diagonal(dim1=1, dim2=2).log().sum()
         rest = rest / noise**2
         block, cross = rest[:, :own, :own] + self.own_precision.diag(), rest[:, :own, own:]
         factor = torch.linalg.cholesky(block + torch.diag_embed((1e-12 * block.diagonal(dim1=1, dim2=2)).clamp_min(1e-30)))
-        logs += 2 * float(factor.diagonal(dim1=1, dim2=2).log().sum())
-        left = (rest[:, own:, own:] - cross.mT @ torch.cholesky_solve(cross, factor)).sum(0)
+        logs = logs + 2 * factor.diagonal(dim1=1, dim2=2).log().sum()
+        through = torch.linalg.solve_triangular(factor, cross, upper=False)
+        left = (rest[:, own:, own:] - through.mT @ through).sum(0)
         hessian, score = left[:-1, :-1] + self.precision, left[:-1, -1]
-        square = float(left[-1, -1] - score @ torch.linalg.solve(hessian, score))
-        return -0.5 * float(logs + float(torch.linalg.slogdet(hessian).logabsdet) + square)
+        square = left[-1, -1] - score @ torch.linalg.solve(hessian, score)
+        twice: Tensor = logs + torch.linalg.slogdet(hessian).logabsdet + square
+        return -twice / 2
 
     def best(self) -> float:
         """The largest."""
-        first = max(((h, s) for h in HEIGHTS for s in (0.7, 1.0)), key=lambda at: self.log(*at))
+        count = len(self.spread)
+        starts = [
+            torch.tensor([height if place == one else LOW for place in range(count)] + [noise], dtype=torch.float64)
+            for one in range(count)
+            for height in HEIGHTS
+            for noise in (0.7, 1.0)
+        ]
+        first = max(starts, key=lambda at: float(self.log(at[:-1], at[-1])))
 
-        def badness(logs: NDArray[np.float64]) -> float:
-            return -self.log(*np.exp(logs).tolist())
+        def badness(logs: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+            at = torch.from_numpy(logs).requires_grad_()
+            found = -self.log(at[:-1].exp(), at[-1].exp())
+            (slope,) = torch.autograd.grad(found, at)
+            return float(found.detach()), slope.numpy()
 
-        return -float(minimize(badness, np.log(first), method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.05}).fun)
+        bounds = np.log([LIMITS[0]] * count + [LIMITS[1]]).tolist()
+        return -float(minimize(badness, first.log().numpy(), jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-9}).fun)

@@ -152,7 +152,7 @@ def fit_joint(
             evidence, apparent = _evidence(solution, observations, sigma, parameters)
             sigma, smoothness = most_probable(evidence, apparent, smoothness)
     hessian, _ = solution.equations.schur_complement()
-    covariance = torch.linalg.inv_ex(hessian + precision).inverse if parameters.count else hessian
+    covariance = inverse(hessian + precision) if parameters.count else hessian
     finite = solution.outcome is not Outcome.NOT_FINITE and bool(torch.isfinite(covariance).all())
     outcome = solution.outcome if finite else Outcome.NOT_FINITE
     covariance = covariance if finite else torch.full_like(covariance, torch.nan)
@@ -171,6 +171,23 @@ def fit_joint(
         log_evidence=log_evidence,
         log_marginal=log_marginal,
     )
+
+
+def inverse(precision: Tensor) -> Tensor:
+    """(n, n) the covariance, symmetric to the last bit, of parameters whose units may differ by any power of ten. A direction that rounding
+    alone tells has a variance as large as rounding leaves it."""
+    scale = precision.diagonal().clamp_min(torch.finfo(precision.dtype).tiny).rsqrt()
+    scales = scale[:, None] * scale
+    scaled = precision * scales
+    factor, failed = torch.linalg.cholesky_ex(scaled)
+    if failed and torch.isfinite(scaled).all():
+        size, vectors = torch.linalg.eigh(scaled)
+        size = size.clamp_min(len(size) * torch.finfo(size.dtype).eps)
+        found = (vectors / size) @ vectors.mT
+    else:
+        found = torch.cholesky_inverse(factor)
+    symmetric: Tensor = (found + found.mT) / 2
+    return symmetric * scales
 
 
 def _evidence(solution: Solution, observations: Observations, sigma: float, parameters: Parameters) -> tuple[MarginalLikelihood, float]:

@@ -30,7 +30,7 @@ DECISIVE = 10.0
 approximation is off by some; wrong sessions win by hundreds (benchmarks/declared)."""
 STRAINED = 2.5
 """Standard deviations: short of a contradiction, but so far that numbers held exactly have to make the corners less probable. An offset of
-`bumps`, where all is true, ends at 2.96 or at 3.01 by a ten-thousandth of a pixel."""
+`bumps`, where all is true, ends on either side of three by a ten-thousandth of a pixel."""
 AT_NOISE = 1.3
 """Of the corners' noise: a fit that leaves more lacks something else, which may be what pulls a number away."""
 
