@@ -21,15 +21,15 @@ from torch import Tensor
 from calib.diagnosis.score_test import Optimum
 from calib.estimation.objective import view_precision
 
-LENGTHS = (0.15, 0.3, 0.6)
+LENGTHS = (0.25, 0.5, 1.0)
 """Of the board's longer side: of the correlations exp(-d^2 / (2 length^2))."""
-HEIGHTS = (0.25, 1.0, 4.0)
+HEIGHTS = (0.3, 2.0)
 """Of the noise: where the search begins, of one length after the other."""
 LOW = 0.1
 """The others' there."""
 LIMITS = (1e-3, 1e2), (0.1, 10.0)
 """Of a height over the noise, and of the noise over the fit's."""
-FAINT = 1e-4
+FAINT = 1e-3
 """Of an axis's largest: a mode with a smaller variance is left out."""
 
 TINY = 1e-12
@@ -134,7 +134,7 @@ class Likelihood:
             torch.tensor([height if place == one else LOW for place in range(count)] + [noise], dtype=torch.float64)
             for one in range(count)
             for height in HEIGHTS
-            for noise in (0.7, 1.0)
+            for noise in (0.8, 1.0)
         ]
         first = max(starts, key=lambda at: float(self.log(at[:-1], at[-1])))
 
@@ -145,4 +145,4 @@ class Likelihood:
             return float(found.detach()), slope.numpy()
 
         bounds = np.log([LIMITS[0]] * count + [LIMITS[1]]).tolist()
-        return -float(minimize(badness, first.log().numpy(), jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-9}).fun)
+        return -float(minimize(badness, first.log().numpy(), jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-6}).fun)

@@ -79,3 +79,17 @@ def test_a_pupil_that_moves_far_is_named_alone() -> None:
     _, finding = diagnose(bare(EntrancePupil(), moved, 0.03), Silent())
     assert finding.accepted == ("entrance_pupil",)
     assert not finding.families
+
+
+def test_structure_of_no_cause_gets_no_name() -> None:
+    """In each view another smooth wave over the board: a motion or a board that flexes follows it, and neither is what it is."""
+    made = hidden(None, {})
+    rng = np.random.default_rng(4)
+    u = made.board.points()[:, :2] / np.abs(made.board.points()[:, :2]).max(0)
+    views = []
+    for view in made.views:
+        (sine, cosine), (one, other) = rng.normal(0, 0.2, (2, 2)), rng.uniform(0, 2 * np.pi, 2)
+        moved = sine * np.sin(4 * u[:, :1] + one) + cosine * np.cos(3 * u[:, 1:] + other)
+        views.append(replace(view, corners=view.corners + moved))
+    _, finding = diagnose(fitted(replace(made, views=tuple(views))), Silent())
+    assert not finding.accepted

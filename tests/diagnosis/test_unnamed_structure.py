@@ -21,13 +21,13 @@ def test_modes_have_the_processes_covariances() -> None:
     modes, spreads = modes_of(corners)
     apart = ((corners[:, None] - corners) ** 2).sum(-1) / np.ptp(corners, axis=0).max() ** 2
     for length, spread in zip(LENGTHS, spreads, strict=True):
-        assert np.abs(modes @ spread @ modes.T - np.exp(-apart / (2 * length**2))).max() < 0.002, length  # a mode left out has 1e-4
+        assert np.abs(modes @ spread @ modes.T - np.exp(-apart / (2 * length**2))).max() < 0.03, length  # a mode left out has a thousandth
 
 
 def test_a_large_board_has_few_modes() -> None:
     """Time and memory are those of the lengths, and not of the corners."""
     x, y = np.meshgrid(np.arange(100.0), np.arange(100.0))
-    assert modes_of(np.column_stack([x.ravel(), y.ravel()]))[0].shape[1] < 150
+    assert modes_of(np.column_stack([x.ravel(), y.ravel()]))[0].shape[1] < 64
 
 
 def test_the_likelihood_is_the_dense_one() -> None:
