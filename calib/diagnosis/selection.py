@@ -170,15 +170,10 @@ class Loop:
             self.structured = gain_of_structure(Optimum(self.model, self.observations, self.joint))
         return gain_of_structure(Optimum(trial.fitted.model, self.observations, trial.fitted.joint)) - self.structured
 
-    def _soberly(self, trial: Trial) -> Trial:
-        """A trial whose odds are those beside structure of no cause, too: where a model lacks something in every view, corners are not
-        independent, and what makes all of them more probable is too sure of itself."""
-        return replace(trial, odds=trial.odds + min(0.0, self._structure_left(trial))) if trial.sure else trial
-
     def _first_passing(self, trials: Sequence[Trial], probable: Callable[[Fit], float]) -> Trial | None:
         """The most probable of the trials that held-out views confirm."""
         for trial in sorted(trials, key=lambda trial: probable(trial.fitted), reverse=True):
-            if (held := self._held_out(self._soberly(trial))).passes:
+            if (held := self._held_out(trial)).passes:
                 return held
         return None
 

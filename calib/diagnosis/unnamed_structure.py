@@ -32,12 +32,14 @@ LIMITS = (1e-3, 1e2), (0.1, 10.0)
 FAINT = 1e-3
 """Of an axis's largest: a mode with a smaller variance is left out."""
 
+BEFOREHAND = 0.05
+"""The probability of such structure before corners are looked at: its heights are chosen, and noise has some, too."""
 TINY = 1e-12
 """Of the processes' variance: what keeps the root of their covariance real."""
 
 
 def gain(at: Optimum) -> float:
-    """By how much the logarithm of the corners' probability rises with such structure, everything else integrated out; at least 0."""
+    """By how much the logarithm of the corners' probability rises where such structure may be, everything else integrated out."""
     corners = at.observations.corners.numpy()
     modes, spread = modes_of(corners)
     deviation, shown, products, inner = torch.from_numpy(at.deviation), torch.from_numpy(modes), [], []
@@ -57,7 +59,8 @@ def gain(at: Optimum) -> float:
         torch.from_numpy(at.prior_precision()),
         2 * len(corners),
     )
-    return max(0.0, likelihood.best() - float(likelihood.log(torch.zeros(len(LENGTHS)), torch.ones(()))))
+    with_it = likelihood.best() - float(likelihood.log(torch.zeros(len(LENGTHS)), torch.ones(())))
+    return float(np.logaddexp(np.log(1 - BEFOREHAND), np.log(BEFOREHAND) + with_it))
 
 
 def modes_of(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
