@@ -42,7 +42,7 @@ them has parameters of single views, of what the sum of squares would fall by.""
 
 
 PASSES = 3
-"""At most: an effect that gave way changes what its neighbours' rivals are worth."""
+"""How often each effect is asked at most: one that gave way changes what its neighbours' rivals are worth."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,34 +57,36 @@ class Rival:
 
 
 def settle(loop: Loop) -> tuple[Family, ...]:
-    """The families of the accepted effects. A rival that is more probable than what was accepted takes its place in the loop's model."""
-    for _ in range(PASSES):
-        before = loop.model
-        found = _families(loop)
-        if loop.model is before:
+    """The families of the accepted effects. A rival that is more probable than what was accepted takes its place in the loop's model; what
+    was said of others is then out of date, and is asked again."""
+    known = dict[str, tuple[CameraModel, Family | None]]()
+    for _ in range(PASSES * len(loop.model.effects)):
+        stale = [effect for effect in loop.model.effects if effect.name not in known or known[effect.name][0] is not loop.model]
+        if not stale:
             break
-    return found
+        name, family = _family(loop, stale[0])
+        known[name] = loop.model, family
+    asked = (known[effect.name] for effect in loop.model.effects if effect.name in known)
+    return tuple(family for _, family in asked if family)
 
 
-def _families(loop: Loop) -> tuple[Family, ...]:
-    """One effect after the other; where one gave way, what was said of those before it is out of date."""
-    found = []
-    for effect in loop.model.effects:
-        rivals = _rivals(loop, effect)
-        names = [effect, *(rival.test.effect for rival in rivals)]
-        fits = [(loop.model, loop.joint), *((rival.model, rival.joint) for rival in rivals)]
-        best = int(np.argmax([joint.log_marginal for _, joint in fits]))
-        odds = [_odds(fit, fits[best], loop.observations) for fit in fits]
-        chances = np.array(odds) / sum(odds)
-        if best:
-            better = rivals[best - 1]
-            loop.replace(better.test, better.without, better.model, better.joint)
-        members = [names[index] for index in np.argsort(-chances, kind="stable") if chances[index] > WORTH_NAMING]
-        if chances[best] < ALONE:
-            shares = {one.name: float(chances[names.index(one)]) for one in members}
-            place = " or ".join(dict.fromkeys(one.about for one in members))
-            found.append(Family(f"something about {place}", shares, separation(loop, members[0], members[1:])))
-    return tuple(found)
+def _family(loop: Loop, effect: Effect) -> tuple[str, Family | None]:
+    """The name of the most probable in the place of an accepted effect, and the family where it is not almost sure."""
+    rivals = _rivals(loop, effect)
+    names = [effect, *(rival.test.effect for rival in rivals)]
+    fits = [(loop.model, loop.joint), *((rival.model, rival.joint) for rival in rivals)]
+    best = int(np.argmax([joint.log_marginal for _, joint in fits]))
+    odds = [_odds(fit, fits[best], loop.observations) for fit in fits]
+    chances = np.array(odds) / sum(odds)
+    if best:
+        better = rivals[best - 1]
+        loop.replace(better.test, better.without, better.model, better.joint)
+    if chances[best] >= ALONE:
+        return names[best].name, None
+    members = [names[index] for index in np.argsort(-chances, kind="stable") if chances[index] > WORTH_NAMING]
+    shares = {one.name: float(chances[names.index(one)]) for one in members}
+    place = " or ".join(dict.fromkeys(one.about for one in members))
+    return names[best].name, Family(f"something about {place}", shares, separation(loop, members[0], members[1:]))
 
 
 def _odds(fit: Fit, best: Fit, observations: Observations) -> float:

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib.diagnosis.linearised import Linearised
+from calib.diagnosis.score_test import Optimum
 from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import ROUNDS, JointFit
+from calib.estimation.objective import view_precision
 from calib.estimation.observations import Observations
 
 
@@ -15,5 +22,23 @@ def with_most_probable(model: CameraModel, effect: Effect, observations: Observa
         begin: of the model, with the effect or without: where the fits start.
     """
     forms = [model.with_effect(form) for form in effect.alternatives() or (effect,)]
+    if effect.per_view:
+        return _of_most_probable_size(forms, observations, begin)
     fits = [(form, form.fitted(observations, begin.poses, begin.start, ROUNDS)) for form in forms]
-    return max(fits, key=lambda fit: fit[1].log_marginal if effect.per_view else fit[1].log_evidence)
+    return max(fits, key=lambda fit: fit[1].log_evidence)
+
+
+def _of_most_probable_size(forms: Sequence[CameraModel], observations: Observations, begin: JointFit) -> tuple[CameraModel, JointFit]:
+    """Of models that differ in how large what single views have for themselves may be. Around one fit the corners' probability at every
+    other size is known without another, so that it goes from size to size until it stays."""
+    fits = dict[int, JointFit]()
+    place = len(forms) // 2
+    joint = begin
+    while place not in fits:
+        fits[place] = joint = forms[place].fitted(observations, joint.poses, joint.start, ROUNDS)
+        if not joint.finite:
+            break
+        around = Linearised.around(Optimum(forms[place], observations, joint))
+        place = int(np.argmax([around.best(view_precision(form.path, joint.poses)) for form in forms]))
+    best = max(fits, key=lambda place: fits[place].log_marginal)
+    return forms[best], fits[best]

@@ -147,7 +147,9 @@ class Loop:
         found = []
         for trial in trials:
             model, joint = with_most_probable(self.model, trial.test.effect, self.observations, trial.fitted.joint)
-            trial = replace(trial, fit=Fit(model, joint), odds=-np.inf, improbable=joint.log_marginal <= self.joint.log_marginal)
+            trial = replace(
+                trial, fit=Fit(model, joint), finished=True, odds=-np.inf, improbable=joint.log_marginal <= self.joint.log_marginal
+            )
             if trial.improbable:
                 self.trials[trial.test.effect.name, trial.test.effect.form] = trial
             else:
@@ -194,8 +196,11 @@ class Loop:
 
     def _accept(self, trial: Trial) -> None:
         """Take an effect in, with the noise and the prior estimated anew; where such a fit is not finite, the trial's stands."""
-        wider, joint = with_most_probable(self.model, trial.test.effect, self.observations, trial.fitted.joint)
-        self.model, self.joint = (wider, joint) if joint.finite else (trial.fitted.model, trial.fitted.joint)
+        wider, joint = trial.fitted.model, trial.fitted.joint
+        if not trial.finished:
+            anew = with_most_probable(self.model, trial.test.effect, self.observations, joint)
+            wider, joint = anew if anew[1].finite else (wider, joint)
+        self.model, self.joint = wider, joint
         self._forget()
         self._say(f"found {trial.test.effect.name}")
 

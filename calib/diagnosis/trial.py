@@ -46,6 +46,8 @@ class Trial:
     views."""
     improbable: bool = False
     """Whether the corners are no more probable with it, its parameters integrated out."""
+    finished: bool = False
+    """Whether the fit is that of the most probable form, with the noise and the priors estimated anew."""
     gain: Gain | None = None
     bands: Gain | None = None
     """On depth bands that were held out, where there are such and the folds agree."""

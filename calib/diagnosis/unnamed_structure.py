@@ -9,8 +9,7 @@ Source: C. E. Rasmussen, C. K. I. Williams, Gaussian processes for machine learn
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from torch import Tensor
 
+from calib.diagnosis.linearised import NOISES, Linearised
 from calib.diagnosis.score_test import Optimum
 from calib.estimation.objective import view_precision
 
@@ -27,8 +27,8 @@ HEIGHTS = (0.3, 2.0)
 """Of the noise: where the search begins, of one length after the other."""
 LOW = 0.1
 """The others' there."""
-LIMITS = (1e-3, 1e2), (0.1, 10.0)
-"""Of a height over the noise, and of the noise over the fit's."""
+LIMITS = (1e-3, 1e2)
+"""Of a height over the noise."""
 FAINT = 1e-3
 """Of an axis's largest: a mode with a smaller variance is left out."""
 
@@ -40,24 +40,13 @@ TINY = 1e-12
 
 def gain(at: Optimum) -> float:
     """By how much the logarithm of the corners' probability rises where such structure may be, everything else integrated out."""
-    corners = at.observations.corners.numpy()
-    modes, spread = modes_of(corners)
-    deviation, shown, products, inner = torch.from_numpy(at.deviation), torch.from_numpy(modes), [], []
-    own_precision = view_precision(at.model.path, at.joint.poses)
-    starts = at.observations.starts.tolist()
-    for view, pose, first, end in zip(at.equations(), at.joint.poses, starts, starts[1:], strict=False):
-        own, shared = torch.from_numpy(view.own), torch.from_numpy(view.shared)
-        before = torch.from_numpy(view.residual) - own @ (pose * (own_precision > 0)) - shared @ deviation  # at the priors' means
-        columns, here = torch.cat([own, shared, before[:, None]], 1), shown[first:end]
-        inner.append(here.mT @ here)
-        products.append(Products(here.mT @ columns[::2], here.mT @ columns[1::2], columns.mT @ columns))
+    modes, spread = modes_of(at.observations.corners.numpy())
+    around = Linearised.around(at)
     likelihood = Likelihood(
+        around,
         torch.from_numpy(spread),
-        torch.stack(inner),
-        Products(*(torch.stack(each) for each in zip(*products, strict=True))),
-        own_precision,
-        torch.from_numpy(at.prior_precision()),
-        2 * len(corners),
+        [torch.from_numpy(seen) for seen in np.split(modes, at.observations.starts[1:-1].numpy())],
+        view_precision(at.model.path, at.joint.poses),
     )
     with_it = likelihood.best() - float(likelihood.log(torch.zeros(len(LENGTHS)), torch.ones(())))
     return float(np.logaddexp(np.log(1 - BEFOREHAND), np.log(BEFOREHAND) + with_it))
@@ -85,50 +74,32 @@ def modes_of(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray
     return modes, np.stack([np.kron(wide, high) for wide, high in zip(*spreads, strict=True)])
 
 
-class Products(NamedTuple):
-    """Inner products of columns (a view's own, the shared ones, the residual): of the modes with their rows along x, and along y, and of
-    the columns among themselves."""
-
-    x: Tensor
-    y: Tensor
-    columns: Tensor
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Likelihood:
-    """Of the linearised corners, over the noise of the fit, for any heights of the processes and any noise."""
+    """Of the linearised corners beside the processes, for any heights of them and any noise."""
 
-    spread: Tensor
-    """(L, q, q)."""
-    inner: Tensor
-    """(V, q, q) of the modes."""
-    products: Products
-    own_precision: Tensor
-    precision: Tensor
-    rows: int
+    def __init__(self, around: Linearised, spread: Tensor, modes: Sequence[Tensor], own_precision: Tensor) -> None:
+        """
+        Args:
+            spread: (L, q, q), as `modes_of` has it.
+            modes: (m, q) of each view's m corners.
+            own_precision: (B,) of the prior of a view's own parameters.
+        """
+        self.around, self.spread, self.own_precision, self.products = around, spread, own_precision, around.products
+        self.inner = torch.stack([seen.mT @ seen for seen in modes])
+        self.crossed = [torch.stack([seen.mT @ own[axis::2] for seen, own in zip(modes, around.columns, strict=True)]) for axis in (0, 1)]
 
     def log(self, heights: Tensor, noise: Tensor) -> Tensor:
         """() the logarithm up to a constant, of (L,) heights over the noise, and a noise over the fit's noise."""
-        own = len(self.own_precision)
         each = torch.eye(self.spread.shape[-1], dtype=torch.float64)
         spread = (heights[:, None, None] ** 2 * self.spread).sum(0)
         root = torch.linalg.cholesky(spread + TINY * (1 + spread.diagonal().mean()) * each)
         factor = torch.linalg.cholesky(each + root.mT @ self.inner @ root)
-        rest = self.products.columns
-        for crossed in (self.products.x, self.products.y):
+        left = self.products
+        for crossed in self.crossed:
             through = torch.linalg.solve_triangular(factor, root.mT @ crossed, upper=False)
-            rest = rest - through.mT @ through
-        logs = 2 * self.rows * noise.log() + 4 * factor.diagonal(dim1=1, dim2=2).log().sum()
-        rest = rest / noise**2
-        block, cross = rest[:, :own, :own] + self.own_precision.diag(), rest[:, :own, own:]
-        factor = torch.linalg.cholesky(block + torch.diag_embed((1e-12 * block.diagonal(dim1=1, dim2=2)).clamp_min(1e-30)))
-        logs = logs + 2 * factor.diagonal(dim1=1, dim2=2).log().sum()
-        through = torch.linalg.solve_triangular(factor, cross, upper=False)
-        left = (rest[:, own:, own:] - through.mT @ through).sum(0)
-        hessian, score = left[:-1, :-1] + self.precision, left[:-1, -1]
-        square = left[-1, -1] - score @ torch.linalg.solve(hessian, score)
-        twice: Tensor = logs + torch.linalg.slogdet(hessian).logabsdet + square
-        return -twice / 2
+            left = left - through.mT @ through
+        narrowed: Tensor = 2 * factor.diagonal(dim1=1, dim2=2).log().sum()
+        return self.around.log(left, self.own_precision, noise) - narrowed
 
     def best(self) -> float:
         """The largest."""
@@ -147,5 +118,5 @@ class Likelihood:
             (slope,) = torch.autograd.grad(found, at)
             return float(found.detach()), slope.numpy()
 
-        bounds = np.log([LIMITS[0]] * count + [LIMITS[1]]).tolist()
+        bounds = np.log([LIMITS] * count + [NOISES]).tolist()
         return -float(minimize(badness, first.log().numpy(), jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-6}).fun)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import torch
 
+from calib.diagnosis.linearised import Linearised
 from calib.diagnosis.score_test import Optimum
-from calib.diagnosis.unnamed_structure import LENGTHS, Likelihood, Products, gain, modes_of
+from calib.diagnosis.unnamed_structure import LENGTHS, Likelihood, gain, modes_of
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.priors import Priors
@@ -40,11 +41,9 @@ def test_the_likelihood_is_the_dense_one() -> None:
     roots = rng.normal(size=(2, modes, modes))
     spread = roots @ roots.swapaxes(1, 2)
     own_precision, precision = np.array([0.0, 2.0]), np.diag([3.0, 0.5])
-    seen, columns = torch.from_numpy(process), torch.from_numpy(np.concatenate([own, shared, left], -1))
-    products = Products(seen.mT @ columns[:, ::2], seen.mT @ columns[:, 1::2], columns.mT @ columns)
-    rows = 2 * views * corners
-    told = (torch.from_numpy(own_precision), torch.from_numpy(precision), rows)
-    likelihood = Likelihood(torch.from_numpy(spread), seen.mT @ seen, products, *told)
+    columns = torch.from_numpy(np.concatenate([own, shared, left], -1))
+    around = Linearised(tuple(columns), torch.from_numpy(precision))
+    likelihood = Likelihood(around, torch.from_numpy(spread), list(torch.from_numpy(process)), torch.from_numpy(own_precision))
 
     def dense(heights: tuple[float, float], noise: float) -> float:
         flat = 1e8
