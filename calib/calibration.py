@@ -5,9 +5,8 @@ calibration.yaml is for people, calibration.npz beside it holds the arrays. Toge
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from hashlib import sha256
-from importlib.metadata import version
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -39,6 +38,7 @@ from calib.session.camera import Camera, Intrinsics, camera_to_yaml
 from calib.session.cover import Cover, cover_to_yaml
 from calib.session.session import session_from_mapping, session_to_yaml
 from calib.undistortion.ray_field import RayField, ray_field
+from calib.version import VERSION
 
 FORMAT = 2
 DERIVED = ("rays.npz", "map_*m.npz", "report.html")
@@ -117,7 +117,7 @@ class Calibration:
     """What the diagnosis added to the model."""
     stated: Declared | None = None
     """None: as `camera` and `cover` are, all held."""
-    refracal: str = field(default_factory=lambda: version("refracal"))
+    refracal: str = VERSION
     """The version that made it."""
 
     @property

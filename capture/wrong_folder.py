@@ -9,6 +9,15 @@ from capture.typed_path import typed_path
 WANTED = ("without the cover", "through it")
 
 
+def half(source: str, *, covered: bool) -> str:
+    """The source itself; of a folder that is a session with both, that of its pictures without the cover where those are wanted."""
+    place = _folder(source)
+    if covered or not place or not (place / "bare").is_dir():
+        return source
+    named, mark, options = source.partition("?")
+    return f"{named.rstrip('/')}/bare{mark}{options}"
+
+
 def check_folder(source: str, *, covered: bool) -> None:
     """InputError where `source` is a folder of a session that keeps the wanted pictures in another one."""
     place = _folder(source)

@@ -14,7 +14,7 @@ import capture
 
 LAYERS = {
     "calib": (
-        ("errors",),
+        ("errors", "version"),
         ("progress", "threads"),
         ("io",),
         ("session",),
@@ -59,6 +59,7 @@ LOADS = {
     "calib": set(),
     "calib.cli": set(),
     "calib.commands.command_line": set(),
+    "calib.version": set(),
     "calib.session.session": {"cv2", "numpy"},
     "calib.session.board": {"numpy"},
     "calib.corners.corners_file": {"numpy"},

@@ -9,6 +9,8 @@ from zipfile import ZipFile
 
 import pytest
 
+from calib.version import VERSION
+
 ROOT = Path(__file__).parents[1]
 DATA = {"calib/py.typed", "calib/report/style.css", "capture/py.typed"}
 LEFT_OUT = shutil.ignore_patterns(".*", "__pycache__", "build", "dist", "*.egg-info", "frames", "bare", "holdout", "docs", "*.npz")
@@ -39,6 +41,7 @@ def test_the_wheel_holds_both_packages_and_nothing_else(wheel: Path) -> None:
         names = {name for name in file.namelist() if ".dist-info/" not in name}
     modules = {path.relative_to(ROOT).as_posix() for package in ("calib", "capture") for path in (ROOT / package).rglob("*.py")}
     assert names == modules | DATA
+    assert wheel.name.startswith(f"refracal-{VERSION}-")
 
 
 @pytest.mark.parametrize("command", ["calib", "capture"])

@@ -5,11 +5,11 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
-from importlib.metadata import version
 from types import ModuleType
 from typing import NoReturn
 
 from calib.errors import RefracalError, brief
+from calib.version import VERSION
 
 
 def run_command(program: str, description: str | None, commands: Sequence[ModuleType], argv: Sequence[str] | None) -> int:
@@ -71,7 +71,7 @@ class _Help(argparse.HelpFormatter):
 
 def _parser(program: str, description: str | None, commands: Sequence[ModuleType]) -> argparse.ArgumentParser:
     parser = _Parser(program, description=description, formatter_class=_Help)
-    parser.add_argument("--version", action="version", version=f"refracal {version('refracal')}")
+    parser.add_argument("--version", action="version", version=f"refracal {VERSION}")
     choices = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in commands:
         name = command.__name__.rpartition(".")[2].removesuffix("_command")

@@ -1,11 +1,12 @@
 """A diagnosis on the terminal."""
 
-from rich.box import SIMPLE_HEAD
+from collections.abc import Iterator
+
 from rich.console import Console
 from rich.table import Table
 
 from calib.calibration import Calibration
-from calib.diagnosis.finding import Diagnosis
+from calib.diagnosis.finding import Candidate, Diagnosis
 from calib.diagnosis.found import found
 from calib.errors import harmless
 
@@ -22,7 +23,8 @@ def print_diagnosis(finding: Diagnosis, better: Calibration) -> None:
         if candidate.accepted:
             said = "; ".join(found(candidate.effect, better, candidate.parameters))
             console.print(f"{candidate.title}: {said}", markup=False, highlight=False, soft_wrap=True)
-    console.print(_considered(finding))
+    for line in _considered(finding):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
     for remark in finding.remarks:
         console.print(harmless(f"Note: {remark}"), markup=False, highlight=False, soft_wrap=True)
 
@@ -37,19 +39,22 @@ def _errors(finding: Diagnosis) -> Table:
     return table
 
 
-def _considered(finding: Diagnosis) -> Table:
-    columns = ("effect", "chi²", "p", "held out, px", "gain, 95 %", "verdict")
-    table = Table(*columns, title="What was considered", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-    for column in table.columns[:5]:
-        column.no_wrap = True
-    table.columns[5].min_width = len("confirmed")
-    for column in table.columns[1:5]:
-        column.justify = "right"
-    for one in sorted(finding.candidates, key=lambda c: (not c.accepted, c.p_value)):
-        held = f"{one.held_out_px_before:.3f} → {one.held_out_px_after:.3f}" if one.held_out_px_after is not None else ""
-        gain = f"{one.gain_ci95[0]:.3f} to {one.gain_ci95[1]:.3f}" if one.gain_ci95 else ""
-        table.add_row(one.title, f"{one.chi2:.0f}/{one.dof}", _small(one.p_value), held, gain, one.outcome)
-    return table
+def _considered(finding: Diagnosis) -> Iterator[str]:
+    """A heading for each thing that became of candidates, and below it those of which it did; no line is longer than 80 characters."""
+    groups: dict[str, list[Candidate]] = {}
+    for one in sorted(finding.candidates, key=lambda c: (not c.accepted, c.held_out_px_after is None, c.p_value)):
+        groups.setdefault(one.outcome, []).append(one)
+    yield f"{'What was considered':<22}{'chi²':>11}{'p':>8}{'held out, px':>18}{'gain, 95 %':>18}"
+    yield "─" * 77
+    for outcome, group in groups.items():
+        yield f"{outcome}:"
+        yield from map(_line, group)
+
+
+def _line(one: Candidate) -> str:
+    held = f"{one.held_out_px_before:.3f} → {one.held_out_px_after:.3f}" if one.held_out_px_after is not None else ""
+    gain = f"{one.gain_ci95[0]:.3f} to {one.gain_ci95[1]:.3f}" if one.gain_ci95 else ""
+    return f"  {one.title:<20}{f'{one.chi2:.0f}/{one.dof}':>11}{_small(one.p_value):>8}{held:>18}{gain:>18}".rstrip()
 
 
 def _small(p_value: float) -> str:

@@ -59,6 +59,7 @@ def run(args: argparse.Namespace) -> None:
     from calib.commands.verdict_lines import print_verdict
     from calib.diagnosis.diagnose import diagnose
     from calib.diagnosis.named_effects import with_named
+    from calib.diagnosis.possible_effects import check_possible
     from calib.export.npz import write_npz
     from calib.fitting.fit import fit
     from calib.fitting.provenance import asked
@@ -72,6 +73,8 @@ def run(args: argparse.Namespace) -> None:
     session = read_session(args.session)
     output = args.output or args.session / "calibration"
     settings = Settings(args.method, args.grid, args.steps, not args.neglect_shift, args.free, args.folds)
+    if args.effects != ("auto",):
+        check_possible(session, settings, args.effects)
     with FileSet(output) as files:
         with Bars() as bars:
             calibration = fit(session, settings, bars)

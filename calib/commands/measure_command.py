@@ -79,12 +79,14 @@ def _as_mapping(names: list[str], measured: "Measured", frame: str, noise_px: fl
 
 def _print(names: list[str], measured: "Measured", frame: str, noise_px: float) -> None:
     import numpy as np
+    from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     console = Console()
-    table = Table("point", "x", "y", "z", "to the next", title=f"In the {frame} frame, metres ± sigma")
+    title = f"In the {frame} frame, metres ± sigma"
+    table = Table("point", "x", "y", "z", "to the next", title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
     for column in table.columns[1:]:
         column.justify = "right"
     for i, (name, at, sigma) in enumerate(zip(names, measured.points, measured.sigma, strict=True)):
@@ -100,8 +102,10 @@ def _print(names: list[str], measured: "Measured", frame: str, noise_px: float) 
 
 
 def _cell(metres: float, sigma: float) -> str:
-    """With as many digits as sigma says something about: one of its own, two where it begins with a 1."""
+    """With as many digits as sigma says something about: one of its own, two where it begins with a 1. What is given has no sigma."""
     if not (math.isfinite(metres) and math.isfinite(sigma)):
         return "-"
-    digits = 6 if sigma <= 0 else max(0, min(9, -math.floor(math.log10(sigma / 2))))
+    if sigma <= 0:
+        return f"{metres:g}"
+    digits = max(0, min(9, -math.floor(math.log10(sigma / 2))))
     return f"{metres:.{digits}f} ± {sigma:.{digits}f}"

@@ -24,12 +24,14 @@ from capture.tui.camera import Preview, Task, Watch
 from capture.tui.cells import FOUND, HINT, Mark
 from capture.tui.fit import FitScreen
 from capture.tui.lacking import NO_LENS, lacking, lens_known, none_found
+from capture.tui.named import played
 from capture.tui.page import DOTS, HELP_AND_QUIT, Line, Page
 from capture.tui.panel import Panel
 from capture.tui.picture import Picture
 
 RETRY_S = 3.0  # after which a camera that failed is tried again
 TAKEN_S = 1.5  # for which a view that was kept is said, whatever comes next
+MORE = "More views would make it surer: they can come from another source."
 LACKING_S = 6.0  # for which it is said that a fit cannot begin
 
 
@@ -224,10 +226,7 @@ class CollectScreen(Page):
             return
         self._watch, self._found = None, None
         self.refresh_bindings()
-        if self.plan.bare:
-            self._hint = None
-            self.query_one("#next", Line).say("")
-            self._draw()
+        self._point(self._hint, self.query_one(Panel).progress)
         self._say(self._ending(message))
         if message.again:
             self.set_timer(RETRY_S, self._begin)
@@ -288,14 +287,21 @@ class CollectScreen(Page):
         if not self._improving and self._improved_with != len(self.kept):
             self._improving, self._improved_with = True, len(self.kept)
             self._improve(self._adviser, self._views())
-        over = self.plan.bare and not self._watch  # one goes on, not looking for a better view
-        self._hint = None if over or message.progress.enough else message.hint
         self.query_one(Panel).progress = message.progress
-        words = f"Next: {self._hint.words}." if self._hint else ""
-        if message.progress.enough:
-            words = f"ENOUGH: {self._onward()}. More views do no harm."
-        self.query_one("#next", Line).say(words)
+        self._point(message.hint, message.progress)
         self._note()
+
+    def _point(self, hint: Hint | None, progress: SessionProgress | None) -> None:
+        """Where to hold the board next, if there is to be a next view."""
+        over = not self._watch and (self.plan.bare or played(self.plan.source))
+        enough = progress is not None and progress.enough
+        self._hint = None if over or enough else hint
+        words = f"Next: {self._hint.words}." if self._hint else ""
+        if enough:
+            words = f"ENOUGH: {self._onward()}. More views do no harm."
+        elif over and not self.plan.bare and self.kept:
+            words = MORE
+        self.query_one("#next", Line).say(words)
         self._draw()
 
     def _onward(self) -> str:

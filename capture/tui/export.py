@@ -31,7 +31,9 @@ NO_MAP = (
 )
 
 
-class ExportScreen(ModalScreen[None]):
+class ExportScreen(ModalScreen[str]):
+    """Dismissed with where the last maps were written, in a sentence; empty where none were."""
+
     DEFAULT_CSS = """
     ExportScreen { align: center middle; }
     ExportScreen #box { width: 76; height: 19; border: round $primary; padding: 0 1; background: $surface; }
@@ -43,7 +45,7 @@ class ExportScreen(ModalScreen[None]):
     BINDINGS: ClassVar = [
         *TYPING,
         Binding("ctrl+s", "export", "Export", key_display="^s", priority=True),
-        Binding("escape", "dismiss", "Back", key_display="esc"),
+        Binding("escape", "back", "Back", key_display="esc"),
     ]
 
     class Done(Message):
@@ -59,6 +61,7 @@ class ExportScreen(ModalScreen[None]):
         super().__init__()
         self._calibration = calibration
         self._folder = session / "export"
+        self._wrote = ""
         self._wrong = False
         """What stands in the fields is none that could be exported, and the screen says why."""
 
@@ -90,6 +93,9 @@ class ExportScreen(ModalScreen[None]):
         self._say("")
         return asked
 
+    def action_back(self) -> None:
+        self.dismiss(self._wrote)
+
     def action_onward(self) -> None:
         onward(self)
 
@@ -112,6 +118,8 @@ class ExportScreen(ModalScreen[None]):
 
     def tell(self, message: Done) -> None:
         """What stands in the fields may have been changed meanwhile: what is wrong with it stays to be read."""
+        if message.written:
+            self._wrote = f"Wrote {len(message.written)} file{'s' * (len(message.written) > 1)} in {message.written[0].parent.resolve()}."
         if self._wrong:
             self.notify(message.sentence, markup=False)
         else:

@@ -22,6 +22,8 @@ ALONE: Mapping[str, Mapping[str, object]] = {
     "aprilgrid": {"columns": 2, "rows": 2, "tag_mm": 1, "spacing": 0.3},
 }
 """What stands beside a value that is judged by itself: it goes with any."""
+COMMA = re.compile(r"[+-]?[0-9]+([.,][0-9]+)?(±[0-9]+([.,][0-9]+)?)?")
+"""A number, with its sigma or without, and perhaps with a decimal comma."""
 ANSWERS = {"yes": True, "no": False, "true": True, "false": False}
 
 HELP = {
@@ -113,14 +115,33 @@ def _written(quantity: Quantity, text: str) -> dict[str, object]:
     if not quantity.components:
         _check_point(f"cover.{quantity.key}", text)
         return {quantity.key: _number(text)}
-    return {quantity.key: [_number(part) for part in re.split(r"[,;\s]+", _joined(text).strip(" []"))]}
+    _check_points(f"cover.{quantity.key}", text, len(quantity.components))
+    return {quantity.key: [_number(part) for part in _parts(text)]}
 
 
 def _check_point(key: str, text: str) -> None:
-    """InputError where a single number, or its sigma, has a decimal comma. In a list, a comma parts two numbers."""
-    if re.fullmatch(r"[+-]?[0-9]+([.,][0-9]+)?(±[0-9]+([.,][0-9]+)?)?", _joined(text.strip())) and "," in text:
-        meant = _joined(text.strip()).replace(",", ".").replace("±", " ± ")
-        raise InputError(f"{WHERE}: {key} is {text.strip()}: write {meant}, with a point.")
+    """InputError where a single number, or its sigma, has a decimal comma."""
+    if COMMA.fullmatch(_joined(text.strip())) and "," in text:
+        raise InputError(f"{WHERE}: {key} is {text.strip()}: write {_with_points([_joined(text.strip())])}, with a point.")
+
+
+def _check_points(key: str, text: str, count: int) -> None:
+    """InputError where commas among the digits of a list of so many numbers may be decimal ones. `1,2,3` and `0,-30` can only be lists."""
+    words = [word for word in re.split(r"[;\s]+|,(?![0-9])", _joined(text).strip(" []")) if word]
+    if not any("," in word for word in words) or not all(map(COMMA.fullmatch, words)):
+        return
+    parts = _parts(text)
+    listed = f", or {', '.join(parts).replace('±', ' ± ')}, with a blank, for {count} numbers" if len(parts) == count else ""
+    raise InputError(f"{WHERE}: {key} is {text.strip()}: write {_with_points(words)}, with a point{listed}.")
+
+
+def _parts(text: str) -> list[str]:
+    """Of a list, as commas, semicolons and blanks part it."""
+    return re.split(r"[,;\s]+", _joined(text).strip(" []"))
+
+
+def _with_points(numbers: list[str]) -> str:
+    return ", ".join(number.replace(",", ".") for number in numbers).replace("±", " ± ")
 
 
 def _value(key: str, text: str) -> object:

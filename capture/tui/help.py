@@ -16,7 +16,9 @@ that straighten pictures at any depth.
 1 Set-up         Name the camera; describe the board and the cover.
 2 Without cover  Take the cover off and record the board: this finds the lens.
 3 Through cover  Put it on, leave the focus alone, and record the board again.
-4 Fit            Takes seconds to minutes. The error should fall.
+4 Fit            Takes seconds to minutes. The error should fall: first as if
+                 there were no cover, then with smooth, ideal glass as it is
+                 declared, then with the waves of yours (uneven).
 5 Results        Drop views that are spoiled; diagnose what the model lacks;
                  export maps.
 

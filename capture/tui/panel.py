@@ -12,7 +12,9 @@ from capture.tui.maps import shaded
 from capture.tui.page import Line
 
 MAP = (13, 5)  # columns and rows of a coverage map
-LEGEND = f"{FOUND} found   {HINT} hold it here\n░ ▒ ▓ some views   █ enough"
+MARKS = f"{FOUND} found   {HINT} hold it here"
+COUNTED, COMPUTED = "░ ▒ ▓ some views   █ enough", "░ ▒ ▓ less sure   █ sure enough"
+"""What the shades of picture and depth say: how many views there are, and once it is computed, how sure the maps are."""
 
 
 class Panel(Vertical):
@@ -40,7 +42,7 @@ class Panel(Vertical):
             yield Line(id="image", markup=False)
             yield Line(id="glass", markup=False)
         yield Line(id="depth", markup=False)
-        yield Line(LEGEND, id="legend", markup=False)
+        yield Line(f"{MARKS}\n{COUNTED}", id="legend", markup=False)
         yield Line(id="notes", markup=False)
 
     def count(self, views: int, *, automatic: bool) -> None:
@@ -54,6 +56,7 @@ class Panel(Vertical):
         if progress is None:
             return
         self.query_one("#enough", Line).say(progress.sentence)
+        self.query_one("#legend", Line).say(f"{MARKS}\n{COUNTED if progress.sigma_px is None else COMPUTED}")
         self.query_one("#image", Line).say(f"Picture\n{shaded(progress.image, *MAP)}")
         if self._covered:
             self.query_one("#glass", Line).say(f"Glass\n{shaded(progress.glass, *MAP)}")

@@ -27,6 +27,7 @@ from capture.tui.page import DOTS, HELP_AND_QUIT, Page
 from capture.tui.picture import Picture
 
 BAR = 12  # columns
+GLASS = "smooth: ideal glass; uneven: its waves as well"
 SHOWN = 2  # reasons of the verdict: more do not fit under the picture
 
 
@@ -127,6 +128,8 @@ class ResultsScreen(Page):
         for stage in self.result["stages"]:
             was = f"{before[stage['name']]['rms_px']:>8.3f}" if stage["name"] in before else ""
             lines.append(f"{stage['title']:<18}{stage['rms_px']:>6.3f} px{stage['rmse_cm']:>8.4f} cm{was}")
+        if any(stage["name"] == "cover" for stage in self.result["stages"]):
+            lines.append(GLASS)
         return "\n".join(lines)
 
     def _verdict(self) -> str:
@@ -134,7 +137,7 @@ class ResultsScreen(Page):
         said = [f"The error fell from {first:.3f} to {last:.3f} px; the corners' own noise is {self.result['noise_px']:.3f} px."]
         if sigmas := self.result["sigma_px"]:
             at = ", ".join(f"{one['px']:.2g} px at {one['depth_m']:g} m" for one in sigmas)
-            said.append(f"The maps are sure to {at} (one standard deviation, at the corners).")
+            said.append(f"The maps are sure to {at} (sigma, at the nearest, middle and farthest corners).")
         word, *reasons = self.result["verdict"]["sentences"]
         more = len(reasons) - SHOWN
         told = [*reasons[:SHOWN], *([f"And {more} more reasons, which the report shows."] if more > 0 else [])]
@@ -226,11 +229,15 @@ class ResultsScreen(Page):
         self.post_message(self.FitAgain(self))
 
     def action_export(self) -> None:
-        self.app.push_screen(ExportScreen(self.session, Path(self.result["calibration"])))
+        self.app.push_screen(
+            ExportScreen(self.session, Path(self.result["calibration"])), lambda wrote: self._say(wrote) if wrote else None
+        )
 
     def action_report(self) -> None:
-        self._say("The report is being written.")
-        self._report(Path(self.result["calibration"]))
+        calibration = Path(self.result["calibration"])
+        anew = " anew, in place of the one that is there" if (calibration.parent / "report.html").exists() else ""
+        self._say(f"The report is being written{anew}, which takes some seconds.")
+        self._report(calibration)
 
     @work(thread=True, exclusive=True, group="report", description="writes the report")
     def _report(self, calibration: Path) -> None:

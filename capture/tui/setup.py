@@ -3,6 +3,7 @@
 from asyncio import to_thread
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar, cast
 
@@ -32,14 +33,16 @@ from capture.tui.lens import ENOUGH
 from capture.tui.named import cannot_be_opened, played, read_like
 from capture.tui.opening import OpeningScreen
 from capture.tui.page import TYPING, Field, Page, onward, typed
-from capture.wrong_folder import check_folder, doubt
+from capture.wrong_folder import check_folder, doubt, half
 
 SOURCE_HELP = "Where pictures come from: v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE."
 LIKE_HELP = "Another session, its folder: board, cover and lens are taken from there. May stay empty."
 PHASE_HELP = "First without the cover, to find the lens; then through it, without touching the focus."
+OPENS = " enter opens the list, tab goes on."
 COVER_ON = "NOW PUT THE COVER ON, and leave the focus alone. "
 LIVE = "Then enter on Start."
 PLAYED = "Name the source of the pictures through it, then ^s."
+BOTH = "This session has pictures through it too: ^s goes on with those."
 BOARDS = {
     "checkerboard": {"columns": "9", "rows": "6"},
     "charuco": {"columns": "9", "rows": "6", "dictionary": "DICT_4X4_250", "legacy_pattern": "no"},
@@ -166,11 +169,13 @@ class SetupScreen(Page):
         elif not self.query("#board Input"):
             await self._begin_anew()
         source = self.query_one("#source", Input)
-        self.query_one("#state", Static).update(COVER_ON + (PLAYED if played(source.value) else LIVE) if self._covered else harmless(state))
+        both = half(source.value, covered=False) != source.value
+        go_on = BOTH if both else PLAYED if played(source.value) else LIVE
+        self.query_one("#state", Static).update(COVER_ON + go_on if self._covered else harmless(state))
         for each in self.query("#kind, #board Input, #cover Input, #shape"):
             each.disabled = described
         self._propose()
-        if described and self._source and not (self._covered and played(source.value)):
+        if described and self._source and (both or not (self._covered and played(source.value))):
             self.query_one("#start").focus()
         else:
             source.focus().action_select_all()  # what is typed replaces it
@@ -313,7 +318,8 @@ class SetupScreen(Page):
         key = widget.id or widget.name or ""
         if not key:  # the list of a choice: its hint stays
             return
-        self.query_one("#hint", Static).update(texts.get(key, explained(key, kind)))
+        listed = OPENS if isinstance(event.widget, Select) else ""
+        self.query_one("#hint", Static).update(texts.get(key, explained(key, kind)) + listed)
         wrong = await self._wrong(widget) if isinstance(widget, Input) and widget.value else None
         self._say(wrong or "")
 
@@ -338,8 +344,8 @@ class SetupScreen(Page):
             self._say(f"{said} Start once more if they are right all the same.")
             return
         if played(task.source) and (shut := await to_thread(cannot_be_opened, task.source)):
-            self._shut = task.source, shut
             source = self.query_one("#source", Input)
+            self._shut = source.value, shut
             await self._mark(source)
             source.focus()
             return
@@ -360,9 +366,10 @@ class SetupScreen(Page):
         else:
             asked = read_form(self._typed(), self._like[1] if self._like else None)
         task = Task(self.session, texts["source"], asked, bare=cast(bool, self.query_one("#phase", Select).value))
-        if asked[2].shape != "none":
-            check_folder(task.source, covered=task.covered)
-        return task
+        if asked[2].shape == "none":
+            return task
+        check_folder(wanted := half(task.source, covered=task.covered), covered=task.covered)
+        return replace(task, source=wanted)
 
     def _say(self, sentence: str) -> None:
         self.query_one("#problem", Static).update(sentence)

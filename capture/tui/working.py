@@ -14,6 +14,7 @@ from capture.tui.child import Child, Event, Work
 from capture.tui.page import Page
 
 BAR = 24  # columns
+LEFT = "The error that is left (root mean square, surer corners weighing more):"
 
 
 class WorkingPage(Page):
@@ -109,7 +110,10 @@ class WorkingPage(Page):
             f"{title:<{width}}{_bar(done / max(total, 1), BAR)} {done:>3}/{total:<4} {words}" for title, done, total, words in self._tasks
         ]
         falling = [f"{'':{width}}{_bar(error / max(self._errors), BAR)} {error:.3f} px" for error in self._errors[-8:]]
-        self.show("\n".join(lines), "\n".join(["The error that is left (root mean square):", *falling] if falling else []))
+        self.show(
+            "\n".join(lines),
+            "\n".join([LEFT, *falling] if falling else []),
+        )
 
     def show(self, above: str, below: str = "") -> None:
         self.query_one("#tasks", Static).update(above)

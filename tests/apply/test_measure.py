@@ -1,6 +1,7 @@
 """Measuring in metres: against points that were put there, with sigmas that are what repetition shows."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -232,7 +233,10 @@ def test_the_command_prints_a_table(folder: Path, capsys: pytest.CaptureFixture[
     assert main(["measure", str(folder / "calibration"), str(folder / "plane.csv"), "--depth", "0.6", "--noise", "0.5"]) == 0
     out = capsys.readouterr().out
     assert "camera frame, metres" in out
-    assert "0.600000 ±" in " ".join(out.split())
+    rows = [
+        re.fullmatch(r"([pqr]) +(-?[\d.]+ ± [\d.]+) +(-?[\d.]+ ± [\d.]+) +0\.6 *( [\d.]+ ± [\d.]+)? *", line) for line in out.splitlines()
+    ]
+    assert [row[1] for row in rows if row] == ["p", "q"], "each in one line of 80 columns, the depth as it was given"
     assert "Pixel noise 0.500 px per axis" in out
 
 

@@ -119,6 +119,18 @@ def test_a_wrong_choice_gets_a_sentence(
     assert "Traceback" not in said
 
 
+def test_an_effect_that_cannot_be_is_refused_before_the_fit(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Even its corners are not read, which would be refused."""
+    copy = shutil.copytree(session, tmp_path / "s")
+    (copy / "corners.vnl").write_text("nothing of this is read\n")
+    assert main(["fit", str(copy), "--effects", "board_shape,flat_port"]) == 2
+    said = capsys.readouterr().err
+    assert said == "calib: --effects flat_port: with cover.shape: cone there can be no flat_port: leave it out.\n"
+    assert not (copy / "calibration").exists()
+    assert main(["fit", str(copy), "--effects", "board_shape"]) == 2
+    assert "corners.vnl" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_effects_auto_and_diagnose_say_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_session(tmp_path, hidden(BOW, TRUTH, views=12))

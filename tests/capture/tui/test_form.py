@@ -24,6 +24,20 @@ def test_what_is_written_reads_the_same() -> None:
 
 
 @pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("0, 0, 5", None),
+        ("1,2,3", None),
+        ("0,-30,5", "write 0, -30.5, with a point, or 0, -30, 5, with a blank, for 3 numbers."),
+        ("0,5; 0; 1", "write 0.5, 0, 1, with a point."),
+    ],
+)
+def test_of_three_numbers(text: str, said: str | None) -> None:
+    found = problem("centre_mm", text, "dome")
+    assert found is None if said is None else said in str(found)
+
+
+@pytest.mark.parametrize(
     ("key", "text", "said"),
     [
         ("columns", "9", None),
@@ -39,6 +53,15 @@ def test_what_is_written_reads_the_same() -> None:
         ("square_mm", "20, 5", "is the text"),
         ("thickness_mm", "-2,5", "cover.thickness_mm is -2,5: write -2.5, with a point"),
         ("axis_offset_mm", "0,-30", None),
+        ("axis_offset_mm", "0;-30", None),
+        ("axis_offset_mm", "0,5", "axis_offset_mm is 0,5: write 0.5, with a point, or 0, 5, with a blank, for 2 numbers"),
+        ("axis_offset_mm", "0,5; -30", "write 0.5, -30, with a point."),
+        ("axis_offset_mm", "0,5 -30,25", "write 0.5, -30.25, with a point."),
+        ("axis_offset_mm", "0,5, -30", "write 0.5, -30, with a point."),
+        ("axis_offset_mm", "0,-30,5", "write 0, -30.5, with a point."),
+        ("axis_offset_mm", "0 ± 0,5, -30", "write 0 ± 0.5, -30, with a point."),
+        ("axis_offset_mm", "0,1,2", "write [x, z]"),
+        ("axis_offset_mm", "x,5", "write a number"),
         ("inner_radius_mm", "41.95", None),
         ("inner_radius_mm", "42 ± 2", None),
         ("inner_radius_mm", "42 +- 2", None),

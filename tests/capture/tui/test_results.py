@@ -5,6 +5,7 @@ import time
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
+from threading import Event
 
 import pytest
 from textual.pilot import Pilot
@@ -13,7 +14,7 @@ from calib.progress import Progress
 from capture.tui.app import CaptureApp
 from capture.tui.command import Done
 from capture.tui.results import ResultsScreen
-from tests.capture.tui.driving import drive, running, see, shown
+from tests.capture.tui.driving import drive, running, see, shown, until
 from tests.capture.tui.test_session import FIXTURE
 from tests.capture.tui.test_snapshots import RESULT
 
@@ -98,6 +99,53 @@ async def _report(session: Path) -> None:
         await see(pilot, "The report is s/calibration/report.html", SOON_S)
         said = " ".join(shown(pilot).split())
         assert "To be trusted where it has corners. Press r for the report, x to export maps." in said
+
+
+def test_a_report_that_is_there_is_said_to_be_written_anew(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = Event()
+
+    def slow(_: Sequence[str]) -> Done:
+        assert asked.wait(60)
+        return Done(0, "s/calibration/report.html\n", "", ())
+
+    monkeypatch.setattr("capture.tui.results.calib", slow)
+    monkeypatch.chdir(session)
+    drive(_anew(session, asked))
+
+
+async def _anew(session: Path, asked: Event) -> None:
+    async with results(session) as pilot:
+        await pilot.press("r")
+        await see(pilot, "The report is being written, which takes some seconds.", SOON_S)
+        asked.set()
+        await see(pilot, "The report is s/calibration/report.html", SOON_S)
+        asked.clear()
+        report = Path(str(RESULT["calibration"])).parent / "report.html"
+        report.parent.mkdir(parents=True)
+        report.touch()
+        await pilot.press("r")
+        await see(pilot, "The report is being written anew, in place of the one that is there", SOON_S)
+        asked.set()
+        await see(pilot, "The report is s/calibration/report.html", SOON_S)
+
+
+def test_back_from_an_export_it_is_said_what_was_written(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = session / "maps"
+    monkeypatch.setattr("capture.tui.export.calib", lambda _: Done(0, f"{out / 'rays.npz'}\n{out / 'map_1m.npz'}\n", "", ()))
+    drive(_back_from_export(session, out))
+
+
+async def _back_from_export(session: Path, out: Path) -> None:
+    async with results(session) as pilot:
+        await pilot.press("x")
+        await see(pilot, "depths in metres", SOON_S)
+        await pilot.press("escape")
+        await see(pilot, "The error fell from", SOON_S)
+        await pilot.press("x", "ctrl+s")
+        await see(pilot, "Wrote rays.npz map_1m.npz", SOON_S)
+        await pilot.press("escape")
+        await until(pilot, lambda: f"Wrote2filesin{out}." in "".join(shown(pilot).split()), SOON_S)
+        assert "The error fell from" not in shown(pilot)
 
 
 def endless(progress: Progress, _session: Path, _out: Path) -> dict[str, object]:

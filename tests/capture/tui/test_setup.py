@@ -69,9 +69,10 @@ def test_a_tilde_is_the_home_in_source_and_like(tmp_path: Path, monkeypatch: pyt
 async def _tilde(session: Path) -> None:
     async with running(session, f"folder:~/{FIXTURE.name}") as pilot:
         await see(pilot, "a new session")
-        burst(pilot, "<enter>", f"~/{FIXTURE.name}", "<ctrl+s>")
-        await see(pilot, "gives a session's pictures through its cover: for those without, write folder:")
-        assert "41.95" in shown(pilot)
+        burst(pilot, "<enter>", f"~/{FIXTURE.name}")
+        await see(pilot, "41.95")
+        burst(pilot, "<ctrl+s>")
+        await see(pilot, "no more pictures")
 
 
 def test_what_is_corrected_stays_although_another_session_is_named(tmp_path: Path) -> None:
@@ -110,17 +111,24 @@ async def _reopened(session: Path) -> None:
         await see(pilot, "rows 6 square_mm 25")
 
 
-def test_covered_pictures_are_refused_where_bare_ones_are_wanted(tmp_path: Path) -> None:
-    drive(_covered_for_bare(tmp_path / "session"))
-    assert not (tmp_path / "session").exists()
+def test_a_recorded_session_gives_both_its_halves_by_one_name(tmp_path: Path) -> None:
+    session = tmp_path / "session"
+    drive(_both_halves(session))
+    assert all((session / half).is_dir() for half in ("bare", "frames"))
 
 
-async def _covered_for_bare(session: Path) -> None:
+async def _both_halves(session: Path) -> None:
     async with running(session) as pilot:
         await see(pilot, "a new session")
-        await describe(pilot, f"folder:{FIXTURE}")
+        await describe(pilot, f"folder:{FIXTURE}?speed=max")
         await pilot.press("ctrl+s")
-        await see(pilot, "gives a session's pictures through its cover: for those without, write folder:")
+        await see(pilot, "no more pictures. Press n to go on")
+        assert not (session / "frames").exists()
+        await pilot.press("n")
+        await see(pilot, "This session has pictures through it too: ^s goes on with those.")
+        await pilot.press("ctrl+s")
+        await see(pilot, "THROUGH COVER")
+        await see(pilot, "no more pictures. Press f to fit")
 
 
 def test_bare_pictures_are_refused_where_covered_ones_are_wanted(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ With REFRACAL_PICTURES=FOLDER each is drawn there in its colours too.
 import os
 import shutil
 from collections.abc import Callable, Coroutine
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,8 @@ from tests.capture.tui.driving import SIZES, describe, drive, running, see, show
 from tests.capture.tui.test_effects import FINDING, NUMBERS
 from tests.capture.tui.test_session import FIXTURE
 
+CAMERA = "v4l2:/dev/video0"
+"""Which may give more views, unlike a folder that has ended."""
 FOLDER = Path(__file__).parent / "snapshots"
 HINT = Hint(np.array([[60.0, 150.0], [330, 120], [350, 420], [40, 450]]), np.zeros(6), "closer, to the left edge, tilt the right side away")
 PROGRESS = SessionProgress(
@@ -121,8 +124,12 @@ async def collect(pilot: Pilot[None], _: Path) -> None:
     assert isinstance(screen, CollectScreen)
     await until(pilot, lambda: screen._adviser is not None and "cannot be" in screen._adviser.remark)  # it has said all that it will
     await pilot.pause(0.5)
-    pilot.app.screen.post_message(CollectScreen.Advised(3, HINT, PROGRESS))
-    await see(pilot, "The maps would be 0.31 px")
+    screen.post_message(CollectScreen.Advised(3, HINT, PROGRESS))
+    await see(pilot, "More views would make it surer: they can come from another source.")
+    assert HINT.words not in shown(pilot)
+    screen.plan = replace(screen.plan, source=CAMERA)
+    screen.post_message(CollectScreen.Advised(3, HINT, PROGRESS))
+    await see(pilot, f"Next: {HINT.words}.")
 
 
 async def collect_enough(pilot: Pilot[None], session: Path) -> None:
@@ -148,6 +155,7 @@ async def collect_charuco(pilot: Pilot[None], session: Path) -> None:
     assert screen._found is not None
     pose = np.array([0.0, -0.5, 0.0, 0.15, 0.0, 0.25])
     outside = hint(pose, seen_bare(board, camera, pose), [SeenView(screen._found)], board, camera, Reach.of(board, camera))
+    screen.plan = replace(screen.plan, source=CAMERA)
     screen.post_message(CollectScreen.Advised(1, outside, PROGRESS))
     await see(pilot, "over the right edge (a part outside)")
     await see(pilot, "The maps would be 0.31 px")

@@ -1,0 +1,26 @@
+"""One version, which every way to run the programs knows."""
+
+import shutil
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+from calib.version import VERSION
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.mark.parametrize("program", ["calib", "capture"])
+def test_a_checkout_that_is_not_installed_says_it(program: str, tmp_path: Path) -> None:
+    for package in ("calib", "capture"):
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+    command = [sys.executable, "-S", "-m", program, "--version"]  # -S: nothing that is installed, nor its metadata
+    done = subprocess.run(command, cwd=tmp_path, env={}, capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == (f"refracal {VERSION}\n", "")
+
+
+def test_it_is_that_of_what_is_installed() -> None:
+    assert version("refracal") == VERSION
