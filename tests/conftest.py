@@ -54,6 +54,12 @@ def _activated() -> Iterator[None]:
         yield
 
 
+@pytest.fixture
+def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A report's seven figures take longer than a small fit: for tests of something else, as those of the report draw them."""
+    monkeypatch.setattr("calib.report.write.DRAWINGS", ())
+
+
 @pytest.fixture(autouse=True, scope="session")
 def _frozen() -> None:
     """What is loaded by now stays: no collection looks through torch again."""

@@ -23,6 +23,7 @@ from tests.test_render_truth import FOLDERS as HIDING
 
 MEASURED = FIXTURES.parent.parent / "shared" / "data"
 SESSIONS = ("clean", "bumps", "covered-bare")
+HOLDING_OUT = ("clean", "bumps")
 
 
 def copied(source: Path, target: Path) -> Path:
@@ -43,15 +44,23 @@ def with_true_glass(calibration: Calibration, session: Session, truth: Path) -> 
 
 
 @pytest.fixture(scope="module")
-def fitted(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Calibration]:
+def sessions(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Session]:
+    """Copies, in which the corners that were found once are kept for all tests."""
     folder = tmp_path_factory.mktemp("fixtures")
-    return {name: fit(read_session(copied(FIXTURES / name, folder / name)), Settings(), Silent()) for name in SESSIONS}
+    found = {name: read_session(copied(FIXTURES / name, folder / name)) for name in SESSIONS}
+    bare = found["covered-bare"].bare
+    assert bare
+    return found | {f"{name}/holdout": read_session(folder / name / "holdout") for name in HOLDING_OUT} | {"covered-bare/bare": bare}
 
 
 @pytest.fixture(scope="module")
-def by_the_paper(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
-    session = read_session(copied(FIXTURES / "clean", tmp_path_factory.mktemp("paper") / "clean"))
-    return fit(session, Settings(method="paper"), Silent())
+def fitted(sessions: dict[str, Session]) -> dict[str, Calibration]:
+    return {name: fit(sessions[name], Settings(), Silent()) for name in SESSIONS}
+
+
+@pytest.fixture(scope="module")
+def by_the_paper(sessions: dict[str, Session]) -> Calibration:
+    return fit(sessions["clean"], Settings(method="paper"), Silent())
 
 
 @pytest.mark.parametrize("name", SESSIONS)
@@ -67,17 +76,11 @@ def test_every_view_is_used_and_the_cover_explains_most_of_the_error(fitted: dic
 
 
 @pytest.mark.parametrize("name", [*SESSIONS, "clean/holdout", "bumps/holdout", "covered-bare/bare", *HIDING])
-def test_detected_corners_are_the_renderer_s(name: str, tmp_path: Path) -> None:
+def test_detected_corners_are_the_renderer_s(name: str, sessions: dict[str, Session], tmp_path: Path) -> None:
     """Against the exact pixel of every true corner: 0.012 to 0.017 px were measured, 0.022 where a bump of the glass is smaller than a
     square, means 0.001 px. An eighth more is allowed, and of the worst of thousands, 0.08 and 0.15 px, a quarter."""
     bumpy = name.startswith("bump/") or name == "bump"
-    top, _, inner = name.partition("/")
-    session = read_session(copied(FIXTURES / top, tmp_path / "s"))
-    if inner == "bare":
-        assert session.bare
-        session = session.bare
-    elif inner:
-        session = read_session(session.path / inner)
+    session = sessions.get(name) or read_session(copied(FIXTURES / name, tmp_path / "s"))
     views = detect(session.frames, session.board).views
     with np.load(FIXTURES / name / "truth.npz") as file:
         truth = file["corners"]
@@ -117,9 +120,11 @@ def test_rays_behind_a_bare_calibration_are_the_renderer_s(fitted: dict[str, Cal
     assert all(0.8 < ratio / usual < 9 / 8 for ratio, usual in zip(ratios, (0.472, 0.871, 0.907), strict=True))
 
 
-@pytest.mark.parametrize("name", ["clean", "bumps"])
-def test_held_out_views_are_within_5_percent_of_what_the_true_rays_leave(fitted: dict[str, Calibration], name: str, tmp_path: Path) -> None:
-    session = read_session(copied(FIXTURES / name / "holdout", tmp_path / "s"))
+@pytest.mark.parametrize("name", HOLDING_OUT)
+def test_held_out_views_are_within_5_percent_of_what_the_true_rays_leave(
+    fitted: dict[str, Calibration], sessions: dict[str, Session], name: str
+) -> None:
+    session = sessions[f"{name}/holdout"]
     ours = evaluate(fitted[name], session, Silent())
     assert ours.frames_used == 10
     floor = evaluate(with_true_glass(fitted[name], session, FIXTURES / name / "truth.npz"), session, Silent())
@@ -137,10 +142,10 @@ def test_bare_views_give_the_renderer_s_camera(fitted: dict[str, Calibration]) -
     assert abs(found.distortion[0].value - lens[0]) < 4 * found.distortion[0].sigma
 
 
-def test_undistorting_a_held_out_view_straightens_its_board(fitted: dict[str, Calibration], tmp_path: Path) -> None:
+def test_undistorting_a_held_out_view_straightens_its_board(fitted: dict[str, Calibration], sessions: dict[str, Session]) -> None:
     """The strong bumps bend the board's lines by 0.179 px; at the board's depth the map unbends them to 0.016 px, which is what the
     detector's own error leaves. An eighth more is allowed, as of the maps themselves."""
-    session = read_session(copied(FIXTURES / "bumps" / "holdout", tmp_path / "s"))
+    session = sessions["bumps/holdout"]
     with np.load(FIXTURES / "bumps" / "holdout" / "truth.npz") as file:
         depths = file["translations"][:, 2]
     before, after = [], []

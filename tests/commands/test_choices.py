@@ -15,11 +15,7 @@ from tests.diagnosis.hide import hidden
 from tests.diagnosis.test_diagnose import BOW, TRUTH
 from tests.test_calibration import write_session
 
-
-@pytest.fixture(autouse=True)
-def _without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Seven figures of each fit take longer than the fit: the tests of the report draw them."""
-    monkeypatch.setattr("calib.report.write.DRAWINGS", ())
+pytestmark = pytest.mark.usefixtures("without_figures")
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +80,7 @@ def test_folds_are_said_and_in_the_json(session: Path, tmp_path: Path, capsys: p
 
 
 def test_grid_auto_keeps_the_coarsest_that_nothing_beats(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["fit", str(session), "-o", str(tmp_path / "out"), "--grid", "auto"]) == 0
+    assert main(["fit", str(session), "-o", str(tmp_path / "out"), "--grid", "auto", "--free", "none"]) == 0
     capsys.readouterr()
     settings = Calibration.load(tmp_path / "out").settings
     tried = settings["grid_held_out_px"]

@@ -71,6 +71,7 @@ def test_the_last_lines_are_the_verdict_and_what_to_type(
     assert lines[-1] == f"Next: {shlex.join(['capture', str(fitted[0])])}"
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_a_fit_ends_with_what_to_do_next(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     session = Path(__file__).parents[2] / "fixtures" / "covered-bare"
     assert main(["fit", str(session), "--grid", "5x5", "-o", str(tmp_path)]) == 0
@@ -94,6 +95,7 @@ def test_the_help_lists_every_effect(command: str, capsys: pytest.CaptureFixture
     assert all(len(line.split()) > 2 for line in listed)
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_a_trusted_fit_says_how_to_export_and_that_can_be_typed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_session(tmp_path / "my session", scene(11, views=24, noise=0.05, depths=(0.35, 1.2)))
     assert main(["fit", str(folder), "--grid", "5x5"]) == 0

@@ -68,6 +68,7 @@ def test_held_out_views(fitted: tuple[Kind, Path], tmp_path: Path, capsys: pytes
     assert found["rms_px"] < 0.03
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_corners_come_back_from_their_file(fitted: tuple[Kind, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What was measured, as corners.vnl, with its gaps, gives the same calibration as the pictures."""
     kind, folder = fitted
@@ -102,6 +103,7 @@ def test_a_point_on_a_board_that_is_partly_seen(fitted: tuple[Kind, Path], capsy
     assert found["m"] == pytest.approx(place[:, seen], abs=1e-3 * pose[5])
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_a_diagnosis_finds_nothing_where_nothing_is(fitted: tuple[Kind, Path], capsys: pytest.CaptureFixture[str]) -> None:
     _, folder = fitted
     assert main(["diagnose", str(folder / "calibration"), "--json"]) == 0

@@ -61,6 +61,7 @@ def test_a_bowed_board_is_named_with_its_parameters(found: tuple[Calibration, Di
     assert finding.unexplained < 0.2
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_the_command_s_json_carries_the_verdict(
     found: tuple[Calibration, Diagnosis], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,5 +1,6 @@
 """The pages of docs/effects: there is one for each effect, and the steps for a new one work as they are written."""
 
+import os
 import re
 import shutil
 import subprocess
@@ -67,7 +68,7 @@ def test_the_steps_for_a_new_effect_work_as_written(tmp_path: Path) -> None:
     assert place
     assert kind
     for folder in ("calib", "tests", "fixtures"):
-        left_out = shutil.ignore_patterns("__pycache__", "device", "tui", "frames", "holdout", "bare")
+        left_out = shutil.ignore_patterns("device", "tui", "frames", "holdout", "bare")
         shutil.copytree(ROOT / folder, tmp_path / folder, ignore=left_out)
     (tmp_path / place[1]).write_text(code, encoding="utf-8")
     registry = tmp_path / "calib" / "effects" / "registry.py"
@@ -85,8 +86,7 @@ def test_the_steps_for_a_new_effect_work_as_written(tmp_path: Path) -> None:
 
 def _run(folder: Path, *words: str) -> str:
     """What Python prints in the copy."""
-    done = subprocess.run(
-        [sys.executable, *words], cwd=folder, env={"PYTHONPATH": str(folder)}, capture_output=True, text=True, check=False
-    )
+    environment = os.environ | {"PYTHONPATH": str(folder)}
+    done = subprocess.run([sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout

@@ -45,6 +45,7 @@ def test_fit_leaves_a_report(session: Path, capfd: pytest.CaptureFixture[str]) -
     assert origin["session_sha256"] in path.read_text()
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_a_report_that_can_not_be_written_costs_nothing_else(session: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (session / "calibration" / "report.html").mkdir(parents=True)
     assert main(["fit", str(session), "--grid", "4x4", "--depth", "1", "--json"]) == 2
@@ -56,6 +57,7 @@ def test_a_report_that_can_not_be_written_costs_nothing_else(session: Path, capf
     assert (session / "calibration" / "map_1m.npz").exists()
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_report_opens_a_browser_where_there_is_a_screen(
     few: Calibration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -61,6 +61,7 @@ def test_stages_and_numbers_are_those_of_the_calibration(reported: Reported) -> 
     assert f"calib fit {reported.session} --grid 6x6 --free none --folds 3 -o {reported.session / 'calibration'}" in said
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_the_title_names_the_camera_or_none(few: Calibration, tmp_path: Path) -> None:
     for model, title in (("Pi <2>", "Calibration of Pi &lt;2&gt;"), ("", "Calibration of a camera")):
         named = replace(few, camera=replace(few.camera, model=model))
@@ -109,6 +110,7 @@ def test_a_session_that_moved_with_its_calibration_is_found(few: Calibration, re
     assert report_in(tmp_path / "calibration", moved).read_text().count('<div class="shot" style="aspect-ratio: 3280/2464"><img') == 2
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_effects_have_a_row_each(reported: Reported, few: Calibration, tmp_path: Path) -> None:
     rows = [EffectRow("board_shape", 0.59, 0.17, "x -1.04 ± 0.02 mm"), EffectRow("focal", 0.17, 0.16, "")]
     html = report_in(tmp_path, few, effects=rows).read_text()

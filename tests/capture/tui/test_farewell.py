@@ -3,6 +3,8 @@
 import shutil
 from pathlib import Path
 
+import pytest
+
 from calib.cli import main
 from capture.tui.farewell import farewell
 from tests.capture.tui.test_session import FIXTURE
@@ -23,6 +25,7 @@ def test_of_pictures_it_counts_them(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_what_it_says_to_type_goes_from_a_calibration_to_straight_pictures(tmp_path: Path) -> None:
     session = shutil.copytree(FIXTURE, tmp_path / "s")
     assert main(["fit", str(session), "--grid", "5x5"]) == 0

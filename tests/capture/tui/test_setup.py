@@ -19,14 +19,26 @@ from tests.capture.tui.test_session import FIXTURE
 from tests.fuzz.keys import walk
 
 
-def test_start_waits_for_what_was_typed_before_it(tmp_path: Path) -> None:
+@pytest.fixture
+def brief(tmp_path: Path) -> Path:
+    """A recorded session that is soon played: two pictures without its cover, and two through it."""
+    folder = tmp_path / "brief"
+    for half in ("bare", "frames"):
+        (folder / half).mkdir(parents=True)
+        for name in ("0001.jpg", "0002.jpg"):
+            shutil.copy(FIXTURE / half / name, folder / half)
+    shutil.copy(FIXTURE / "session.yaml", folder)
+    return folder
+
+
+def test_start_waits_for_what_was_typed_before_it(brief: Path, tmp_path: Path) -> None:
     session = tmp_path / "session"
-    drive(_fast(session))
+    drive(_fast(session, brief))
     assert read_setup(session / "session.yaml")[2] == read_setup(FIXTURE / "session.yaml")[2]
 
 
-async def _fast(session: Path) -> None:
-    async with running(session, f"folder:{FIXTURE / 'bare'}") as pilot:
+async def _fast(session: Path, brief: Path) -> None:
+    async with running(session, f"folder:{brief / 'bare'}") as pilot:
         await see(pilot, "a new session")
         fields = [*("9", "9", "20"), *CONE]
         keys = [part for text in fields for part in ("<ctrl+u>", "<ctrl+k>", text, "<enter>")]
@@ -48,41 +60,41 @@ async def _edited(session: Path) -> None:
 
 
 @pytest.mark.parametrize("like", [FIXTURE, FIXTURE / "session.yaml"], ids=["folder", "file"])
-def test_start_takes_over_another_session_that_was_just_named(like: Path, tmp_path: Path) -> None:
+def test_start_takes_over_another_session_that_was_just_named(like: Path, brief: Path, tmp_path: Path) -> None:
     session = tmp_path / "session"
-    drive(_like(session, like))
+    drive(_like(session, like, brief))
     assert read_setup(session / "session.yaml")[2] == read_setup(FIXTURE / "session.yaml")[2]
 
 
-async def _like(session: Path, like: Path) -> None:
-    async with running(session, f"folder:{FIXTURE / 'bare'}") as pilot:
+async def _like(session: Path, like: Path, brief: Path) -> None:
+    async with running(session, f"folder:{brief / 'bare'}") as pilot:
         await see(pilot, "a new session")
         burst(pilot, "<enter>", str(like), "<ctrl+s>")
         await see(pilot, "no more pictures")
 
 
-def test_a_tilde_is_the_home_in_source_and_like(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("HOME", str(FIXTURE.parent))
+def test_a_tilde_is_the_home_in_source_and_like(brief: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(brief.parent))
     drive(_tilde(tmp_path / "session"))
 
 
 async def _tilde(session: Path) -> None:
-    async with running(session, f"folder:~/{FIXTURE.name}") as pilot:
+    async with running(session, f"folder:~/{brief.name}") as pilot:
         await see(pilot, "a new session")
-        burst(pilot, "<enter>", f"~/{FIXTURE.name}")
+        burst(pilot, "<enter>", f"~/{brief.name}")
         await see(pilot, "41.95")
         burst(pilot, "<ctrl+s>")
         await see(pilot, "no more pictures")
 
 
-def test_what_is_corrected_stays_although_another_session_is_named(tmp_path: Path) -> None:
+def test_what_is_corrected_stays_although_another_session_is_named(brief: Path, tmp_path: Path) -> None:
     session = tmp_path / "session"
-    drive(_corrected(session))
+    drive(_corrected(session, brief))
     assert read_setup(session / "session.yaml")[0].square == pytest.approx(0.0201)
 
 
-async def _corrected(session: Path) -> None:
-    async with running(session, f"folder:{FIXTURE / 'bare'}") as pilot:
+async def _corrected(session: Path, brief: Path) -> None:
+    async with running(session, f"folder:{brief / 'bare'}") as pilot:
         await see(pilot, "a new session")
         await pilot.press("enter")
         await write(pilot, str(FIXTURE))
@@ -111,16 +123,16 @@ async def _reopened(session: Path) -> None:
         await see(pilot, "rows 6 square_mm 25")
 
 
-def test_a_recorded_session_gives_both_its_halves_by_one_name(tmp_path: Path) -> None:
+def test_a_recorded_session_gives_both_its_halves_by_one_name(brief: Path, tmp_path: Path) -> None:
     session = tmp_path / "session"
-    drive(_both_halves(session))
+    drive(_both_halves(session, brief))
     assert all((session / half).is_dir() for half in ("bare", "frames"))
 
 
-async def _both_halves(session: Path) -> None:
+async def _both_halves(session: Path, brief: Path) -> None:
     async with running(session) as pilot:
         await see(pilot, "a new session")
-        await describe(pilot, f"folder:{FIXTURE}?speed=max")
+        await describe(pilot, f"folder:{brief}?speed=max")
         await pilot.press("ctrl+s")
         await see(pilot, "no more pictures. Press n to go on")
         assert not (session / "frames").exists()
