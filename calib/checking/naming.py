@@ -1,0 +1,234 @@
+"""What changed: every candidate's probability, given the corners.
+
+Each candidate is fitted to the checked views with the calibration's covariance as the prior of everything else, and their marginal likelihoods
+are compared, equal odds beforehand, as the diagnosis compares the rivals of an effect. Beside the changes that have a name stand two that
+have none: that a single view is bad, and that it is something else, of which no more is assumed than that the error is larger.
+
+Source: R. E. Kass, A. E. Raftery, Bayes factors (1995).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from calib.checking.changes import WORDS, size_of
+from calib.checking.answer import Change
+from calib.checking.equations import Equations, spread_of
+from calib.checking.known import Known
+from calib.checking.picture_mode import SCALES, PictureMode
+from calib.checking.refit import Refit, refit
+from calib.diagnosis.families import ALONE, WORTH_NAMING
+from calib.effects.effect import Effect, linear_evidence
+from calib.estimation.observations import Observations
+from calib.estimation.poses import pinhole_poses, refit_poses
+from calib.optics.board_target import with_parts
+from calib.verdict.orientation import ALL as ORIENTATIONS
+
+Array = NDArray[np.float64]
+
+GROSS = 5.0
+"""Times the noise: from there on the first order says little: every candidate is fitted, and other modes and turned pictures are tried."""
+UNKNOWN = "what has changed is none of the causes that are known here"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypothesis:
+    """One explanation with its evidence."""
+
+    name: str
+    log_evidence: float
+    change: Effect | None = None
+    vector: Array = field(default_factory=lambda: np.zeros(0))
+    """(k,) the change's parameters over their scales,"""
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """(k, k) and their covariance."""
+    fit: Refit | None = None
+    """None to first order."""
+    words: str = ""
+    view: int = -1
+    """Of a bad one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """The views that are checked."""
+
+    observations: Observations
+    poses: Tensor
+    """(V, B) through the calibration."""
+    equations: Equations
+    width: int
+    height: int
+
+
+def hypotheses(known: Known, changes: Sequence[Effect], seen: Seen, sigma: float, error: float) -> list[Hypothesis]:
+    """All explanations, the most probable first; evidence is that against a valid calibration.
+
+    Args:
+        sigma: px per axis, of the corners of these pictures.
+        error: px, what the calibration leaves.
+    """
+    if error > GROSS * 2**0.5 * sigma:
+        none = refit(known, None, seen.observations, seen.poses, sigma)
+        found = [_fitted(known, change, seen, sigma, none) for change in changes]
+        found += _other_modes(known, changes, seen, sigma, none) + _turned(known, seen, sigma, none) + _bad_views_fitted(known, seen, sigma, none)
+        found.append(Hypothesis("unknown", _of_variance(none.squares, seen.equations.freedom.sum()), words=UNKNOWN))
+    else:
+        variance = (sigma / known.sigma) ** 2
+        together = seen.equations.predicted() / variance
+        found = [_first_order(change, together, seen.equations) for change in changes]
+        found.append(Hypothesis("unknown", _of_variance(together[0, 0], seen.equations.freedom.sum()), words=UNKNOWN))
+        found += _bad_views(seen, variance)
+    return sorted(found, key=lambda one: -one.log_evidence)
+
+
+def probabilities(found: Sequence[Hypothesis]) -> Array:
+    """(n,) of each, one of them being so."""
+    logs = np.array([one.log_evidence for one in found])
+    odds = np.exp(logs - logs.max())
+    return np.asarray(odds / odds.sum())
+
+
+def named(found: Sequence[Hypothesis], seen: Seen) -> tuple[Change, ...]:
+    """One that is almost sure, alone; else all that are worth naming."""
+    chances = probabilities(found)
+    worth = [(one, float(chance)) for one, chance in zip(found, chances, strict=True) if chance > WORTH_NAMING]
+    if worth[0][1] > ALONE:
+        worth = worth[:1]
+    return tuple(_told(one, chance, seen) for one, chance in worth)
+
+
+def shift_of(one: Hypothesis, seen: Seen) -> float:
+    """px, root mean square, by which a change moves the checked corners, their poses adapted; NaN of one that has no size."""
+    return float(np.sqrt(max(0.0, one.vector @ _shift(one.change, seen) @ one.vector))) if one.change else float("nan")
+
+
+def _told(one: Hypothesis, chance: float, seen: Seen) -> Change:
+    if not one.change:
+        return Change(one.name, one.words, chance)
+    vector, covariance = one.vector, one.covariance
+    size = size_of(one.change, vector, covariance, _shift(one.change, seen))
+    sigmas = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
+    numbers, at = [], 0
+    for unknown in one.change.unknowns:
+        if not unknown.param.shape:
+            scale = unknown.param.scale
+            numbers.append((unknown.param.name, float(vector[at] * scale), float(sigmas[at] * scale), unknown.param.unit))
+        at += int(np.prod(unknown.param.shape))
+    return Change(one.name, WORDS[one.name].before, chance, size.value, size.sigma, size.unit, tuple(numbers))
+
+
+def _shift(change: Effect, seen: Seen) -> Array:
+    """(k, k) px^2 as `size_of` has it."""
+    place = seen.equations.places[change.name]
+    squares = seen.equations.products[:, place, place].sum(0)
+    weight = float((seen.observations.weight**2).mean())
+    return np.asarray(squares * seen.equations.sigma**2 / weight / len(seen.observations.pixels))
+
+
+def _first_order(change: Effect, together: Array, equations: Equations) -> Hypothesis:
+    """Args: together: inner products over the noise's variance."""
+    own, spread = equations.columns(change.name), spread_of(change)
+    information, score = together[own, own], together[own, 0]
+    covariance = np.linalg.inv(information + np.diag(spread**-2.0))
+    return Hypothesis(change.name, linear_evidence(information, score, spread), change, -covariance @ score, covariance)
+
+
+def _fitted(known: Known, change: Effect, seen: Seen, sigma: float, none: Refit) -> Hypothesis:
+    return _of_fit(change, refit(known, change, seen.observations, seen.poses, sigma), none)
+
+
+def _of_fit(change: Effect, fit: Refit, none: Refit) -> Hypothesis:
+    own = fit.parameters.entries(u.param.name for u in change.unknowns)
+    vector, covariance = fit.shared.numpy()[own], fit.covariance[np.ix_(own, own)]
+    return Hypothesis(change.name, fit.log_evidence - none.log_evidence, change, vector, covariance, fit)
+
+
+def _of_variance(squares: float, freedom: float) -> float:
+    """The evidence of an error of any form: the corners' variance is as large as it shows itself, for which one number is paid."""
+    ratio = squares / freedom
+    gain = freedom / 2 * (ratio - 1 - np.log(ratio)) if ratio > 1 else 0.0
+    return float(gain - np.log(freedom) / 2)
+
+
+def _bad_views(seen: Seen, variance: float) -> list[Hypothesis]:
+    """One for each view, whose own variance is as large as it shows itself, while the others are as the calibration has them."""
+    equations, every = seen.equations, np.arange(len(seen.observations.names))
+    if len(every) < 2:
+        return []
+    squares, spread = equations.predicted()[0, 0], equations.log_determinant(every)
+    found = []
+    for view in every:
+        rest = every[every != view]
+        gain = ((squares - equations.predicted(rest)[0, 0]) / variance + spread - equations.log_determinant(rest)) / 2
+        found.append(_bad_view(seen, int(view), gain, float(equations.products[view, 0, 0]) / variance))
+    return found
+
+
+def _bad_views_fitted(known: Known, seen: Seen, sigma: float, none: Refit) -> list[Hypothesis]:
+    """The same where the first order says little."""
+    views = len(seen.observations.names)
+    found = []
+    for view in range(views if views > 1 else 0):
+        out = torch.arange(views) == view
+        rest = refit(known, None, seen.observations.without(out), seen.poses[~out], sigma)
+        own = refit(known, None, seen.observations.without(~out), seen.poses[out], sigma)
+        found.append(_bad_view(seen, view, (none.cost - rest.cost) / 2, own.squares))
+    return found
+
+
+def _bad_view(seen: Seen, view: int, gain: float, squares: float) -> Hypothesis:
+    """Args: gain: half of what the others' sum of squares is smaller by without it; squares: its own, over the noise's variance."""
+    name, freedom = seen.observations.names[view], float(seen.equations.freedom[view])
+    evidence = gain - freedom / 2 * (1 + np.log(max(1.0, squares / freedom)))
+    words = f"{name} alone does not fit: the board or the camera moved, or it is blurred"
+    return Hypothesis("bad_view", float(evidence - np.log(freedom) / 2 - np.log(len(seen.observations.names))), words=words, view=view)
+
+
+def _other_modes(known: Known, changes: Sequence[Effect], seen: Seen, sigma: float, none: Refit) -> list[Hypothesis]:
+    """The best of the modes that cameras have, as a start."""
+    mode = next(change for change in changes if isinstance(change, PictureMode))
+    path = known.model.with_effect(mode).path
+    scale = mode.unknowns[0].param.name
+    starts: list[tuple[float, dict[str, Tensor], Tensor]] = []
+    for factor in SCALES:
+        begin = {scale: torch.tensor(np.log(factor), dtype=torch.float64)}
+        values = {**known.model.means, **known.model.neutral(mode), **begin}
+        moved = replace(seen.observations, pixels=path.adjustments[0](seen.observations.pixels, values)[0])
+        if (found := _posed(known, moved)) is not None:
+            starts.append((found[1], begin, found[0]))
+    if not starts:
+        return []
+    _, begin, poses = min(starts, key=lambda one: one[0])
+    fit = refit(known, mode, seen.observations, poses, sigma, begin)
+    return [_of_fit(mode, fit, none)]
+
+
+def _turned(known: Known, seen: Seen, sigma: float, none: Refit) -> list[Hypothesis]:
+    """The ways in which a picture of the same size can be turned and mirrored."""
+    found = []
+    for way in ORIENTATIONS[1:]:
+        if way.quarters % 2 and seen.width != seen.height:
+            continue
+        observations = way.apply(seen.observations, seen.width, seen.height)
+        if (posed := _posed(known, observations)) is not None:
+            fit = refit(known, None, observations, posed[0], sigma)
+            words = f"the pictures come from another mode: {way}, they fit"
+            found.append(Hypothesis("turned_pictures", fit.log_evidence - none.log_evidence, fit=fit, words=words))
+    return found
+
+
+def _posed(known: Known, observations: Observations) -> tuple[Tensor, float] | None:
+    """The (V, B) poses of views through the calibration and the error in px; None where a view has none."""
+    path, values = known.model.path, known.model.means
+    poses = pinhole_poses(observations, values)
+    if not bool(torch.isfinite(poses).all()):
+        return None
+    poses, missed = refit_poses(path, values, observations, with_parts(poses, path.view_parts), sigma=known.sigma)
+    return (poses, missed.rms_px) if np.isfinite(missed.rms_px) else None
