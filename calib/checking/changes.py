@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -95,8 +96,8 @@ def size_of(change: Effect, vector: Array, covariance: Array, shift: Array) -> S
         shift: (k, k) px^2: v^T shift v is the mean square shift of the corners.
     """
     words = WORDS[change.name]
-    scales = np.concatenate([np.full(int(np.prod(u.param.shape)), u.param.scale) for u in change.unknowns])
+    scales = np.concatenate([np.full(math.prod(u.param.shape), u.param.scale) for u in change.unknowns])
     metric = shift if words.unit == "px" and change.name != PrincipalPoint.name else np.diag((scales * words.per_si) ** 2)
-    value = float(np.sqrt(max(0.0, vector @ metric @ vector)))
+    value = float(max(0.0, float(vector @ metric @ vector)) ** 0.5)
     slope = metric @ vector / value if value > 0 else np.zeros(len(vector))
-    return Size(value, float(np.sqrt(max(0.0, slope @ covariance @ slope))), words.unit)
+    return Size(value, float(max(0.0, float(slope @ covariance @ slope)) ** 0.5), words.unit)

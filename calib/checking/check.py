@@ -13,9 +13,9 @@ from calib.checking.changes import changes_of
 from calib.checking.dispersion import Dispersion
 from calib.checking.equations import Equations
 from calib.checking.known import Known
-from calib.checking.naming import Hypothesis, Seen, hypotheses, named, probabilities, shift_of
+from calib.checking.naming import GROSS, Hypothesis, Seen, hypotheses, named, probabilities, shift_of
 from calib.checking.pictures import Pictures
-from calib.checking.significance import Significance, significance
+from calib.checking.significance import significance
 from calib.corners.view import Rejected, View
 from calib.diagnosis.families import ALONE
 from calib.effects.effect import Effect
@@ -72,9 +72,9 @@ class Checker:
             return _without_views(pictures)
         advance = progress.task("Check", STAGES)
         with single_thread():
-            return self._check(pictures, lambda done, words: advance(done, words))
+            return self._check(pictures, advance)
 
-    def _check(self, pictures: Pictures, advance) -> Answer:  # noqa: ANN001
+    def _check(self, pictures: Pictures, advance: Callable[[int, str], None]) -> Answer:
         views, poses, missed, lost = self._posed(pictures)
         rejected = (*pictures.rejected, *lost)
         camera = self.calibration.camera
@@ -110,22 +110,20 @@ class Checker:
             out = views[first.view]
             rest = tuple(view for view in views if view is not out)
             return self._check(Pictures(rest, pictures.board, (*rejected, Rejected(out.name, first.words))), advance)
-        shift = shift_of(first, seen)
-        added = shift if np.isfinite(shift) else answer.added_px
         noise = 2**0.5 * self.known.sigma * (louder * self.dispersion.typical) ** 0.5
+        shift = shift_of(first, seen)
+        added = shift if shift < GROSS * noise else max(0.0, error**2 - self._expected(equations, observations, louder) ** 2) ** 0.5
         if added < NOTICEABLE * noise:
             return replace(answer, added_px=added)
         word = Word.BROKEN if added > max(BROKEN_PX, BROKEN * noise) else Word.DEGRADED
         return replace(answer, word=word, added_px=added, changes=named(guesses, seen), noise_px=2**0.5 * self.known.sigma * louder**0.5)
 
-    def _guesses(
-        self, seen: Seen, views: tuple[View, ...], board: Board, error: float, louder: float
-    ) -> tuple[list[Hypothesis], float]:
+    def _guesses(self, seen: Seen, views: tuple[View, ...], board: Board, error: float, louder: float) -> tuple[list[Hypothesis], float]:
         """What may have changed, the most probable first, with the noise that is left at the best of them: a large change looks like noise
         where it bends from square to square."""
         guesses = self._asked(seen, error, louder)
-        if guesses[0].fit and guesses[0].change:
-            quieter = self._louder(guesses[0].fit.missed(seen.observations), views, board)
+        if guesses[0].missed:
+            quieter = self._louder(guesses[0].missed, views, board)
             if quieter < 0.9 * louder:
                 return self._asked(seen, error, quieter), quieter
         return guesses, louder

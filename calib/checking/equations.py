@@ -1,13 +1,13 @@
 """The linearised equations of views, each view's own parameters eliminated, as inner products: all that the test needs of them.
 
-With z a view's residual, B its Jacobian by the known parameters times the root of their covariance, and N that by a change, the residual of a
-valid calibration is normal with covariance V = 1 + B B^T; the changes' columns N are compared with it in that metric (V^-1).
+With z a view's residual, B its Jacobian by the known parameters times the root of their covariance, and N that by a change, the residual of
+a valid calibration is normal with covariance V = 1 + B B^T; the changes' columns N are compared with it in that metric (V^-1).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from calib.effects.effect import Effect
 from calib.estimation.elimination import orthonormal, view_equations
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
+from calib.optics.params import Values
 
 Array = NDArray[np.float64]
 
@@ -43,9 +44,11 @@ class Equations:
     """px per axis"""
 
     @staticmethod
-    def of(known: Known, changes: Sequence[Effect], observations: Observations, poses: Tensor) -> Equations:
-        """Linearised at the calibration's values and (V, B) own parameters. A change that the calibration has as an effect is one of it."""
+    def of(known: Known, changes: Sequence[Effect], observations: Observations, poses: Tensor, at: Values | None = None) -> Equations:
+        """Linearised at the calibration's values, or at others, and (V, B) own parameters. A change that the calibration has as an effect
+        is one of it."""
         parameters, new = widened(known, changes)
+        parameters = replace(parameters, origin={**parameters.origin, **(at or {})})
         path = known.model.with_effects(new).path
         entries = {change.name: parameters.entries(u.param.name for u in change.unknowns) for change in changes}
         columns = np.concatenate([np.zeros(0, np.int64), *entries.values()])
@@ -82,8 +85,10 @@ class Equations:
         return float(np.linalg.slogdet(np.eye(self.known) + self.products[views].sum(0)[inner, inner])[1])
 
     def left_out(self, view: int) -> tuple[Array, float]:
-        """The same of a view that the calibration was fitted to, against what the other views say, and the freedom of its residual. Its fit is
-        undone, to first order: in-sample, a residual is V^-1 times what it is against a fit without it, with V of that fit's covariance."""
+        """The same of a view that the calibration was fitted to, against what the other views say, and the freedom of its residual.
+
+        Its fit is undone, to first order: in-sample, a residual is V^-1 times what it is against a fit without it, with V of that fit's
+        covariance."""
         products, inner = self.products[view], slice(1, 1 + self.known)
         values, axes = np.linalg.eigh(np.eye(self.known) - products[inner, inner])
         told = values > LEAST_LEFT
@@ -95,7 +100,7 @@ class Equations:
         return whole, float(self.freedom[view] - np.count_nonzero(~told))
 
     def _outside(self, products: Array) -> NDArray[np.int64]:
-        return np.r_[0, 1 + self.known : len(products)]
+        return np.array([0, *range(1 + self.known, len(products))])
 
     def columns(self, name: str) -> slice:
         """Where a change stands in `predicted` and `left_out`."""

@@ -1,14 +1,16 @@
 """What changed: every candidate's probability, given the corners.
 
-Each candidate is fitted to the checked views with the calibration's covariance as the prior of everything else, and their marginal likelihoods
-are compared, equal odds beforehand, as the diagnosis compares the rivals of an effect. Beside the changes that have a name stand two that
-have none: that a single view is bad, and that it is something else, of which no more is assumed than that the error is larger.
+Each candidate is fitted to the checked views with the calibration's covariance as the prior of everything else, and their marginal
+likelihoods are compared, equal odds beforehand, as the diagnosis compares the rivals of an effect. Beside the changes that have a name
+stand two that have none: that a single view is bad, and that it is something else, of which no more is assumed than that the error is
+larger.
 
 Source: R. E. Kass, A. E. Raftery, Bayes factors (1995).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -17,22 +19,23 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.checking.changes import WORDS, size_of
 from calib.checking.answer import Change
+from calib.checking.changes import WORDS, size_of
 from calib.checking.equations import Equations, spread_of
 from calib.checking.known import Known
 from calib.checking.picture_mode import SCALES, PictureMode
-from calib.checking.refit import Refit, refit
+from calib.checking.refit import refit
 from calib.diagnosis.families import ALONE, WORTH_NAMING
 from calib.effects.effect import Effect, linear_evidence
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refit_poses
+from calib.estimation.residuals import Residuals
 from calib.optics.board_target import with_parts
 from calib.verdict.orientation import ALL as ORIENTATIONS
 
 Array = NDArray[np.float64]
 
-GROSS = 5.0
+GROSS = 4.0
 """Times the noise: from there on the first order says little: every candidate is fitted, and other modes and turned pictures are tried."""
 UNKNOWN = "what has changed is none of the causes that are known here"
 
@@ -48,8 +51,8 @@ class Hypothesis:
     """(k,) the change's parameters over their scales,"""
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     """(k, k) and their covariance."""
-    fit: Refit | None = None
-    """None to first order."""
+    missed: Residuals | None = None
+    """What it leaves; None to first order."""
     words: str = ""
     view: int = -1
     """Of a bad one."""
@@ -74,17 +77,16 @@ def hypotheses(known: Known, changes: Sequence[Effect], seen: Seen, sigma: float
         sigma: px per axis, of the corners of these pictures.
         error: px, what the calibration leaves.
     """
-    if error > GROSS * 2**0.5 * sigma:
-        none = refit(known, None, seen.observations, seen.poses, sigma)
-        found = [_fitted(known, change, seen, sigma, none) for change in changes]
-        found += _other_modes(known, changes, seen, sigma, none) + _turned(known, seen, sigma, none) + _bad_views_fitted(known, seen, sigma, none)
-        found.append(Hypothesis("unknown", _of_variance(none.squares, seen.equations.freedom.sum()), words=UNKNOWN))
+    variance = (sigma / known.sigma) ** 2
+    together = seen.equations.predicted() / variance
+    if error > GROSS * 2**0.5 * known.sigma:
+        tried = [_fitted(known, change, seen, sigma) for change in changes]
+        tried += [_other_mode(known, changes, seen, sigma), *_turned(known, seen, sigma)]
+        found = [replace(one, log_evidence=one.log_evidence + together[0, 0] / 2) for one in tried if one]
     else:
-        variance = (sigma / known.sigma) ** 2
-        together = seen.equations.predicted() / variance
         found = [_first_order(change, together, seen.equations) for change in changes]
-        found.append(Hypothesis("unknown", _of_variance(together[0, 0], seen.equations.freedom.sum()), words=UNKNOWN))
-        found += _bad_views(seen, variance)
+    found.append(Hypothesis("unknown", _of_variance(together[0, 0], seen.equations.freedom.sum()), words=UNKNOWN))
+    found += _bad_views(seen, variance)
     return sorted(found, key=lambda one: -one.log_evidence)
 
 
@@ -106,7 +108,7 @@ def named(found: Sequence[Hypothesis], seen: Seen) -> tuple[Change, ...]:
 
 def shift_of(one: Hypothesis, seen: Seen) -> float:
     """px, root mean square, by which a change moves the checked corners, their poses adapted; NaN of one that has no size."""
-    return float(np.sqrt(max(0.0, one.vector @ _shift(one.change, seen) @ one.vector))) if one.change else float("nan")
+    return max(0.0, float(one.vector @ _shift(one.change, seen) @ one.vector)) ** 0.5 if one.change else float("nan")
 
 
 def _told(one: Hypothesis, chance: float, seen: Seen) -> Change:
@@ -115,12 +117,13 @@ def _told(one: Hypothesis, chance: float, seen: Seen) -> Change:
     vector, covariance = one.vector, one.covariance
     size = size_of(one.change, vector, covariance, _shift(one.change, seen))
     sigmas = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
-    numbers, at = [], 0
+    numbers: list[tuple[str, float, float, str]] = []
+    at = 0
     for unknown in one.change.unknowns:
         if not unknown.param.shape:
             scale = unknown.param.scale
             numbers.append((unknown.param.name, float(vector[at] * scale), float(sigmas[at] * scale), unknown.param.unit))
-        at += int(np.prod(unknown.param.shape))
+        at += math.prod(unknown.param.shape)
     return Change(one.name, WORDS[one.name].before, chance, size.value, size.sigma, size.unit, tuple(numbers))
 
 
@@ -136,18 +139,32 @@ def _first_order(change: Effect, together: Array, equations: Equations) -> Hypot
     """Args: together: inner products over the noise's variance."""
     own, spread = equations.columns(change.name), spread_of(change)
     information, score = together[own, own], together[own, 0]
-    covariance = np.linalg.inv(information + np.diag(spread**-2.0))
+    covariance = np.asarray(np.linalg.inv(information + np.diag(spread**-2.0)), np.float64)
     return Hypothesis(change.name, linear_evidence(information, score, spread), change, -covariance @ score, covariance)
 
 
-def _fitted(known: Known, change: Effect, seen: Seen, sigma: float, none: Refit) -> Hypothesis:
-    return _of_fit(change, refit(known, change, seen.observations, seen.poses, sigma), none)
-
-
-def _of_fit(change: Effect, fit: Refit, none: Refit) -> Hypothesis:
-    own = fit.parameters.entries(u.param.name for u in change.unknowns)
-    vector, covariance = fit.shared.numpy()[own], fit.covariance[np.ix_(own, own)]
-    return Hypothesis(change.name, fit.log_evidence - none.log_evidence, change, vector, covariance, fit)
+def _fitted(
+    known: Known, change: Effect, seen: Seen, sigma: float, poses: Tensor | None = None, begin: dict[str, Tensor] | None = None
+) -> Hypothesis | None:
+    """With the change as large as it shows itself, first by itself, then, to first order around that, beside what the calibration does not
+    know. Its evidence is not yet against that of a valid calibration. None: there is no such fit."""
+    start = seen.poses if poses is None else poses
+    try:
+        fit = refit(known, change, seen.observations, start, sigma, begin=begin, held=True)
+    except ValueError:  # no corner is seen where it would begin
+        return None
+    if not fit.finite:
+        return None
+    equations = Equations.of(known, (change,), seen.observations, fit.poses, fit.values)
+    together, own = equations.predicted() * (known.sigma / sigma) ** 2, equations.columns(change.name)
+    information, score, spread = together[own, own], together[own, 0], spread_of(change)
+    covariance = np.asarray(np.linalg.inv(information + np.diag(spread**-2.0)), np.float64)
+    there = fit.shared.numpy()
+    vector = covariance @ (information @ there - score)
+    move = vector - there
+    cost = together[0, 0] + 2 * score @ move + move @ information @ move + float(((vector / spread) ** 2).sum())
+    narrowed = np.linalg.slogdet(np.eye(len(spread)) + spread[:, None] * information * spread)[1]
+    return Hypothesis(change.name, -float(cost + narrowed) / 2, change, vector, covariance, fit.missed(seen.observations))
 
 
 def _of_variance(squares: float, freedom: float) -> float:
@@ -171,18 +188,6 @@ def _bad_views(seen: Seen, variance: float) -> list[Hypothesis]:
     return found
 
 
-def _bad_views_fitted(known: Known, seen: Seen, sigma: float, none: Refit) -> list[Hypothesis]:
-    """The same where the first order says little."""
-    views = len(seen.observations.names)
-    found = []
-    for view in range(views if views > 1 else 0):
-        out = torch.arange(views) == view
-        rest = refit(known, None, seen.observations.without(out), seen.poses[~out], sigma)
-        own = refit(known, None, seen.observations.without(~out), seen.poses[out], sigma)
-        found.append(_bad_view(seen, view, (none.cost - rest.cost) / 2, own.squares))
-    return found
-
-
 def _bad_view(seen: Seen, view: int, gain: float, squares: float) -> Hypothesis:
     """Args: gain: half of what the others' sum of squares is smaller by without it; squares: its own, over the noise's variance."""
     name, freedom = seen.observations.names[view], float(seen.equations.freedom[view])
@@ -191,8 +196,8 @@ def _bad_view(seen: Seen, view: int, gain: float, squares: float) -> Hypothesis:
     return Hypothesis("bad_view", float(evidence - np.log(freedom) / 2 - np.log(len(seen.observations.names))), words=words, view=view)
 
 
-def _other_modes(known: Known, changes: Sequence[Effect], seen: Seen, sigma: float, none: Refit) -> list[Hypothesis]:
-    """The best of the modes that cameras have, as a start."""
+def _other_mode(known: Known, changes: Sequence[Effect], seen: Seen, sigma: float) -> Hypothesis | None:
+    """From the best of the modes that cameras have."""
     mode = next(change for change in changes if isinstance(change, PictureMode))
     path = known.model.with_effect(mode).path
     scale = mode.unknowns[0].param.name
@@ -202,15 +207,14 @@ def _other_modes(known: Known, changes: Sequence[Effect], seen: Seen, sigma: flo
         values = {**known.model.means, **known.model.neutral(mode), **begin}
         moved = replace(seen.observations, pixels=path.adjustments[0](seen.observations.pixels, values)[0])
         if (found := _posed(known, moved)) is not None:
-            starts.append((found[1], begin, found[0]))
+            starts.append((found[1].rms_px / factor, begin, found[0]))
     if not starts:
-        return []
+        return None
     _, begin, poses = min(starts, key=lambda one: one[0])
-    fit = refit(known, mode, seen.observations, poses, sigma, begin)
-    return [_of_fit(mode, fit, none)]
+    return _fitted(known, mode, seen, sigma, poses, begin)
 
 
-def _turned(known: Known, seen: Seen, sigma: float, none: Refit) -> list[Hypothesis]:
+def _turned(known: Known, seen: Seen, sigma: float) -> list[Hypothesis]:
     """The ways in which a picture of the same size can be turned and mirrored."""
     found = []
     for way in ORIENTATIONS[1:]:
@@ -218,17 +222,17 @@ def _turned(known: Known, seen: Seen, sigma: float, none: Refit) -> list[Hypothe
             continue
         observations = way.apply(seen.observations, seen.width, seen.height)
         if (posed := _posed(known, observations)) is not None:
-            fit = refit(known, None, observations, posed[0], sigma)
+            cost = Equations.of(known, (), observations, posed[0]).predicted()[0, 0] * (known.sigma / sigma) ** 2
             words = f"the pictures come from another mode: {way}, they fit"
-            found.append(Hypothesis("turned_pictures", fit.log_evidence - none.log_evidence, fit=fit, words=words))
+            found.append(Hypothesis("turned_pictures", -float(cost) / 2, missed=posed[1], words=words))
     return found
 
 
-def _posed(known: Known, observations: Observations) -> tuple[Tensor, float] | None:
-    """The (V, B) poses of views through the calibration and the error in px; None where a view has none."""
+def _posed(known: Known, observations: Observations) -> tuple[Tensor, Residuals] | None:
+    """The (V, B) poses of views through the calibration and what they leave; None where a view has none."""
     path, values = known.model.path, known.model.means
     poses = pinhole_poses(observations, values)
     if not bool(torch.isfinite(poses).all()):
         return None
     poses, missed = refit_poses(path, values, observations, with_parts(poses, path.view_parts), sigma=known.sigma)
-    return (poses, missed.rms_px) if np.isfinite(missed.rms_px) else None
+    return (poses, missed) if np.isfinite(missed.rms_px) else None

@@ -32,7 +32,7 @@ class Pictures:
 
 
 def read_pictures(paths: Sequence[Path], calibration: Calibration, progress: Progress) -> Pictures:
-    """The corners of a session, of the pictures of a folder, or of picture files; without a session, board and camera are the calibration's.
+    """The corners of a session, of a folder's pictures, or of picture files; without a session, board and camera are the calibration's.
 
     Raises:
         InputError: nothing there can be read, or no picture shows a board.

@@ -1,4 +1,4 @@
-"""A fit of the checked views with what the calibration knows as its prior, with or without a change: parameters, sigmas and evidence."""
+"""A fit of the checked views with what the calibration knows as its prior, with or without a change."""
 
 from __future__ import annotations
 
@@ -35,40 +35,54 @@ class Refit:
 
     path: Path
     parameters: Parameters
-    """The known ones, then the change's."""
+    """What was free: the known ones, then the change's."""
     shared: Tensor
     """(S,) deviations of them from the calibration and from no change."""
     poses: Tensor
     covariance: Array
-    """(S, S)"""
-    squares: float
-    """The corners' robust squares over those of sigma."""
+    """(S, S); NaN where the fit failed."""
     cost: float
-    """The same with those of the prior."""
-    log_evidence: float
-    """The logarithm of the corners' probability, everything integrated out (Laplace), up to a constant of the views; -inf where the fit
-    failed."""
+    """The corners' robust squares over those of sigma, and the priors'."""
+    iterations: int
 
     @property
     def values(self) -> dict[str, Tensor]:
         return self.parameters.values(self.shared)
+
+    @property
+    def finite(self) -> bool:
+        return bool(np.isfinite(self.covariance).all())
 
     def missed(self, observations: Observations) -> Residuals:
         return residuals(self.path, self.values, observations, self.poses)
 
 
 def refit(
-    known: Known, change: Effect | None, observations: Observations, poses: Tensor, sigma: float, begin: dict[str, Tensor] | None = None
+    known: Known,
+    change: Effect | None,
+    observations: Observations,
+    poses: Tensor,
+    sigma: float,
+    *,
+    begin: dict[str, Tensor] | None = None,
+    held: bool = False,
 ) -> Refit:
-    """Args:
+    """The most probable parameters.
+
+    Args:
         poses: (V, B) to start from.
         sigma: px per axis.
         begin: values to start from, where they are not the calibration's.
+        held: what the calibration knows stays as it is: only the change is fitted.
     """
     changes = [change] if change else []
     parameters, new = widened(known, changes)
     path = known.model.with_effects(new).path
-    precision = torch.from_numpy(_precision(known, parameters, change, new))
+    if held and change:
+        parameters = Parameters(parameters.origin, None, tuple(u.param for u in change.unknowns), parameters.priors)
+        precision = torch.from_numpy(np.diag(spread_of(change) ** -2.0))
+    else:
+        precision = torch.from_numpy(_precision(known, parameters, change, new))
     shared = parameters.vector({**parameters.origin, **(begin or {})})
     start = parameters.values(shared)
     lands = path.land(observations.pixels, observations.with_times(start), poses[observations.view])[1] == 0
@@ -77,14 +91,10 @@ def refit(
     problem = LandingProblem(parameters, tuple(landings(path, parameters, seen, weights)), precision, view_precision(path, poses))
     found = minimise(problem, shared, poses, steps=STEPS, tolerance=TOLERANCE)
     hessian, _ = found.equations.schur_complement()
-    known_now = hessian + precision
-    covariance = torch.linalg.inv_ex(known_now).inverse.numpy() if parameters.count else np.zeros((0, 0))
-    finite = found.outcome is not Outcome.NOT_FINITE and bool(np.isfinite(covariance).all())
-    narrowed = float(torch.linalg.slogdet(precision).logabsdet - torch.linalg.slogdet(known_now).logabsdet) if parameters.count else 0.0
-    narrowed -= float(torch.linalg.slogdet(found.equations.hessian_block).logabsdet.sum())
-    log_evidence = (narrowed - found.cost) / 2 if finite else -np.inf
-    prior = float(found.shared @ precision @ found.shared)
-    return Refit(path, parameters, found.shared, found.blocks, covariance, found.cost - prior, found.cost, log_evidence)
+    covariance = torch.linalg.inv_ex(hessian + precision).inverse.numpy()
+    if found.outcome is Outcome.NOT_FINITE:
+        covariance = np.full_like(covariance, np.nan)
+    return Refit(path, parameters, found.shared, found.blocks, covariance, found.cost, found.iterations)
 
 
 def _precision(known: Known, parameters: Parameters, change: Effect | None, new: list[Effect]) -> Array:

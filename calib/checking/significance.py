@@ -75,5 +75,3 @@ def _of_size(equations: Equations, dispersion: Dispersion, louder: float) -> tup
     distance = float(logs.mean()) - typical
     allowed = float(np.exp(float(stdtrit(freedom, 1 - ALPHA * FOR_SIZE)) * error))
     return float(np.exp(distance)), allowed, float(stdtr(freedom, -distance / error))
-
-

@@ -35,8 +35,8 @@ class Gathered:
 
 
 def read_views(session: Session, progress: Progress, *, fewest: int = FEWEST) -> tuple[tuple[View, ...], tuple[Rejected, ...]]:
-    """The session's corners: from its corners file, or detected in its pictures, of which `fewest` must show the board; with what frames.csv
-    says of each picture."""
+    """The session's corners: from its corners file, or detected in its pictures, of which `fewest` must show the board; with what
+    frames.csv says of each picture."""
     records = read_frame_records(session.path / FRAMES_TABLE)
     rejected: tuple[Rejected, ...] = ()
     if session.corners:
