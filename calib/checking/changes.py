@@ -55,7 +55,9 @@ KINDS: Mapping[type[Effect], Words] = {
     InnerSurface: Words("the cover is uneven otherwise, which shifts corners by"),
     BoardScale: Words("the board is not the one of then: it is longer one way than the other by", "%", 100.0),
     BoardShape: Words("the board is not the one of then, or no longer flat: it is bent by", "mm", 1e3),
-    PictureMode: Words("the pictures come from another mode: cropped, scaled or shifted, by"),
+    PictureMode: Words(
+        "the pictures come from another mode, cropped, binned or zoomed: a pixel of the calibration is so many of theirs:", ""
+    ),
 }
 """In the order of a ray's way; what is about the pictures themselves is last."""
 WORDS = {kind.name: words for kind, words in KINDS.items()}
@@ -96,6 +98,9 @@ def size_of(change: Effect, vector: Array, covariance: Array, shift: Array) -> S
         shift: (k, k) px^2: v^T shift v is the mean square shift of the corners.
     """
     words = WORDS[change.name]
+    if isinstance(change, PictureMode):
+        grown = math.exp(-vector[0] * change.unknowns[0].param.scale)
+        return Size(grown, grown * change.unknowns[0].param.scale * float(covariance[0, 0]) ** 0.5, "")
     scales = np.concatenate([np.full(math.prod(u.param.shape), u.param.scale) for u in change.unknowns])
     metric = shift if words.unit == "px" and change.name != PrincipalPoint.name else np.diag((scales * words.per_si) ** 2)
     value = float(max(0.0, float(vector @ metric @ vector)) ** 0.5)

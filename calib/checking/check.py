@@ -14,7 +14,8 @@ from calib.checking.changes import changes_of
 from calib.checking.dispersion import Dispersion
 from calib.checking.equations import Equations
 from calib.checking.known import Known
-from calib.checking.naming import GROSS, Hypothesis, Seen, hypotheses, named, probabilities, shift_of
+from calib.checking.naming import GROSS, TURNED, Hypothesis, Seen, hypotheses, named, probabilities, shift_of
+from calib.checking.picture_mode import PictureMode
 from calib.checking.pictures import Pictures
 from calib.checking.significance import significance
 from calib.corners.view import Rejected, View
@@ -36,8 +37,10 @@ BROKEN_PX = 1.0
 """px: from there on what is added is a fault that people see in undistorted pictures."""
 BROKEN = 3.0
 """Times the corners' noise, where that is more."""
-MOST_LOST = 0.2
-"""Of the corners: where more cannot be seen through the cover, no pose says anything."""
+OTHER_PICTURES = frozenset({TURNED, PictureMode.name})
+"""Changes of which there is no little: no pixel is what it was."""
+NOISIER = 1.3
+"""Times the variance of the corners' noise, from which it changes what is most probable."""
 STAGES = 3
 
 
@@ -116,18 +119,17 @@ class Checker:
         added = shift if shift < GROSS * noise else max(0.0, error**2 - self._expected(equations, observations, louder) ** 2) ** 0.5
         if added < NOTICEABLE * noise:
             return replace(answer, added_px=added)
-        word = Word.BROKEN if added > max(BROKEN_PX, BROKEN * noise) else Word.DEGRADED
+        word = Word.BROKEN if added > max(BROKEN_PX, BROKEN * noise) or first.name in OTHER_PICTURES else Word.DEGRADED
         return replace(answer, word=word, added_px=added, changes=named(guesses, seen), noise_px=2**0.5 * self.known.sigma * louder**0.5)
 
     def _guesses(self, seen: Seen, views: tuple[View, ...], board: Board, error: float, louder: float) -> tuple[list[Hypothesis], float]:
         """What may have changed, the most probable first, with the noise that is left at the best of them: a large change looks like noise
         where it bends from square to square."""
-        guesses = self._asked(seen, error, louder)
-        if guesses[0].missed:
-            quieter = self._louder(guesses[0].missed, views, board)
-            if quieter < 0.9 * louder:
-                return self._asked(seen, error, quieter), quieter
-        return guesses, louder
+        if error < GROSS * 2**0.5 * self.known.sigma:
+            return self._asked(seen, error, louder), louder
+        guesses = self._asked(seen, error, 1.0)
+        quieter = self._louder(guesses[0].missed, views, board) if guesses[0].missed else louder
+        return (self._asked(seen, error, quieter), quieter) if quieter > NOISIER else (guesses, quieter)
 
     def _asked(self, seen: Seen, error: float, louder: float) -> list[Hypothesis]:
         sigma = self.known.sigma * (louder * self.dispersion.typical) ** 0.5
@@ -150,7 +152,10 @@ class Checker:
 
     def _louder(self, missed: Residuals, views: tuple[View, ...], board: Board) -> float:
         """The variance of the corners' noise over that of the calibration's own, at short scale; at least 1."""
-        noise = short_scale_noise(on_board(missed.image, views), board)
+        grid = on_board(missed.image, views)
+        noise = float(
+            np.median([short_scale_noise(grid[view : view + 1], board) for view in range(len(views))])
+        )  # whatever one of them has
         return max(1.0, (noise / self.noise) ** 2) if np.isfinite(noise) and self.noise > 0 else 1.0
 
     def _expected(self, equations: Equations, observations: Observations, louder: float) -> float:

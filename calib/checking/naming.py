@@ -35,8 +35,9 @@ from calib.verdict.orientation import ALL as ORIENTATIONS
 
 Array = NDArray[np.float64]
 
-GROSS = 4.0
-"""Times the noise: from there on the first order says little: every candidate is fitted, and other modes and turned pictures are tried."""
+GROSS = 2.0
+"""Times the noise: from there on the first order says little: every candidate is fitted, and other modes are tried."""
+TURNED = "turned_pictures"
 UNKNOWN = "what has changed is none of the causes that are known here"
 
 
@@ -81,10 +82,11 @@ def hypotheses(known: Known, changes: Sequence[Effect], seen: Seen, sigma: float
     together = seen.equations.predicted() / variance
     if error > GROSS * 2**0.5 * known.sigma:
         tried = [_fitted(known, change, seen, sigma) for change in changes]
-        tried += [_other_mode(known, changes, seen, sigma), *_turned(known, seen, sigma)]
-        found = [replace(one, log_evidence=one.log_evidence + together[0, 0] / 2) for one in tried if one]
+        tried = [*(one for one in tried if one and one.name != PictureMode.name), _other_mode(known, changes, seen, sigma, error)]
+        found = [_against(one, together) for one in tried if one]
     else:
         found = [_first_order(change, together, seen.equations) for change in changes]
+    found += [_against(one, together) for one in _turned(known, seen, sigma)]
     found.append(Hypothesis("unknown", _of_variance(together[0, 0], seen.equations.freedom.sum()), words=UNKNOWN))
     found += _bad_views(seen, variance)
     return sorted(found, key=lambda one: -one.log_evidence)
@@ -133,6 +135,11 @@ def _shift(change: Effect, seen: Seen) -> Array:
     squares = seen.equations.products[:, place, place].sum(0)
     weight = float((seen.observations.weight**2).mean())
     return np.asarray(squares * seen.equations.sigma**2 / weight / len(seen.observations.pixels))
+
+
+def _against(one: Hypothesis, together: Array) -> Hypothesis:
+    """With its evidence against that of a valid calibration."""
+    return replace(one, log_evidence=one.log_evidence + float(together[0, 0]) / 2)
 
 
 def _first_order(change: Effect, together: Array, equations: Equations) -> Hypothesis:
@@ -196,20 +203,18 @@ def _bad_view(seen: Seen, view: int, gain: float, squares: float) -> Hypothesis:
     return Hypothesis("bad_view", float(evidence - np.log(freedom) / 2 - np.log(len(seen.observations.names))), words=words, view=view)
 
 
-def _other_mode(known: Known, changes: Sequence[Effect], seen: Seen, sigma: float) -> Hypothesis | None:
+def _other_mode(known: Known, changes: Sequence[Effect], seen: Seen, sigma: float, error: float) -> Hypothesis | None:
     """From the best of the modes that cameras have."""
     mode = next(change for change in changes if isinstance(change, PictureMode))
     path = known.model.with_effect(mode).path
     scale = mode.unknowns[0].param.name
-    starts: list[tuple[float, dict[str, Tensor], Tensor]] = []
+    starts: list[tuple[float, dict[str, Tensor], Tensor]] = [(error, {}, seen.poses)]
     for factor in SCALES:
         begin = {scale: torch.tensor(np.log(factor), dtype=torch.float64)}
         values = {**known.model.means, **known.model.neutral(mode), **begin}
         moved = replace(seen.observations, pixels=path.adjustments[0](seen.observations.pixels, values)[0])
         if (found := _posed(known, moved)) is not None:
             starts.append((found[1].rms_px / factor, begin, found[0]))
-    if not starts:
-        return None
     _, begin, poses = min(starts, key=lambda one: one[0])
     return _fitted(known, mode, seen, sigma, poses, begin)
 
@@ -224,7 +229,7 @@ def _turned(known: Known, seen: Seen, sigma: float) -> list[Hypothesis]:
         if (posed := _posed(known, observations)) is not None:
             cost = Equations.of(known, (), observations, posed[0]).predicted()[0, 0] * (known.sigma / sigma) ** 2
             words = f"the pictures come from another mode: {way}, they fit"
-            found.append(Hypothesis("turned_pictures", -float(cost) / 2, missed=posed[1], words=words))
+            found.append(Hypothesis(TURNED, -float(cost) / 2, missed=posed[1], words=words))
     return found
 
 

@@ -57,7 +57,7 @@ def _of_change(together: Array, equations: Equations, dispersion: Dispersion, na
     square, directions = explained(together, equations.columns(name))
     if not directions:
         return 1.0
-    scale = dispersion.by_change[name] * louder
+    scale = dispersion.scale(name, together, equations.columns(name), directions, louder)
     return float(fdtrc(directions, min(dispersion.freedom[name], 1e9), square / directions / scale))
 
 
