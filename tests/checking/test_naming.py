@@ -56,7 +56,8 @@ def test_pictures_of_twice_the_zoom_come_from_another_mode(cameras: Made) -> Non
     answer = checker.check(Pictures(_zoomed(made, later.views()), made.board))
     (change,) = answer.changes
     assert (answer.word, change.name) == (Word.BROKEN, "picture_mode")
-    assert change.value and change.sigma
+    assert change.value is not None
+    assert change.sigma is not None
     assert abs(change.value - 2) < 5 * change.sigma
     assert change.sigma < 0.01
 
