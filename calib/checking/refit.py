@@ -92,6 +92,7 @@ def refit(
     found = minimise(problem, shared, poses, steps=STEPS, tolerance=TOLERANCE)
     hessian, _ = found.equations.schur_complement()
     covariance = torch.linalg.inv_ex(hessian + precision).inverse.numpy()
+    covariance = (covariance + covariance.T) / 2
     if found.outcome is Outcome.NOT_FINITE:
         covariance = np.full_like(covariance, np.nan)
     return Refit(path, parameters, found.shared, found.blocks, covariance, found.cost, found.iterations)
