@@ -84,6 +84,8 @@ class Answer:
     changes: tuple[Change, ...]
     """The most probable first; one of more than `naming.ALONE` stands alone."""
     rejected: tuple[Rejected, ...]
+    lacking: str = ""
+    """The name of the most probable change, where the calibration's own views show it too: it is no change, but what the model lacks."""
 
     def as_json(self) -> dict[str, object]:
         return {
@@ -100,4 +102,5 @@ class Answer:
             "views": self.views,
             "frames_rejected": [{"file": one.name, "reason": one.reason} for one in self.rejected],
             "changes": [change.as_json() for change in self.changes],
+            "lacking": self.lacking,
         }

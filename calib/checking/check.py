@@ -120,7 +120,15 @@ class Checker:
         if added < NOTICEABLE * noise:
             return replace(answer, added_px=added)
         word = Word.BROKEN if added > max(BROKEN_PX, BROKEN * noise) or first.name in OTHER_PICTURES else Word.DEGRADED
-        return replace(answer, word=word, added_px=added, changes=named(guesses, seen), noise_px=2**0.5 * self.known.sigma * louder**0.5)
+        return replace(
+            answer,
+            word=word,
+            added_px=added,
+            changes=named(guesses, seen),
+            noise_px=2**0.5 * self.known.sigma * louder**0.5,
+            louder=louder**0.5,
+            lacking=first.name if self.dispersion.lacking.get(first.name, (0.0,))[0] > 0 else "",
+        )
 
     def _guesses(self, seen: Seen, views: tuple[View, ...], board: Board, error: float, louder: float) -> tuple[list[Hypothesis], float]:
         """What may have changed, the most probable first, with the noise that is left at the best of them: a large change looks like noise

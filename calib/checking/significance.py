@@ -64,7 +64,7 @@ def _of_change(together: Array, equations: Equations, dispersion: Dispersion, na
 def _of_size(equations: Equations, dispersion: Dispersion, louder: float) -> tuple[float, float, float]:
     """The statistic, its largest unsuspicious value, and its p-value: Student's test of the logarithms of the views' squares."""
     views = len(equations.freedom)
-    each = [equations.predicted(slice(view, view + 1))[0, 0] / equations.freedom[view] for view in range(views)]
+    each = [equations.predicted(slice(view, view + 1))[0, 0] / max(1.0, equations.freedom[view]) for view in range(views)]
     logs = np.log(np.maximum(each, 1e-12)) - np.log(louder)
     own = dispersion.logs if dispersion.logs.size else np.zeros(1)
     by_theory = float(np.sqrt((2 / np.maximum(equations.freedom, 1)).mean()))

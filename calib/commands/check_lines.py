@@ -37,6 +37,8 @@ def print_answer(answer: Answer, moved: Sequence[Moved], written: Sequence[Path]
 
 def next_command(answer: Answer, calibration: Path, pictures: Sequence[Path], *, updated: bool) -> str:
     """What to type next: a valid or updated calibration is looked at and put to use, and what is not valid is recorded anew."""
+    if answer.lacking and not updated:
+        return f"calib diagnose {shlex.quote(str(calibration))}"
     if updated or answer.word is Word.VALID:
         return f"calib report {shlex.quote(str(calibration))}"
     session = pictures[0] if pictures[0].is_dir() else pictures[0].parent
@@ -57,3 +59,5 @@ def _lines(answer: Answer) -> Iterator[str]:
     alone = len(answer.changes) == 1
     for change in answer.changes:
         yield f"{change}." if alone else f"{100 * change.probability:.0f} %: {change}."
+    if answer.lacking:
+        yield f"the calibration's own views show {answer.lacking} as well: it may be no change, but what the model has always lacked."
