@@ -1,13 +1,14 @@
 """Calibrates a camera that looks through a refractive cover, and undistorts its pictures at any depth.
 
 stdout carries the result, stderr the progress and remarks. Exit codes: 0 done, 1 a bug, 2 wrong usage or input, 3 not enough good
-data.
+data, 5 a calibration that was checked is not valid.
 """
 
 from collections.abc import Sequence
 
 from calib.commands import (
     board_command,
+    check_command,
     diagnose_command,
     evaluate_command,
     export_command,
@@ -22,6 +23,7 @@ from calib.commands.command_line import run_command
 COMMANDS = (
     fit_command,
     evaluate_command,
+    check_command,
     diagnose_command,
     report_command,
     undistort_command,

@@ -57,3 +57,7 @@ class NotEnoughDataError(RefracalError):
     """The input is well formed, but too little of it is good enough to calibrate from."""
 
     exit_code = 3
+
+
+class OtherBoardError(NotEnoughDataError):
+    """The pictures show a board, but another than the declared one."""

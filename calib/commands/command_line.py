@@ -16,14 +16,14 @@ def run_command(program: str, description: str | None, commands: Sequence[Module
     """Run the command that the arguments name; returns the exit code.
 
     Args:
-        commands: each has its help as docstring, `add_arguments(parser)` and `run(args)`; in the order of the help. It is called as its
-            module is, without `_command`.
+        commands: each has its help as docstring, `add_arguments(parser)` and `run(args)`, which returns an exit code or None for 0; in the
+            order of the help. It is called as its module is, without `_command`.
         argv: None for this process's own.
     """
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     args = _parser(program, description, commands).parse_args(argv)
     try:
-        args.run(args)
+        code: int | None = args.run(args)
         print(end="", flush=True)  # here a full disk is a sentence; at exit it would be a traceback
     except RefracalError as error:
         print(f"{program}: {error}", file=sys.stderr)
@@ -47,7 +47,7 @@ def run_command(program: str, description: str | None, commands: Sequence[Module
             file=sys.stderr,
         )
         return 1
-    return 0
+    return code or 0
 
 
 def _drop_stdout() -> None:

@@ -22,7 +22,7 @@ from calib.corners.find import ADVICE, find_board
 from calib.corners.other_coding import other_coding
 from calib.corners.view import Rejected, View
 from calib.corners.weights import weighted
-from calib.errors import InputError, NotEnoughDataError
+from calib.errors import InputError, NotEnoughDataError, OtherBoardError
 from calib.io.files import read_file, write_atomically
 from calib.io.images import read_grey
 from calib.session.board import Board
@@ -49,7 +49,12 @@ class Detections:
 
 
 def detect(
-    paths: Sequence[Path], board: Board, progress: Callable[[int, int], None] | None = None, *, size: tuple[int, int] | None = None
+    paths: Sequence[Path],
+    board: Board,
+    progress: Callable[[int, int], None] | None = None,
+    *,
+    size: tuple[int, int] | None = None,
+    fewest: int = FEWEST,
 ) -> Detections:
     """Look for the board in every picture.
 
@@ -57,10 +62,12 @@ def detect(
         paths: the pictures. Their folders get a `.detections.json`, if they can be written, and it is used again.
         progress: called after each view with how many are done, and in how many of them the board was found.
         size: width and height that every picture must have, px. None: any.
+        fewest: pictures that must show the board, if there are so many.
 
     Raises:
         InputError: a picture cannot be read, or has another size.
-        NotEnoughDataError: the board is in hardly any picture; the message names the board that is, if there is one.
+        NotEnoughDataError: the board is in hardly any picture.
+        OtherBoardError: but another one is, which the message names.
     """
     if not paths:
         raise NotEnoughDataError(f"there is no picture to find the {board} board in: take some, from different sides and distances.")
@@ -81,7 +88,7 @@ def detect(
     finally:
         for store in stores.values():
             store.save()
-    if hits < min(FEWEST, len(paths)) or hits < SMALLEST_PART * len(paths):
+    if hits < min(fewest, len(paths)) or hits < SMALLEST_PART * len(paths):
         if hits:
             _refuse_other_board([paths[i] for i in (*sample, *rest) if isinstance(found[i], NotFound)][:PROBED], board)
         reasons = Counter(hit.reason for hit in found.values() if isinstance(hit, NotFound))
@@ -106,15 +113,15 @@ def _in_threads(paths: Sequence[Path], stores: dict[Path, "_Store"]) -> Iterator
 
 
 def _refuse_other_board(paths: Sequence[Path], board: Board) -> None:
-    """Raise NotEnoughDataError if at least half of the pictures show one board, and not the declared one."""
+    """Raise OtherBoardError if at least half of the pictures show one board, and not the declared one."""
     pictures = [eight_bits(read_grey(path)) for path in paths]
     if board.coding:
         if said := other_coding(pictures, board):
-            raise NotEnoughDataError(said)
+            raise OtherBoardError(said)
         return
     size, count = _shown(pictures, board.square)
     if 2 * count >= len(paths) and count >= min(2, len(paths)) and set(size) != {board.columns, board.rows}:
-        raise NotEnoughDataError(
+        raise OtherBoardError(
             f"a board of {size[0]}x{size[1]} inner corners fits {count} of the {len(paths)} pictures that were tried, the declared {board} "
             f"none of them: write board.columns: {size[0]}, board.rows: {size[1]} in session.yaml."
         )

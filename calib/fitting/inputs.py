@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from calib.corners.corners_file import read_corners
-from calib.corners.detect_all import detect
+from calib.corners.detect_all import FEWEST, detect
 from calib.corners.usable import with_poses
 from calib.corners.view import Rejected, View
 from calib.errors import InputError
@@ -34,8 +34,9 @@ class Gathered:
     """By number of OpenCV's coefficients, or by the name of another lens model, the error on held-out views, where it was chosen by it."""
 
 
-def read_views(session: Session, progress: Progress) -> tuple[tuple[View, ...], tuple[Rejected, ...]]:
-    """The session's corners: from its corners file, or detected in its pictures; with what frames.csv says of each picture."""
+def read_views(session: Session, progress: Progress, *, fewest: int = FEWEST) -> tuple[tuple[View, ...], tuple[Rejected, ...]]:
+    """The session's corners: from its corners file, or detected in its pictures, of which `fewest` must show the board; with what
+    frames.csv says of each picture."""
     records = read_frame_records(session.path / FRAMES_TABLE)
     rejected: tuple[Rejected, ...] = ()
     if session.corners:
@@ -44,7 +45,7 @@ def read_views(session: Session, progress: Progress) -> tuple[tuple[View, ...], 
     else:
         advance = progress.task(f"Corners in {session.path.resolve().name}", len(session.frames))
         size = session.camera.width, session.camera.height
-        found = detect(session.frames, session.board, lambda done, hits: advance(done, f"{hits} boards found"), size=size)
+        found = detect(session.frames, session.board, lambda done, hits: advance(done, f"{hits} boards found"), size=size, fewest=fewest)
         views, rejected = found.views, found.rejected
     return tuple(_recorded(view, records.get(Path(view.name).name, FrameRecord())) for view in views), rejected
 

@@ -1,0 +1,185 @@
+"""Whether a calibration still holds, from a few pictures of its board; and if not, what changed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from calib.calibration import Calibration
+from calib.checking.answer import Answer, Change, Word
+from calib.checking.changes import changes_of
+from calib.checking.dispersion import Dispersion
+from calib.checking.equations import Equations
+from calib.checking.known import Known
+from calib.checking.naming import GROSS, TURNED, Hypothesis, Seen, hypotheses, named, probabilities, shift_of
+from calib.checking.picture_mode import PictureMode
+from calib.checking.pictures import Pictures
+from calib.checking.significance import significance
+from calib.corners.view import Rejected, View
+from calib.diagnosis.families import ALONE
+from calib.effects.effect import Effect
+from calib.errors import InputError
+from calib.estimation.noise import on_board, short_scale_noise
+from calib.estimation.observations import Observations
+from calib.estimation.poses import pinhole_poses, refit_poses
+from calib.estimation.residuals import Residuals, residuals
+from calib.optics.board_target import with_parts
+from calib.progress import Progress, Silent
+from calib.session.board import Board
+from calib.threads import single_thread
+
+NOTICEABLE = 1 / 3
+"""Of the corners' noise: what a change adds to the error below that makes it larger by less than a twentieth, and is not worth a word."""
+BROKEN_PX = 1.0
+"""px: from there on what is added is a fault that people see in undistorted pictures."""
+BROKEN = 3.0
+"""Times the corners' noise, where that is more."""
+OTHER_PICTURES = frozenset({TURNED, PictureMode.name})
+"""Changes of which there is no little: no pixel is what it was."""
+NOISIER = 1.3
+"""Times the variance of the corners' noise, from which it changes what is most probable."""
+STAGES = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Checker:
+    """A calibration that is ready to be checked, its own views' dispersion computed once."""
+
+    calibration: Calibration
+    known: Known
+    changes: tuple[Effect, ...]
+    dispersion: Dispersion
+    noise: float
+    """px, of the calibration's own corners at short scale; NaN where it has too few."""
+
+    @staticmethod
+    def of(calibration: Calibration) -> Checker:
+        with single_thread():
+            known, changes = Known.of(calibration), changes_of(calibration)
+            noise = float("nan")
+            if calibration.views:
+                poses = torch.from_numpy(calibration.poses)
+                missed = residuals(known.model.path, known.model.means, calibration.observations, poses)
+                noise = short_scale_noise(on_board(missed.image, calibration.views), calibration.board)
+            return Checker(calibration, known, changes, Dispersion.of(calibration, known, changes), noise)
+
+    def check(self, pictures: Pictures, progress: Progress = Silent()) -> Answer:
+        """The answer.
+
+        Raises:
+            InputError: the views admit no pose of the board.
+        """
+        if pictures.other:
+            return _without_views(pictures)
+        advance = progress.task("Check", STAGES)
+        with single_thread():
+            return self._check(pictures, advance)
+
+    def _check(self, pictures: Pictures, advance: Callable[[int, str], None]) -> Answer:
+        views, poses, missed, lost = self._posed(pictures)
+        rejected = (*pictures.rejected, *lost)
+        camera = self.calibration.camera
+        observations = Observations.of(views, pictures.board).timed(None, camera.height)
+        advance(1, "test")
+        equations = Equations.of(self.known, self.changes, observations, poses)
+        louder = self._louder(missed, views, pictures.board)
+        found = significance(equations, self.dispersion, louder)
+        expected = self._expected(equations, observations, louder)
+        error = missed.rms_px
+        answer = Answer(
+            Word.VALID,
+            found.p_value,
+            found.statistic,
+            found.freedom,
+            error,
+            expected,
+            expected * found.allowed**0.5,
+            max(0.0, error**2 - expected**2) ** 0.5,
+            2**0.5 * self.known.sigma * louder**0.5,
+            louder**0.5,
+            len(views),
+            (),
+            rejected,
+        )
+        if not found.significant:
+            return answer
+        advance(2, "what has changed")
+        seen = Seen(observations, poses, equations, camera.width, camera.height)
+        guesses, louder = self._guesses(seen, views, pictures.board, error, louder)
+        first, chances = guesses[0], probabilities(guesses)
+        if first.view >= 0 and chances[0] > ALONE and len(views) > 1:
+            out = views[first.view]
+            rest = tuple(view for view in views if view is not out)
+            return self._check(Pictures(rest, pictures.board, (*rejected, Rejected(out.name, first.words))), advance)
+        noise = 2**0.5 * self.known.sigma * (louder * self.dispersion.typical) ** 0.5
+        shift = shift_of(first, seen)
+        added = shift if shift < GROSS * noise else max(0.0, error**2 - self._expected(equations, observations, louder) ** 2) ** 0.5
+        if added < NOTICEABLE * noise:
+            return replace(answer, added_px=added)
+        word = Word.BROKEN if added > max(BROKEN_PX, BROKEN * noise) or first.name in OTHER_PICTURES else Word.DEGRADED
+        return replace(
+            answer,
+            word=word,
+            added_px=added,
+            changes=named(guesses, seen),
+            noise_px=2**0.5 * self.known.sigma * louder**0.5,
+            louder=louder**0.5,
+            lacking=first.name if self.dispersion.lacking.get(first.name, (0.0,))[0] > 0 else "",
+        )
+
+    def _guesses(self, seen: Seen, views: tuple[View, ...], board: Board, error: float, louder: float) -> tuple[list[Hypothesis], float]:
+        """What may have changed, the most probable first, with the noise that is left at the best of them: a large change looks like noise
+        where it bends from square to square."""
+        if error < GROSS * 2**0.5 * self.known.sigma:
+            return self._asked(seen, error, louder), louder
+        guesses = self._asked(seen, error, 1.0)
+        quieter = self._louder(guesses[0].missed, views, board) if guesses[0].missed else louder
+        return (self._asked(seen, error, quieter), quieter) if quieter > NOISIER else (guesses, quieter)
+
+    def _asked(self, seen: Seen, error: float, louder: float) -> list[Hypothesis]:
+        sigma = self.known.sigma * (louder * self.dispersion.typical) ** 0.5
+        return hypotheses(self.known, self.changes, seen, sigma, error)
+
+    def _posed(self, pictures: Pictures) -> tuple[tuple[View, ...], torch.Tensor, Residuals, tuple[Rejected, ...]]:
+        path, values = self.known.model.path, self.known.model.means
+        poses = pinhole_poses(Observations.of(pictures.views, pictures.board), values)
+        found = torch.isfinite(poses).all(-1).tolist()
+        lost = tuple(
+            Rejected(view.name, "no board pose explains its corners") for view, ok in zip(pictures.views, found, strict=True) if not ok
+        )
+        views = tuple(view for view, ok in zip(pictures.views, found, strict=True) if ok)
+        if not views:
+            raise InputError("No picture can be checked: no pose of the board explains the corners of any; take some that show it whole.")
+        observations = Observations.of(views, pictures.board).timed(None, self.calibration.camera.height)
+        start = with_parts(poses[torch.tensor(found)], path.view_parts)
+        poses, missed = refit_poses(path, values, observations, start, sigma=self.known.sigma)
+        return views, poses, missed, lost
+
+    def _louder(self, missed: Residuals, views: tuple[View, ...], board: Board) -> float:
+        """The variance of the corners' noise over that of the calibration's own, at short scale; at least 1."""
+        grid = on_board(missed.image, views)
+        noise = float(
+            np.median([short_scale_noise(grid[view : view + 1], board) for view in range(len(views))])
+        )  # whatever one of them has
+        return max(1.0, (noise / self.noise) ** 2) if np.isfinite(noise) and self.noise > 0 else 1.0
+
+    def _expected(self, equations: Equations, observations: Observations, louder: float) -> float:
+        """px, the error of a valid calibration."""
+        squares = float(equations.freedom.sum()) * self.dispersion.typical * louder + float(equations.spared.sum())
+        corners = len(observations.pixels)
+        each = 2 * self.known.sigma**2 * float((observations.weight**-2).mean())
+        return float(np.sqrt(each * squares / (2 * corners)))
+
+
+def check(calibration: Calibration, pictures: Pictures, progress: Progress = Silent()) -> Answer:
+    """As `Checker.check`."""
+    return Checker.of(calibration).check(pictures, progress)
+
+
+def _without_views(pictures: Pictures) -> Answer:
+    nan = float("nan")
+    change = Change(pictures.name, pictures.other, 1.0)
+    return Answer(Word.BROKEN, nan, nan, 0, nan, nan, nan, nan, nan, nan, 0, (change,), pictures.rejected)

@@ -1,0 +1,16 @@
+"""One calibrated camera of each shape, for all tests of checking."""
+
+import pytest
+
+from calib.checking.check import Checker
+from fixtures.later import COVERS, camera
+from fixtures.synthetic import Scene
+
+Made = dict[str, tuple[Scene, Checker]]
+
+
+@pytest.fixture(scope="package")
+def cameras() -> Made:
+    """By shape: the camera as it was calibrated, and its calibration."""
+    made = {shape: camera(shape, 3) for shape in COVERS}
+    return {shape: (seen, Checker.of(calibration)) for shape, (seen, calibration) in made.items()}

@@ -1,0 +1,139 @@
+"""`calib check`: exit codes, JSON, sentences, and what is written."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from calib.calibration import Calibration
+from calib.cli import main
+from calib.corners.view import View
+from calib.session.session import session_to_yaml
+from fixtures.later import Later
+from fixtures.synthetic import HEIGHT, WIDTH
+from tests.checking.conftest import Made
+
+KEYS = {
+    *("answer", "statistic", "degrees_of_freedom", "p_value", "false_alarm_rate", "error_px", "expected_px", "allowed_px", "added_px"),
+    *("noise_px", "views", "frames_rejected", "changes", "lacking", "next", "written"),
+}
+
+
+@pytest.fixture(scope="module")
+def saved(cameras: Made, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The window's calibration."""
+    folder = tmp_path_factory.mktemp("calibration")
+    cameras["flat"][1].calibration.save(folder)
+    return folder
+
+
+def session(folder: Path, calibration: Calibration, views: tuple[View, ...]) -> Path:
+    """A session of these corners."""
+    folder.mkdir()
+    said = {"format": 1, **session_to_yaml(calibration.board, calibration.camera, calibration.cover), "corners": "corners.vnl"}
+    (folder / "session.yaml").write_text(yaml.safe_dump(said))
+    lines = [f"{view.name} {x!r} {y!r} 0" for view in views for x, y in view.corners.tolist()]
+    (folder / "corners.vnl").write_text("\n".join(["# filename x y level", *lines, ""]))
+    return folder
+
+
+def test_valid_exits_with_0(cameras: Made, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made, checker = cameras["flat"]
+    later = session(tmp_path / "later", checker.calibration, Later.drawn(made, None, 301, 3).views())
+    assert main(["check", str(saved), str(later)]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("The calibration is valid.\n- 0.1")
+    assert "px are expected" in said
+    assert f"Next: calib report {saved}" in said
+
+
+def test_not_valid_exits_with_5_and_says_what_changed(
+    cameras: Made, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made, checker = cameras["flat"]
+    change = next(change for change in checker.changes if change.name == "board_shape")
+    later = session(tmp_path / "later", checker.calibration, Later.drawn(made, change, 302, 3).views(10))
+    assert main(["check", str(saved), str(later), "--json"]) == 5
+    said = json.loads(capsys.readouterr().out)
+    assert set(said) == KEYS
+    assert said["answer"] == "degraded"
+    assert said["p_value"] < said["false_alarm_rate"] == 0.01
+    first = said["changes"][0]
+    assert first["name"] == "board_shape"
+    assert first["unit"] == "mm"
+    assert first["probability"] > 0.95
+    assert main(["check", str(saved), str(later), "--update", "-o", str(tmp_path / "out")]) == 3
+    assert "cannot be brought up to date" in capsys.readouterr().err
+    assert not (tmp_path / "out" / "calibration.yaml").exists()
+
+
+def test_an_update_keeps_history_and_is_surer(cameras: Made, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made, checker = cameras["flat"]
+    later = session(tmp_path / "later", checker.calibration, Later.drawn(made, None, 303, 4).views())
+    assert main(["check", str(saved), str(later), "--update", "-o", str(tmp_path / "out"), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["written"] == [str(tmp_path / "out" / "calibration.yaml")]
+    assert set(said) == KEYS | {"moved"}
+    for name, one in said["moved"].items():
+        assert one["sigma_after"] < 1.02 * one["sigma_before"], name
+        assert abs(one["moved_sigmas"]) < 5, name
+    updated = Calibration.load(tmp_path / "out")
+    assert len(updated.views) == len(checker.calibration.views) + 4
+    assert updated.covariance.shape == checker.calibration.covariance.shape
+    (history,) = updated.settings["updates"]
+    assert history["calibration_sha256"] == checker.calibration.digest
+    assert main(["check", str(tmp_path / "out"), str(later)]) == 0
+
+
+def test_a_named_change_of_the_camera_is_carried_by_an_update(
+    cameras: Made, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made, checker = cameras["flat"]
+    change = next(change for change in checker.changes if change.name == "focal")
+    drawn = Later.drawn(made, change, 304, 4)
+    later = session(tmp_path / "later", checker.calibration, drawn.views(10))
+    assert main(["check", str(saved), str(later), "--update", "-o", str(tmp_path / "out"), "--json"]) == 5
+    assert json.loads(capsys.readouterr().out)["changes"][0]["name"] == "focal"
+    updated = Calibration.load(tmp_path / "out")
+    value, sigma = updated.effects[0].parameters["focal.change"]
+    assert abs(float(value) - 10 * float(drawn.direction["focal.change"])) < 5 * float(sigma)
+    assert main(["check", str(tmp_path / "out"), str(later)]) == 0
+
+
+def test_pictures_of_another_size_come_from_another_mode(saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), np.full((600, 800), 128, np.uint8))
+    assert main(["check", str(saved), str(tmp_path), "--json"]) == 5
+    said = json.loads(capsys.readouterr().out)
+    assert said["answer"] == "broken"
+    assert said["changes"][0]["name"] == "other_mode"
+    assert said["changes"][0]["sentence"] == "the pictures come from another mode: 800x600 px where the calibration has 3280x2464"
+    assert said["p_value"] is None
+
+
+@pytest.mark.parametrize("damage", ["truncated", "blank", "none", "missing"])
+def test_what_cannot_be_checked_exits_with_2(saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], damage: str) -> None:
+    picture = tmp_path / "pictures" / "a.png"
+    picture.parent.mkdir()
+    if damage in ("truncated", "blank"):
+        cv2.imwrite(str(picture), np.full((HEIGHT, WIDTH), 128, np.uint8))
+    if damage == "truncated":
+        picture.write_bytes(picture.read_bytes()[:-200])
+    asked = picture if damage == "missing" else picture.parent
+    assert main(["check", str(saved), str(asked)]) == 2
+    said = capsys.readouterr().err
+    expected = {
+        "truncated": "a.png is truncated or damaged: copy it again, or remove it.",
+        "blank": "No picture can be checked: the 9x9 board was found in 0 of 1 pictures",
+        "none": "has no pictures: give a session",
+        "missing": "a.png",
+    }
+    assert expected[damage] in said
+    assert "Traceback" not in said
+
+
+def test_an_output_without_an_update_is_refused(saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", str(saved), str(tmp_path), "-o", str(tmp_path / "out")]) == 2
+    assert "write --update with it" in capsys.readouterr().err

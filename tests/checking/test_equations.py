@@ -1,0 +1,115 @@
+"""The inner products against dense algebra, and the statistics against draws of a known distribution."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag, null_space
+from scipy.stats import chi2, kstest
+
+from calib.checking.dispersion import Dispersion, explained
+from calib.checking.equations import Equations, widened
+from calib.checking.significance import significance
+from calib.effects.focal import Focal
+from calib.estimation.elimination import view_equations
+from calib.estimation.observations import Observations
+from fixtures.later import Later
+from fixtures.synthetic import HEIGHT
+from tests.checking.conftest import Made
+
+DRAWS = 300
+
+
+def test_dense_algebra_says_the_same(cameras: Made) -> None:
+    made, checker = cameras["flat"]
+    later = Later.drawn(made, None, 5, 3)
+    seen = Observations.of(later.views(), made.board).timed(None, HEIGHT)
+    poses, known = later.made.poses, checker.known
+    changes = checker.changes[:2]
+    equations = Equations.of(known, changes, seen, poses)
+    parameters, new = widened(known, changes)
+    views = list(view_equations(known.model.with_effects(new).path, parameters, seen, poses, known.sigma))
+    still = block_diag(*(null_space(view.own.T).T for view in views))  # all that no pose does
+    residual = still @ np.concatenate([view.residual for view in views])
+    shared = still @ np.concatenate([view.shared for view in views])
+    jacobian, columns = shared[:, : len(known.root)] @ known.root, shared[:, len(known.root) :]
+    covariance = np.eye(len(residual)) + jacobian @ jacobian.T
+    rows = np.column_stack([residual, columns])
+    dense = rows.T @ np.linalg.solve(covariance, rows)
+    found = equations.predicted()
+    scale = np.sqrt(np.outer(dense.diagonal(), dense.diagonal()))
+    assert np.abs((found - dense) / scale).max() < 1e-6  # the metric's condition is some 1e8
+    assert equations.freedom.sum() == len(residual)
+    assert equations.log_determinant(np.arange(3)) == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-6)
+
+
+def test_a_view_is_left_out_as_a_fit_without_it_would() -> None:
+    """A linear problem with a prior, fitted with and without one of its views."""
+    rng = np.random.default_rng(1)
+    count, views, rows = 4, 5, 30
+    jacobian, change = rng.normal(size=(views, rows, count)), rng.normal(size=(views, rows, 2))
+    data, prior = rng.normal(size=(views, rows)), np.eye(count)
+
+    def fitted(used: list[int]) -> tuple[np.ndarray, np.ndarray]:
+        covariance = np.linalg.inv(prior + sum(jacobian[v].T @ jacobian[v] for v in used))
+        return covariance, covariance @ sum(jacobian[v].T @ data[v] for v in used)
+
+    covariance, estimate = fitted(list(range(views)))
+    root = np.linalg.cholesky(covariance)
+    columns = [np.column_stack([data[v] - jacobian[v] @ estimate, jacobian[v] @ root, change[v]]) for v in range(views)]
+    equations = Equations(
+        np.array([own.T @ own for own in columns]), np.full(views, float(rows)), count, {"it": slice(1 + count, 3 + count)}, {}, 1.0
+    )
+    for view in range(views):
+        spread, without = fitted([v for v in range(views) if v != view])
+        whole = np.eye(rows) + jacobian[view] @ spread @ jacobian[view].T
+        seen = np.column_stack([data[view] - jacobian[view] @ without, change[view]])
+        found, freedom = equations.left_out(view)
+        assert found == pytest.approx(seen.T @ np.linalg.solve(whole, seen), rel=1e-9)
+        assert freedom == rows
+
+
+def test_what_is_drawn_from_a_valid_calibration_gives_uniform_p_values(cameras: Made) -> None:
+    made, checker = cameras["dome"]
+    later = Later.drawn(made, None, 6, 4)
+    seen = Observations.of(later.views(), made.board).timed(None, HEIGHT)
+    known, changes = checker.known, checker.changes
+    parameters, new = widened(known, changes)
+    views = list(view_equations(known.model.with_effects(new).path, parameters, seen, later.made.poses, known.sigma))
+    equations = Equations.of(known, changes, seen, later.made.poses)
+    columns = np.concatenate([parameters.entries(u.param.name for u in change.unknowns) for change in changes])
+    bases = [null_space(view.own.T).T for view in views]
+    rows = [np.column_stack([view.shared[:, : len(known.root)] @ known.root, view.shared[:, columns]]) for view in views]
+    rows = [basis @ own for basis, own in zip(bases, rows, strict=True)]
+    theory = Dispersion(
+        {c.name: 1.0 for c in changes}, {c.name: np.inf for c in changes}, {c.name: (0.0, 1.0) for c in changes}, np.zeros(0)
+    )
+    rng = np.random.default_rng(2)
+    tails: dict[str, list[float]] = {change.name: [] for change in changes}
+    answers = []
+    for _ in range(DRAWS):
+        wrong = rng.normal(size=equations.known)
+        drawn = [np.column_stack([rng.normal(size=len(own)) + own[:, : equations.known] @ wrong, own]) for own in rows]
+        one = replace(equations, products=np.array([own.T @ own for own in drawn]))
+        together = one.predicted()
+        for name, own in tails.items():
+            square, directions = explained(together, one.columns(name))
+            own.append(float(chi2.sf(square, directions)))
+        answers.append(significance(one, theory, 1.0))
+    for name, own in tails.items():
+        assert kstest(own, "uniform").pvalue > 1e-3, name  # one of some 14 is below 1e-3 in one of 70 runs; the draws are always the same
+    assert np.mean([answer.p_value < 0.1 for answer in answers]) < 0.1 + 3 * (0.1 * 0.9 / DRAWS) ** 0.5
+    assert np.mean([answer.statistic for answer in answers]) == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_change_is_measured_with_its_sign(cameras: Made) -> None:
+    """To first order: minus the covariance times the score is what the focal length changed by."""
+    made, checker = cameras["cone"]
+    later = Later.drawn(made, Focal(), 7, 4)
+    truth = float(later.direction["focal.change"]) / Focal().unknowns[0].param.scale
+    seen = Observations.of(later.views(1, noise=0.0), made.board).timed(None, HEIGHT)
+    poses = later.made.poses
+    equations = Equations.of(checker.known, (Focal(),), seen, poses)
+    before = Equations.of(checker.known, (Focal(),), Observations.of(later.views(0, noise=0.0), made.board).timed(None, HEIGHT), poses)
+    found, still = (one.predicted() for one in (equations, before))
+    assert -(found[1, 0] - still[1, 0]) / found[1, 1] == pytest.approx(truth, rel=0.1)

@@ -1,0 +1,98 @@
+"""What changed is named, with its size, on simulated pictures; and what is no change of the camera is not taken for one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib.checking.answer import Word
+from calib.checking.pictures import Pictures
+from calib.corners.view import View
+from fixtures.later import NOISE, Later
+from fixtures.synthetic import HEIGHT, WIDTH, Scene
+from tests.checking.conftest import Made
+
+CASES = (
+    ("cone", "focal"),
+    ("dome", "principal_point"),
+    ("flat", "lens"),
+    ("dome", "board_scale"),
+    ("cone", "board_shape"),
+    ("flat", "wedge"),
+    ("cone", "thickness"),
+    ("flat", "inner_surface"),
+)
+
+
+@pytest.mark.parametrize(("shape", "kind"), CASES)
+def test_a_change_is_named_with_its_size(cameras: Made, shape: str, kind: str) -> None:
+    """Ten times the smallest size that moves a corner by the noise."""
+    made, checker = cameras[shape]
+    change = next(change for change in checker.changes if change.name == kind)
+    later = Later.drawn(made, change, 102, 4)
+    assert later.possible(10)
+    answer = checker.check(Pictures(later.views(10), made.board))
+    assert answer.word is not Word.VALID
+    assert answer.p_value < 1e-6
+    assert answer.changes[0].name == kind
+    for name, value, sigma, _ in answer.changes[0].parameters:
+        assert abs(value - 10 * float(later.direction[name])) < 5 * sigma, name
+
+
+def _zoomed(made: Scene, views: tuple[View, ...]) -> tuple[View, ...]:
+    del made
+    middle = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
+    return tuple(replace(view, corners=middle + 2 * (view.corners - middle)) for view in views)
+
+
+def _mirrored(made: Scene, views: tuple[View, ...]) -> tuple[View, ...]:
+    order = np.arange(made.board.count).reshape(made.board.rows, made.board.columns)[:, ::-1].ravel()
+    return tuple(replace(view, corners=(np.array([WIDTH - 1, 0]) + [-1, 1] * view.corners)[order]) for view in views)
+
+
+def test_pictures_of_twice_the_zoom_come_from_another_mode(cameras: Made) -> None:
+    made, checker = cameras["flat"]
+    later = Later.drawn(made, None, 103, 3)
+    answer = checker.check(Pictures(_zoomed(made, later.views()), made.board))
+    (change,) = answer.changes
+    assert (answer.word, change.name) == (Word.BROKEN, "picture_mode")
+    assert change.value is not None
+    assert change.sigma is not None
+    assert abs(change.value - 2) < 5 * change.sigma
+    assert change.sigma < 0.01
+
+
+def test_mirrored_pictures_are_told(cameras: Made) -> None:
+    made, checker = cameras["dome"]
+    later = Later.drawn(made, None, 104, 3)
+    answer = checker.check(Pictures(_mirrored(made, later.views()), made.board))
+    assert answer.word is Word.BROKEN
+    assert str(answer.changes[0]) == "the pictures come from another mode: mirrored, they fit"
+
+
+def test_a_bad_view_is_left_out_and_the_others_answer(cameras: Made) -> None:
+    made, checker = cameras["dome"]
+    later = Later.drawn(made, None, 105, 4)
+    first, *rest = later.views()
+    shaken = first.corners + np.random.default_rng(1).normal(0, 10 * NOISE, first.corners.shape)
+    answer = checker.check(Pictures((replace(first, corners=shaken), *rest), made.board))
+    assert answer.word is Word.VALID
+    assert answer.views == 3
+    assert [one.name for one in answer.rejected] == [first.name]
+    assert "alone does not fit" in answer.rejected[0].reason
+
+
+def test_noise_alone_is_no_change(cameras: Made) -> None:
+    """Pictures in poor light: three times the noise, which is told."""
+    made, checker = cameras["cone"]
+    answer = checker.check(Pictures(Later.drawn(made, None, 106, 4).views(noise=3 * NOISE), made.board))
+    assert answer.word is Word.VALID
+    assert answer.louder == pytest.approx(3, rel=0.2)
+
+
+def test_as_it_was(cameras: Made) -> None:
+    for made, checker in cameras.values():
+        for seed in range(3):
+            answer = checker.check(Pictures(Later.drawn(made, None, 200 + seed, 3).views(), made.board))
+            assert answer.word is Word.VALID
+            assert answer.error_px < answer.allowed_px
