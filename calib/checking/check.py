@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,6 +41,8 @@ OTHER_PICTURES = frozenset({TURNED, PictureMode.name})
 """Changes of which there is no little: no pixel is what it was."""
 NOISIER = 1.3
 """Times the variance of the corners' noise, from which it changes what is most probable."""
+OUT_OF_REACH = 3.0
+"""Times the error of the best: what leaves more is not the most probable, whatever the corners' noise."""
 STAGES = 3
 
 
@@ -136,12 +138,20 @@ class Checker:
         if error < GROSS * 2**0.5 * self.known.sigma:
             return self._asked(seen, error, louder), louder
         guesses = self._asked(seen, error, 1.0)
-        quieter = self._louder(guesses[0].missed, views, board) if guesses[0].missed else louder
-        return (self._asked(seen, error, quieter), quieter) if quieter > NOISIER else (guesses, quieter)
+        best = guesses[0].missed
+        if best is None:
+            return guesses, louder
+        quieter = self._louder(best, views, board)
+        if quieter <= NOISIER:
+            return guesses, quieter
+        near = {one.name for one in guesses if one.missed and one.missed.rms_px < OUT_OF_REACH * best.rms_px}
+        return self._asked(seen, error, quieter, near), quieter
 
-    def _asked(self, seen: Seen, error: float, louder: float) -> list[Hypothesis]:
+    def _asked(self, seen: Seen, error: float, louder: float, names: Container[str] | None = None) -> list[Hypothesis]:
+        """Args: names: of the changes that are worth a fit; None: all."""
         sigma = self.known.sigma * (louder * self.dispersion.typical) ** 0.5
-        return hypotheses(self.known, self.changes, seen, sigma, error)
+        changes = [change for change in self.changes if names is None or change.name in names]
+        return hypotheses(self.known, changes, seen, sigma, error)
 
     def _posed(self, pictures: Pictures) -> tuple[tuple[View, ...], torch.Tensor, Residuals, tuple[Rejected, ...]]:
         path, values = self.known.model.path, self.known.model.means

@@ -205,7 +205,9 @@ def _bad_view(seen: Seen, view: int, gain: float, squares: float) -> Hypothesis:
 
 def _other_mode(known: Known, changes: Sequence[Effect], seen: Seen, sigma: float, error: float) -> Hypothesis | None:
     """From the best of the modes that cameras have."""
-    mode = next(change for change in changes if isinstance(change, PictureMode))
+    mode = next((change for change in changes if isinstance(change, PictureMode)), None)
+    if not mode:
+        return None
     path = known.model.with_effect(mode).path
     scale = mode.unknowns[0].param.name
     starts: list[tuple[float, dict[str, Tensor], Tensor]] = [(error, {}, seen.poses)]

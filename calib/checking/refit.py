@@ -24,6 +24,8 @@ from calib.optics.path import Path
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-5
+ROUGH = 1e-3
+"""Of a change alone, around which all is linearised again."""
 STEPS = 40
 LEAST_VARIANCE = 1e-14
 """Of the largest along an axis: less is known as well as that, so that the covariance can be inverted."""
@@ -89,7 +91,7 @@ def refit(
     seen = observations.kept(lands)
     weights = pixel_weights(path, start, seen, poses, sigma)
     problem = LandingProblem(parameters, tuple(landings(path, parameters, seen, weights)), precision, view_precision(path, poses))
-    found = minimise(problem, shared, poses, steps=STEPS, tolerance=TOLERANCE)
+    found = minimise(problem, shared, poses, steps=STEPS, tolerance=ROUGH if held else TOLERANCE)
     hessian, _ = found.equations.schur_complement()
     covariance = torch.linalg.inv_ex(hessian + precision).inverse.numpy()
     covariance = (covariance + covariance.T) / 2

@@ -15,12 +15,12 @@ from tests.checking.conftest import Made
 CASES = (
     ("cone", "focal"),
     ("dome", "principal_point"),
-    ("flat", "lens"),
+    pytest.param("flat", "lens", marks=pytest.mark.slow),
     ("dome", "board_scale"),
     ("cone", "board_shape"),
     ("flat", "wedge"),
-    ("cone", "thickness"),
-    ("flat", "inner_surface"),
+    pytest.param("cone", "thickness", marks=pytest.mark.slow),
+    pytest.param("flat", "inner_surface", marks=pytest.mark.slow),
 )
 
 
