@@ -37,7 +37,9 @@ def read_pictures(paths: Sequence[Path], calibration: Calibration, progress: Pro
     Raises:
         InputError: nothing there can be read, or no picture shows a board.
     """
-    if len(paths) == 1 and (paths[0] / "session.yaml").exists():
+    with reading(paths[0]):
+        is_session = len(paths) == 1 and (paths[0] / "session.yaml").exists()
+    if is_session:
         session = read_session(paths[0])
         rejected: tuple[Rejected, ...] = ()
         sizes = {(session.camera.width, session.camera.height)}
@@ -81,6 +83,8 @@ def _without_session(paths: Sequence[Path], calibration: Calibration) -> tuple[S
 
 def _files(path: Path) -> Sequence[Path]:
     with reading(path):
+        if not path.exists():
+            raise InputError(f"{path} does not exist: give a session, a folder of pictures, or picture files.")
         if not path.is_dir():
             return (path,)
         folder = path / "frames" if (path / "frames").is_dir() else path

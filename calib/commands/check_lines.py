@@ -42,7 +42,8 @@ def next_command(answer: Answer, calibration: Path, pictures: Sequence[Path], *,
     if updated or answer.word is Word.VALID:
         return f"calib report {shlex.quote(str(calibration))}"
     session = pictures[0] if pictures[0].is_dir() else pictures[0].parent
-    return f"capture {shlex.quote(str(session.with_name(f'{session.resolve().name}-again')))}"
+    named = session if session.name.strip(".") else session.resolve()  # "." and ".." have no name of their own
+    return f"capture {shlex.quote(str(named.with_name(f'{named.name}-again')))}"
 
 
 def _lines(answer: Answer) -> Iterator[str]:

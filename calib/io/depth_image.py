@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from calib.errors import InputError
 from calib.io.arrays import decode_npy
-from calib.io.files import read_file
+from calib.io.files import read_file, reading
 
 KINDS = (".npy", ".png", ".tif", ".tiff", ".exr")
 
@@ -29,7 +29,9 @@ def read_depth_image(path: Path) -> NDArray[np.float32]:
 
 def depth_image_for(picture: Path, given: Path) -> NDArray[np.float32]:
     """The depth image of a picture: the file itself, or of a folder the one with the picture's name."""
-    if not given.is_dir():
+    with reading(given):
+        folder = given.is_dir()
+    if not folder:
         return read_depth_image(given)
     for kind in KINDS:
         named = given / f"{picture.stem}{kind}"

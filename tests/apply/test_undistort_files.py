@@ -10,7 +10,7 @@ from calib.apply.undistorter import Undistorter
 from calib.calibration import Calibration
 from calib.cli import main
 from calib.errors import InputError
-from calib.io.depth_image import read_depth_image
+from calib.io.depth_image import depth_image_for, read_depth_image
 from fixtures.known import known
 from fixtures.synthetic import scene
 
@@ -179,3 +179,8 @@ def test_wrong_usage_is_said(folder: Path, capsys: pytest.CaptureFixture[str], a
         run(folder, folder / "a.png", *arguments, "-o", folder / "out")
     assert stop.value.code == 2
     assert says in capsys.readouterr().err
+
+
+def test_a_depth_image_of_an_impossible_name_gets_its_sentence() -> None:
+    with pytest.raises(InputError, match="File name too long"):
+        depth_image_for(Path("a.png"), Path("x" * 300))

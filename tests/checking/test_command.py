@@ -137,3 +137,19 @@ def test_what_cannot_be_checked_exits_with_2(saved: Path, tmp_path: Path, capsys
 def test_an_output_without_an_update_is_refused(saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", str(saved), str(tmp_path), "-o", str(tmp_path / "out")]) == 2
     assert "write --update with it" in capsys.readouterr().err
+
+
+def test_pictures_that_do_not_exist_are_refused(saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A slip in a name is no damaged picture, which would be left out."""
+    assert main(["check", str(saved), str(tmp_path / "a.png"), str(tmp_path / "b.png")]) == 2
+    assert "a.png does not exist" in capsys.readouterr().err
+
+
+def test_another_mode_in_the_folder_one_is_in(
+    saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of ".", the next session's name is the folder's."""
+    cv2.imwrite(str(tmp_path / "a.png"), np.full((48, 64), 99, np.uint8))
+    monkeypatch.chdir(tmp_path)
+    assert main(["check", str(saved), "a.png"]) == 5
+    assert f"Next: capture {tmp_path}-again" in capsys.readouterr().out

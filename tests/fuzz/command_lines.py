@@ -25,6 +25,8 @@ def good_lines(folder: Path, tables: Sequence[bytes]) -> Sequence[Sequence[str]]
     lines = (
         f"calib fit {session} --method joint --grid 4x4 --free auto --effects none --folds 2 --depth 1 -o out --json",
         f"calib evaluate {fitted} {session} --json",
+        f"calib check {fitted} {session} --json",
+        f"calib check {fitted} {session} --update -o out",
         f"calib export {small} --format ros --lens plumb_bob --depth 1 -o out",
         f"calib export {small} --format kalibr --depth 1 -o out",
         f"calib undistort {small} {given}/a.png --depth 1 --crop 0 --size 32x24 -o out",
