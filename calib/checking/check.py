@@ -78,7 +78,9 @@ class Checker:
             return _without_views(pictures)
         advance = progress.task("Check", STAGES)
         with single_thread():
-            return self._check(pictures, advance)
+            answer = self._check(pictures, advance)
+        advance(STAGES, "")
+        return answer
 
     def _check(self, pictures: Pictures, advance: Callable[[int, str], None]) -> Answer:
         views, poses, missed, lost = self._posed(pictures)
