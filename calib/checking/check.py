@@ -13,8 +13,9 @@ from calib.checking.answer import Answer, Change, Word
 from calib.checking.changes import changes_of
 from calib.checking.dispersion import Dispersion
 from calib.checking.equations import Equations
+from calib.checking.hypotheses import GROSS, TURNED, Hypothesis, Seen, hypotheses
 from calib.checking.known import Known
-from calib.checking.naming import GROSS, TURNED, Hypothesis, Seen, hypotheses, named, probabilities, shift_of
+from calib.checking.naming import named, probabilities, shift_of
 from calib.checking.picture_mode import PictureMode
 from calib.checking.pictures import Pictures
 from calib.checking.significance import significance
