@@ -9,12 +9,14 @@ import sys
 
 STYLE = (["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"])
 """What .pre-commit-config.yaml runs too."""
+WORKERS = "3"
+"""On two cores: tests of the terminal UI and of processes wait for a tenth of their time."""
 COVERAGE = ("--cov=calib", "--cov=capture", "--cov-report=")
 
 if __name__ == "__main__":
     asked = [argument for argument in sys.argv[1:] if argument != "--cov"]
     counted = len(asked) < len(sys.argv) - 1
-    pytest = ["pytest", "-n", "2", "--dist", "loadfile", "-m", "not slow", *(COVERAGE if counted else ()), *asked]
+    pytest = ["pytest", "-n", WORKERS, "--dist", "loadfile", "-m", "not slow", *(COVERAGE if counted else ()), *asked]
     for check in (*STYLE, pytest, *([["coverage", "report", "--format=total"]] if counted else ())):
         print("$", *check, flush=True)
         code = subprocess.run([sys.executable, "-m", *check], check=False).returncode
