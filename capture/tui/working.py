@@ -7,6 +7,7 @@ from typing import ClassVar
 from textual import on, work
 from textual.app import ComposeResult
 from textual.containers import VerticalScroll
+from textual.events import ScreenResume
 from textual.message import Message
 from textual.widgets import Static
 
@@ -43,6 +44,8 @@ class WorkingPage(Page):
         """The process that runs now."""
         self._tasks: list[tuple[str, int, int, str]] = []  # title, done, total, words
         self._errors: list[float] = []  # px
+        self._result: Event | None = None
+        """What came while the help stood before this screen."""
 
     @abstractmethod
     def finished(self, result: Event) -> None:
@@ -96,9 +99,17 @@ class WorkingPage(Page):
                 self.say(f"{sentence} {self.AGAIN}")
             case {"event": "result"} as result:
                 self._ended()
-                self.finished(result)
-                return
+                if self.app.screen is self:
+                    self.finished(result)
+                    return
+                self._result = result  # the app changes the screen in front, which is not this one
         self._draw()
+
+    @on(ScreenResume)
+    def _finish(self) -> None:
+        if self._result:
+            result, self._result = self._result, None
+            self.finished(result)
 
     def _ended(self) -> None:
         self.child = None

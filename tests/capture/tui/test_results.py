@@ -13,6 +13,7 @@ from textual.pilot import Pilot
 from calib.progress import Progress
 from capture.tui.app import CaptureApp
 from capture.tui.command import Done
+from capture.tui.fit import FitScreen
 from capture.tui.results import ResultsScreen
 from tests.capture.tui.driving import drive, running, see, shown, until
 from tests.capture.tui.test_session import FIXTURE
@@ -190,3 +191,33 @@ async def _end(session: Path, key: str) -> None:
         await see(pilot, "The views are being fitted", SOON_S)
         await pilot.press(key)
     assert farewell(pilot)[0].startswith("The last fit was ended before it had a result")
+
+
+def when_told(progress: Progress, session: Path, _out: Path) -> dict[str, object]:
+    """A fit that ends when the session has a file of that name."""
+    progress.task("Loading torch", 1)
+    while not (session / "end").exists():
+        time.sleep(0.01)
+    return {key: value for key, value in RESULT.items() if key != "event"}
+
+
+def test_a_fit_that_ends_behind_the_help_gives_its_results_when_that_is_closed(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The results took the place of the help, and the fit's screen stayed behind them, with nothing that ran."""
+    monkeypatch.setattr("capture.tui.fit.fit_session", when_told)
+    drive(_behind_help(session))
+
+
+async def _behind_help(session: Path) -> None:
+    async with results(session) as pilot:
+        await pilot.press("f")
+        await see(pilot, "The views are being fitted", SOON_S)
+        fitting = pilot.app.screen
+        assert isinstance(fitting, FitScreen)
+        await pilot.press("question_mark")
+        await see(pilot, "A camera behind a cover", SOON_S)
+        (session / "end").touch()
+        await until(pilot, lambda: fitting.child is None, SOON_S)
+        assert "A camera behind a cover" in shown(pilot)
+        await pilot.press("escape")
+        await see(pilot, "[RESULTS]", SOON_S)
+        assert fitting not in pilot.app.screen_stack
