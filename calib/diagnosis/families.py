@@ -57,8 +57,20 @@ class Rival:
 
 
 def settle(loop: Loop) -> tuple[Family, ...]:
-    """The families of the accepted effects. A rival that is more probable than what was accepted takes its place in the loop's model; what
-    was said of others is then out of date, and is asked again."""
+    """The families of the accepted effects. Where a rival took the place of one, what stood beside that may have done the rival's work, and
+    is dropped if it is not needed any more."""
+    before = loop.model
+    families = _settled(loop)
+    if loop.model is before:
+        return families
+    after = loop.model
+    loop.drop_idle()
+    return families if loop.model is after else _settled(loop)
+
+
+def _settled(loop: Loop) -> tuple[Family, ...]:
+    """A rival that is more probable than what was accepted takes its place in the loop's model; what was said of others is then out of
+    date, and is asked again."""
     known = dict[str, tuple[CameraModel, Family | None]]()
     for _ in range(PASSES * len(loop.model.effects)):
         stale = [effect for effect in loop.model.effects if effect.name not in known or known[effect.name][0] is not loop.model]

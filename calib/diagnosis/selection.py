@@ -74,7 +74,7 @@ class Loop:
                 break
             self._accept(best)
             newest = self.model.effects[-1]
-        self._backward(newest)
+        self.drop_idle(newest)
         return first
 
     def replace(self, test: ScoreTest, without: CameraModel, model: CameraModel, joint: JointFit) -> None:
@@ -204,7 +204,7 @@ class Loop:
         self._forget()
         self._say(f"found {trial.test.effect.name}")
 
-    def _backward(self, newest: Effect | None) -> None:
+    def drop_idle(self, newest: Effect | None = None) -> None:
         """Drop what is no longer needed, the oldest first; the newest has just been asked for. What parameters of every view do as well is
         not dropped for it: an effect for all views is judged beside its like only, unless the corners are more probable without it, those
         parameters integrated out."""
