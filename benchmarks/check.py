@@ -32,12 +32,12 @@ from calib.checking.significance import ALPHA
 from calib.corners.view import View
 from calib.estimation.observations import Observations
 from calib.threads import single_thread
-from fixtures.later import COVERS, NOISE, Later, camera
-from fixtures.synthetic import HEIGHT, WIDTH, Scene
+from fixtures.later import COVERS, Later, camera, mirrored, shaken, zoomed
+from fixtures.synthetic import HEIGHT, Scene
 
 SIZES = (1, 3, 10)
 ABSORBED = 0.95
-GROSS = ("mode", "mirrored", "bad view")
+GROSS = {"picture_mode": "another mode", "turned_pictures": "mirrored", "bad_view": "one bad view"}
 PER_CAMERA = 34
 """Checks of one calibration, unchanged and changed."""
 
@@ -91,30 +91,23 @@ def of_camera(shape: str, seed: int, clean: int, changed: int) -> list[Outcome]:
         return found
 
 
-def spoilt(kind: str, later: Later) -> tuple[View, ...]:
-    """Pictures zoomed twice about their middle, mirrored, or one of them moved while it was taken."""
+def spoilt(way: str, later: Later) -> tuple[View, ...]:
+    """Pictures that are not to be had of the camera as it is, under the name that `calib check` has for each way."""
     views = later.views()
-    middle = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
-    match kind:
-        case "mode":
-            return tuple(replace(view, corners=middle + 2 * (view.corners - middle)) for view in views)
-        case "mirrored":
-            columns, rows = later.made.board.columns, later.made.board.rows
-            order = np.arange(rows * columns).reshape(rows, columns)[:, ::-1].ravel()
-            return tuple(replace(view, corners=(np.array([WIDTH - 1, 0]) + [-1, 1] * view.corners)[order]) for view in views)
-    moved = np.random.default_rng(later.seed).normal(0, 10 * NOISE, views[0].corners.shape)
-    return (replace(views[0], corners=views[0].corners + moved), *views[1:])
-
-
-NAMED = {"mode": "picture_mode", "mirrored": "turned_pictures", "bad view": "bad_view"}
+    match way:
+        case "picture_mode":
+            return zoomed(views)
+        case "turned_pictures":
+            return mirrored(views, later.made.board)
+    return shaken(views, later.seed)
 
 
 def _outcome(checker: Checker, views: Sequence[View], made: Scene, shape: str, kind: str, size: int) -> Outcome:
     begun = time.perf_counter()
     answer = checker.check(Pictures(tuple(views), made.board))
     spent = time.perf_counter() - begun
-    names = tuple({v: k for k, v in NAMED.items()}.get(change.name, change.name) for change in answer.changes)
-    if kind == "bad view" and answer.word is Word.VALID and [one.name for one in answer.rejected] == [views[0].name]:
+    names = tuple(change.name for change in answer.changes)
+    if kind == "bad_view" and answer.word is Word.VALID and [one.name for one in answer.rejected] == [views[0].name]:
         names = (kind,)
     return Outcome(shape, kind, size, answer.word.value, answer.p_value, names, float("nan"), spent)
 
@@ -160,9 +153,9 @@ def report(found: Sequence[Outcome], cameras: int) -> None:
     cells = [_cell([one for one in found if one.size == size]) for size in SIZES]
     console.print("| all | " + " | ".join(cells) + " |", markup=False)
     console.print("\nright/wrong/not noticed of those that are judged (not judged)\n", markup=False)
-    for kind in GROSS:
+    for kind, words in GROSS.items():
         own = [one for one in found if one.kind == kind]
-        console.print(f"{kind}: {sum(one.right for one in own)} of {len(own)} named.")
+        console.print(f"{words}: {sum(one.right for one in own)} of {len(own)} named.")
     for size in SIZES:
         judged = [one for one in found if one.size == size and one.judged]
         right, alone = sum(one.right for one in judged), sum(one.right and len(one.names) == 1 for one in judged)

@@ -24,7 +24,6 @@ from calib.session.session import read_session, session_to_yaml
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, Scene, scene
 
 SHORT = Settings(grid=(5, 5), steps=60)
-HELD = replace(SHORT, free=("none",))
 CORRELATIONS = ((0.99,), (0.5, 0.55), (0.0, 0.0, 0.2))
 BARE = Intrinsics(Number(2560, 3.0), Number(2559, 2.9), Number(1666, 1.5), Number(1274, 1.2), (), CORRELATIONS)
 
@@ -143,7 +142,7 @@ def test_partly_seen_boards_are_welcome(made: Scene, tmp_path: Path) -> None:
         hidden = np.zeros(81, dtype=bool)
         hidden[: 9 * (i % 4)] = True
         views.append(View(view.name, np.where(hidden[:, None], np.nan, view.corners), np.where(hidden, 0.0, 1.0)))
-    result = fit(read_session(write_session(tmp_path, made, tuple(views))), HELD, Silent())
+    result = fit(read_session(write_session(tmp_path, made, tuple(views))), SHORT, Silent())
     assert len(result.views) == 8
     assert sum(view.count for view in result.views) == 8 * 81 - 2 * (9 + 18 + 27)
     assert result.stages[2].rms_px < 0.15
@@ -153,7 +152,7 @@ def test_a_view_that_disagrees_is_rejected_and_listed(made: Scene, tmp_path: Pat
     wrong = made.views[3]
     swapped = wrong.corners.reshape(9, 9, 2)[[1, 0, *range(2, 9)]].reshape(81, 2)  # two rows taken for each other
     views = (*made.views[:3], View(wrong.name, swapped, wrong.weight), *made.views[4:])
-    result = fit(read_session(write_session(tmp_path, made, views)), HELD, Silent())
+    result = fit(read_session(write_session(tmp_path, made, views)), SHORT, Silent())
     assert [rejected.name for rejected in result.rejected] == [wrong.name]
     assert "do not fit" in result.rejected[0].reason or "no board pose" in result.rejected[0].reason
     assert len(result.views) == 7

@@ -25,9 +25,8 @@ from calib.effects.effect import Effect
 from calib.errors import InputError
 from calib.estimation.noise import on_board, short_scale_noise
 from calib.estimation.observations import Observations
-from calib.estimation.poses import pinhole_poses, refit_poses
 from calib.estimation.residuals import Residuals, residuals
-from calib.optics.board_target import with_parts
+from calib.fitting.posable import posable
 from calib.progress import Progress, Silent
 from calib.session.board import Board
 from calib.threads import single_thread
@@ -157,18 +156,11 @@ class Checker:
         return hypotheses(self.known, changes, seen, sigma, error)
 
     def _posed(self, pictures: Pictures) -> tuple[tuple[View, ...], torch.Tensor, Residuals, tuple[Rejected, ...]]:
-        path, values = self.known.model.path, self.known.model.means
-        poses = pinhole_poses(Observations.of(pictures.views, pictures.board), values)
-        found = torch.isfinite(poses).all(-1).tolist()
-        lost = tuple(
-            Rejected(view.name, "no board pose explains its corners") for view, ok in zip(pictures.views, found, strict=True) if not ok
-        )
-        views = tuple(view for view, ok in zip(pictures.views, found, strict=True) if ok)
+        views, poses, lost = posable(pictures.views, pictures.board, self.known.model.means)
         if not views:
             raise InputError("No picture can be checked: no pose of the board explains the corners of any; take some that show it whole.")
         observations = Observations.of(views, pictures.board).timed(None, self.calibration.camera.height)
-        start = with_parts(poses[torch.tensor(found)], path.view_parts)
-        poses, missed = refit_poses(path, values, observations, start, sigma=self.known.sigma)
+        poses, missed = self.known.posed(observations, poses)
         return views, poses, missed, lost
 
     def _louder(self, missed: Residuals, views: tuple[View, ...], board: Board) -> float:

@@ -24,9 +24,8 @@ from calib.checking.picture_mode import SCALES, PictureMode
 from calib.checking.refit import refit
 from calib.effects.effect import Effect, linear_evidence
 from calib.estimation.observations import Observations
-from calib.estimation.poses import pinhole_poses, refit_poses
+from calib.estimation.poses import pinhole_poses
 from calib.estimation.residuals import Residuals
-from calib.optics.board_target import with_parts
 from calib.verdict.orientation import ALL as ORIENTATIONS
 
 Array = NDArray[np.float64]
@@ -187,10 +186,9 @@ def _turned(known: Known, seen: Seen, sigma: float) -> list[Hypothesis]:
 
 
 def _posed(known: Known, observations: Observations) -> tuple[Tensor, Residuals] | None:
-    """The (V, B) poses of views through the calibration and what they leave; None where a view has none."""
-    path, values = known.model.path, known.model.means
-    poses = pinhole_poses(observations, values)
+    """Poses and what they leave; None where a view has none."""
+    poses = pinhole_poses(observations, known.model.means)
     if not bool(torch.isfinite(poses).all()):
         return None
-    poses, missed = refit_poses(path, values, observations, with_parts(poses, path.view_parts), sigma=known.sigma)
+    poses, missed = known.posed(observations, poses)
     return (poses, missed) if np.isfinite(missed.rms_px) else None

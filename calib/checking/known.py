@@ -7,12 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from calib.apply.map_uncertainty import root_of
 from calib.calibration import Calibration
 from calib.estimation.camera_model import CameraModel
+from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
-from calib.estimation.residuals import residuals
+from calib.estimation.poses import refit_poses
+from calib.estimation.residuals import Residuals, residuals
+from calib.optics.board_target import with_parts
 
 Array = NDArray[np.float64]
 
@@ -45,6 +49,11 @@ class Known:
         else:  # of a camera without a cover, whose covariance stands beside its intrinsics
             root = parameters.free_root()
         return Known(model, parameters, root, _sigma(calibration, model))
+
+    def posed(self, observations: Observations, poses: Tensor) -> tuple[Tensor, Residuals]:
+        """The (V, B) poses of views through the calibration, from (V, 6) to start from, and what they leave."""
+        path, values = self.model.path, self.model.means
+        return refit_poses(path, values, observations, with_parts(poses, path.view_parts), sigma=self.sigma)
 
 
 def _sigma(calibration: Calibration, model: CameraModel) -> float:

@@ -13,6 +13,7 @@ from torch import Tensor
 from calib.checking.equations import spread_of, widened
 from calib.checking.known import Known
 from calib.effects.effect import Effect
+from calib.estimation.joint_fit import inverse
 from calib.estimation.levenberg_marquardt import Outcome, minimise
 from calib.estimation.objective import LandingProblem, view_precision
 from calib.estimation.observations import Observations
@@ -27,8 +28,6 @@ TOLERANCE = 1e-5
 ROUGH = 1e-3
 """Of a change alone, around which all is linearised again."""
 STEPS = 40
-LEAST_VARIANCE = 1e-14
-"""Of the largest along an axis: less is known as well as that, so that the covariance can be inverted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,8 +92,7 @@ def refit(
     problem = LandingProblem(parameters, tuple(landings(path, parameters, seen, weights)), precision, view_precision(path, poses))
     found = minimise(problem, shared, poses, steps=STEPS, tolerance=ROUGH if held else TOLERANCE)
     hessian, _ = found.equations.schur_complement()
-    covariance = torch.linalg.inv_ex(hessian + precision).inverse.numpy()
-    covariance = (covariance + covariance.T) / 2
+    covariance = inverse(hessian + precision).numpy()
     if found.outcome is Outcome.NOT_FINITE:
         covariance = np.full_like(covariance, np.nan)
     return Refit(path, parameters, found.shared, found.blocks, covariance, found.cost, found.iterations)
@@ -109,12 +107,4 @@ def _precision(known: Known, parameters: Parameters, change: Effect | None, new:
         entries = parameters.entries(u.param.name for u in change.unknowns)
         covariance = covariance.copy()
         covariance[entries, entries] += spread_of(change) ** 2
-    values, axes = np.linalg.eigh(_unit(covariance))
-    length = np.sqrt(np.maximum(covariance.diagonal(), 1e-300))
-    inverse = (axes / np.maximum(values, LEAST_VARIANCE * max(values.max(initial=0.0), 1e-300))) @ axes.T
-    return np.asarray(inverse / np.outer(length, length))
-
-
-def _unit(covariance: Array) -> Array:
-    length = np.sqrt(np.maximum(covariance.diagonal(), 1e-300))
-    return np.asarray(covariance / np.outer(length, length))
+    return inverse(torch.from_numpy(covariance)).numpy()

@@ -30,7 +30,6 @@ from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refit_poses
 from calib.fitting.declared import comparisons
-from calib.optics.board_target import with_parts
 from calib.optics.relief import AMPLITUDES
 from calib.threads import single_thread
 
@@ -81,7 +80,7 @@ def update(calibration: Calibration, known: Known, answer: Answer, pictures: Pic
     views = tuple(view for view in pictures.views if view.name not in {one.name for one in answer.rejected})
     with single_thread():
         observations = Observations.of(views, pictures.board).timed(None, calibration.camera.height)
-        poses = _posed(known, observations)
+        poses, _ = known.posed(observations, pinhole_poses(observations, known.model.means))
         fit = refit(known, change, observations, poses, known.sigma * max(1.0, answer.louder))
         if not fit.finite:
             raise NotEnoughDataError("The calibration cannot be brought up to date by these pictures: fit a session of more views.")
@@ -109,12 +108,6 @@ def _change(answer: Answer, calibration: Calibration, known: Known) -> Effect | 
         what = str(answer.changes[0]) if len(names) == 1 else "what has changed has no one name"
         raise NotEnoughDataError(f"The calibration cannot be brought up to date ({what}): record a new session and fit it.")
     return next(change for change in changes_of(calibration) if change.name == names[0])
-
-
-def _posed(known: Known, observations: Observations) -> torch.Tensor:
-    path, values = known.model.path, known.model.means
-    start = with_parts(pinhole_poses(observations, values), path.view_parts)
-    return refit_poses(path, values, observations, start, sigma=known.sigma)[0]
 
 
 def _with(calibration: Calibration, known: Known, change: Effect | None, fit: Refit, views: tuple[View, ...]) -> Calibration:

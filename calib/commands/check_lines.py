@@ -18,6 +18,9 @@ from calib.fitting.rounding import with_sigma
 NOISIER = 1.3
 """Times the noise of the calibration's own corners, from which a person is told of it."""
 
+SMALLEST_P = 1e-99
+"""That is told as a number: smaller ones underflow."""
+
 
 def print_answer(answer: Answer, moved: Sequence[Moved], written: Sequence[Path], following: str) -> None:
     """The word, the figure that it rests on, what has changed, what an update moved, and what to type next."""
@@ -51,7 +54,7 @@ def _lines(answer: Answer) -> Iterator[str]:
         views = f"{answer.views} view{'s' * (answer.views > 1)}"
         yield (
             f"{answer.error_px:.3f} px are left on {views}, where {answer.expected_px:.3f} px are expected "
-            f"and up to {answer.allowed_px:.3f} px allowed; p = {answer.p_value:.2g}, where less than {ALPHA:g} is an alarm."
+            f"and up to {answer.allowed_px:.3f} px allowed; p {_p(answer.p_value)}, where less than {ALPHA:g} is an alarm."
         )
         if answer.word is not Word.VALID:
             yield f"the change adds {answer.added_px:.3f} px to the corners."
@@ -62,3 +65,7 @@ def _lines(answer: Answer) -> Iterator[str]:
         yield f"{change}." if alone else f"{100 * change.probability:.0f} %: {change}."
     if answer.lacking:
         yield f"the calibration's own views show {answer.lacking} as well: it may be no change, but what the model has always lacked."
+
+
+def _p(value: float) -> str:
+    return f"= {value:.2g}" if value > SMALLEST_P else f"< {SMALLEST_P:g}"

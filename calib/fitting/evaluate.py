@@ -11,9 +11,10 @@ from calib.corners.usable import with_poses
 from calib.corners.view import Rejected
 from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.observations import Observations
-from calib.estimation.poses import pinhole_poses, refit_poses
+from calib.estimation.poses import refit_poses
 from calib.estimation.residuals import Residuals, residuals
 from calib.fitting.inputs import read_views
+from calib.fitting.posable import posable
 from calib.optics.board_target import with_parts
 from calib.optics.params import Values
 from calib.optics.path import Path
@@ -73,14 +74,10 @@ def evaluate(calibration: Calibration, session: Session, progress: Progress = Si
     views, rejected = read_views(session, progress)
     views, few = with_poses(views, session.board)
     path, values = calibration.model()
-    poses = pinhole_poses(Observations.of(views, session.board), values)
-    found = torch.isfinite(poses).all(-1).tolist()
-    lost = tuple(Rejected(view.name, "no board pose explains its corners") for view, ok in zip(views, found, strict=True) if not ok)
-    views = tuple(view for view, ok in zip(views, found, strict=True) if ok)
+    views, poses, lost = posable(views, session.board, values)
     if not views:
         raise NotEnoughDataError(f"{session.path} has no view to evaluate with: take pictures that show the whole board.")
     observations = Observations.of(views, session.board).timed(None, ours.height)
-    poses = poses[torch.tensor(found)]
     with single_thread():
         if halves or path.private:
             noise = float(calibration.settings.get("sigma_px", 1.0)) if path.private else 1.0  # else there is no prior to weigh

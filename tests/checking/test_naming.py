@@ -1,15 +1,10 @@
 """What changed is named, with its size, on simulated pictures; and what is no change of the camera is not taken for one."""
 
-from dataclasses import replace
-
-import numpy as np
 import pytest
 
 from calib.checking.answer import Word
 from calib.checking.pictures import Pictures
-from calib.corners.view import View
-from fixtures.later import NOISE, Later
-from fixtures.synthetic import HEIGHT, WIDTH, Scene
+from fixtures.later import NOISE, Later, mirrored, shaken, zoomed
 from tests.checking.conftest import Made
 
 CASES = (
@@ -39,21 +34,10 @@ def test_a_change_is_named_with_its_size(cameras: Made, shape: str, kind: str) -
         assert abs(value - 10 * float(later.direction[name])) < 5 * sigma, name
 
 
-def _zoomed(made: Scene, views: tuple[View, ...]) -> tuple[View, ...]:
-    del made
-    middle = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
-    return tuple(replace(view, corners=middle + 2 * (view.corners - middle)) for view in views)
-
-
-def _mirrored(made: Scene, views: tuple[View, ...]) -> tuple[View, ...]:
-    order = np.arange(made.board.count).reshape(made.board.rows, made.board.columns)[:, ::-1].ravel()
-    return tuple(replace(view, corners=(np.array([WIDTH - 1, 0]) + [-1, 1] * view.corners)[order]) for view in views)
-
-
 def test_pictures_of_twice_the_zoom_come_from_another_mode(cameras: Made) -> None:
     made, checker = cameras["flat"]
     later = Later.drawn(made, None, 103, 3)
-    answer = checker.check(Pictures(_zoomed(made, later.views()), made.board))
+    answer = checker.check(Pictures(zoomed(later.views()), made.board))
     (change,) = answer.changes
     assert (answer.word, change.name) == (Word.BROKEN, "picture_mode")
     assert change.value is not None
@@ -65,7 +49,7 @@ def test_pictures_of_twice_the_zoom_come_from_another_mode(cameras: Made) -> Non
 def test_mirrored_pictures_are_told(cameras: Made) -> None:
     made, checker = cameras["dome"]
     later = Later.drawn(made, None, 104, 3)
-    answer = checker.check(Pictures(_mirrored(made, later.views()), made.board))
+    answer = checker.check(Pictures(mirrored(later.views(), made.board), made.board))
     assert answer.word is Word.BROKEN
     assert str(answer.changes[0]) == "the pictures come from another mode: mirrored, they fit"
 
@@ -73,12 +57,10 @@ def test_mirrored_pictures_are_told(cameras: Made) -> None:
 def test_a_bad_view_is_left_out_and_the_others_answer(cameras: Made) -> None:
     made, checker = cameras["dome"]
     later = Later.drawn(made, None, 105, 4)
-    first, *rest = later.views()
-    shaken = first.corners + np.random.default_rng(1).normal(0, 10 * NOISE, first.corners.shape)
-    answer = checker.check(Pictures((replace(first, corners=shaken), *rest), made.board))
+    answer = checker.check(Pictures(shaken(later.views(), 1), made.board))
     assert answer.word is Word.VALID
     assert answer.views == 3
-    assert [one.name for one in answer.rejected] == [first.name]
+    assert [one.name for one in answer.rejected] == [later.views()[0].name]
     assert "alone does not fit" in answer.rejected[0].reason
 
 
