@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calib.diagnosis.far_start import begun
 from calib.diagnosis.linearised import Linearised
 from calib.diagnosis.score_test import Optimum
 from calib.effects.effect import Effect
@@ -24,7 +25,8 @@ def with_most_probable(model: CameraModel, effect: Effect, observations: Observa
     forms = [model.with_effect(form) for form in effect.alternatives() or (effect,)]
     if effect.per_view:
         return _of_most_probable_size(forms, observations, begin)
-    fits = [(form, form.fitted(observations, begin.poses, begin.start, ROUNDS)) for form in forms]
+    starts = [begun(form, observations, begin) for form in forms]
+    fits = [(form, form.fitted(observations, at.poses, at.start, ROUNDS)) for form, at in zip(forms, starts, strict=True)]
     return max(fits, key=lambda fit: fit[1].log_evidence)
 
 

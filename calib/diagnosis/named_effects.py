@@ -7,6 +7,7 @@ import torch
 
 from calib.calibration import Calibration
 from calib.diagnosis.diagnosed import with_fit
+from calib.diagnosis.far_start import begun
 from calib.diagnosis.fine_surface_search import surroundings
 from calib.diagnosis.most_probable_form import with_most_probable
 from calib.diagnosis.score_test import Optimum
@@ -41,11 +42,11 @@ def with_named(calibration: Calibration, names: Sequence[str], progress: Progres
             forms = kinds[name].propose(there)
             if not forms:
                 raise InputError(f"--effects {name}: this set-up can have no {name}, or the fit estimates it already: leave it out.")
-            start = joint.start
             tried: list[tuple[float, CameraModel, JointFit]] = []
             for test in at.candidates(forms):
                 wider = model.with_effect(test.effect)
-                fitted = wider.fitted(observations, joint.poses, start)
+                begin = begun(wider, observations, joint)
+                fitted = wider.fitted(observations, begin.poses, begin.start)
                 tried.append((_left(wider, fitted, observations), wider, fitted))
             _, wider, fitted = min(tried, key=lambda one: one[0])
             model, joint = with_most_probable(model, wider.effects[-1], observations, fitted)

@@ -13,6 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
+from calib.diagnosis.far_start import begun
 from calib.diagnosis.fine_surface_search import surroundings
 from calib.diagnosis.held_out import HeldOut, Split, gain, hold_out
 from calib.diagnosis.most_probable_form import with_most_probable
@@ -131,7 +132,8 @@ class Loop:
         """Fit to all views."""
         self._say(f"trying {test.effect.name}")
         wider = self.model.with_effect(test.effect)
-        joint = wider.fitted(self.observations, self.joint.poses, self.joint.start, ROUGH)
+        start = begun(wider, self.observations, self.joint)
+        joint = wider.fitted(self.observations, start.poses, start.start, ROUGH)
         lowers = 1 - (joint.cost / self.joint.cost) ** 0.5 if joint.finite else -np.inf
         odds = joint.log_evidence - self.joint.log_evidence if joint.finite else -np.inf
         shared = not test.effect.per_view

@@ -116,6 +116,11 @@ class Effect(Protocol):
         where a fit's evidence is to choose among them; else none."""
         return ()
 
+    def displaced(self, values: Values) -> tuple[Values, ...]:
+        """Where some of the path's values may stand once it is there, if a fit without it has made up for it."""
+        del values
+        return ()
+
     def apply(self, path: Path) -> Path:
         """The path with it."""
         ...

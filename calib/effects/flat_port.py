@@ -60,6 +60,12 @@ class FlatPort(Effect):
     def params(self) -> tuple[Param, ...]:
         return tuple(unknown.param for unknown in self.unknowns if unknown.param.name != "flat_port.distance")
 
+    def displaced(self, values: Values) -> tuple[Values, ...]:
+        """Behind a window in water a camera looks as if its focal length were longer, by water's index, or, if its lens has no distortion
+        that could take up the window's, shorter."""
+        factors = WATER ** (torch.arange(-4, 3) / 4) if self.behind == "water" else ()
+        return tuple({name: values[name] * factor for name in ("camera.fx", "camera.fy")} for factor in factors)
+
     def apply(self, path: Path) -> Path:
         distance = None if self.behind == "air" else "flat_port.distance"
         frame = CoverFrame(origin=(None, None, distance), tilt=("flat_port.tilt.x", "flat_port.tilt.y", None))

@@ -10,9 +10,11 @@ from calib.calibration import Calibration
 from calib.corners.view import View
 from calib.effects.effect import Effect
 from calib.fitting.stages import Settings
+from calib.optics.build import pinhole_path
 from calib.optics.projection import project
 from fixtures.calibrated import GLASS, calibrate
-from fixtures.synthetic import Scene, scene
+from fixtures.known import lens_alone
+from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, Scene, scene
 
 
 def hidden(effect: Effect | None, parameters: Mapping[str, float], seed: int = 1, views: int = 15, spoiled: int = 0) -> Scene:
@@ -32,3 +34,19 @@ def hidden(effect: Effect | None, parameters: Mapping[str, float], seed: int = 1
 def fitted(made: Scene) -> Calibration:
     """As `calib fit` would leave it."""
     return calibrate(made, Settings(grid=(8, 8)))
+
+
+def without_cover(effect: Effect, parameters: Mapping[str, float], noise: float, seed: int = 3) -> Calibration:
+    """20 views without a cover, as a fit without the effect leaves them: at the true poses."""
+    made = scene(seed, views=20)
+    path, values = pinhole_path(INTRINSICS)
+    bent = effect.apply(path)
+    values = {**values, **{name: torch.tensor(value, dtype=torch.float64) for name, value in parameters.items()}}
+    rng = np.random.default_rng(seed)
+    points = torch.from_numpy(made.board.points())
+    views = []
+    for index, pose in enumerate(made.poses):
+        pixels = project(bent, values, bent.place(points, values, pose)).numpy()
+        views.append(View(f"{index:04d}.png", pixels + rng.normal(0, noise, pixels.shape), np.ones(len(points))))
+    intrinsics = (float(values[f"camera.{name}"]) for name in ("fx", "fy", "cx", "cy"))
+    return replace(lens_alone(made, WIDTH, HEIGHT, *intrinsics), views=tuple(views), poses=made.poses.numpy())

@@ -4,45 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
-from calib.calibration import Calibration
-from calib.corners.view import View
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.finding import Diagnosis
 from calib.effects.board_shape import BoardShape
-from calib.effects.effect import Effect
 from calib.effects.entrance_pupil import EntrancePupil
 from calib.effects.flat_port import FlatPort
-from calib.optics.build import pinhole_path
-from calib.optics.projection import project
 from calib.progress import Silent
-from fixtures.known import lens_alone
-from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, scene
-from tests.diagnosis.hide import fitted, hidden
-
-
-def bare(effect: Effect, parameters: dict[str, float], noise: float) -> Calibration:
-    """20 views without a cover, as a fit without the effect leaves them: at the true poses."""
-    made = scene(3, views=20)
-    path, values = pinhole_path(INTRINSICS)
-    bent = effect.apply(path)
-    values = {**values, **{name: torch.tensor(value, dtype=torch.float64) for name, value in parameters.items()}}
-    rng = np.random.default_rng(3)
-    points = torch.from_numpy(made.board.points())
-    views = []
-    for index, pose in enumerate(made.poses):
-        pixels = project(bent, values, bent.place(points, values, pose)).numpy()
-        views.append(View(f"{index:04d}.png", pixels + rng.normal(0, noise, pixels.shape), np.ones(len(points))))
-    intrinsics = (float(values[f"camera.{name}"]) for name in ("fx", "fy", "cx", "cy"))
-    return replace(lens_alone(made, WIDTH, HEIGHT, *intrinsics), views=tuple(views), poses=made.poses.numpy())
+from tests.diagnosis.hide import fitted, hidden, without_cover
 
 
 @pytest.fixture(scope="module")
 def window() -> Diagnosis:
     """8 mm of glass that nobody declared, in front of a bare camera."""
     shift = {"flat_port.tilt.x": 0.0, "flat_port.tilt.y": 0.0, "flat_port.thickness": 8e-3}
-    return diagnose(bare(FlatPort("air"), shift, 0.1), Silent())[1]
+    return diagnose(without_cover(FlatPort("air"), shift, 0.1), Silent())[1]
 
 
 def test_a_twisted_board_is_not_a_moving_one() -> None:
@@ -76,7 +52,7 @@ def test_a_window_and_a_moving_pupil_are_a_family(window: Diagnosis) -> None:
 def test_a_pupil_that_moves_far_is_named_alone() -> None:
     """10 mm times the angle squared, with a fourth power of the other sign, as no plate of glass does."""
     moved = {"entrance_pupil.e2": 10e-3, "entrance_pupil.e4": -20e-3}
-    _, finding = diagnose(bare(EntrancePupil(), moved, 0.03), Silent())
+    _, finding = diagnose(without_cover(EntrancePupil(), moved, 0.03), Silent())
     assert finding.accepted == ("entrance_pupil",)
     assert not finding.families
 

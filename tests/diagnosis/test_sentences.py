@@ -17,13 +17,13 @@ from calib.effects.free_field import FreeField
 from calib.effects.registry import KINDS
 from calib.optics.lens_model import LensModel
 from calib.optics.path import Path
-from tests.diagnosis.test_families import bare
+from tests.diagnosis.hide import without_cover
 
 TILT = CoverTilt("xy")
 
 
 def loop_without_window() -> Loop:
-    made = bare(DetectorBias(), {"detector_bias.x": 0.0, "detector_bias.y": 0.0}, 0.1)
+    made = without_cover(DetectorBias(), {"detector_bias.x": 0.0, "detector_bias.y": 0.0}, 0.1)
     base = base_model(made)
     there = Surroundings(made.board, made.camera.width, made.camera.height, base.path, base.means)
     model = base.with_effects([DetectorBias(), *FreeField.propose(there)])
@@ -51,7 +51,7 @@ def test_a_window_takes_what_is_on_it_along() -> None:
 
 
 def test_effects_on_a_cover_are_proposed_for_covers_alone() -> None:
-    made = bare(DetectorBias(), {"detector_bias.x": 0.0, "detector_bias.y": 0.0}, 0.1)
+    made = without_cover(DetectorBias(), {"detector_bias.x": 0.0, "detector_bias.y": 0.0}, 0.1)
     without = Path(LensModel(0))
     there = Surroundings(made.board, 1640, 1232, without, {}, place=torch.zeros(2))
     on_cover: list[type[Effect]] = [kind for kind in KINDS if not possible(kind, without)]
