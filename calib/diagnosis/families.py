@@ -113,7 +113,7 @@ def _odds(fit: Fit, best: Fit, observations: Observations) -> float:
 
 
 def _by_view(fit: Fit, observations: Observations) -> NDArray[np.float64]:
-    """(V,) the logarithm of the probability of each view's corners at the fit, up to a constant of the view, with Huber's loss."""
+    """(V,) the logarithm of the probability of each view's corners, up to a constant of the view, with Huber's loss."""
     model, joint = fit
     missed = residuals(model.path, joint.values, observations, joint.poses).image.nan_to_num(0.0)
     size = missed.norm(dim=-1) * observations.weight / joint.sigma
@@ -136,7 +136,7 @@ def _rivals(loop: Loop, effect: Effect) -> list[Rival]:
     for test in at.candidates(proposed):
         shared = moved.size and test.jacobian.size
         done = float(((test.span().T @ moved) ** 2).sum() / (moved @ moved)) if shared else test.chi2 / own.chi2
-        if done < MUCH:
+        if done < MUCH or (test.effect.name, test.effect.form) in loop.hopeless:
             continue
         model, joint = with_most_probable(without, test.effect, loop.observations, at.joint)
         if joint.finite:

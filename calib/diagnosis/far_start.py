@@ -8,12 +8,19 @@ through the path as it will be.
 from dataclasses import replace
 
 import torch
+from torch import Tensor
 
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
-from calib.estimation.poses import refit_poses, rough_poses
+from calib.estimation.poses import refine_poses_in_image, rough_poses
+from calib.estimation.residuals import residuals
 from calib.optics.params import Values
+
+NEAR = 0.03
+"""The fraction of its squares by which the last step of a start's poses may still lower them: the fit goes on from there."""
+FEW = 8
+"""Views that choose among starts."""
 
 
 def begun(model: CameraModel, observations: Observations, joint: JointFit) -> JointFit:
@@ -25,14 +32,19 @@ def begun(model: CameraModel, observations: Observations, joint: JointFit) -> Jo
     fitted = {param.name for param in model.parameters.free}
     here = {name: joint.values.get(name, mean) for name, mean in model.means.items()}
     others = [there for there in effect.displaced(here) if there.keys() <= fitted]
-    starts = [_posed(model, observations, joint, {**here, **there}) for there in others or [{}]]
-    return min(starts, key=lambda start: start[0])[1]
+    if others:
+        few = torch.zeros(len(joint.poses), dtype=torch.bool)
+        few[torch.linspace(0, len(few) - 1, FEW).round().long()] = True
+        some, poses = observations.without(~few), joint.poses[few]
+        here |= min(others, key=lambda there: _posed(model, some, poses, joint.sigma, {**here, **there})[0])
+    return replace(joint, values=here, poses=_posed(model, observations, joint.poses, joint.sigma, here)[1])
 
 
-def _posed(model: CameraModel, observations: Observations, joint: JointFit, values: Values) -> tuple[float, JointFit]:
-    """The median px that is left, and the start."""
-    poses = model.padded(joint.poses)
+def _posed(model: CameraModel, observations: Observations, before: Tensor, sigma: float, values: Values) -> tuple[float, Tensor]:
+    """The median px that is left, and the (V, B) poses, which were (V, B') before."""
+    poses = model.padded(before)
     found = rough_poses(model.path, values, observations)
     poses[:, :6] = torch.where(torch.isfinite(found), found, poses[:, :6])
-    poses, missed = refit_poses(model.path, values, observations, poses, sigma=joint.sigma)
-    return float(missed.image.norm(dim=-1).nanmedian()), replace(joint, values=dict(values), poses=poses)
+    poses = refine_poses_in_image(model.path, values, observations, poses, sigma=sigma, tolerance=NEAR).blocks
+    missed = residuals(model.path, values, observations, poses)
+    return float(missed.image.norm(dim=-1).nanmedian()), poses

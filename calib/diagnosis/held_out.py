@@ -18,6 +18,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from calib.diagnosis.left_out import without_each
 from calib.diagnosis.score_test import Optimum
 from calib.diagnosis.sign_flips import views_agree, views_gain
 from calib.estimation.camera_model import CameraModel
@@ -143,13 +144,12 @@ def hold_out(model: CameraModel, observations: Observations, fitted: JointFit, s
         fitted: to all views; the other fits start there, with its noise and prior.
         half: fit the parameters of a held-out view to every other corner and score the rest, as parameters of single views ask for.
     """
-    start = fitted.start
+    rests = without_each(Optimum(model, observations, fitted), split.part)
     missed, weight = np.full((len(observations.pixels), 2), np.nan), np.full(len(observations.pixels), np.nan)
 
     def score(part: int) -> None:
         out = torch.from_numpy(split.part == part)
-        rest, rows = observations.without(out), out[observations.view].numpy()
-        found = model.fitted(rest, fitted.poses[~out], start)
+        rows, found = out[observations.view].numpy(), rests[part]
         test = observations.without(~out)
         scored = torch.arange(len(test.pixels)) % 2 == 1 if half else torch.ones(len(test.pixels), dtype=torch.bool)
         poses = model.seen(found, test.kept(~scored) if half else test, fitted.poses[out])
@@ -157,8 +157,8 @@ def hold_out(model: CameraModel, observations: Observations, fitted: JointFit, s
         missed[rows] = torch.where(scored[:, None], own.nan_to_num(torch.inf), torch.nan).numpy()
         weight[rows] = 1 / (1 + predicted_variance(Optimum(model, test, replace(found, poses=poses))))
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:  # each part's fit keeps to one thread
-        list(pool.map(score, range(int(split.part.max()) + 1)))
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # each part keeps to one thread
+        list(pool.map(score, range(len(rests))))
     return HeldOut(missed, split.pose[observations.view.numpy()], weight, half)
 
 

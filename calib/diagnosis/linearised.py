@@ -3,6 +3,7 @@ priors of single views than the fit had: it asks for no fit."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,25 +19,44 @@ NOISES = (0.1, 10.0)
 """Over the fit's: between these it is chosen."""
 
 
+def columns_of(at: Optimum) -> Iterator[Tensor]:
+    """(2m, n) of each view, over the fit's noise: by its own parameters, by the shared ones, and what is left with all at their priors'
+    means."""
+    deviation, known = torch.from_numpy(at.deviation), view_precision(at.model.path, at.joint.poses) > 0
+    for view, pose in zip(at.equations(), at.joint.poses, strict=True):
+        own, shared = torch.from_numpy(view.own), torch.from_numpy(view.shared)
+        before = torch.from_numpy(view.residual) - own @ (pose * known) - shared @ deviation
+        yield torch.cat([own, shared, before[:, None]], 1)
+
+
+def eliminated(products: Tensor, own_precision: Tensor) -> tuple[Tensor, Tensor]:
+    """What the inner products of a view's columns lose when its own parameters adapt: the products of the first of these with themselves.
+
+    Args:
+        products: (V, B, n) of its own parameters' columns with all that `columns_of` has.
+        own_precision: (B,) of their prior; 0 where nothing is known.
+
+    Returns:
+        (V, B, n - B) L^-1 times the products with the other columns, and the (V, B, B) L, the lower Cholesky factors of what is eliminated.
+    """
+    own = len(own_precision)
+    block, cross = products[:, :, :own] + own_precision.diag(), products[:, :, own:]
+    factor = torch.linalg.cholesky(block + torch.diag_embed((1e-12 * block.diagonal(dim1=1, dim2=2)).clamp_min(1e-30)))
+    return torch.linalg.solve_triangular(factor, cross, upper=False), factor
+
+
 @dataclass(frozen=True, eq=False)
 class Linearised:
     """Residuals that are linear in the parameters."""
 
     columns: tuple[Tensor, ...]
-    """(2m, n) of each view, over the fit's noise: by its own parameters, by the shared ones, and what is left where all are at their
-    priors' means."""
+    """As `columns_of` has them."""
     precision: Tensor
     """(S, S) of the shared parameters' prior."""
 
     @classmethod
     def around(cls, at: Optimum) -> Linearised:
-        deviation, known = torch.from_numpy(at.deviation), view_precision(at.model.path, at.joint.poses) > 0
-        columns = []
-        for view, pose in zip(at.equations(), at.joint.poses, strict=True):
-            own, shared = torch.from_numpy(view.own), torch.from_numpy(view.shared)
-            before = torch.from_numpy(view.residual) - own @ (pose * known) - shared @ deviation
-            columns.append(torch.cat([own, shared, before[:, None]], 1))
-        return cls(tuple(columns), torch.from_numpy(at.prior_precision()))
+        return cls(tuple(columns_of(at)), torch.from_numpy(at.prior_precision()))
 
     @cached_property
     def products(self) -> Tensor:
@@ -56,11 +76,10 @@ class Linearised:
             own_precision: (B,) of the prior of a view's own parameters; 0 where nothing is known.
             noise: () over the fit's.
         """
-        own, scaled = len(own_precision), products / noise**2
-        block, cross = scaled[:, :own, :own] + own_precision.diag(), scaled[:, :own, own:]
-        factor = torch.linalg.cholesky(block + torch.diag_embed((1e-12 * block.diagonal(dim1=1, dim2=2)).clamp_min(1e-30)))
-        through = torch.linalg.solve_triangular(factor, cross, upper=False)
-        left = (scaled[:, own:, own:] - through.mT @ through).sum(0)
+        own = len(own_precision)
+        through, factor = eliminated(products[:, :own] / noise**2, own_precision)
+        rows = through.flatten(0, 1)
+        left = products[:, own:, own:].sum(0) / noise**2 - rows.mT @ rows
         hessian, score = left[:-1, :-1] + self.precision, left[:-1, -1]
         root = torch.linalg.cholesky(hessian)
         square = left[-1, -1] - torch.linalg.solve_triangular(root, score[:, None], upper=False).square().sum()

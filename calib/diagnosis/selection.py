@@ -35,6 +35,8 @@ WORTH_TRYING = 0.05
 """p-value of the score."""
 TRIED = 4
 """Candidates that are fitted in a round, best scores first; those whose neutral point says little of them come on top."""
+HOPELESS = 3.0
+"""Times the error without it."""
 ROUNDS = 6
 CONFOUNDED = 0.9
 """Squared correlation from which two effects count as the same to these views."""
@@ -58,10 +60,14 @@ class Loop:
     """Whether what a fit leaves is more than noise."""
     trials: dict[tuple[str, str], Trial] = field(default_factory=dict)
     """By effect and form: where each came closest."""
+    hopeless: set[tuple[str, str]] = field(default_factory=set)
+    """Those of which a fit left so much more that they are none of the causes, whatever else there is: they are not asked again."""
     confounded: dict[str, set[str]] = field(default_factory=dict)
     done: int = 0
     known: dict[tuple[bool, bool], HeldOut] = field(default_factory=dict)
     """What the model leaves on held-out views, by `half` and `banded`."""
+    alone: HeldOut | None = None
+    """What its effects for all views leave by themselves."""
     structured: float | None = None
     """By how much structure of no cause beside the model makes the corners more probable: the logarithm."""
 
@@ -111,7 +117,7 @@ class Loop:
         """
         scores = self.scores(effects)
         promising = (c for c in scores if c.effect.judged_by_score and c.p_value < WORTH_TRYING and c.promises > LEAST_GAIN)
-        always = [c for c in scores if not c.effect.judged_by_score]
+        always = [c for c in scores if not (c.effect.judged_by_score or (c.effect.name, c.effect.form) in self.hopeless)]
         chosen = always + sorted(promising, key=lambda c: 2 * c.dof - c.chi2)[:TRIED]
         tried = [self._try(test, among + len(scores)) for test in chosen]
         return [trial for trial in tried if trial.lowers > LEAST_GAIN and not trial.improbable]
@@ -137,6 +143,8 @@ class Loop:
         lowers = 1 - (joint.cost / self.joint.cost) ** 0.5 if joint.finite else -np.inf
         odds = joint.log_evidence - self.joint.log_evidence if joint.finite else -np.inf
         shared = not test.effect.per_view
+        if lowers < 1 - HOPELESS:
+            self.hopeless.add((test.effect.name, test.effect.form))
         trial = Trial(test, Fit(wider, joint), lowers, among, odds if shared else -np.inf, improbable=shared and odds <= 0)
         key = test.effect.name, test.effect.form
         if not self.trials[key].gain:
@@ -216,7 +224,7 @@ class Loop:
             beside = [e for e in self.model.effects if effect.per_view or not e.per_view]
             fewer = self.base.with_effects(e for e in beside if e is not effect)
             half = any(e.per_view for e in beside)
-            left = self.left() if len(beside) == len(self.model.effects) else self._fresh(self.base.with_effects(beside), half=half)
+            left = self.left() if len(beside) == len(self.model.effects) else self._shared_left(beside)
             lost = gain(self._fresh(fewer, half=half), left)
             idle = min(lost.p_value, lost.presence) > NEEDED or not worth(lost)
             private = self.model.path.private and not effect.per_view
@@ -227,6 +235,12 @@ class Loop:
             if joint.finite and (idle or joint.log_marginal > self.joint.log_marginal):
                 self.model, self.joint = model, joint
                 self._forget()
+
+    def _shared_left(self, shared: Sequence[Effect]) -> HeldOut:
+        """What the model leaves without what single views have for themselves."""
+        if not self.alone:
+            self.alone = self._fresh(self.base.with_effects(shared), half=False)
+        return self.alone
 
     def _fresh(self, model: CameraModel, *, half: bool) -> HeldOut:
         """What another model leaves on held-out views."""
@@ -255,6 +269,7 @@ class Loop:
     def _forget(self) -> None:
         """What was known of another model."""
         self.known.clear()
+        self.alone = None
         self.structured = None
 
     def _say(self, words: str) -> None:

@@ -49,16 +49,21 @@ class ViewEquations:
 def view_equations(path: Path, parameters: Parameters, observations: Observations, poses: Tensor, sigma: float) -> Iterator[ViewEquations]:
     """Every view's equations at the origin of the parameters and at (V, B) own ones; sigma is px per axis. Those of a corner that the model
     cannot see are 0: it says nothing."""
-    weights = pixel_weights(path, parameters.origin, observations, poses, sigma)
-    zero = poses.new_zeros(parameters.count)
-    views = tuple(landings(path, parameters, observations, weights))
-    for piece in LandingProblem(parameters, views, zero.diag(), view_precision(path, poses)).linearise(zero, poses):
+    problem = problem_at(path, parameters, observations, poses, sigma)
+    for piece in problem.linearise(poses.new_zeros(parameters.count), poses):
         for first, last in pairwise(piece.starts.tolist()):
             residual = piece.residual[first:last].flatten().numpy()
             own, shared = (part[first:last].flatten(0, 1).numpy() for part in (piece.jacobian_block, piece.jacobian_shared))
             unseen = np.isnan(residual)
             residual[unseen], own[unseen], shared[unseen] = 0, 0, 0
             yield ViewEquations(residual, own, shared)
+
+
+def problem_at(path: Path, parameters: Parameters, observations: Observations, poses: Tensor, sigma: float) -> LandingProblem:
+    """What a fit minimises there, corners weighed as at the origin of the parameters and at (V, B) own ones; no prior of shared ones."""
+    weights = pixel_weights(path, parameters.origin, observations, poses, sigma)
+    views = tuple(landings(path, parameters, observations, weights))
+    return LandingProblem(parameters, views, poses.new_zeros(parameters.count).diag(), view_precision(path, poses))
 
 
 def eliminated(own: Array, rows: Array) -> Array:

@@ -14,6 +14,7 @@ from calib.estimation.levenberg_marquardt import Linearised
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import Landing
 from calib.optics.board_target import FLEX, MOTION, POSE, parts_of
+from calib.optics.params import Values
 from calib.optics.path import Path
 from calib.session.tolerances import BOARD_FLEX, BOARD_MOVE, BOARD_SPIN
 
@@ -46,13 +47,20 @@ class LandingProblem:
         values = self.parameters.values(shared)
         if any(bool((values[param.name] < param.least).any()) for param in self.parameters.free):
             return math.inf
-        total = 0.0
+        return sum(float(each.sum()) for each in self._losses(values, blocks))
+
+    def by_view(self, shared: Tensor, blocks: Tensor) -> Tensor:
+        """(V,) of which `cost` is the sum."""
+        each = zip(self.views, self._losses(self.parameters.values(shared), blocks), strict=True)
+        return torch.stack([view.sum() for landing, losses in each for view in landing.observations.per_view(losses)])
+
+    def _losses(self, values: Values, blocks: Tensor) -> Iterator[Tensor]:
+        """(m,) of the corners of some views after the other."""
         for landing, poses in self._split(blocks):
             residual, lands = landing.residual(values, poses)
             squared = (residual**2).sum(-1)
             robust = torch.where(squared <= self.huber**2, squared, 2 * self.huber * squared.sqrt() - self.huber**2)
-            total += float(torch.where(lands, robust, torch.inf).sum())
-        return total
+            yield torch.where(lands, robust, torch.inf)
 
     def linearise(self, shared: Tensor, blocks: Tensor) -> Iterator[Linearised]:
         values = self.parameters.values(shared)

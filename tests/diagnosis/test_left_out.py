@@ -1,0 +1,52 @@
+"""Fits without some views, from the fit to all: where fits of the others end, by a step or, where that fails, by fitting them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from calib.diagnosis.left_out import without_each
+from calib.diagnosis.score_test import Optimum
+from calib.diagnosis.starting_model import base_model
+from calib.effects.board_shape import BoardShape
+from calib.estimation.joint_fit import ROUNDS, JointFit
+from tests.diagnosis.hide import fitted, hidden
+
+PARTS = np.arange(12) % 3
+
+
+@pytest.fixture(scope="module")
+def optimum() -> Optimum:
+    """A bowed board behind uneven glass, and its effect in the model."""
+    shape = BoardShape(0.08, 0.08)
+    made = fitted(hidden(shape, {"board_shape.xx": 6e-4, "board_shape.xy": 3e-4, "board_shape.yy": -4e-4}, views=12))
+    model = base_model(made).with_effect(shape)
+    return Optimum(model, made.observations, model.fitted(made.observations, torch.from_numpy(made.poses), None, ROUNDS))
+
+
+def apart(at: Optimum, one: JointFit, other: JointFit) -> float:
+    """The largest difference of two fits' numbers, over the sigma of the other."""
+    vectors = [at.model.parameters.vector(joint.values) for joint in (one, other)]
+    return float(((vectors[0] - vectors[1]) / other.covariance.diagonal().sqrt()).abs().max())
+
+
+def test_a_step_leads_where_a_fit_of_the_others_ends(optimum: Optimum) -> None:
+    for index, found in enumerate(without_each(optimum, PARTS)):
+        out = torch.from_numpy(index == PARTS)
+        rest = optimum.model.fitted(optimum.observations.without(out), optimum.joint.poses[~out], optimum.joint.start)
+        assert apart(optimum, found, rest) < 0.1 < apart(optimum, optimum.joint, rest)
+        assert torch.allclose(found.covariance.diagonal(), rest.covariance.diagonal(), rtol=0.02)
+        moved, missing = (float((joint.poses[~out] - rest.poses).abs().max()) for joint in (optimum.joint, found))
+        assert missing < 0.1 * moved
+        assert torch.equal(found.poses[out], optimum.joint.poses[out])
+
+
+def test_where_a_step_fails_the_others_are_fitted(optimum: Optimum) -> None:
+    """From boards that are turned by 30 degrees, equations say little of where the fit ends."""
+    turned = optimum.joint.poses + torch.tensor([0.5, 0, 0, 0, 0, 0], dtype=torch.float64)
+    astray = replace(optimum, joint=replace(optimum.joint, poses=turned))
+    for index, found in enumerate(without_each(astray, PARTS)):
+        out = torch.from_numpy(index == PARTS)
+        rest = optimum.model.fitted(optimum.observations.without(out), turned[~out], optimum.joint.start)
+        assert apart(optimum, found, rest) < 1e-6
