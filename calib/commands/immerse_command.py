@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 UNKNOWN_FACE = 0.05
 """px: less is not worth a word."""
+TOLD = 3
+"""Depths of which a sentence tells."""
 AIRY = 1.01
 """An index below it is a gas's, which is known to more digits than matter."""
 
@@ -98,28 +100,31 @@ def _index(args: argparse.Namespace) -> float:
 
 
 def _remarks(immersion: "Immersion") -> Iterator[str]:
-    """What a person should know before relying on it."""
-    at = ", ".join(f"{depth:g}" for depth in immersion.depths)
+    """What a person should know before relying on it, a sentence each."""
+    at = _listed(immersion.depths)
     if not immersion.after_px:
         yield "the fit estimated no covariance, so that it is not known how sure these maps are: fit with --method joint."
     if immersion.unknown:
         before, sure = (_listed(sigmas) for sigmas in (immersion.before_px, immersion.after_px))
-        said = f"the views do not tell all that matters there: at {at} m the maps are known to {sure} px, in their own medium to {before}."
+        yield (
+            f"the views do not tell all that matters there: at {at} m the maps are known to {sure} px, in their own medium to {before}. "
+            "Take views there, or mend the following."
+        )
         for one in immersion.loose[:2]:
-            said += f" If {one.words} were known exactly, to {_listed(one.sigma_px)} px: {one.advice}."
-        yield f"{said} Or take views in the medium itself."
+            yield f"they leave open {one.words}: {one.advice}."
     if immersion.other_face_px and max(immersion.other_face_px) > UNKNOWN_FACE:
         yield (
             "which face of the glass is uneven no view in one medium tells; it is taken to be the outer. Were it the inner one, the maps "
             f"would be off by {_listed(immersion.other_face_px)} px at {at} m: calib check with a few pictures taken there says."
         )
     if immersion.unexplained:
-        names = ", ".join(immersion.unexplained)
-        yield f"{names} mends an error whose cause is not known, and it may be another there."
+        yield f"{', '.join(immersion.unexplained)} mends an error whose cause is not known, and it may be another there."
 
 
-def _listed(pixels: tuple[float, ...]) -> str:
-    return ", ".join(f"{one:.2g}" for one in pixels)
+def _listed(numbers: tuple[float, ...]) -> str:
+    """Of many the first, the middle and the last."""
+    some = numbers if len(numbers) <= TOLD else (numbers[0], numbers[len(numbers) // 2], numbers[-1])
+    return ", ".join(f"{one:.2g}" for one in some)
 
 
 def _as_mapping(immersion: "Immersion", remarks: list[str], written: list[str]) -> dict[str, object]:

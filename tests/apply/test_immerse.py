@@ -16,8 +16,9 @@ from calib.calibration import AddedEffect, Calibration
 from calib.cli import main
 from calib.diagnosis.all_free import all_free
 from calib.effects.cover_offset import CoverOffset
-from calib.effects.detector_bias import DetectorBias
+from calib.effects.effect import Surroundings
 from calib.effects.flat_port import FlatPort
+from calib.effects.free_field import FreeField
 from calib.effects.refractive_index import RefractiveIndex
 from calib.errors import InputError
 from calib.fitting.evaluate import evaluate
@@ -343,5 +344,9 @@ def test_wrong_options_get_their_sentence(saved: Path, capsys: pytest.CaptureFix
 
 
 def test_an_effect_without_a_cause_is_told_of(dry: Calibration) -> None:
-    pulled = AddedEffect(DetectorBias(), {unknown.param.name: (np.array(0.0), np.array(0.0)) for unknown in DetectorBias().unknowns})
-    assert immerse(replace(dry, covariance=np.zeros((0, 0)), effects=(pulled,)), WATER).unexplained == ()
+    path, values = dry.model()
+    (field, *_) = FreeField.propose(Surroundings(dry.board, dry.camera.width, dry.camera.height, path, values))
+    nothing = {unknown.param.name: (np.zeros(unknown.param.shape), np.zeros(unknown.param.shape)) for unknown in field.unknowns}
+    mended = replace(dry, covariance=np.zeros((0, 0)), effects=(AddedEffect(field, nothing),))
+    assert immerse(mended, WATER).unexplained == ("free_field",)
+    assert immerse(dry, WATER).unexplained == ()
