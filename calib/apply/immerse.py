@@ -272,6 +272,6 @@ def _seen(path: Path, values: Values, pixels: Array, depth: Array) -> Array:
     """(N, 2) px of the undistorted picture, less its principal point, at (N,) m."""
     rays = path.trace(torch.from_numpy(pixels), values)
     origin, direction = (vector.stacked().numpy() for vector in (rays.origin, rays.direction))
-    at = origin + direction * ((depth - origin[:, 2]) / direction[:, 2])[:, None]
+    tangent = direction[:, :2] / direction[:, 2:]
     focal = np.array([float(values[f"camera.{name}"]) for name in ("fx", "fy")])
-    return np.asarray(at[:, :2] * focal / depth[:, None])
+    return np.asarray(focal * (tangent + (origin[:, :2] - tangent * origin[:, 2:]) / depth[:, None]))
