@@ -5,7 +5,7 @@ calibration.yaml is for people, calibration.npz beside it holds the arrays. Toge
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path as FilePath
 from typing import Any
@@ -119,6 +119,8 @@ class Calibration:
     """None: as `camera` and `cover` are, all held."""
     refracal: str = VERSION
     """The version that made it."""
+    corners_at: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
+    """(N, 3) px and m, of a calibration that was put into another medium and has no views: where training corners were, and their depth."""
 
     @property
     def observations(self) -> Observations:
@@ -224,6 +226,8 @@ class Calibration:
             "corners": np.array([view.corners for view in self.views]).reshape(-1, self.board.count, 2),
             "weights": np.array([view.weight for view in self.views]).reshape(-1, self.board.count),
         }
+        if self.corners_at.size:
+            arrays["corners_at"] = self.corners_at
         return npz(arrays, compressed=False)  # the same bytes wherever it is saved, whatever compresses there
 
     def _as_mapping(self, digest: str) -> dict[str, object]:
@@ -329,6 +333,7 @@ def _from_mapping(said: dict[str, Any], arrays: dict[str, NDArray[Any]], path: F
         effects=effects,
         stated=Declared(declared.intrinsics, declared_cover, tuple(map(str, said["declared"].get("doubted", ())))),
         refracal=said["refracal"],
+        corners_at=arrays.get("corners_at", np.zeros((0, 3))),
     )
     if read.covariance.size and len(read.covariance) != (count := read.camera_model().parameters.count):
         raise ValueError(f"covariance is of {len(read.covariance)} parameters where {count} were estimated")

@@ -52,6 +52,7 @@ SETTINGS: Mapping[str, Shape] = {
     "log_evidence": number,
     "relief_prior": maybe(record({"height_m": positive, "length_of_patch": positive})),
     "asked": record({}, {"effects": many(text), "depths": many(number)}),
+    "immersed": record({"from_index": number, "to_index": number, "sigma": number, "calibration": text}),
     "diagnosed": many(record({"calibration": text, "holdout": text})),
     "diagnosis": record({"candidates": many(_CANDIDATE)}, {"before": _QUALITY, "after": _QUALITY, "remarks": many(text)}),
 }
@@ -107,6 +108,8 @@ def check_arrays(arrays: Mapping[str, NDArray[Any]], relief: Relief | None, boar
         "weights": (views, board.count),
         "times_s": (views,),
     }
+    if (places := arrays.get("corners_at")) is not None:
+        shapes["corners_at"] = (len(places), 3)
     for name, shape in shapes.items():
         array = arrays[name]
         if array.shape != shape or array.dtype != np.float64:

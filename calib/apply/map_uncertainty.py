@@ -80,7 +80,7 @@ def ray_errors(calibration: Calibration) -> Callable[[Array], Array]:
     pixels share; NaN where no ray leaves the cover. S is 0 where the fit estimated no covariance."""
     if not calibration.covariance.size:
         return lambda pixels: np.zeros((len(pixels), 4, 0))
-    change = _UndistortedChange.of(calibration)
+    change = UndistortedChange.of(calibration)
     root = root_of(calibration.covariance)
 
     def errors(pixels: Array) -> Array:
@@ -96,8 +96,18 @@ def root_of(covariance: Array) -> Array:
     return np.asarray(axes * np.sqrt(np.maximum(variances, 0.0)))
 
 
+def corners_at(calibration: Calibration) -> Array:
+    """(N, 3) px and m: where the training corners are in the picture, and their depth."""
+    if not calibration.views:
+        return calibration.corners_at
+    model, observations = calibration.camera_model(), calibration.observations
+    poses = torch.from_numpy(calibration.poses)[observations.view]
+    depth = model.path.place(observations.corners, observations.with_times(model.means), poses)[:, 2].numpy()
+    return np.column_stack([observations.pixels.numpy(), depth])
+
+
 @dataclass(frozen=True, slots=True)
-class _UndistortedChange:
+class UndistortedChange:
     """How the undistorted pixels of a calibration change with what its fit estimated, the gauge's motion projected out."""
 
     path: Path
@@ -106,17 +116,16 @@ class _UndistortedChange:
     """(6, S): the rigid motion of all rays that hides most of a change of each parameter at the training corners."""
 
     @staticmethod
-    def of(calibration: Calibration) -> _UndistortedChange:
+    def of(calibration: Calibration) -> UndistortedChange:
         model = calibration.camera_model()
-        path, parameters, observations = model.path, model.parameters, calibration.observations
-        poses = torch.from_numpy(calibration.poses)[observations.view]
-        depth = path.place(observations.corners, observations.with_times(model.means), poses)[:, 2].numpy()
+        path, parameters, corners = model.path, model.parameters, corners_at(calibration)
+        depth = corners[:, 2]
         if not (depth > 0).all():
             raise InputError(NO_CORNERS)
         normal, right_side = np.zeros((6, 6)), np.zeros((6, parameters.count))
         for first in range(0, len(depth), ROWS):
             some = slice(first, first + ROWS)
-            jacobian, motions, lost = undistorted_jacobian(path, parameters, observations.pixels[some].numpy())
+            jacobian, motions, lost = undistorted_jacobian(path, parameters, corners[some, :2])
             at = np.stack([np.ones_like(depth[some]), 1 / depth[some]], -1)[:, :, None, None] * ~lost[:, None, None, None]
             seen, moved = ((at * part).sum(1).reshape(2 * len(at), -1) for part in (jacobian, motions))
             normal += moved.T @ moved
@@ -125,7 +134,7 @@ class _UndistortedChange:
             motion = np.linalg.solve(normal, right_side)
         except np.linalg.LinAlgError as error:
             raise InputError(NO_CORNERS) from error
-        return _UndistortedChange(path, parameters, np.asarray(motion, dtype=np.float64))
+        return UndistortedChange(path, parameters, np.asarray(motion, dtype=np.float64))
 
     def jacobian(self, pixels: Array) -> tuple[Array, NDArray[np.bool_]]:
         """(N, 4, S) of A and B by the parameters, and (N,) where there is no ray."""

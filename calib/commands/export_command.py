@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_calibration, add_depths, add_output
 from calib.errors import InputError
-from calib.export.formats import FORMATS, ExportLens, Format
+from calib.export.formats import AXES, FORMATS, ExportLens, Format
 
 if TYPE_CHECKING:
-    from calib.export.central import CentralModel
+    from calib.export.export import Exported
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,6 +21,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_depths(parser, required=False)
     lenses = "; ".join(f"{form.name}: {', '.join(lens.name for lens in form.lenses)}" for form in FORMATS if form.lenses)
     parser.add_argument("--lens", metavar="NAME", help=f"distortion model of a central camera, by default the best; {lenses}")
+    axes = "of a ray image: opencv (x right, y down, z forward) by default, or opengl (x right, y up, z backward)"
+    parser.add_argument("--axes", choices=AXES, help=axes)
     add_output(parser, "where the files go", required=True)
     kinds = (("maps", lambda form: not form.lenses), ("central cameras", lambda form: form.lenses))
     parser.epilog = "\n".join(
@@ -34,6 +36,8 @@ def run(args: argparse.Namespace) -> None:
     if form.needs_depth and not args.depth:
         raise InputError(f"--format {form.name} holds for one depth: write the distance of the scene in metres, such as --depth 1.0.")
 
+    if args.axes and form.name != "ray-image":
+        raise InputError(f"--axes is of a ray image, and --format {form.name} is none: drop --axes, or write --format ray-image.")
     if not form.writable:
         raise InputError(form.lacking)
 
@@ -45,11 +49,10 @@ def run(args: argparse.Namespace) -> None:
 
     calibration = Calibration.load(args.calibration)
     with Bars() as bars, FileSet(args.output) as files:
-        exported = export(Export(calibration, form, lenses, tuple(dict.fromkeys(args.depth)), files, bars))
+        exported = export(Export(calibration, form, lenses, tuple(dict.fromkeys(args.depth)), files, bars, args.axes or AXES[0]))
         files.commit()
     print_paths(exported.paths)
-    for model in exported.models:
-        _say(model)
+    _say(exported)
 
 
 def _lenses(form: Format, name: str | None) -> tuple[ExportLens, ...]:
@@ -63,12 +66,15 @@ def _lenses(form: Format, name: str | None) -> tuple[ExportLens, ...]:
     return chosen
 
 
-def _say(model: "CentralModel") -> None:
+def _say(exported: "Exported") -> None:
     """The misfit is a remark: stdout lists files."""
     from rich.console import Console
 
     console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
-    for misfit in (model.half, model.at, model.double):
-        console.print(f"Misfit of the central camera ({model.lens.name}) fitted at {model.at.depth:g} m: {misfit}.")
-    for remark in model.remarks():
-        console.print(f"Take care: {remark}")
+    for model in exported.models:
+        for misfit in (model.half, model.at, model.double):
+            console.print(f"Misfit of the central camera ({model.lens.name}) fitted at {model.at.depth:g} m: {misfit}.")
+        for remark in model.remarks():
+            console.print(f"Take care: {remark}")
+    for remark in exported.remarks:
+        console.print(remark)

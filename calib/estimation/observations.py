@@ -64,7 +64,7 @@ class Observations:
         """
         each = np.zeros(len(self.names)) if times is None else np.asarray(times, dtype=np.float64)
         time = torch.from_numpy(each).to(self.pixels)
-        span = float(time.max() - time.min())
+        span = float(time.max() - time.min()) if len(time) else 0.0
         own = ((time - time.min()) / span - 0.5 if span else torch.zeros_like(time))[self.view]
         return replace(self, moment=torch.stack([own, (self.pixels[:, 1] + 0.5) / height - 0.5], -1))
 

@@ -8,7 +8,7 @@ a grid of pixels, to what the camera sees at the given depth. The axes stay thos
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +16,14 @@ from numpy.typing import NDArray
 from calib.calibration import Calibration
 from calib.errors import InputError
 from calib.estimation.model_choice import simplest
+from calib.export.formats import OPENCV as OPENCV_LENSES
 from calib.export.formats import SPLINED, ExportLens
 from calib.export.lens_fit import fit_lens, project
 from calib.export.sight import CHECKED, FITTED, Sight
 from calib.export.spline_fit import fit_spline, project_spline
+from calib.export.windshield_fit import fit_windshield, project_windshield
+from calib.optics.build import pinhole_path
+from calib.session.cover import Cover
 from calib.session.lens import FISHEYE, OPENCV
 from calib.threads import single_thread
 
@@ -64,7 +68,7 @@ class CentralModel:
     """px, cx and cy; (0, 0) is the centre of the top-left pixel."""
     distortion: tuple[float, ...]
     """As many as the lens has: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, or k1 to k4 of a fisheye, or a spline's control
-    points, rows of x and y pairs."""
+    points, rows of x and y pairs; of a windshield, the lens's own and then the polynomials of `windshield_fit`."""
     centre: tuple[float, float, float]
     """m, in the calibration's camera frame: where the model's rays meet. Its own frame has the same axes and this origin."""
     half: Misfit
@@ -114,6 +118,14 @@ def best_central(calibration: Calibration, depth: float, lenses: Sequence[Export
     return models[simplest({place: model.at.rms_px for place, model in enumerate(models)}, WORTH)]
 
 
+def uncovered(calibration: Calibration) -> Calibration:
+    """The camera without its cover, with what the diagnosis found of the camera itself."""
+    assert calibration.camera.intrinsics
+    alone, _ = pinhole_path(calibration.camera.intrinsics)
+    own = tuple(found for found in calibration.effects if not found.effect.on_cover and not found.effect.apply(alone).cover)
+    return replace(calibration, cover=Cover("none", {}), relief=None, amplitudes=np.zeros((0, 0)), effects=own)
+
+
 def _fit(calibration: Calibration, sight: Sight, check: Sight, depth: float, lens: ExportLens) -> CentralModel:
     camera = calibration.camera
     assert camera.intrinsics
@@ -124,13 +136,19 @@ def _fit(calibration: Calibration, sight: Sight, check: Sight, depth: float, len
     k = camera.intrinsics
     own = k.distortion if (k.model != OPENCV) == lens.fisheye else ()
     bare = [number.value for number in (k.fx, k.fy, k.cx, k.cy, *own)]
-    same = k.model == (FISHEYE if lens.fisheye else OPENCV) and lens != SPLINED and lens.coefficients >= len(k.distortion)
+    same = k.model == (FISHEYE if lens.fisheye else OPENCV) and lens != SPLINED and not lens.windshield
+    same = same and lens.coefficients >= len(k.distortion)
     path, _ = calibration.model()
     centre = np.zeros(3) if path.central else sight.nearly_intersect()
     if path.central and not path.adjustments and same:
         parameters = np.pad(bare, (0, 4 + lens.coefficients - len(bare)))  # it is one already
     elif lens == SPLINED:
         lens, parameters = fit_spline(sight.tangents(depth, centre), sight.pixels, bare)
+    elif lens.windshield:
+        inner = next(one for one in OPENCV_LENSES[::-1] if one.fisheye == lens.fisheye)
+        bare_model = best_central(uncovered(calibration), depth, (inner,))
+        within = np.array([*bare_model.focal, *bare_model.principal, *bare_model.distortion])
+        parameters = fit_windshield(sight.tangents(depth, centre), sight.pixels, lens, within)
     else:
         parameters = fit_lens(sight.tangents(depth, centre), sight.pixels, bare, lens)
     fitted = _off(lens, parameters, check, depth, centre)
@@ -145,7 +163,12 @@ def _fit(calibration: Calibration, sight: Sight, check: Sight, depth: float, len
 def _off(lens: ExportLens, parameters: Array, sight: Sight, depth: float, centre: Array) -> Array:
     """(N, 2) px: the model's pixels minus the camera's."""
     tangents = sight.tangents(depth, centre)
-    seen = project_spline(lens, parameters, tangents) if lens.knots else project(parameters, tangents, lens.fisheye)[0]
+    if lens.knots:
+        seen = project_spline(lens, parameters, tangents)
+    elif lens.windshield:
+        seen = project_windshield(lens, parameters, tangents)
+    else:
+        seen = project(parameters, tangents, lens.fisheye)[0]
     return np.asarray(seen - sight.pixels)
 
 

@@ -10,7 +10,7 @@ from typing import Protocol, cast
 
 from calib.calibration import Calibration
 from calib.export.central import CentralModel, best_central
-from calib.export.formats import ExportLens, Format
+from calib.export.formats import AXES, ExportLens, Format
 from calib.io.file_set import FileSet
 from calib.progress import Progress
 
@@ -27,6 +27,8 @@ class Export:
     """m, each once."""
     files: FileSet
     progress: Progress
+    axes: str = AXES[0]
+    """Of formats.AXES: those of a ray image."""
 
     def each_depth(self) -> Iterator[tuple[float, str]]:
         """Every depth with its text for file names, while a bar shows how many are done."""
@@ -43,6 +45,8 @@ class Exported:
     paths: tuple[Path, ...]
     models: tuple[CentralModel, ...] = ()
     """The central camera of each depth, whose misfit a person should hear of."""
+    remarks: tuple[str, ...] = ()
+    """What else a person should hear, a sentence each."""
 
 
 class Exporter(Protocol):

@@ -18,6 +18,8 @@ class ExportLens:
     """Whether it is the equidistant model of cv2.fisheye, with its 4, for wide lenses."""
     knots: tuple[int, int, float] | None = None
     """Of a splined model: how many along x and y, and how far apart in stereographic coordinates."""
+    windshield: bool = False
+    """Whether the lens, of 12 coefficients or of a fisheye's 4, stands behind four polynomials, whose coefficients follow its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +53,14 @@ COLMAP = (ExportLens("OPENCV", 4), ExportLens("FULL_OPENCV", 8), ExportLens("OPE
 SPLINED = ExportLens("SPLINED", 0)
 MRCAL = (ExportLens("OPENCV4", 4), ExportLens("OPENCV5", 5), ExportLens("OPENCV8", 8), ExportLens("OPENCV12", 12), SPLINED)
 
+WINDSHIELD = (
+    ExportLens("opencv-pinhole", 12 + 4 * 21, windshield=True),
+    ExportLens("opencv-fisheye", 4 + 4 * 21, fisheye=True, windshield=True),
+)
+
+AXES = ("opencv", "opengl")
+"""Of a ray image: x right, y down, z forward, or x right, y up, z backward."""
+
 FORMATS: tuple[Format, ...] = (
     Format(
         *("npz", "npz", "the ray field, from which any depth's map follows, and the maps of cv2.remap for every --depth"),
@@ -66,6 +76,31 @@ FORMATS: tuple[Format, ...] = (
     Format("kalibr", "kalibr", "camchain", (ExportLens("radtan", 4), ExportLens("equidistant", 4, fisheye=True))),
     Format("colmap", "colmap", "cameras.txt", COLMAP),
     Format("mrcal", "mrcal", ".cameramodel", MRCAL),
+    Format(
+        *("windshield", "windshield", "the windshield model of NVIDIA NCore and gsplat", WINDSHIELD),
+        brief="of NVIDIA NCore and gsplat",
+    ),
+    Format("depthai", "depthai", "warp mesh of Luxonis cameras"),
+    Format(
+        *("generic", "generic", "NoncentralGenericModel of Schöps et al. (puzzlepaint), a line for every pixel at every depth"),
+        needs_depth=False,
+        brief="a line for every pixel, puzzlepaint's",
+    ),
+    Format(
+        *(
+            "calibmar",
+            "calibmar",
+            "a flat port or dome, for every depth, for Calibmar and COLMAP's underwater fork",
+            COLMAP,
+        ),
+        needs_depth=False,
+        brief="flat port or dome, also for COLMAP",
+    ),
+    Format(
+        *("ray-image", "ray_image", "origin and direction of every pixel's ray, for ray tracers: (height, width, 2, 3) float32"),
+        needs_depth=False,
+        brief="every pixel's ray, for ray tracers",
+    ),
     Format(
         *("stmap", "stmap", "for compositing programs: undistort and redistort, 32-bit float TIFF"),
         brief="for compositing programs, as TIFF",

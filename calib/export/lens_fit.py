@@ -9,6 +9,9 @@ from scipy.optimize import least_squares
 
 from calib.estimation.model_choice import simplest
 from calib.export.formats import ExportLens
+from calib.session.camera import Intrinsics
+from calib.session.lens import FISHEYE, OPENCV
+from calib.session.schema import Number
 
 Array = NDArray[np.float64]
 
@@ -44,6 +47,12 @@ def project(parameters: Array, tangents: Array, fisheye: bool) -> tuple[Array, A
         first = 6  # after the pose's
     chosen = derivatives[:, first : first + len(parameters)]
     return np.asarray(pixels, np.float64).reshape(-1, 2), np.asarray(chosen, np.float64)
+
+
+def as_intrinsics(parameters: Sequence[float], fisheye: bool) -> Intrinsics:
+    """The same as a session describes it, of (4 + coefficients,) parameters."""
+    fx, fy, cx, cy, *lens = map(Number, parameters)
+    return Intrinsics(fx, fy, cx, cy, tuple(lens), model=FISHEYE if fisheye else OPENCV)
 
 
 def fit_lens(tangents: Array, pixels: Array, bare: Sequence[float], lens: ExportLens) -> Array:

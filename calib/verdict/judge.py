@@ -23,6 +23,7 @@ from calib.verdict.held_out import held_out, overfits
 from calib.verdict.medium import medium
 from calib.verdict.next_commands import NextCommands
 from calib.verdict.orientation import orientation
+from calib.verdict.other_medium import other_medium
 from calib.verdict.principal_point import principal_point
 from calib.verdict.residual import residual
 from calib.verdict.sureness import too_few_views, unsure_focal_length, unsure_maps
@@ -78,6 +79,8 @@ def judge(
     with single_thread():
         if broken := tuple(not_finite(case)):  # then nothing else can be asked
             return Verdict(broken, commands.fit())
+        if not calibration.views:
+            return Verdict(tuple(other_medium(case)), commands.undistort(float(np.median(calibration.corners_at[:, 2]))))
         reasons = tuple(reason for check in CHECKS for reason in check(case))
         depth = next(iter(case.depths), float(np.median(case.depth)))
         return Verdict(reasons, commands.export(depth), (commands.evaluate(), commands.diagnose(), commands.undistort(depth)))

@@ -43,6 +43,10 @@ class NextCommands:
     def diagnose(self, *options: str) -> str:
         return shlex.join(["calib", "diagnose", str(self.folder), *options])
 
+    def check(self, session: str) -> str:
+        """Whether it holds for the pictures of a session."""
+        return shlex.join(["calib", "check", str(self.folder), session])
+
     def evaluate(self) -> str:
         """By views that were not fitted, whose session the person names."""
         return shlex.join(["calib", "evaluate", str(self.folder), "HOLDOUT"])

@@ -17,5 +17,10 @@ def bare() -> Calibration:
 
 
 @pytest.fixture(scope="package")
+def flat() -> Calibration:
+    return truth.port("flat")
+
+
+@pytest.fixture(scope="package")
 def small() -> Calibration:
     return truth.small()

@@ -17,15 +17,20 @@ def saved(covered: Calibration, tmp_path_factory: pytest.TempPathFactory) -> Pat
 
 
 @pytest.mark.parametrize("form", FORMATS, ids=lambda form: form.name)
-def test_every_format_of_the_help_writes_its_files(saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], form: Format) -> None:
+def test_every_format_of_the_help_writes_its_files(
+    small: Calibration, flat: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str], form: Format
+) -> None:
     if form.name == "stmap-exr":
         pytest.importorskip("OpenEXR")
-    assert main(["export", str(saved), "--format", form.name, "--depth", "0.5", "0.5", "-o", str(tmp_path)]) == 0
+    saved, out_folder = tmp_path / "saved", tmp_path / "out"
+    (flat if form.name == "calibmar" else small).save(saved)
+    assert main(["export", str(saved), "--format", form.name, "--depth", "0.5", "0.5", "-o", str(out_folder)]) == 0
     out, err = capsys.readouterr()
     written = out.split()
-    assert sorted(written) == sorted(map(str, tmp_path.iterdir()))  # 0.5 m is written once
-    assert any("0.5m" in path for path in written)
-    assert ("Misfit of the central camera" in err) is bool(form.lenses)
+    assert sorted(written) == sorted(map(str, out_folder.iterdir()))  # 0.5 m is written once
+    for_every_depth = form.name in ("calibmar", "generic", "ray-image")
+    assert any("0.5m" in path for path in written) is not for_every_depth
+    assert ("Misfit of the central camera" in err) is (bool(form.lenses) and not for_every_depth)
 
 
 def test_the_help_lists_every_format(capsys: pytest.CaptureFixture[str]) -> None:
@@ -63,6 +68,8 @@ def test_a_central_camera_is_not_warned_about(bare: Calibration, tmp_path: Path,
         (["--format", "stmap"], "such as --depth 1.0"),
         (["--format", "kalibr", "--lens", "plumb_bob", "--depth", "1"], "none of the format kalibr: write one of radtan, equidistant."),
         (["--format", "npz", "--lens", "equidistant"], "drop --lens"),
+        (["--format", "npz", "--axes", "opengl"], "drop --axes, or write --format ray-image."),
+        (["--format", "calibmar"], "this cover is a cone: write --format generic, which holds all."),
         (["--format", "colmap", "--depth", "0.01"], "depth 0.01 m is too near"),
     ],
 )

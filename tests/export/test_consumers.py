@@ -1,5 +1,6 @@
 """Each central format, read back by the program it is for, or by that program's published formula, reprojects to the stated misfit."""
 
+import importlib
 import json
 import subprocess
 from pathlib import Path
@@ -7,7 +8,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import torch
 import yaml
+from numpy.typing import NDArray
+from scipy.interpolate import RegularGridInterpolator
 
 from calib.calibration import Calibration
 from calib.cli import main
@@ -15,6 +19,9 @@ from fixtures.synthetic import HEIGHT, WIDTH
 from tests.export.truth import centre, check_misfit, distorted, fisheye, seen, statements
 
 DEPTH = 0.4
+NAMES = {"ros": "camera_info_0.4m.yaml", "kalibr": "camchain_0.4m.yaml", "colmap": "cameras_0.4m.txt"}
+
+Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +98,127 @@ def test_ros(covered: Calibration, saved: Path, tmp_path: Path, lens: str) -> No
         points = points - centre(text)
         bent = model(points[:, :2] / points[:, 2:], said["distortion_coefficients"]["data"])
         check_misfit(bent @ k[:2, :2].T + k[:2, 2] - pixels, rms, worst)
+
+
+@pytest.mark.parametrize("form", ["ros", "kalibr", "colmap"])
+def test_the_shift_of_the_centre_as_each_program_takes_it(covered: Calibration, saved: Path, tmp_path: Path, form: str) -> None:
+    """A point of the calibration's frame, moved as the file says, is where the file's camera has it."""
+    lens = {"ros": "plumb_bob", "kalibr": "radtan", "colmap": "OPENCV"}[form]
+    text = export(saved, tmp_path, form, lens, NAMES[form]).read_text()
+    _, points = seen(covered, 0.2)
+    if form == "ros":  # tf2: the child's origin in its parent's frame
+        (line,) = (line for line in text.splitlines() if "static_transform_publisher" in line)
+        words = line.split()
+        moved = points - [float(words[words.index(f"--{axis}") + 1]) for axis in "xyz"]
+        assert words[words.index("--child-frame-id") + 1] == "Test_camera_3280x2464_optical_frame"
+    elif form == "kalibr":
+        (line,) = (line for line in text.splitlines() if line.startswith("# [["))
+        transform = np.array(json.loads(line.removeprefix("# ")))
+        moved = (transform @ np.column_stack([points, np.ones(len(points))]).T).T[:, :3]
+    else:
+        (line,) = (line for line in text.splitlines() if "TX TY TZ" in line)
+        moved = points + [float(word) for word in line.split()[-3:]]
+    assert np.abs(moved - (points - centre(text))).max() < 1e-9  # the other comment rounds to 1e-6 mm
+    assert np.linalg.norm(centre(text)) > 1e-4
+
+
+def test_a_central_camera_has_no_shift_to_publish(bare: Calibration, tmp_path: Path) -> None:
+    bare.save(tmp_path / "bare")
+    for form, lens in (("ros", "plumb_bob"), ("kalibr", "radtan"), ("colmap", "FULL_OPENCV")):
+        text = export(tmp_path / "bare", tmp_path / form, form, lens, NAMES[form]).read_text()
+        assert not any(word in text for word in ("static_transform", "[[1.0", "TX TY TZ"))
+
+
+def polynomial(coefficients: list[float], phi: Array, theta: Array) -> Array:
+    """eval_bivariate_poly of gsplat/cuda/_torch_external_distortion.py: Horner's scheme in phi, then in theta."""
+    order = (-3 + int((1 + 8 * len(coefficients)) ** 0.5)) // 2
+    outer, start = [], 0
+    for inner in range(order, -1, -1):
+        value = np.zeros_like(phi)
+        for coefficient in reversed(coefficients[start : start + inner + 1]):
+            value = value * phi + coefficient
+        outer.append(value)
+        start += inner + 1
+    total = np.zeros_like(phi)
+    for value in reversed(outer):
+        total = total * theta + value
+    return total
+
+
+def turned(rays: Array, horizontal: list[float], vertical: list[float]) -> Array:
+    """distort_camera_ray of the same file: (N, 3) rays to (N, 3) unit rays."""
+    unit = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+    phi, theta = np.arcsin(unit[:, 0]), np.arcsin(unit[:, 1])
+    x, y = (np.sin(polynomial(poly, phi, theta)) for poly in (horizontal, vertical))
+    return np.column_stack([x, y, np.sqrt(1 - x**2 - y**2)])
+
+
+@pytest.mark.parametrize("lens", ["opencv-pinhole", "opencv-fisheye"])
+def test_windshield(covered: Calibration, saved: Path, tmp_path: Path, lens: str) -> None:
+    """By gsplat's reference of the model, in Python, and OpenCV's lens."""
+    said = json.loads(export(saved, tmp_path, "windshield", lens, "windshield_0.4m.json").read_text())
+    camera, text = said["camera_model_parameters"], "\n".join(said["refracal"])
+    assert (said["camera_model_type"], camera["resolution"], camera["shutter_type"]) == (lens, [WIDTH, HEIGHT], "GLOBAL")
+    glass = camera["external_distortion_parameters"]
+    assert glass["reference_poly"] == "FORWARD"
+    assert {len(values) for key, values in glass.items() if "_poly" in key and key != "reference_poly"} == {21}
+    for depth, rms, worst in statements(text):
+        pixels, points = seen(covered, depth)
+        inner = turned(points - centre(text), glass["horizontal_poly"], glass["vertical_poly"])
+        slopes = inner[:, :2] / inner[:, 2:]
+        k = camera["radial_coeffs"]
+        if lens == "opencv-fisheye":
+            assert np.arctan(np.linalg.norm(slopes, axis=-1)).max() < camera["max_angle"]
+            bent = fisheye(slopes, k)
+        else:
+            assert camera["thin_prism_coeffs"] == [0.0] * 4
+            bent = distorted(slopes, [*k[:2], *camera["tangential_coeffs"], *k[2:]])
+        check_misfit(bent * camera["focal_length"] + camera["principal_point"] - (pixels + 0.5), rms, worst)
+        if depth == DEPTH:  # and back: a ray's angle counts in px at the focal length
+            outer = turned(inner, glass["horizontal_poly_inverse"], glass["vertical_poly_inverse"])
+            towards = points - centre(text)
+            angle = np.linalg.norm(np.cross(outer, towards / np.linalg.norm(towards, axis=-1, keepdims=True)), axis=-1)
+            assert np.sqrt((angle**2).mean()) * camera["focal_length"][0] < 2 * rms + 0.01
+
+
+@pytest.mark.parametrize("lens", ["opencv-pinhole", "opencv-fisheye"])
+def test_windshield_by_ncore(covered: Calibration, saved: Path, tmp_path: Path, lens: str) -> None:
+    reason = "nvidia-ncore is not installed (pip install nvidia-ncore): NCore's own camera was not tried"
+    data, sensors = (pytest.importorskip(f"ncore.{name}", reason=reason) for name in ("data", "sensors"))
+    said = json.loads(export(saved, tmp_path, "windshield", lens, "windshield_0.4m.json").read_text())
+    types = importlib.import_module("ncore.impl.data.types")
+    camera = sensors.CameraModel.from_parameters(types.decode_camera_model_parameters(said), device="cpu", dtype=torch.float64)
+    assert isinstance(camera.get_parameters(), data.CameraModelParameters)
+    text = "\n".join(said["refracal"])
+    for depth, rms, worst in statements(text):
+        pixels, points = seen(covered, depth)
+        found = camera.camera_rays_to_image_points(points - centre(text))
+        inside = found.valid_flag.numpy()  # what is projected beside the picture's edge is not
+        assert inside.mean() > 0.99
+        check_misfit((found.image_points.numpy() - (pixels + 0.5))[inside], rms, worst)
+
+
+def test_depthai(small: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As the device does: y and x every so many columns and rows, and between them linearly; they mean what cv2.remap's maps do."""
+    small.save(tmp_path)
+    assert main(["export", str(tmp_path), "--format", "depthai", "--depth", str(DEPTH), "-o", str(tmp_path / "out")]) == 0
+    (path,) = (tmp_path / "out").iterdir()
+    width, height = small.camera.width, small.camera.height
+    assert path.name == "mesh_0.4m_10x14.calib"
+    across, down = 10, 14
+    assert (width % across, height % down) == (0, 0)
+    points = np.fromfile(path, np.float32).reshape(height // down + 1, width // across + 1, 2)
+    at = np.random.default_rng(2).uniform(30, [width - 30, height - 30], (500, 2))
+    axes = np.arange(0, height + down, down), np.arange(0, width + across, across)
+    sampled = RegularGridInterpolator(axes, points)(at[:, ::-1])[:, ::-1]
+    k = small.camera.intrinsics
+    assert k
+    tangents = (at - [k.cx.value, k.cy.value]) / [k.fx.value, k.fy.value]
+    off = np.linalg.norm(sampled - small.project(np.column_stack([tangents, np.ones(500)]) * DEPTH), axis=-1)
+    stated = capsys.readouterr().err
+    assert "setMeshStep(10, 14)" in stated
+    worst = float(stated.split(" px at worst")[0].split()[-1])
+    assert 0.3 * worst < off.max() < 1.2 * worst + 1e-3
 
 
 @pytest.mark.parametrize("lens", ["radtan", "equidistant"])

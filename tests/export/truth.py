@@ -40,6 +40,17 @@ def bare() -> Calibration:
     return _calibration(Cover("none", {}), LENS, None, np.zeros((0, 0)))
 
 
+def port(shape: str) -> Calibration:
+    """A camera with a lens under water, behind a tilted window (flat) or in a dome whose centre is beside the pinhole."""
+    own = {
+        "flat": {"distance": 0.021, "tilt.x": 0.12, "tilt.y": -0.07},
+        "dome": {"inner_radius": 0.05, "centre.x": 0.004, "centre.y": -0.003, "centre.z": -0.012},
+    }[shape]
+    numbers = own | {"thickness": 0.006, "refractive_index": 1.49, "outside_index": 1.34}
+    cover = Cover(shape, {name: Number(value) for name, value in numbers.items()})
+    return _calibration(cover, LENS, None, np.zeros((0, 0)))
+
+
 def _calibration(cover: Cover, intrinsics: Intrinsics, relief: Relief | None, amplitudes: Array) -> Calibration:
     made = scene(11, views=3)
     camera = Camera(WIDTH, HEIGHT, "Test camera (3280x2464)", intrinsics)

@@ -1,0 +1,352 @@
+"""A calibration in another medium: its rays are those that Mitsuba traces there, and its sigma is what the change makes visible."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+
+from calib.apply.immerse import DEPTHS, UNKNOWN, immerse, immersed
+from calib.apply.map_uncertainty import corners_at, predicted_sigma
+from calib.apply.water import index_of_water
+from calib.calibration import AddedEffect, Calibration
+from calib.cli import main
+from calib.diagnosis.all_free import all_free
+from calib.effects.cover_offset import CoverOffset
+from calib.effects.effect import Surroundings
+from calib.effects.flat_port import FlatPort
+from calib.effects.free_field import FreeField
+from calib.effects.refractive_index import RefractiveIndex
+from calib.errors import InputError
+from calib.fitting.evaluate import evaluate
+from calib.fitting.fit import fit
+from calib.fitting.stages import Settings, Setup
+from calib.optics.relief import Relief
+from calib.session.camera import Camera, Intrinsics
+from calib.session.cover import Cover
+from calib.session.freeing import AUTO, NONE
+from calib.session.schema import Number
+from calib.session.session import read_session
+from fixtures.calibrated import CAMERA, calibrated, tolerant
+from fixtures.housing import DOME, INDEX, WINDOW
+from fixtures.known import known, lens_alone
+from fixtures.rays import FIXTURES, map_error
+from fixtures.synthetic import INTRINSICS, paper_cone, scene
+
+Array = NDArray[np.float64]
+
+WATER = Number(1.34)
+GLASS = {
+    "flat": {
+        "distance": WINDOW.place,
+        "tilt.x": WINDOW.turned[0],
+        "tilt.y": WINDOW.turned[1],
+        "thickness": WINDOW.thickness,
+        "refractive_index": INDEX,
+    },
+    "dome": {
+        "inner_radius": DOME.place,
+        **{f"centre.{axis}": at for axis, at in zip("xyz", DOME.turned, strict=True)},
+        "thickness": DOME.thickness,
+        "refractive_index": INDEX,
+    },
+    "cone": {name: number.value for name, number in paper_cone().parameters.items()},
+}
+"""As they were rendered."""
+each_shape = pytest.mark.parametrize("shape", GLASS)
+
+
+def true_calibration(shape: str) -> Calibration:
+    """In air, with the numbers that the glass of wet-SHAPE was rendered with."""
+    with np.load(FIXTURES / f"wet-{shape}" / "truth.npz") as truth:
+        fx, fy, cx, cy = map(Number, truth["intrinsics"].tolist())
+        amplitudes, centres = truth["amplitudes"], truth["centres"]
+    numbers = {name: Number(value) for name, value in {**GLASS[shape], "outside_index": 1.0}.items()}
+    base = known(scene(1, views=1), 820, 616)
+    relief = None
+    if amplitudes.size:
+        (low, high), (rows, columns) = (tuple(map(float, edge)) for edge in (centres.min(0), centres.max(0))), amplitudes.shape
+        relief = Relief((low[0], low[1]), (high[0], high[1]), (rows, columns))
+    camera = Camera(820, 616, intrinsics=Intrinsics(fx, fy, cx, cy))
+    return replace(base, camera=camera, cover=Cover(shape, numbers), relief=relief, amplitudes=amplitudes)
+
+
+@each_shape
+@pytest.mark.parametrize("folder", ["", "water"])
+def test_rays_are_those_of_light_that_mitsuba_traced(shape: str, folder: str) -> None:
+    """Under water, from the numbers in air; and in air again, from the calibration for water."""
+    dry = true_calibration(shape)
+    wet = immersed(dry, WATER)
+    asked = wet if folder else immersed(wet, Number(1.0))
+    with np.load(FIXTURES / f"wet-{shape}" / folder / "truth.npz") as truth:
+        pixels, origins, directions = (truth[name] for name in ("pixels", "origins", "directions"))
+    ours, towards = asked.rays(pixels)
+    seen = np.isfinite(origins).all(-1) & np.isfinite(ours).all(-1)
+    assert seen.mean() > 0.99
+    for depth in DEPTHS:
+        at = [o[:, :2] + d[:, :2] * ((depth - o[:, 2]) / d[:, 2])[:, None] for o, d in ((origins, directions), (ours, towards))]
+        off = np.linalg.norm(at[0] - at[1], axis=-1)[seen] * 640 / depth
+        assert np.sqrt((off**2).mean()) < 0.002
+        assert off.max() < 0.02  # float32 and facets
+
+
+@pytest.fixture(scope="module")
+def dry() -> Calibration:
+    """Of a scene in air, its cover and camera near what is stated."""
+    made = scene(5, views=12, noise=0.1)
+    return tolerant(made, Setup(made.board, CAMERA, INTRINSICS, made.cover), Settings(grid=(4, 4)))
+
+
+def test_what_is_not_outside_is_kept(dry: Calibration) -> None:
+    wet = immersed(dry, Number(1.34, 0.001))
+    assert wet.camera == dry.camera
+    assert wet.cover.parameters["outside_index"] == Number(1.34, 0.001)
+    others = {name: number.value for name, number in wet.cover.parameters.items() if name != "outside_index"}
+    assert others == {name: number.value for name, number in dry.cover.parameters.items() if name != "outside_index"}
+    assert wet.declared.cover.parameters["outside_index"] == Number(1.34, 0.001)
+    assert np.array_equal(wet.amplitudes, dry.amplitudes)
+    assert (wet.views, wet.stages, wet.poses.shape) == ((), (), (0, 6))
+    assert np.array_equal(wet.corners_at, corners_at(dry))
+    assert wet.settings["immersed"] == {"from_index": 1.0, "to_index": 1.34, "sigma": 0.001, "calibration": dry.digest}
+
+
+def test_the_covariance_goes_with_it_and_comes_back(dry: Calibration) -> None:
+    wet = immersed(dry, Number(1.34, 0.002))
+    parameters = wet.camera_model().parameters
+    assert len(wet.covariance) == parameters.count == len(dry.covariance) + 1
+    (at,) = parameters.entries(["cover.outside_index"])
+    others = np.arange(parameters.count) != at
+    assert np.linalg.eigvalsh(wet.covariance[np.ix_(others, others)] - dry.covariance).min() > -1e-9 * np.abs(wet.covariance).max()
+    assert np.isclose(wet.covariance[at, at], (0.002 / 0.01) ** 2)
+    assert not wet.covariance[at, others].any()
+    again = immersed(wet, Number(1.0))
+    assert np.allclose(again.covariance, wet.covariance[np.ix_(others, others)], rtol=1e-9)
+    pixels = np.random.default_rng(1).uniform(100, 2300, (50, 2))
+    assert all(np.array_equal(a, b) for a, b in zip(again.rays(pixels), dry.rays(pixels), strict=True))
+    assert np.array_equal(again.corners_at, wet.corners_at)
+
+
+def test_sigma_is_the_spread_of_calibrations_drawn_from_the_covariance(dry: Calibration) -> None:
+    """By tracing: numbers are drawn as the covariance in air has them, put under water, and the best rigid motion is taken off."""
+    wet = immersed(dry, Number(1.34, 0.001))
+    model, field = wet.camera_model(), predicted_sigma(wet)
+    assert field
+    rng, corners = np.random.default_rng(2), wet.corners_at
+    some = corners[rng.permutation(len(corners))[:150]]
+    pixels, depth = some[:, :2], some[:, 2]
+    small = 0.05  # of a sigma: so far it is linear
+    roots = np.linalg.cholesky(wet.covariance + 1e-18 * np.eye(len(wet.covariance)))
+    focal = float(model.means["camera.fx"])
+
+    def seen(vector: Array, metres: Array) -> tuple[Array, Array, Array]:
+        rays = model.path.trace(torch.from_numpy(pixels), model.parameters.values(torch.from_numpy(vector)))
+        origin, direction = rays.origin.stacked().numpy(), rays.direction.stacked().numpy()
+        return origin, direction, at(origin, direction, metres)
+
+    def at(origin: Array, direction: Array, metres: Array) -> Array:
+        return np.asarray(focal * (origin + direction * ((metres - origin[:, 2]) / direction[:, 2])[:, None])[:, :2] / metres[:, None])
+
+    zero = np.zeros(len(roots))
+    origin, direction, still = seen(zero, depth)
+    one = np.full(len(pixels), 0.5)
+    there = seen(zero, one)[2]
+    step, trained, asked = 1e-6, [], []
+    for axis in np.eye(3) * step:
+        for o, d in ((origin + np.cross(axis, origin), direction + np.cross(axis, direction)), (origin + axis, direction)):
+            trained.append((at(o, d, depth) - still).ravel() / step)
+            asked.append((at(o, d, one) - there).ravel() / step)
+    solve, move = np.linalg.pinv(np.stack(trained, -1)), np.stack(asked, -1)
+    squares = np.zeros(len(pixels))
+    draws = 200
+    for _ in range(draws):
+        vector = small * roots @ rng.normal(size=len(roots))
+        off = (seen(vector, one)[2] - there).ravel() - move @ (solve @ (seen(vector, depth)[2] - still).ravel())
+        squares += (off.reshape(-1, 2) ** 2).sum(-1) / small**2
+    found = float(np.sqrt(squares.mean() / draws))
+    predicted = float(np.sqrt((field.at(pixels[:, :1], pixels[:, 1:], 0.5) ** 2).mean()))
+    assert abs(found / predicted - 1) < 0.2  # 200 draws of few numbers, and the motion of 150 of the corners
+
+
+def test_what_moves_no_ray_in_air_is_loose_under_water() -> None:
+    """Where a dome's centre is: in air the views hardly care, under water it is what matters most."""
+    session = read_session(FIXTURES / "wet-dome")
+    vague = {name: replace(n, sigma=0.002) if name.startswith("centre") else n for name, n in session.cover.parameters.items()}
+    tight, wide = (immerse(fit(one), WATER) for one in (session, replace(session, cover=Cover("dome", vague))))
+    assert max(wide.before_px) < 0.02
+    assert min(wide.after_px) > 2 * max(tight.after_px)
+    assert wide.unknown
+    assert wide.loose[0].name == "centre"
+    assert max(wide.loose[0].sigma_px) < 0.2 * min(wide.after_px)
+
+
+def test_no_number_of_an_uneven_cover_is_surer_than_it_was_declared(dry: Calibration) -> None:
+    wet = immersed(dry, WATER)
+    declared = {name: number.sigma for name, number in dry.declared.cover.parameters.items() if number.sigma}
+    assert declared
+    for name, sigma in declared.items():
+        assert wet.cover.parameters[name].sigma == pytest.approx(sigma)
+        assert dry.cover.parameters[name].sigma <= sigma * 1.01
+    smooth = replace(dry, relief=None, amplitudes=np.zeros((0, 0)))
+    count = smooth.camera_model().parameters.count
+    alone = replace(smooth, covariance=dry.covariance[-count:, -count:])
+    assert np.array_equal(immersed(alone, WATER).covariance, alone.covariance)
+
+
+def test_a_number_that_the_fit_held_is_as_sure_as_its_kind() -> None:
+    """Not as sure as exact: it was declared without a sigma, and held since the views say nothing against it."""
+    numbers = {name: Number(number.value, exact=name == "thickness") for name, number in paper_cone().parameters.items()}
+    made = scene(5, views=12, noise=0.1)
+    told = Setup(made.board, CAMERA, INTRINSICS, Cover("cone", numbers))
+    held = calibrated(made, told, Settings(grid=(4, 4), free=(NONE,)))
+    assert not any(number.sigma for number in held.cover.parameters.values())
+    assert all_free(held) is held
+    freed = all_free(replace(held, settings={**held.settings, "free": [AUTO]}))
+    still = {name for name, number in freed.cover.parameters.items() if not number.sigma}
+    assert still == {"thickness", "outside_index"}
+    assert max(immerse(freed, WATER).after_px) > 3 * max(immerse(held, WATER).after_px)
+    assert all_free(freed) is freed
+
+
+@pytest.mark.slow
+@each_shape
+def test_a_calibration_in_air_is_as_good_under_water_as_it_says(shape: str) -> None:
+    """`python -m benchmarks.immerse` prints these, and the figures of docs/immersing.md."""
+    folder = FIXTURES / f"wet-{shape}"
+    dry = fit(read_session(folder))
+    put = immerse(dry, WATER)
+    error = map_error(put.calibration, folder / "water" / "truth.npz", near=40.0)
+    for depth, px in error.by_depth.items():
+        print(f"{shape}: {px:.3f} px at {depth:g} m, {error.predicted[depth]:.3f} expected")
+        assert px < 1.25 * error.predicted[depth]
+    water = read_session(folder / "water")
+    before, after = (evaluate(one, water).rms_px for one in (dry, put.calibration))
+    assert after < 0.1
+    assert after < before / 5
+
+
+def test_effects_that_were_accepted_go_with_it() -> None:
+    base = true_calibration("flat")
+    numbers = (("cover_offset.distance", CoverOffset(("cover.distance",)), 0.002), ("refractive_index.refractive_index", None, 0.01))
+    (name, offset, by), (other, _, more) = numbers
+    assert offset
+    effects = (
+        AddedEffect(offset, {name: (np.array(by), np.array(0.0))}),
+        AddedEffect(RefractiveIndex(("cover.refractive_index",)), {other: (np.array(more), np.array(0.0))}),
+    )
+    moved = {**GLASS["flat"], "distance": WINDOW.place + by, "refractive_index": INDEX + more, "outside_index": 1.34}
+    plain = replace(base, cover=Cover("flat", {key: Number(value) for key, value in moved.items()}))
+    pixels = np.random.default_rng(1).uniform(0, 600, (50, 2))
+    found = immersed(replace(base, effects=effects), WATER).rays(pixels)
+    assert all(np.allclose(a, b, atol=1e-14) for a, b in zip(found, plain.rays(pixels), strict=True))
+
+
+def test_a_window_that_the_diagnosis_found_is_to_be_described() -> None:
+    base = replace(lens_alone(scene(1, views=1), 820, 616, 640.0, 640.0, 410.0, 308.0))
+    effect = AddedEffect(
+        FlatPort("air"), {f"flat_port.{name}": (np.array(0.001), np.array(0.0)) for name in ("tilt.x", "tilt.y", "thickness")}
+    )
+    with pytest.raises(InputError, match=r"describe it under cover in session\.yaml, with its distance_mm"):
+        immersed(replace(base, effects=(effect,)), WATER)
+
+
+def test_without_a_cover_there_is_nothing_to_do() -> None:
+    with pytest.raises(InputError, match="this calibration has no cover, and what water does is done at a window or dome"):
+        immersed(lens_alone(scene(1, views=1), 820, 616, 640.0, 640.0, 410.0, 308.0), WATER)
+
+
+def test_a_glass_that_lets_no_light_out_is_refused(dry: Calibration) -> None:
+    thick = replace(dry.cover.parameters["refractive_index"], value=2.9)
+    dense = replace(
+        dry, cover=replace(dry.cover, parameters={**dry.cover.parameters, "refractive_index": thick, "inner_radius": Number(1e-3)})
+    )
+    with pytest.raises(InputError, match="no ray of this camera leaves its cover into an index of 1"):
+        immerse(dense, Number(1.0))
+
+
+@pytest.mark.parametrize(
+    ("temperature", "index"),
+    [(14, 1.33348), (16, 1.33333), (18, 1.33317), (20, 1.33299), (22, 1.33281), (24, 1.33262), (26, 1.33241), (28, 1.33219), (30, 1.33192)],
+)
+def test_the_index_of_fresh_water(temperature: float, index: float) -> None:
+    """CRC Handbook of Chemistry and Physics: index of refraction of water against air, sodium light."""
+    assert abs(index_of_water(0, temperature, 589.3) - index) < 4e-5
+
+
+def test_the_index_of_sea_water() -> None:
+    """35 per mille at 20 degrees C raise it by 0.0064, blue light by more than red."""
+    assert abs(index_of_water(35, 20, 589.3) - index_of_water(0, 20, 589.3) - 0.0064) < 1e-4
+    assert index_of_water(35, 20, 450) > index_of_water(35, 20, 550) > index_of_water(35, 20, 650)
+
+
+@pytest.fixture(scope="module")
+def saved(dry: Calibration, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("dry")
+    dry.save(folder)
+    return folder
+
+
+def test_the_command(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its calibration has sigma and maps like any other, and says what it is where views are asked for."""
+    assert main(["immerse", str(saved), "--salinity", "35", "--depth", "0.5", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert set(said) == {"outside_index", "maps", "known", "loose", "remarks", "written"}
+    assert said["outside_index"] == {"value": pytest.approx(index_of_water(35, 15, 550)), "sigma": 0.001}
+    (row,) = said["maps"]
+    assert row["depth_m"] == 0.5
+    assert row["sigma_px"] > row["sigma_before_px"] > 0
+    assert said["known"] is (row["sigma_px"] <= UNKNOWN)
+    assert [Path(path).name for path in said["written"]] == ["calibration.yaml", "rays.npz", "map_0.5m.npz"]
+    folder = saved / "immersed"
+    wet = Calibration.load(folder)
+    assert wet.corners_at.shape == corners_at(Calibration.load(saved)).shape
+    with np.load(folder / "map_0.5m.npz") as file:
+        assert np.nanmedian(file["sigma"]) > 0
+    assert main(["export", str(folder), "--format", "npz", "--depth", "1", "-o", str(folder / "maps")]) == 0
+    assert main(["report", "--no-open", str(folder)]) == 3
+    assert "the calibration keeps no views" in capsys.readouterr().err
+
+
+def test_the_command_tells_people(saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["immerse", str(saved), "--outside-index", "1.34", "--index-sigma", "0.02", "-o", str(tmp_path / "wet")]) == 0
+    out, err = capsys.readouterr()
+    assert "outside index 1.34 ± 0.02" in " ".join(out.split())
+    assert "the views do not tell all that matters there: at 0.3, 0.5, 1 m the maps are known to" in err
+    assert "measure its salinity and temperature, and write --index-sigma" in err
+    assert main(["immerse", str(tmp_path / "wet"), "--outside-index", "1", "-o", str(tmp_path / "dry")]) == 0
+    pixels = np.random.default_rng(1).uniform(100, 2300, (50, 2))
+    back, first = (Calibration.load(folder).rays(pixels) for folder in (tmp_path / "dry", saved))
+    assert all(np.array_equal(one, other) for one, other in zip(back, first, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ([], "what is outside is not said: write --outside-index 1.34, or --salinity 35"),
+        (["--outside-index", "1.34", "--temperature", "10"], "--outside-index says it all"),
+        (["--outside-index", "0.9"], "write a number from 1 to 2"),
+        (["--salinity", "nan"], "write a number from 0 to 35"),
+        (["--temperature", "40"], "write a number from 0 to 30"),
+        (["--wavelength", "0.55"], "write a number from 400 to 700"),
+    ],
+)
+def test_wrong_options_get_their_sentence(saved: Path, capsys: pytest.CaptureFixture[str], words: list[str], says: str) -> None:
+    try:
+        code: object = main(["immerse", str(saved), *words])
+    except SystemExit as ended:
+        code = ended.code
+    assert code == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert says in err
+
+
+def test_an_effect_without_a_cause_is_told_of(dry: Calibration) -> None:
+    path, values = dry.model()
+    (field, *_) = FreeField.propose(Surroundings(dry.board, dry.camera.width, dry.camera.height, path, values))
+    nothing = {unknown.param.name: (np.zeros(unknown.param.shape), np.zeros(unknown.param.shape)) for unknown in field.unknowns}
+    mended = replace(dry, covariance=np.zeros((0, 0)), effects=(AddedEffect(field, nothing),))
+    assert immerse(mended, WATER).unexplained == ("free_field",)
+    assert immerse(dry, WATER).unexplained == ()
