@@ -58,12 +58,14 @@ def without_each(at: Optimum, part: NDArray[np.int64]) -> list[JointFit]:
         promised = float((vector - here) @ hessian @ (vector - here))
         gained = float((before - problem.by_view(problem.parameters.vector(values), step.poses))[~out].sum())
         gained += float(here @ precision @ here - vector @ precision @ vector)
-        found.append(step if abs(gained - promised) <= AMISS * parameters.count else _fitted(at, step, out))
+        if not abs(gained - promised) <= AMISS * parameters.count:  # true of what is not a number
+            step = _fitted(at, step if gained > 0 else at.joint, out)
+        found.append(step)
     return found
 
 
-def _fitted(at: Optimum, step: JointFit, out: Tensor) -> JointFit:
-    rest = at.model.fitted(at.observations.without(out), at.joint.poses[~out], at.joint.start)
-    poses = step.poses.clone()
+def _fitted(at: Optimum, begin: JointFit, out: Tensor) -> JointFit:
+    rest = at.model.fitted(at.observations.without(out), begin.poses[~out], begin.start)
+    poses = at.joint.poses.clone()
     poses[~out] = rest.poses
     return replace(rest, poses=poses)

@@ -49,6 +49,7 @@ class CollectScreen(Page):
         Binding("a", "automatic", "Auto"),
         Binding("n", "cover_on", "Cover on"),
         Binding("f", "fit", "Fit"),
+        Binding("n", "none_yet", show=False),
         Binding("f", "not_yet", show=False),
         Binding("c", "again", "Camera again"),
         DOTS,
@@ -359,6 +360,15 @@ class CollectScreen(Page):
     def action_not_yet(self) -> None:
         """Where a fit is not offered."""
         self._say("The fit comes after the views through the cover." if self.plan.bare else NO_LENS, LACKING_S)
+
+    def action_none_yet(self) -> None:
+        """Where the cover is not to be put on."""
+        said = (
+            "The cover comes on once there are views without it: none is taken yet."
+            if self.plan.bare
+            else "n ends the views without the cover; f fits these."
+        )
+        self._say(said, LACKING_S)
 
     def _close(self) -> None:
         if self._watch:

@@ -57,8 +57,10 @@ class ExportScreen(ModalScreen[str]):
             self.sentence = sentence
             self.written = written
 
-    def __init__(self, session: Path, calibration: Path) -> None:
+    def __init__(self, session: Path, calibration: Path, depth: float = 1.0) -> None:
+        """`depth`, in metres, is proposed."""
         super().__init__()
+        self._depth = depth
         self._calibration = calibration
         self._folder = session / "export"
         self._wrote = ""
@@ -69,7 +71,7 @@ class ExportScreen(ModalScreen[str]):
         with Vertical(id="box"):
             yield Static(ABOUT, markup=False)
             yield Static()
-            yield _row("depths in metres", Field("1.0", id="depths", compact=True))
+            yield _row("depths in metres", Field(f"{self._depth:g}", id="depths", compact=True))
             forms = [(f"{form.name:<12}{form.brief or form.summary}", form.name) for form in FORMATS]
             yield _row("form", Select(forms, value=FORMATS[0].name, allow_blank=False, id="form", compact=True))
             yield _row("folder", Field(str(self._folder), id="folder", compact=True))

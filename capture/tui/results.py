@@ -229,9 +229,9 @@ class ResultsScreen(Page):
         self.post_message(self.FitAgain(self))
 
     def action_export(self) -> None:
-        self.app.push_screen(
-            ExportScreen(self.session, Path(self.result["calibration"])), lambda wrote: self._say(wrote) if wrote else None
-        )
+        middle = [one["depth_m"] for one in self.result["sigma_px"]][1:2]  # where most corners are
+        screen = ExportScreen(self.session, Path(self.result["calibration"]), *middle)
+        self.app.push_screen(screen, lambda wrote: self._say(wrote) if wrote else None)
 
     def action_report(self) -> None:
         calibration = Path(self.result["calibration"])

@@ -35,14 +35,14 @@ from capture.tui.opening import OpeningScreen
 from capture.tui.page import TYPING, Field, Page, onward, typed
 from capture.wrong_folder import check_folder, doubt, half
 
-SOURCE_HELP = "Where pictures come from: v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE."
+SOURCE_HELP = "Where pictures come from: v4l2:/dev/video0, libcamera:0, rpicam:0, video:FILE, or folder:PATH (pictures, or a session)."
 LIKE_HELP = "Another session, its folder: board, cover and lens are taken from there. May stay empty."
 PHASE_HELP = "First without the cover, to find the lens; then through it, without touching the focus."
 OPENS = " enter opens the list, tab goes on."
 COVER_ON = "NOW PUT THE COVER ON, and leave the focus alone. "
 LIVE = "Then enter on Start."
 PLAYED = "Name the source of the pictures through it, then ^s."
-BOTH = "This session has pictures through it too: ^s goes on with those."
+BOTH = "The source is a session that has pictures through it as well: ^s goes on with those."
 BOARDS = {
     "checkerboard": {"columns": "9", "rows": "6"},
     "charuco": {"columns": "9", "rows": "6", "dictionary": "DICT_4X4_250", "legacy_pattern": "no"},
@@ -97,6 +97,8 @@ class SetupScreen(Page):
         """The help has just been read: everything stands as it was typed."""
         self._proposed: bool | None = None
         """To record without the cover: what the program chose last. None: nothing yet."""
+        self._refused = ""
+        """Why a start was refused, until the field is looked at that it led to."""
         self._shut = ("", "")
         """The source that could not be opened last, and why."""
 
@@ -165,6 +167,7 @@ class SetupScreen(Page):
             state = f"{self.session}: continued, {_views(self._taken(True))} without cover and {_views(self._taken(False))} through it."
             if fitted(self.session):
                 state += " It is fitted: ^o opens its results."
+            state += " What is grey stands in its session.yaml: correct it there."
             self.query_one("#like", Input).disabled = True
         elif not self.query("#board Input"):
             await self._begin_anew()
@@ -321,7 +324,8 @@ class SetupScreen(Page):
         listed = OPENS if isinstance(event.widget, Select) else ""
         self.query_one("#hint", Static).update(texts.get(key, explained(key, kind)) + listed)
         wrong = await self._wrong(widget) if isinstance(widget, Input) and widget.value else None
-        self._say(wrong or "")
+        self._say(wrong or self._refused)
+        self._refused = ""
 
     def action_onward(self) -> None:
         onward(self)
@@ -337,7 +341,7 @@ class SetupScreen(Page):
             await self._follow(self.query_one("#like", Input).value)
             task = self._read()
         except InputError as error:
-            self._say(str(error))
+            await self._lead(str(error))
             return
         if (said := doubt(task.source, covered=task.covered)) and said != self._doubted:
             self._doubted = said
@@ -352,6 +356,15 @@ class SetupScreen(Page):
         self._source = task.source
         if self.is_current:  # and not started by the same key already
             self.app.push_screen(CollectScreen(task), self._cover_on)
+
+    async def _lead(self, sentence: str) -> None:
+        """To the first field that will not do, and say why the start is refused."""
+        self._say(sentence)
+        for field in self.query(Input):
+            if not field.disabled and await self._wrong(field):
+                self._refused = sentence  # looking at a field says what is wrong with it, and of an empty one nothing
+                field.focus()
+                return
 
     def _cover_on(self, wanted: bool | None) -> None:
         """Back from recording without the cover, perhaps to go on through it."""

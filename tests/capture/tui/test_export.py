@@ -173,10 +173,10 @@ async def _late(session: Path, changed: Event) -> None:
         await pilot.press("ctrl+s")
         await see(pilot, "Being written", SOON_S)
         await pilot.press("end", "m")
-        await see(pilot, "'1.0m' is not a depth", SOON_S)
+        await see(pilot, "'1m' is not a depth", SOON_S)
         changed.set()
         await until(pilot, lambda: any("Wrote map_1m.npz" in each.message for each in pilot.app._notifications), SOON_S)
-        assert "'1.0m' is not a depth" in shown(pilot)
+        assert "'1m' is not a depth" in shown(pilot)
 
 
 def test_the_last_export_is_the_one_that_is_told_of(tmp_path: Path, asked: list[Sequence[str]]) -> None:

@@ -137,7 +137,7 @@ async def _both_halves(session: Path, brief: Path) -> None:
         await see(pilot, "no more pictures. Press n to go on")
         assert not (session / "frames").exists()
         await pilot.press("n")
-        await see(pilot, "This session has pictures through it too: ^s goes on with those.")
+        await see(pilot, "pictures through it as well: ^s goes on with those.")
         await pilot.press("ctrl+s")
         await see(pilot, "THROUGH COVER")
         await see(pilot, "no more pictures. Press f to fit")
