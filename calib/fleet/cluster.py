@@ -43,6 +43,7 @@ SETTINGS = {
     "distributed.worker.memory.pause": False,
     "distributed.worker.memory.terminate": 0.95,
     "distributed.worker.daemon": True,
+    "distributed.worker.profile.enabled": False,  # it would stop the fit a hundred times a second to look at it
 }
 
 
@@ -97,7 +98,8 @@ def client_of(place: Place, fleet: Path) -> Iterator[Client]:
 
 def local_workers(place: Place) -> tuple[int, int]:
     """How many on this machine, and bytes for each: one a core, as far as the memory reaches."""
-    from distributed.system import CPU_COUNT, MEMORY_LIMIT
+    from dask.system import CPU_COUNT
+    from distributed.system import MEMORY_LIMIT
 
     workers = place.workers or max(1, min(CPU_COUNT, MEMORY_LIMIT // (place.memory or FIT_BYTES)))
     return workers, place.memory or MEMORY_LIMIT // workers

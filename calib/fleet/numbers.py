@@ -17,7 +17,7 @@ USUAL_DEPTH = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """A number with its standard deviation: 0 where it has none, as a held number."""
+    """A number with its standard deviation: 0 where it has none, as an error."""
 
     value: float
     sigma: float
@@ -36,7 +36,7 @@ class Moved:
 
 
 def numbers(first: Calibration, last: Calibration, depth: float) -> dict[str, Measured]:
-    """By the names of calib.fleet.limits; what the fit does not have is left out.
+    """By the names of calib.fleet.limits; what the fit does not have, or held as it is declared, is left out.
 
     Args:
         first: as fitted. Its errors are compared: an effect that was added would hide what it was added for.
@@ -52,7 +52,7 @@ def numbers(first: Calibration, last: Calibration, depth: float) -> dict[str, Me
         "relief_um": 1e6 * height_spread(*first.model(), first.observations) if first.relief else math.nan,
     }
     found = {name: Measured(value, 0.0, name.rpartition("_")[2].replace("um", "µm")) for name, value in quality.items()}
-    found |= {one.name: Measured(one.estimate, one.sigma, one.unit) for one in comparisons(last)}
+    found |= {one.name: Measured(one.estimate, one.sigma, one.unit) for one in comparisons(last) if one.sigma > 0}
     return {name: one for name, one in found.items() if math.isfinite(one.value)}
 
 
