@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from html import escape
 
 import numpy as np
@@ -19,7 +19,7 @@ COLOURS = 5
 """Batches that are told apart by colour: --series-0 and on, of the report's style."""
 NAMED = 8
 """Outliers that are named within one chart; more would cover each other."""
-LETTER = 6.4
+LETTER = 7.4
 """px of a name's letter."""
 LINE = 12.0
 """px between names, one above the other."""
@@ -85,17 +85,22 @@ def chart_svg(chart: Chart, fleet: Fleet, colour: Mapping[str, int], labels: Seq
     known = np.flatnonzero(np.isfinite(value))
     centres = [batch.centre for batch in chart.batches] or [float(chart.centre[known[0]])]
     limits = [chart.limits(centre) for centre in centres]
+    scale = np.log if chart.one_sided else np.asarray
     usual = value[known][~out[known]]
-    low, high = min(low for low, _ in limits), max(high for _, high in limits)
-    low = float(usual.min()) if chart.one_sided and len(usual) else low
+    least = [float(usual.min()) if len(usual) else min(centres)] if chart.one_sided else [low for low, _ in limits]
+    low, high = (float(scale(end)) for end in (min(least), max(high for _, high in limits)))
     low, high = low - 0.25 * (high - low), high + 0.25 * (high - low)
     count = len(value)
 
     def across(index: int) -> float:
         return LEFT + (WIDTH - LEFT - RIGHT) * (index + 0.5) / count
 
+    def up(number: float) -> float:
+        """Of the field: 0 at its bottom, 1 at its top."""
+        return (float(scale(number)) - low) / (high - low)
+
     def down(number: float) -> float:
-        return TOP + (HEIGHT - TOP - BOTTOM) * (1 - min(1.0, max(0.0, (number - low) / (high - low))))
+        return TOP + (HEIGHT - TOP - BOTTOM) * (1 - min(1.0, max(0.0, up(number))))
 
     lines = "".join(_lines(chart, centres, limits, colour, down))
     dots: dict[int, list[str]] = {}
@@ -107,7 +112,7 @@ def chart_svg(chart: Chart, fleet: Fleet, colour: Mapping[str, int], labels: Seq
         for one, parts in dots.items()
     )
     beyond = [(index, across(index), down(value[index])) for index in np.flatnonzero(out).tolist()]
-    marks = "".join(_linked(fleet, i, _mark(x, y, value[i], low, high, _title(said_of(fleet, i)))) for i, x, y in beyond)
+    marks = "".join(_linked(fleet, i, _mark(x, y, up(value[i]), _title(said_of(fleet, i)))) for i, x, y in beyond)
     far = sorted(beyond, key=lambda one: -abs(chart.spreads[one[0]]))[:NAMED]
     names = "".join(_names([(fleet.entries[i].id, x, y) for i, x, y in far]))
     return (
@@ -117,9 +122,8 @@ def chart_svg(chart: Chart, fleet: Fleet, colour: Mapping[str, int], labels: Seq
 
 
 def _lines(
-    chart: Chart, centres: Sequence[float], limits: Sequence[tuple[float, float]], colour: Mapping[str, int], down: object
+    chart: Chart, centres: Sequence[float], limits: Sequence[tuple[float, float]], colour: Mapping[str, int], down: Callable[[float], float]
 ) -> Iterator[str]:
-    assert callable(down)
     names = [batch.name for batch in chart.batches] or [""]
     written: list[float] = []
     for name, centre, (low, high) in zip(names, centres, limits, strict=True):
@@ -138,12 +142,12 @@ def _short(number: float, span: float) -> str:
     return f"{number:.{min(places, 5)}f}"
 
 
-def _mark(x: float, y: float, number: float, low: float, high: float, title: str) -> str:
-    """A dot, or at the chart's edge an arrow to where the dot would be."""
-    if low <= number <= high:
+def _mark(x: float, y: float, up: float, title: str) -> str:
+    """A dot, or at the field's edge an arrow to where the dot would be."""
+    if 0 <= up <= 1:
         return f'<circle class="out" cx="{x:.1f}" cy="{y:.1f}" r="4.5">{title}</circle>'
-    up = -1 if number > high else 1
-    return f'<path class="out" d="M{x:.1f} {y + 6 * up:.1f}l6 {-10 * up}h-12z">{title}</path>'
+    way = -1 if up > 1 else 1
+    return f'<path class="out" d="M{x:.1f} {y + 6 * way:.1f}l6 {-10 * way}h-12z">{title}</path>'
 
 
 def _names(marks: Sequence[tuple[str, float, float]]) -> Iterator[str]:

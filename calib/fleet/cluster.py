@@ -33,6 +33,8 @@ QUEUES = {
 """Of dask-jobqueue."""
 FIT_BYTES = 2 << 30
 """What one camera may need: 0.44 GB were measured for twenty views of corners, and pictures are decoded one a thread."""
+CONNECT_S = 30
+"""How long a scheduler may take to answer."""
 OWN_DEATHS = 20
 """Deaths of workers that a local cluster takes for somebody else's fault, before it gives a camera up."""
 SETTINGS = {
@@ -84,7 +86,7 @@ def client_of(place: Place, fleet: Path) -> Iterator[Client]:
         warnings.simplefilter("ignore")  # of ports in use, of other versions of Python
         if place.scheduler:
             try:
-                client = Client(place.scheduler, timeout=30)
+                client = Client(place.scheduler, timeout=CONNECT_S)
             except (OSError, ValueError, TimeoutError) as error:
                 said = f"No scheduler answers at {brief(place.scheduler)} ({brief(error)})"
                 raise InputError(f"{said}: start one by 'dask scheduler', and give its address.") from error

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import kruskal, t
 
-from calib.fleet.limits import QUALITY
+from calib.fleet.limits import EFFECTIVE, QUALITY
 
 Array = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ def charts(numbers: Sequence[Mapping[str, tuple[float, float, str]]], factors: M
         factors: fixture and date: each camera's, empty where it is not known.
     """
     names = list(dict.fromkeys(name for own in numbers for name in own))
-    order = {name: place for place, name in enumerate(QUALITY)}
+    order = {name: place for place, name in enumerate((*QUALITY, *EFFECTIVE))}
     names.sort(key=lambda name: order.get(name, len(order)))  # the numbers of camera and cover stay in the order of their fits
     columns = {name: np.array([own.get(name, (np.nan, 0.0, ""))[:2] for own in numbers], dtype=np.float64) for name in names}
     kept = [name for name, column in columns.items() if _varies(column[:, 0])]

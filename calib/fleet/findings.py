@@ -27,6 +27,8 @@ TITLES = {
     "noise_px": "noise of the corners",
     "sigma_px": "sigma of the maps",
     "relief_um": "unevenness of the glass",
+    "effective_fx": "effective focal length, x",
+    "effective_fy": "effective focal length, y",
     "camera.fx": "focal length, x",
     "camera.fy": "focal length, y",
     "camera.cx": "principal point, x",

@@ -14,10 +14,14 @@ from calib.session.lens import NAMES
 
 QUALITY = ("error_px", "held_out_px", "noise_px", "sigma_px", "relief_um")
 """How good a fit is, and how uneven its glass: each above 0, and better where it is less."""
+EFFECTIVE = ("effective_fx", "effective_fy")
+"""px, the focal length of the rays beyond the cover, across the middle half of the picture. What a fit shares out among lens, cover and
+relief is told apart only as well as its views tell them; these are what all of them make together."""
 NUMBERED = tuple(
     dict.fromkeys(
         (
             *QUALITY,
+            *EFFECTIVE,
             *(f"camera.{quantity.key}" for quantity in PINHOLE),
             *(f"camera.{name}" for names in NAMES.values() for name in names),
             *(f"cover.{name}" for quantities in SHAPES.values() for quantity in quantities for name in quantity.names),

@@ -6,9 +6,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
+import numpy as np
+
 from calib.calibration import Calibration
 from calib.estimation.relief_heights import height_spread
 from calib.fitting.declared import comparisons
+from calib.fleet.limits import EFFECTIVE
 from calib.verdict.sureness import map_sigmas
 
 USUAL_DEPTH = 1.0
@@ -52,8 +55,19 @@ def numbers(first: Calibration, last: Calibration, depth: float) -> dict[str, Me
         "relief_um": 1e6 * height_spread(*first.model(), first.observations) if first.relief else math.nan,
     }
     found = {name: Measured(value, 0.0, name.rpartition("_")[2].replace("um", "µm")) for name, value in quality.items()}
+    found |= {name: Measured(value, 0.0, "px") for name, value in zip(EFFECTIVE, effective_focal(last), strict=True)}
     found |= {one.name: Measured(one.estimate, one.sigma, one.unit) for one in comparisons(last) if one.sigma > 0}
     return {name: one for name, one in found.items() if math.isfinite(one.value)}
+
+
+def effective_focal(calibration: Calibration) -> tuple[float, float]:
+    """px, across and down: of the pinhole that would see the middle half of the picture under the angle that its outermost rays enclose."""
+    size = np.array([calibration.camera.width, calibration.camera.height])
+    half = np.diag(size) / 4
+    _, seen = calibration.rays(size / 2 - 0.5 + np.concatenate([-half, half]))
+    apart, together = (np.linalg.norm(both, axis=1) for both in (seen[:2] - seen[2:], seen[:2] + seen[2:]))
+    across, down = size / 4 * together / apart  # over the tangent of half of each angle
+    return float(across), float(down)
 
 
 def moved(prior: Calibration, now: Calibration) -> dict[str, Moved]:

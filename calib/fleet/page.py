@@ -22,7 +22,7 @@ OPEN = 60
 """Cameras, up to which the list of all of them is open."""
 LISTED = 12
 """Cameras that are listed beside an effect."""
-NAMES = {word.value: word.value.replace("_", " ") for word in Word}
+NAMES = {Word.TRUSTED.value: "trusted", Word.CARE.value: "to be taken with care", Word.DO_NOT_USE.value: "not to be used"}
 
 
 def fleet_page(fleet: Fleet, name: str) -> str:
@@ -75,11 +75,12 @@ def headline(fleet: Fleet) -> str:
 
 def _lead(fleet: Fleet) -> str:
     states = Counter(result.state for result in fleet.results)
+    count = states[State.CALIBRATED]
     words = Counter(str(result.verdict.get("word")) for result in fleet.results if result.state is State.CALIBRATED)
-    said = f"{states[State.CALIBRATED]} cameras are calibrated: " + ", ".join(
+    said = f"{count} camera{'s are' if count != 1 else ' is'} calibrated: " + ", ".join(
         f"{words[word]} {NAMES[word]}" for word in NAMES if words[word]
     )
-    lost = len(fleet.results) - states[State.CALIBRATED]
+    lost = len(fleet.results) - count
     without = f"; {lost} {'have' if lost > 1 else 'has'} no calibration" if lost else ""
     return (
         f"{said}{without}. Limits come from the fleet itself, by medians: of {1 / ALPHA:.0f} fleets without a fault, one would have a "
@@ -193,12 +194,22 @@ def _all_html(fleet: Fleet) -> str:
             _camera(fleet, index),
             escape(NAMES.get(str(result.verdict.get("word")), result.state.value.replace("_", " "))),
             str(result.views or ""),
-            *(_number(result, name) for name in ("error_px", "held_out_px", "noise_px", "sigma_px", "camera.fx")),
+            *(_number(result, name) for name in ("error_px", "held_out_px", "noise_px", "sigma_px", "effective_fx")),
             f"{max((abs(one.sigmas) for one in result.moved.values()), default=0.0):.1f}" if result.moved else "",
         )
         for index, result in enumerate(fleet.results)
     ]
-    head = ("camera", "verdict", "views", "left, px", "held out, px", "noise, px", "sigma, px", "focal length, px", "moved, sigmas")
+    head = (
+        "camera",
+        "verdict",
+        "views",
+        "left, px",
+        "held out, px",
+        "noise, px",
+        "sigma, px",
+        "effective focal length, px",
+        "moved, sigmas",
+    )
     opened = " open" if len(rows) <= OPEN else ""
     return f"<details{opened}><summary>{len(rows)} cameras</summary>{table(head, rows)}</details>"
 

@@ -27,17 +27,17 @@ def session(recorded: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(recorded / LINE.name(0), tmp_path / "session"))
 
 
-def job(session: Path | str, tmp_path: Path, asked: Asked = ASKED, **more: str) -> Job:
-    return Job(Entry("a", str(session), **more), asked, str(tmp_path / "fleet"))
+def job(session: Path | str, tmp_path: Path, asked: Asked = ASKED, prior: str = "") -> Job:
+    return Job(Entry("a", str(session), prior=prior), asked, str(tmp_path / "fleet"))
 
 
 def test_it_leaves_a_calibration_a_report_exports_and_one_json(session: Path, tmp_path: Path) -> None:
-    result = run_job(job(session, tmp_path, Asked(QUICK, (0.5,), ("opencv", "npz"))))
+    result = run_job(job(session, tmp_path, Asked(QUICK, (0.5,), ("stmap", "npz"))))
     assert (result.state, result.sentence, result.views) == (State.CALIBRATED, "", 5)
     folder = tmp_path / "fleet" / "cameras" / "a"
     names = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
     assert {"calibration.yaml", "calibration.npz", "rays.npz", "map_0.5m.npz", "report.html", "npz/map_0.5m.npz"} <= names
-    assert any(name.startswith("opencv/") for name in names)
+    assert any(name.startswith("stmap/") for name in names)
     assert {f"cameras/a/{name}" for name in names} >= set(result.written)
     assert Calibration.load(folder).settings["made_by"]["session"] == str(session)
     assert result.numbers["error_px"].value == Calibration.load(folder).stages[-1].rms_px
@@ -145,6 +145,7 @@ def test_a_camera_is_checked_against_its_prior(recorded: Path, tmp_path: Path) -
     assert "does not exist" in remark
 
 
+@pytest.mark.slow
 def test_a_camera_whose_verdict_asks_for_it_is_diagnosed(tmp_path: Path) -> None:
     line = replace(LINE, views=14, broken=("stretched-board",))
     number = next(number for number in range(line.cameras) if line.fault(number))
