@@ -91,12 +91,15 @@ class Chart:
         return np.asarray(far)
 
 
-def charts(numbers: Sequence[Mapping[str, tuple[float, float, str]]], factors: Mapping[str, Sequence[str]]) -> tuple[Chart, ...]:
+def charts(
+    numbers: Sequence[Mapping[str, tuple[float, float, str]]], factors: Mapping[str, Sequence[str]], alpha: float = ALPHA
+) -> tuple[Chart, ...]:
     """A chart of every number that FEWEST cameras have and that is not the same for all.
 
     Args:
         numbers: of each camera, by name: value, standard deviation, unit.
         factors: fixture and date: each camera's, empty where it is not known.
+        alpha: the chance of a false alarm, over all of them.
     """
     names = list(dict.fromkeys(name for own in numbers for name in own))
     order = {name: place for place, name in enumerate((*QUALITY, *EFFECTIVE))}
@@ -106,7 +109,7 @@ def charts(numbers: Sequence[Mapping[str, tuple[float, float, str]]], factors: M
     tests = sum(int(np.isfinite(columns[name][:, 0]).sum()) for name in kept)
     units = {name: unit for own in numbers for name, (_, _, unit) in own.items()}
     groups = {factor: np.array(labels) for factor, labels in factors.items() if len(set(labels) - {""}) > 1}
-    return tuple(_chart(name, units[name], columns[name], groups, tests, len(kept)) for name in kept)
+    return tuple(_chart(name, units[name], columns[name], groups, alpha / tests, len(kept)) for name in kept)
 
 
 def _varies(values: Array) -> bool:
@@ -114,7 +117,7 @@ def _varies(values: Array) -> bool:
     return len(known) >= FEWEST and bool(np.ptp(known) > 0)
 
 
-def _chart(name: str, unit: str, column: Array, groups: Mapping[str, NDArray], tests: int, count: int) -> Chart:
+def _chart(name: str, unit: str, column: Array, groups: Mapping[str, NDArray], rate: float, count: int) -> Chart:
     value, sigma = column.T
     above = name in QUALITY
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -135,7 +138,6 @@ def _chart(name: str, unit: str, column: Array, groups: Mapping[str, NDArray], t
     each = np.sqrt(spread**2 + np.maximum(0.0, own**2 - usual))
     with np.errstate(divide="ignore", invalid="ignore"):
         spreads = np.where(off == 0, 0.0, np.clip(off / each, -FARTHEST, FARTHEST))
-    rate = ALPHA / tests
     threshold = float(t.isf(rate if above else rate / 2, max(1.0, EFFICIENCY * (int(known.sum()) - 1))))
     centre = np.exp(middle) if above else middle
     return Chart(name, unit, value, sigma, centre, spread, spreads, threshold, factor if batches else "", batches, p_value)

@@ -71,21 +71,25 @@ class Fleet:
 
 
 def judge_fleet(entries: Sequence[Entry], results: Mapping[str, Result]) -> Fleet:
-    """What stands out of these cameras, each of which has its result."""
+    """What stands out of these cameras, each of which has its result.
+
+    The false alarms are shared out over what is asked: the charts, the numbers that moved, and the checks of priors.
+    """
     ordered = sorted(entries, key=lambda entry: entry.date or results[entry.id].recorded)
     own = [results[entry.id] for entry in ordered]
     days = [entry.date or result.recorded for entry, result in zip(ordered, own, strict=True)]
     numbers = [{name: (one.value, one.sigma, one.unit) for name, one in result.numbers.items()} for result in own]
-    drawn = charts(numbers, {"fixture": [entry.fixture for entry in ordered], "date": days})
     compared = sum(len(result.moved) for result in own)
-    beyond = float(norm.isf(ALPHA / 2 / max(1, compared)))
-    effects = Counter(effect for result in own for effect in result.effects)
     checked = sum(bool(result.check) for result in own)
+    alpha = ALPHA / (1 + bool(compared) + bool(checked))
+    drawn = charts(numbers, {"fixture": [entry.fixture for entry in ordered], "date": days}, alpha)
+    beyond = float(norm.isf(alpha / 2 / max(1, compared)))
+    effects = Counter(effect for result in own for effect in result.effects)
     found: dict[str, tuple[Finding, ...]] = {}
     for index, (entry, result) in enumerate(zip(ordered, own, strict=True)):
         reasons = [
             *_by_itself(entry, result),
-            *_against_prior(result, beyond, checked),
+            *_against_prior(result, beyond, alpha / max(1, checked)),
             *_among(index, drawn),
             *_effects(result, effects, len(own)),
         ]
@@ -113,9 +117,9 @@ def _by_itself(entry: Entry, result: Result) -> Iterator[Finding]:
             yield Finding(FOUND, remark[0].lower() + remark[1:].rstrip("."))
 
 
-def _against_prior(result: Result, beyond: float, checked: int) -> Iterator[Finding]:
+def _against_prior(result: Result, beyond: float, alarm: float) -> Iterator[Finding]:
     answer = result.check
-    if answer and answer["answer"] != Answered.VALID.value and not (answer["p_value"] or 0.0) > ALPHA / checked:
+    if answer and answer["answer"] != Answered.VALID.value and not (answer["p_value"] or 0.0) > alarm:
         changes = " or ".join(change["sentence"] for change in answer["changes"][:2])
         added = f", which adds {answer['added_px']:.2g} px" if answer["added_px"] is not None else ""
         lacking = " (its prior shows that as well)" if answer["lacking"] else ""

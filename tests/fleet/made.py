@@ -1,5 +1,7 @@
 """Results of fleets that nobody calibrated, for the page."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from calib.fleet.findings import Fleet, judge_fleet
@@ -25,11 +27,11 @@ def result(rng: np.random.Generator, camera: str, *, moved: bool) -> Result:
     )
 
 
-def made(count: int, **changed: Result) -> Fleet:
+def made(count: int, changed: Mapping[str, Result] | None = None, seed: int = 0) -> Fleet:
     """Cameras c0, c1 and on, of two fixtures; some of them replaced."""
-    rng = np.random.default_rng(count)
+    rng = np.random.default_rng([count, seed])
     ids = [f"c{number}" for number in range(count)]
-    results = {camera: result(rng, camera, moved=number % 2 == 0) for number, camera in enumerate(ids)} | changed
+    results = {camera: result(rng, camera, moved=number % 2 == 0) for number, camera in enumerate(ids)} | dict(changed or {})
     entries = [
         Entry(camera, f"/sessions/{camera}", f"SN<{number}>", "", "AB"[number % 2], f"2026-05-{1 + 27 * number // count:02d}")
         for number, camera in enumerate(ids)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.fleet.control import ALPHA
 from calib.fleet.findings import Fleet, judge_fleet
 from calib.fleet.limits import Limit
 from calib.fleet.numbers import Measured, Moved
@@ -18,36 +19,35 @@ from calib.fleet.table import fleet_csv
 from tests.fleet.made import made, result
 from tests.report.test_chromium import CHROMIUM, DARK, browse
 
-PLAIN = result(np.random.default_rng(0), "", moved=True)
+
+def plain(camera: str, **changed: object) -> Result:
+    """A camera like the others, but for what is changed."""
+    return replace(result(np.random.default_rng(0), camera, moved=True), **changed)  # type: ignore[arg-type]
 
 
-def _with(name: str, value: float, sigma: float) -> dict[str, Measured]:
-    return {**PLAIN.numbers, name: Measured(value, sigma, "px")}
+def measured(name: str, value: float, sigma: float) -> dict[str, Measured]:
+    return {**plain("").numbers, name: Measured(value, sigma, "px")}
 
 
 CHANGE = {"sentence": "the focal length has changed by 3.0 ± 0.1 %", "name": "focal"}
 BROKEN = {"answer": "broken", "p_value": 0.0, "added_px": 4.2, "lacking": "", "changes": [CHANGE]}
+MOVED = {"camera.cx": Moved(100.0, 130.0, -30.0, "px")}
+LOST = "Its prior could not be checked: x does not exist."
 WAYS: dict[str, tuple[Result, str]] = {
-    "c3": (Result("c3", State.FAILED, "a.png is truncated or damaged: copy it again, or remove it."), "no calibration: a.png is truncated"),
-    "c5": (
-        replace(PLAIN, id="c5", numbers=_with("camera.fx", 150.0, 0.3)),
-        "focal length, x is 150.00 ± 0.30 px",
-    ),
-    "c7": (replace(PLAIN, id="c7", numbers=_with("noise_px", 0.9, 0.0)), "noise of the corners is 8.8 times the fleet's, 0.9 px where it has 0.102"),
-    "c9": (replace(PLAIN, id="c9", verdict={"word": "do_not_use", "reasons": ["it is mirrored."]}), "not to use it: it is mirrored"),
-    "c11": (replace(PLAIN, id="c11", check=BROKEN), "its prior is broken: the focal length has changed by 3.0 ± 0.1 %, which adds 4.2 px"),
-    "c13": (replace(PLAIN, id="c13", effects=("board_shape",)), "its diagnosis found board_shape, which no other has"),
-    "c15": (
-        replace(PLAIN, id="c15", moved={"camera.cx": Moved(100.0, 130.0, -30.0, "px")}),
-        "principal point, x moved by -30.0 sigmas from its prior, 100 to 130 px",
-    ),
-    "c17": (replace(PLAIN, id="c17", remarks=("Its prior could not be checked: x does not exist.",)), "its prior could not be checked"),
+    "c3": (Result("c3", State.FAILED, "a.png is truncated or damaged: copy it again."), "no calibration: a.png is truncated"),
+    "c5": (plain("c5", numbers=measured("camera.fx", 150.0, 0.3)), "focal length, x is 150.00 ± 0.30 px, where the fleet has 99.8"),
+    "c7": (plain("c7", numbers=measured("noise_px", 0.9, 0.0)), "noise of the corners is 8.8 times the fleet's, 0.9 px where"),
+    "c9": (plain("c9", verdict={"word": "do_not_use", "reasons": ["it is mirrored."]}), "not to use it: it is mirrored"),
+    "c11": (plain("c11", check=BROKEN), "its prior is broken: the focal length has changed by 3.0 ± 0.1 %, which adds 4.2 px"),
+    "c13": (plain("c13", effects=("board_shape",)), "its diagnosis found board_shape, which no other has"),
+    "c15": (plain("c15", moved=MOVED), "principal point, x moved by -30.0 sigmas from its prior, 100 to 130 px"),
+    "c17": (plain("c17", remarks=(LOST,)), "its prior could not be checked"),
 }
 
 
 @pytest.fixture(scope="module")
 def fleet() -> Fleet:
-    return made(60, **{camera: one for camera, (one, _) in WAYS.items()})
+    return made(60, {camera: one for camera, (one, _) in WAYS.items()})
 
 
 def test_every_way_to_be_broken_is_told_in_words_and_nothing_else_is(fleet: Fleet) -> None:
@@ -64,10 +64,15 @@ def test_a_fleet_without_a_fault_says_so() -> None:
     assert 'class="good"' in fleet_page(whole, "line 3")
 
 
+def test_false_alarms_over_charts_priors_and_moves_are_as_rare_as_is_said() -> None:
+    alarms = sum(bool(made(30, seed=seed).findings) for seed in range(100))
+    assert alarms <= 100 * ALPHA + 3 * (100 * ALPHA * (1 - ALPHA)) ** 0.5
+
+
 def test_an_effect_that_many_have_is_the_fleets_way_to_be() -> None:
-    shared = {f"c{number}": replace(PLAIN, id=f"c{number}", effects=("rolling_shutter",)) for number in range(12)}
-    assert not made(60, **shared).findings
-    assert "<b>rolling_shutter</b>" in fleet_page(made(60, **shared), "x")
+    shared = {f"c{number}": plain(f"c{number}", effects=("rolling_shutter",)) for number in range(12)}
+    assert not made(60, shared).findings
+    assert "<b>rolling_shutter</b>" in fleet_page(made(60, shared), "x")
 
 
 def test_limits_of_its_own() -> None:

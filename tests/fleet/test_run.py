@@ -30,7 +30,7 @@ OPTIONS = ("--grid", "3x3", "--free", "none", "--folds", "2")
 def client() -> Iterator[Client]:
     """Of workers that are threads of this process: Dask itself, without its start of processes."""
     with (
-        LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None) as cluster,
+        LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address="127.0.0.1:0") as cluster,
         Client(cluster) as client,
     ):
         yield client
