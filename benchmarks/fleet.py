@@ -4,6 +4,8 @@ docs/fleet.md.
 `python -m benchmarks.fleet 40` makes the sessions of 40 cameras, calibrates every fourth one's session of an earlier day as its prior, and
 runs `calib batch`. Every 30 s a worker is killed by signal 9, and once, halfway, the command itself with the scheduler in it, which is then
 started again. It prints what was named, and the time. `--keep FOLDER` keeps sessions and fleet there.
+
+`python -m benchmarks.fleet --alarms` prints how many fleets of normal numbers, without a fault, have a camera that stands out.
 """
 
 import argparse
@@ -17,14 +19,18 @@ from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
 import psutil
 
 from calib.fleet.result import read_result
 from fixtures.fleet import FAULTS, Line, write_fleet, write_session
+from fixtures.fleet_results import made
 
 OPTIONS = ("--grid", "4x4", "--folds", "2")
 EVERY_S = 30.0
 """Between two deaths."""
+FLEETS = 300
+"""That are asked for false alarms."""
 PRIORS = 4
 """Every so manieth camera has one, and so has the one whose fault shows only against it."""
 
@@ -34,7 +40,14 @@ def main() -> None:
     parser.add_argument("cameras", type=int, nargs="?", default=40)
     parser.add_argument("--keep", type=Path)
     parser.add_argument("--every", type=float, default=EVERY_S, help="seconds between two deaths; 0: nothing is killed")
+    parser.add_argument("--alarms", action="store_true")
     asked = parser.parse_args()
+    if asked.alarms:
+        for count in (10, 30, 100):
+            print(
+                f"{count} cameras: {100 * np.mean([bool(made(count, seed=seed).findings) for seed in range(FLEETS)]):.1f} % of {FLEETS} fleets"
+            )
+        return
     with TemporaryDirectory() as folder:
         run(asked.keep or Path(folder), Line(asked.cameras), asked.every)
 

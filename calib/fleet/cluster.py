@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from shutil import which
 from tempfile import gettempdir
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +36,8 @@ FIT_BYTES = 2 << 30
 """What one camera may need: 0.44 GB were measured for twenty views of corners, and pictures are decoded one a thread."""
 CONNECT_S = 30
 """How long a scheduler may take to answer."""
+JOBS = 8
+"""Workers of a queue, unless told otherwise."""
 OWN_DEATHS = 20
 """Deaths of workers that a local cluster takes for somebody else's fault, before it gives a camera up."""
 SETTINGS = {
@@ -125,21 +128,27 @@ def _local(place: Place) -> Any:
 
 
 def _queued(place: Place) -> Any:
+    """As many jobs as workers, and another for each that ends before the fleet is done."""
     try:
+        import dask
         import dask_jobqueue
     except ImportError as error:
         raise InputError(NEEDED) from error
-    from distributed.utils import format_bytes
-
     kind = getattr(dask_jobqueue, QUEUES[place.jobqueue])
+    if not which(kind.job_cls.submit_command.split()[0]):
+        raise InputError(
+            f"{kind.job_cls.submit_command} is not found, which sends jobs to {place.jobqueue}: run this on a machine of that cluster."
+        )
+    own = dask.config.get(f"jobqueue.{place.jobqueue}.job-script-prologue", None) or []
+    told = [f"export DASK_{key.upper().replace('.', '__').replace('-', '_')}={value}" for key, value in SETTINGS.items()]
     try:
-        cluster = kind(cores=1, processes=1, memory=format_bytes(place.memory or 2 * FIT_BYTES))
-        cluster.scale(place.workers or 8)
+        cluster = kind(cores=1, processes=1, memory=f"{(place.memory or 2 * FIT_BYTES) >> 20}MiB", job_script_prologue=[*own, *told])
     except (OSError, ValueError, RuntimeError, TypeError) as error:
         raise InputError(
-            f"No jobs can be sent to {place.jobqueue} ({brief(error)}): run it where its commands are, and give queue, account and time in "
-            "~/.config/dask/jobqueue.yaml."
+            f"No jobs can be made for {place.jobqueue} ({brief(error)}): correct queue, account and time in ~/.config/dask/jobqueue.yaml."
         ) from error
+    workers = place.workers or JOBS
+    cluster.adapt(minimum_jobs=workers, maximum_jobs=workers)
     return cluster
 
 

@@ -16,7 +16,7 @@ from calib.fleet.numbers import Measured, Moved
 from calib.fleet.page import fleet_page, headline
 from calib.fleet.result import Result, State
 from calib.fleet.table import fleet_csv
-from tests.fleet.made import made, result
+from fixtures.fleet_results import made, result
 from tests.report.test_chromium import CHROMIUM, DARK, browse
 
 

@@ -135,6 +135,28 @@ def test_the_command_is_killed_with_its_scheduler_and_goes_on(recorded: Path, tm
     assert after.stdout.startswith("None of 4 cameras stands out.")
 
 
+QUEUE = """#!/bin/sh
+setsid sh -c "$(grep -v '^#' "$1")" > /dev/null 2>&1 &
+echo "Submitted batch job $!"
+"""
+"""What `sbatch` does, on this machine."""
+
+
+@pytest.mark.slow
+def test_jobs_of_a_queue(recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    programs = tmp_path / "bin"
+    programs.mkdir()
+    for name, text in (("sbatch", QUEUE), ("scancel", '#!/bin/sh\nkill -- "-$1"\n')):
+        (programs / name).write_text(text)
+        (programs / name).chmod(0o755)
+    arguments = ["batch", str(recorded / "*"), "-o", str(tmp_path / "fleet"), "--jobqueue", "slurm", "--workers", "1", *OPTIONS, "--json"]
+    assert main(arguments) == 2
+    assert "sbatch is not found, which sends jobs to slurm" in capsys.readouterr().err
+    monkeypatch.setenv("PATH", f"{programs}{os.pathsep}{os.environ['PATH']}")
+    assert main(arguments) == 0
+    assert json.loads(capsys.readouterr().out)["states"]["calibrated"] == 4
+
+
 def test_a_second_command_on_the_same_fleet_is_refused(recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with FileSet(tmp_path / "fleet"):
         assert main(["batch", str(recorded / "*"), "-o", str(tmp_path / "fleet"), *OPTIONS]) == 2
