@@ -1,4 +1,4 @@
-"""Sessions of small simulated cameras: four views, and a fit of a second."""
+"""Sessions of small simulated cameras: six views, and a fit of a second."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from calib.fleet.identity import Asked
 from calib.session.board import Board
 from fixtures.fleet import Line, write_session
 
-LINE = Line(cameras=4, views=5, broken=(), board=Board(6, 6, 0.032))
+LINE = Line(cameras=4, views=6, broken=(), board=Board(6, 6, 0.032))
 QUICK = Settings(grid=(3, 3), free=("none",))
 ASKED = Asked(QUICK)
 

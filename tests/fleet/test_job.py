@@ -33,7 +33,7 @@ def job(session: Path | str, tmp_path: Path, asked: Asked = ASKED, prior: str = 
 
 def test_it_leaves_a_calibration_a_report_exports_and_one_json(session: Path, tmp_path: Path) -> None:
     result = run_job(job(session, tmp_path, Asked(QUICK, (0.5,), ("stmap", "npz"))))
-    assert (result.state, result.sentence, result.views) == (State.CALIBRATED, "", 5)
+    assert (result.state, result.sentence, result.views) == (State.CALIBRATED, "", 6)
     folder = tmp_path / "fleet" / "cameras" / "a"
     names = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
     assert {"calibration.yaml", "calibration.npz", "rays.npz", "map_0.5m.npz", "report.html", "npz/map_0.5m.npz"} <= names
