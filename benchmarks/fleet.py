@@ -11,6 +11,7 @@ started again. It prints what was named, and the time. `--keep FOLDER` keeps ses
 import argparse
 import json
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -83,6 +84,7 @@ def run(folder: Path, line: Line, every: float) -> None:
 def hounded(command: list[str], fleet: Path, line: Line, every: float) -> tuple[dict, int, int]:
     """What the command prints once it ends, how many workers died, and how often it was started again."""
     deaths = restarts = 0
+    chance = random.Random(1)
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     last = time.monotonic()
     while process.poll() is None:
@@ -97,9 +99,10 @@ def hounded(command: list[str], fleet: Path, line: Line, every: float) -> tuple[
         elif every and time.monotonic() - last > every:
             last = time.monotonic()
             workers = [child.pid for child in psutil.Process(process.pid).children() if "spawn_main" in " ".join(child.cmdline())]
-            with suppress(ProcessLookupError, IndexError):
-                os.kill(workers[deaths % len(workers)] if workers else workers[0], signal.SIGKILL)
-                deaths += 1
+            if workers:
+                with suppress(ProcessLookupError):
+                    os.kill(chance.choice(workers), signal.SIGKILL)
+                    deaths += 1
     assert process.stdout
     printed = process.stdout.read()
     if process.returncode:
