@@ -152,16 +152,18 @@ def _mark(x: float, y: float, up: float, title: str) -> str:
 
 def _names(marks: Sequence[tuple[str, float, float]]) -> Iterator[str]:
     """Beside their marks, none upon another."""
-    taken: list[tuple[float, float, float]] = []
+    taken = [(x - 7, x + 7, y + 4) for _, x, y in marks]
     for name, x, y in sorted(marks, key=lambda mark: mark[1]):
         width = LETTER * len(name)
-        left = x + 8 if x + 8 + width < WIDTH else x - 8 - width
+        right = x + 8 + width < WIDTH
+        left = x + 8 if right else x - 8 - width
         offsets = sorted((step * LINE for step in range(-10, 11)), key=abs)
         near = [place for begin, end, place in taken if begin < left + width and left < end]
         places = (y + 4 + off for off in offsets if TOP < y + 4 + off < HEIGHT - 4)
         free = next((place for place in places if all(abs(place - other) >= LINE for other in near)), y + 4)
         taken.append((left, left + width, free))
-        yield f'<text class="name" x="{left:.1f}" y="{free:.1f}">{escape(name)}</text>'
+        anchored = f'x="{left:.1f}"' if right else f'x="{x - 8:.1f}" text-anchor="end"'
+        yield f'<text class="name" {anchored} y="{free:.1f}">{escape(name)}</text>'
 
 
 def moved_svg(fleet: Fleet) -> str:
