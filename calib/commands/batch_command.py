@@ -14,11 +14,11 @@ from calib.commands.arguments import add_depths, add_output, quoted
 from calib.commands.fit_options import add_fit_options, settings_of
 from calib.errors import InputError, NotEnoughDataError
 from calib.export.formats import FORMATS
+from calib.fleet.cluster import QUEUES
 
 FOLDS = 4
 """Unless told otherwise: the held-out error is what cameras are compared by."""
 MEMORY = re.compile(r"([0-9]+(?:\.[0-9]+)?) *([KMGT])i?B?", re.IGNORECASE)
-QUEUES = ("slurm", "pbs", "sge", "lsf", "oar", "moab", "htcondor")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--scheduler", default="", metavar="ADDRESS", help="a Dask cluster that exists, such as tcp://head:8786")
-    where.add_argument("--jobqueue", default="", choices=QUEUES, help="send workers as jobs of this queue, set up in dask-jobqueue's file")
+    where.add_argument(
+        "--jobqueue", default="", choices=[*QUEUES], help="send workers as jobs of this queue, set up in dask-jobqueue's file"
+    )
     parser.add_argument("--workers", type=_workers, metavar="N", help="how many (default: one a core, as far as the memory reaches)")
     parser.add_argument("--memory", type=_memory, metavar="SIZE", help="what each worker may take, such as 4GB")
     parser.add_argument("--json", action="store_true", help="print one JSON object")

@@ -27,7 +27,7 @@ def calibrate_fleet(
 
     Args:
         output: an absolute path that every worker sees.
-        say: is told where the cluster can be watched.
+        say: is told where the cluster can be watched, and what it waits for.
 
     Returns:
         What stands out, and the paths of the page and the table.
@@ -41,6 +41,8 @@ def calibrate_fleet(
         with client_of(place, output) as client:
             if find_spec("bokeh"):  # without it, Dask has no pages to show
                 say(f"Dask's dashboard: {client.dashboard_link}")
+            if place.scheduler and not client.scheduler_info()["workers"]:
+                say(f"The cluster has no worker yet: start some by 'dask worker {place.scheduler} --nthreads 1'.")
             advance = progress.task("Cameras", len(entries))
             for result in run_jobs(client, [Job(entry, asked, str(output)) for entry in entries]):
                 results[result.id] = result
