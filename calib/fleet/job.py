@@ -3,11 +3,12 @@ it is told, which any process runs that sees the fleet's folder."""
 
 from __future__ import annotations
 
+import json
 import shutil
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from calib.checking.answer import Answer
 from calib.checking.check import check
 from calib.checking.pictures import read_pictures
 from calib.diagnosis.diagnose import diagnose
-from calib.errors import NotEnoughDataError, RefracalError, brief
+from calib.errors import InputError, NotEnoughDataError, RefracalError, brief
 from calib.export.export import Export, export
 from calib.export.formats import FORMATS
 from calib.export.npz import write_npz
@@ -28,9 +29,11 @@ from calib.fleet.numbers import USUAL_DEPTH, Moved, moved, numbers
 from calib.fleet.places import at_hand, is_remote
 from calib.fleet.result import CAMERAS, Result, State, read_result
 from calib.io.file_set import BusyError, FileSet
+from calib.io.files import read_file
+from calib.io.json_text import json_text
 from calib.progress import Silent
 from calib.report.write import write_report
-from calib.session.session import read_session
+from calib.session.session import Session, read_session
 from calib.verdict.judge import judge
 from calib.verdict.verdict import Verdict, Word
 
@@ -39,6 +42,8 @@ PATIENCE_S = 900.0
 EPOCH_S = 1e9
 """s: times of frames.csv below are no Unix times."""
 DIAGNOSED = "diagnosed"
+FITTED = ".fitted.json"
+"""In a camera's folder: what its calibration was made from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +70,7 @@ def run_job(job: Job) -> Result:
             if before and before.finished(identity, fleet):
                 return before
             try:
-                result = _calibrated(job, files)
+                result = _calibrated(job, files, identity)
             except NotEnoughDataError as error:
                 result = Result(entry.id, State.TOO_LITTLE, str(error))
             result = replace(result, identity=identity, seconds=time.monotonic() - begun)
@@ -101,7 +106,7 @@ def _held(folder: Path) -> Iterator[FileSet]:
         yield files
 
 
-def _calibrated(job: Job, files: FileSet) -> Result:
+def _calibrated(job: Job, files: FileSet, identity: Identity) -> Result:
     entry, wanted, folder = job.entry, job.asked, files.folder
     with at_hand(entry.session) as session_folder:
         session = read_session(session_folder)
@@ -109,14 +114,10 @@ def _calibrated(job: Job, files: FileSet) -> Result:
             shutil.rmtree(folder / stale, ignore_errors=True)
         prior, answer, remarks = _checked(entry, session_folder)
         try:
-            first = asked(fit(session, wanted.settings), (), wanted.depths)
+            first, names = _fitted(folder, identity) or _fit(job, files, identity, session)
         except NotEnoughDataError as error:
             return Result(entry.id, State.TOO_LITTLE, str(error), check=answer.as_json() if answer else {}, remarks=remarks)
-        if is_remote(entry.session):  # the copy will be gone
-            first = replace(first, settings=first.settings | {KEY: first.settings[KEY] | {"session": entry.session}})
-        written = [first.write(files), *write_npz(first, wanted.depths, files, Silent())]
-        written.append(write_report(first, files, Silent(), wanted.depths, pictures=session_folder))
-        files.commit(instead_of=DERIVED)
+        written = [folder / name for name in names]
         verdict = judge(first, depths=wanted.depths, folder=folder, session=Path(entry.session))
         last = first
         if asks_for_diagnosis(verdict):
@@ -147,6 +148,32 @@ def _calibrated(job: Job, files: FileSet) -> Result:
         views=len(last.views),
         recorded=_day(last),
     )
+
+
+def _fit(job: Job, files: FileSet, identity: Identity, session: Session) -> tuple[Calibration, list[str]]:
+    """The calibration, and the names of its files, which are in force; what they were made from lies beside them."""
+    wanted = job.asked
+    first = asked(fit(session, wanted.settings), (), wanted.depths)
+    if is_remote(job.entry.session):  # the copy will be gone
+        first = replace(first, settings=first.settings | {KEY: first.settings[KEY] | {"session": job.entry.session}})
+    written = [first.write(files), *write_npz(first, wanted.depths, files, Silent())]
+    written.append(write_report(first, files, Silent(), wanted.depths, pictures=session.path))
+    names = [path.name for path in written]
+    files.write(FITTED, json_text({"identity": asdict(identity), "written": names}))
+    files.commit(instead_of=DERIVED)
+    return first, names
+
+
+def _fitted(folder: Path, identity: Identity) -> tuple[Calibration, list[str]] | None:
+    """What a worker left that was killed after its fit; None where that is of another session, or not whole."""
+    try:
+        said = json.loads(read_file(folder / FITTED))
+        before, names = Identity.read(said["identity"]), [str(name) for name in said["written"]]
+        if before and before.same(identity) and all((folder / name).is_file() for name in names):
+            return Calibration.load(folder), names
+    except (InputError, ValueError, LookupError, TypeError):
+        pass
+    return None
 
 
 def asks_for_diagnosis(verdict: Verdict) -> bool:

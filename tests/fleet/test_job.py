@@ -84,6 +84,26 @@ def test_a_json_that_was_cut_short_is_no_result(session: Path, tmp_path: Path) -
     assert read_result(tmp_path / "fleet", "a") is not None
 
 
+def test_a_worker_that_is_killed_after_its_fit_leaves_it_to_the_next(
+    session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def killed(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("calib.fleet.job.numbers", killed)
+        with pytest.raises(KeyboardInterrupt):
+            run_job(job(session, tmp_path))
+    assert read_result(tmp_path / "fleet", "a") is None
+    written = tmp_path / "fleet" / "cameras" / "a" / "calibration.yaml"
+    before = written.stat().st_mtime_ns
+    assert run_job(job(session, tmp_path)).state is State.CALIBRATED
+    assert written.stat().st_mtime_ns == before
+    place_of(tmp_path / "fleet", "a").unlink()
+    assert run_job(job(session, tmp_path, Asked(replace(QUICK, grid=(4, 4))))).state is State.CALIBRATED
+    assert written.stat().st_mtime_ns != before
+
+
 def test_too_little_data_is_a_result_that_stays(session: Path, tmp_path: Path) -> None:
     lines = (session / "corners.vnl").read_text().splitlines(keepends=True)
     (session / "corners.vnl").write_text("".join(lines[: 1 + 2 * 36]))
