@@ -1,12 +1,13 @@
 """Calibrates a camera that looks through a refractive cover, and undistorts its pictures at any depth.
 
 stdout carries the result, stderr the progress and remarks. Exit codes: 0 done, 1 a bug, 2 wrong usage or input, 3 not enough good
-data, 5 a calibration that was checked is not valid.
+data, 5 a calibration that was checked is not valid, 6 a fleet's cluster is gone before all cameras were done.
 """
 
 from collections.abc import Sequence
 
 from calib.commands import (
+    batch_command,
     board_command,
     check_command,
     diagnose_command,
@@ -26,6 +27,7 @@ COMMANDS = (
     evaluate_command,
     check_command,
     diagnose_command,
+    batch_command,
     report_command,
     undistort_command,
     measure_command,

@@ -24,7 +24,7 @@ LONGEST = (
     *("test_fixtures.py", "capture/tui/test_session.py", "commands/test_choices.py", "capture/tui/test_setup.py"),
     *("commands/test_coded_boards.py", "diagnosis/test_diagnose.py", "test_library.py", "commands/test_cli.py", "optics/test_shapes.py"),
     *("verdict/test_bare_pictures.py", "corners/test_other_coding.py", "verdict/test_orientation.py", "test_border_fixtures.py"),
-    "checking/test_naming.py",
+    *("checking/test_naming.py", "fleet/test_job.py", "fleet/test_run.py"),
     *("capture/tui/test_snapshots.py", "capture/test_coded_live.py", "corners/test_detect_all.py", "capture/tui/test_faults.py"),
 )
 """Files of half a minute of work and more: begun first, for whichever comes last leaves the other worker idle."""

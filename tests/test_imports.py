@@ -31,6 +31,7 @@ LAYERS = {
         ("diagnosis",),
         ("verdict",),
         ("checking", "export", "importing", "report", "sheet"),
+        ("fleet",),
         ("commands",),
         ("cli",),
         ("__main__",),
@@ -53,7 +54,7 @@ LAYERS = {
 """Rooms from the bottom up. A room imports itself and what stands below it, no room beside it or above; `capture` imports all of `calib`,
 which imports nothing of `capture`."""
 
-HEAVY = {"torch", "cv2", "numpy", "scipy", "rich", "textual", "matplotlib", "libcamera"}
+HEAVY = {"torch", "cv2", "numpy", "scipy", "rich", "textual", "matplotlib", "libcamera", "dask", "distributed", "fsspec"}
 
 LOADS = {
     "calib": set(),
@@ -79,6 +80,8 @@ LOADS = {
     "calib.diagnosis.diagnose": {"torch", "cv2", "numpy", "scipy"},
     "calib.checking.check": {"torch", "cv2", "numpy", "scipy"},
     "calib.verdict.judge": {"torch", "cv2", "numpy", "scipy"},
+    "calib.fleet.control": {"numpy", "scipy"},
+    "calib.fleet.cluster": set(),
     "calib.importing.from_mrcal": {"cv2", "numpy"},
     "calib.importing.from_ros": {"cv2", "numpy"},
     "calib.importing.from_kalibr": {"cv2", "numpy"},

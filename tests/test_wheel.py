@@ -12,7 +12,7 @@ import pytest
 from calib.version import VERSION
 
 ROOT = Path(__file__).parents[1]
-DATA = {"calib/py.typed", "calib/report/style.css", "capture/py.typed"}
+DATA = {"calib/py.typed", "calib/fleet/fleet.css", "calib/report/style.css", "capture/py.typed"}
 LEFT_OUT = shutil.ignore_patterns(".*", "__pycache__", "build", "dist", "*.egg-info", "frames", "bare", "holdout", "docs", "*.npz")
 
 

@@ -8,8 +8,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calib.commands.arguments import add_depths, add_output, effects, folds, free, grid, steps
+from calib.commands.arguments import add_depths, add_output, effects
 from calib.commands.effect_names import effects_help
+from calib.commands.fit_options import add_fit_options, settings_of
 
 if TYPE_CHECKING:
     from calib.calibration import Calibration
@@ -18,22 +19,7 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("session", type=Path, metavar="SESSION", help="the session folder")
     add_output(parser, "where the results go (default: SESSION/calibration)", required=False)
-    parser.add_argument("--method", choices=["joint", "paper"], default="joint", help="how to fit (default: %(default)s)")
-    parser.add_argument(
-        "--grid",
-        type=grid,
-        default=(12, 12),
-        metavar="AxB",
-        help="centres of the relief, around and along the cover (default: 12x12); auto chooses by held-out error",
-    )
-    parser.add_argument(
-        "--free",
-        type=free,
-        default=("auto",),
-        metavar="auto|all|none|NAME,...",
-        help="which declared numbers to estimate, near what the session says: all, none, or some of radius, slope, offset, centre, "
-        "distance, tilt, thickness, index, intrinsics (default: all but those it calls exact, where the views ask for it)",
-    )
+    add_fit_options(parser)
     parser.add_argument(
         "--effects",
         type=effects,
@@ -41,9 +27,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="none|auto|NAME,...",
         help="auto: find what the model lacks and add what held-out views confirm; or add effects by name, as listed below (default: none)",
     )
-    parser.add_argument("--folds", type=folds, default=0, metavar="N", help="cross-validate over the views, and say if the fit overfits")
-    parser.add_argument("--steps", type=steps, default=1000, metavar="N", help="gradient steps of the paper's method (default: 1000)")
-    parser.add_argument("--neglect-shift", action="store_true", help="let the relief bend the normal only, as the paper does")
     add_depths(parser, required=False)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.epilog = effects_help()
@@ -63,7 +46,6 @@ def run(args: argparse.Namespace) -> None:
     from calib.export.npz import write_npz
     from calib.fitting.fit import fit
     from calib.fitting.provenance import asked
-    from calib.fitting.stages import Settings
     from calib.io.file_set import FileSet
     from calib.report.write import write_report
     from calib.session.session import read_session
@@ -72,7 +54,7 @@ def run(args: argparse.Namespace) -> None:
     begun = time.monotonic()
     session = read_session(args.session)
     output = args.output or args.session / "calibration"
-    settings = Settings(args.method, args.grid, args.steps, not args.neglect_shift, args.free, args.folds)
+    settings = settings_of(args)
     if args.effects != ("auto",):
         check_possible(session, settings, args.effects)
     with FileSet(output) as files:

@@ -1,14 +1,13 @@
-"""What goes to stdout: JSON that every reader takes, where a number that is not finite becomes null; and names of files."""
+"""What goes to stdout: JSON, and names of files."""
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib.errors import harmless
+from calib.io.json_text import json_text
 
 if TYPE_CHECKING:
     from calib.verdict.verdict import Verdict
@@ -16,7 +15,7 @@ if TYPE_CHECKING:
 
 def print_json(mapping: Mapping[str, object]) -> None:
     """One object, on one line."""
-    print(json.dumps(_finite(mapping), allow_nan=False))
+    print(json_text(mapping))
 
 
 def print_paths(paths: Iterable[Path]) -> None:
@@ -28,14 +27,3 @@ def print_paths(paths: Iterable[Path]) -> None:
 def told(verdict: Verdict, written: Sequence[Path]) -> dict[str, object]:
     """What every result ends with: what is to be thought of it, and where it is."""
     return {"verdict": verdict.as_json(), "written": [str(path) for path in written]}
-
-
-def _finite(value: object) -> object:
-    match value:
-        case float():
-            return value if math.isfinite(value) else None
-        case Mapping():
-            return {key: _finite(entry) for key, entry in value.items()}
-        case list() | tuple():
-            return [_finite(entry) for entry in value]
-    return value

@@ -36,6 +36,10 @@ NOT_OF_FOLDERS = (errno.EBADF, errno.ENOLCK, errno.ENOTSUP, errno.EINVAL, errno.
 """What network disks and others say that cannot lock a folder, or wait for one."""
 
 
+class BusyError(InputError):
+    """Another process writes to the folder."""
+
+
 class FileSet:
     """Files for one folder, which is held from the `with` on; `commit` puts them in force, and without it nothing has changed."""
 
@@ -46,7 +50,7 @@ class FileSet:
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        """InputError where the folder cannot be made or written, or another process writes to it."""
+        """InputError where the folder cannot be made or written; BusyError where another process writes to it."""
         make_folder(self.folder)
         handle = _locked(self.folder)
         if handle is not None:
@@ -187,7 +191,7 @@ def _locked(folder: Path) -> int | None:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         os.close(handle)
-        raise InputError(f"Another calib writes to {folder}: wait until it has ended, or choose another folder with -o.") from None
+        raise BusyError(f"Another calib writes to {folder}: wait until it has ended, or choose another folder with -o.") from None
     except OSError as error:
         os.close(handle)
         if error.errno in NOT_OF_FOLDERS:

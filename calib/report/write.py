@@ -31,18 +31,25 @@ DRAWINGS = (board_errors, residual_maps, distortion_fields, distortion_by_depth,
 
 
 def write_report(
-    calibration: Calibration, files: FileSet, progress: Progress, depths: Sequence[float] = (), effects: Sequence[EffectRow] | None = None
+    calibration: Calibration,
+    files: FileSet,
+    progress: Progress,
+    depths: Sequence[float] = (),
+    effects: Sequence[EffectRow] | None = None,
+    *,
+    pictures: Path | None = None,
 ) -> Path:
     """Write report.html beside a saved calibration.
 
     Args:
         depths: m, where fields are shown; by default at the nearest, the median and the farthest corner's.
         effects: what to say of them; None: what the diagnosis found that the calibration keeps.
+        pictures: the session, where it does not lie at the place that the calibration keeps.
     """
     advance = progress.task("Report", len(DRAWINGS) + 2)
     with single_thread(), ThreadPoolExecutor() as pool:
         evidence = gather_evidence(calibration, tuple(depths))
-        session = _session(calibration, files.folder)
+        session = _session(calibration, files.folder, pictures)
         thumbnails = begin_thumbnails(evidence, session, pool)
         advance(1, "")
         drawn = {}
@@ -78,8 +85,8 @@ def _sections(
     ]
 
 
-def _session(calibration: Calibration, folder: Path) -> Path | None:
+def _session(calibration: Calibration, folder: Path, pictures: Path | None) -> Path | None:
     """Where the pictures are, if they still are: the session that was fitted, or the one that the folder lies in."""
     fitted = str(calibration.settings.get(KEY, {}).get("session", ""))
-    places = [Path(fitted)] if fitted else []
+    places = [place for place in (pictures, fitted and Path(fitted)) if place]
     return next((place for place in (*places, folder.resolve().parent) if (place / "frames").is_dir()), None)

@@ -1,0 +1,221 @@
+"""fleet.html: one file that shows a fleet, without network or scripts, on light and on dark; who stands out comes first."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from html import escape
+from importlib.resources import files
+
+from calib.fitting.rounding import with_sigma
+from calib.fleet.charts import chart_svg, colours_of, labels_of, link_of, map_svg, moved_svg
+from calib.fleet.control import ALPHA, APART, Chart
+from calib.fleet.findings import Fleet, title_of
+from calib.fleet.result import Result, State
+from calib.report.page import NOTHING_FROM_OUTSIDE, PageSection
+from calib.report.tables import table
+from calib.verdict.verdict import Word
+
+SHOWN = 3
+"""Reasons of a camera that are shown at once."""
+OPEN = 60
+"""Cameras, up to which the list of all of them is open."""
+LISTED = 12
+"""Cameras that are listed beside an effect."""
+NAMES = {Word.TRUSTED.value: "trusted", Word.CARE.value: "to be taken with care", Word.DO_NOT_USE.value: "not to be used"}
+
+
+def fleet_page(fleet: Fleet, name: str) -> str:
+    """Args: name: of the fleet, as a title."""
+    style = "".join(
+        files(package).joinpath(sheet).read_text(encoding="utf-8")
+        for package, sheet in (("calib.report", "style.css"), ("calib.fleet", "fleet.css"))
+    )
+    sections = list(_sections(fleet))
+    contents = "".join(f'<a href="#{section.name}">{escape(section.title)}</a>' for section in sections)
+    body = "".join(f'<section id="{one.name}"><h2>{escape(one.title)}</h2>{one.html}</section>' for one in sections)
+    return f"""<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark">
+<meta http-equiv="Content-Security-Policy" content="{NOTHING_FROM_OUTSIDE}">
+<link rel="icon" href="data:,">
+<title>Fleet {escape(name)}</title>
+<style>
+{style}</style>
+</head>
+<body>
+<header class="{"care" if fleet.findings else "good"}">
+<p class="over">Refracal fleet: {escape(name)}</p>
+<h1>{escape(headline(fleet))}</h1>
+<p class="lead">{escape(_lead(fleet))}</p>
+<figure class="map">{map_svg(fleet)}<figcaption class="key">{KEY}</figcaption></figure>
+<nav>{contents}</nav>
+</header>
+<main>{body}</main>
+</body>
+</html>
+"""
+
+
+KEY = (
+    '<i style="background: var(--usual)"></i>trusted<i style="background: var(--doubted)"></i>take care'
+    '<i style="background: var(--out)"></i>stands out<i style="background: var(--none)"></i>no calibration'
+)
+
+
+def headline(fleet: Fleet) -> str:
+    """How many stand out."""
+    count, total = len(fleet.findings), len(fleet.entries)
+    cameras = f"camera{'s' * (total > 1)}"
+    return f"{count} of {total} {cameras} stand{'s' * (count == 1)} out" if count else f"None of {total} {cameras} stands out"
+
+
+def _lead(fleet: Fleet) -> str:
+    states = Counter(result.state for result in fleet.results)
+    count = states[State.CALIBRATED]
+    words = Counter(str(result.verdict.get("word")) for result in fleet.results if result.state is State.CALIBRATED)
+    said = f"{count} camera{'s are' if count != 1 else ' is'} calibrated: " + ", ".join(
+        f"{words[word]} {NAMES[word]}" for word in NAMES if words[word]
+    )
+    lost = len(fleet.results) - count
+    without = f"; {lost} {'have' if lost > 1 else 'has'} no calibration" if lost else ""
+    return (
+        f"{said}{without}. Limits come from the fleet itself, by medians: of {1 / ALPHA:.0f} fleets without a fault, one would have a "
+        "camera beyond a limit."
+    )
+
+
+def _sections(fleet: Fleet) -> Iterator[PageSection]:
+    if fleet.findings:
+        yield PageSection("out", "Who stands out, and why", _outliers_html(fleet))
+    if fleet.charts:
+        yield PageSection("charts", "Control charts", _charts_html(fleet))
+    if any(chart.batches for chart in fleet.charts):
+        yield PageSection("batches", "Batches", _batches_html(fleet.charts))
+    if drawn := moved_svg(fleet):
+        yield PageSection("moved", "Against the priors", _moved_html(fleet, drawn))
+    if effects := _effects_html(fleet):
+        yield PageSection("effects", "Effects that were found", effects)
+    yield PageSection("all", "All cameras", _all_html(fleet))
+
+
+def _outliers_html(fleet: Fleet) -> str:
+    place = {entry.id: index for index, entry in enumerate(fleet.entries)}
+    rows = []
+    for camera in fleet.outliers:
+        found = fleet.findings[camera]
+        first = "".join(f"<li>{escape(one.sentence)}.</li>" for one in found[:SHOWN])
+        rest = "".join(f"<li>{escape(one.sentence)}.</li>" for one in found[SHOWN:])
+        more = f'<details><summary>{len(found) - SHOWN} more</summary><ul class="reasons">{rest}</ul></details>' if rest else ""
+        rows.append((_camera(fleet, place[camera]), f'<ul class="reasons">{first}</ul>{more}'))
+    return table(("camera", "why, the gravest first"), rows)
+
+
+def _camera(fleet: Fleet, index: int) -> str:
+    """Its name as a link, with what else it is known by."""
+    entry = fleet.entries[index]
+    beside = ", ".join(part for part in (entry.serial, entry.fixture, fleet.day(index)) if part)
+    said = f"<br><small>{escape(beside)}</small>" if beside else ""
+    return f'<a href="{escape(link_of(fleet, index))}"><b>{escape(entry.id)}</b></a>{said}'
+
+
+def _charts_html(fleet: Fleet) -> str:
+    factor, colour = colours_of(fleet)
+    labels = labels_of(fleet, factor)
+    key = "".join(f'<i style="background: var(--series-{one})"></i>{escape(label)}' for label, one in colour.items())
+    timed = any(map(fleet.day, range(len(fleet.entries))))
+    order = "the order of their days" if timed else "the manifest's order"
+    drawn = "".join(
+        f"<div><h3>{escape(title_of(one.name))} <small>{escape(_usual(one))}</small></h3>{chart_svg(one, fleet, colour, labels)}</div>"
+        for one in fleet.charts
+    )
+    return (
+        f"<p>A dot is a camera, from left to right in {order}. The line is the median, dashed lines are the limits; a red dot is beyond "
+        "them, and an arrow farther than the chart reaches. A camera that is less sure than the others may be farther away."
+        f'</p>{f"<p class=key>{escape(factor)}: {key}</p>" if key else ""}<div class="charts">{drawn}</div>'
+    )
+
+
+def _usual(chart: Chart) -> str:
+    """The median and the spread."""
+    if chart.batches:
+        return f"{chart.unit}, by {chart.factor}".strip(", ")
+    centre = float(chart.centre[0])
+    return f"{with_sigma(centre, chart.spread * (centre if chart.one_sided else 1.0))} {chart.unit}".rstrip()
+
+
+def _batches_html(charts: tuple[Chart, ...]) -> str:
+    rows = [
+        (
+            escape(title_of(chart.name)),
+            escape(chart.factor),
+            "; ".join(f"{escape(batch.name)}: {batch.centre:.5g} {escape(chart.unit)} ({batch.count})" for batch in chart.batches),
+            f"{chart.p_value:.1g}",
+        )
+        for chart in charts
+        if chart.batches
+    ]
+    return (
+        f"<p>Numbers that differ between batches, by ranks (Kruskal and Wallis), at {100 * APART:g} % over all charts. Each camera of "
+        "such a chart is compared with its own batch.</p>" + table(("number", "by", "medians (cameras)", "p"), rows)
+    )
+
+
+def _moved_html(fleet: Fleet, drawn: str) -> str:
+    checked = sum(bool(result.moved) for result in fleet.results)
+    return (
+        f"<p>How far the numbers of {checked} cameras are from those of their priors, over the standard deviation that both give. Beyond "
+        f'the dashed lines they have moved.</p><figure><div class="wide">{drawn}</div></figure>'
+    )
+
+
+def _effects_html(fleet: Fleet) -> str:
+    """Empty where no diagnosis found any."""
+    found: dict[str, list[int]] = {}
+    for index, result in enumerate(fleet.results):
+        for effect in result.effects:
+            found.setdefault(effect, []).append(index)
+    if not found:
+        return ""
+    rows = []
+    for effect, where in sorted(found.items(), key=lambda item: -len(item[1])):
+        links = ", ".join(f'<a href="{escape(link_of(fleet, i))}">{escape(fleet.entries[i].id)}</a>' for i in where[:LISTED])
+        more = f" and {len(where) - LISTED} more" if len(where) > LISTED else ""
+        rows.append((f"<b>{escape(effect)}</b>", str(len(where)), links + more))
+    return table(("effect", "cameras", "which"), rows)
+
+
+def _all_html(fleet: Fleet) -> str:
+    rows = [
+        (
+            _camera(fleet, index),
+            escape(NAMES.get(str(result.verdict.get("word")), result.state.value.replace("_", " "))),
+            str(result.views or ""),
+            *(_number(result, name) for name in ("error_px", "held_out_px", "noise_px", "sigma_px", "effective_fx")),
+            f"{max((abs(one.sigmas) for one in result.moved.values()), default=0.0):.1f}" if result.moved else "",
+        )
+        for index, result in enumerate(fleet.results)
+    ]
+    head = (
+        "camera",
+        "verdict",
+        "views",
+        "left, px",
+        "held out, px",
+        "noise, px",
+        "sigma, px",
+        "effective focal length, px",
+        "moved, sigmas",
+    )
+    opened = " open" if len(rows) <= OPEN else ""
+    return f"<details{opened}><summary>{len(rows)} cameras</summary>{table(head, rows)}</details>"
+
+
+def _number(result: Result, name: str) -> str:
+    one = result.numbers.get(name)
+    if not one:
+        return ""
+    return escape(with_sigma(one.value, one.sigma) if one.sigma else f"{one.value:.3f}")

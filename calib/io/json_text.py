@@ -1,0 +1,21 @@
+"""JSON that every reader takes: a number that is not finite becomes null."""
+
+import json
+import math
+from collections.abc import Mapping
+
+
+def json_text(mapping: Mapping[str, object]) -> str:
+    """One object, on one line."""
+    return json.dumps(_finite(mapping), allow_nan=False)
+
+
+def _finite(value: object) -> object:
+    match value:
+        case float():
+            return value if math.isfinite(value) else None
+        case Mapping():
+            return {key: _finite(entry) for key, entry in value.items()}
+        case list() | tuple():
+            return [_finite(entry) for entry in value]
+    return value
