@@ -114,6 +114,7 @@ async def _bow(address: str, size: tuple[int, int], folder: Path) -> None:
         await _keep(browser, size, "bow-4-after")
         await browser.press("x")
         await browser.see("Maps that undistort pictures")
+        await browser.write("1")
         await browser.press("^s")
         await browser.see("Wrote rays.npz map_1m.npz")
         assert browser.complaints == []

@@ -12,7 +12,7 @@ from calib.diagnosis.finding import Candidate, Diagnosis, ParameterEstimate, Qua
 from calib.progress import Silent
 from capture.tui.diagnosing import as_text
 from capture.tui.fitting import open_results
-from tests.capture.tui.driving import drive, running, see, shown
+from tests.capture.tui.driving import drive, running, see, shown, write
 
 BOW = Candidate(
     effect="board_shape",
@@ -99,7 +99,10 @@ async def _bow(session: Path) -> None:
         await see(pilot, "effects found")
         assert "last fit" in shown(pilot)
         assert "the model lacks" not in " ".join(shown(pilot).split())
-        await pilot.press("x", "ctrl+s")
+        await pilot.press("x")
+        await see(pilot, "Maps that undistort pictures")
+        await write(pilot, "1")
+        await pilot.press("ctrl+s")
         await see(pilot, "Wrote rays.npz map_1m.npz")
     assert (session / "export" / "map_1m.npz").exists()
 

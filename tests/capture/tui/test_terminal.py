@@ -87,7 +87,8 @@ def test_from_a_source_to_maps_over_a_lost_connection(tmp_path: Path, terminals:
     second.see("The error fell from 0.4")
     second.press("x")
     second.see("Maps that undistort pictures")
-    second.press("C-s")
+    for key in ("C-u", "C-k", "1", "C-s"):
+        second.press(key)
     second.see("Wrote")
     assert (session / "export" / "map_1m.npz").exists()
     second.press("Escape")
