@@ -1,58 +1,117 @@
-"""The README's picture: what the cover does to a view of a fixture, and what is left of it. `python -m benchmarks.picture`."""
+"""The README's picture: bent lines and straight ones, the screen that guides, how the error falls. `python -m benchmarks.picture`.
+
+All figures in it are of the fit of `fixtures/bumps`, as `calib fit` prints them, and are printed. The screen is of docs/tui.gif.
+"""
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import matplotlib as mpl
 import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
 
 from calib.apply.undistorter import Undistorter
 from calib.fitting.fit import fit
 from calib.fitting.stages import Settings
 from calib.io.images import read_grey
 from calib.progress import Silent
+from calib.report.evidence import gather_evidence
+from calib.report.straight import Line, lines_across
 from calib.session.session import read_session
-from calib.undistortion.depth_map import DepthMap
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
-DEPTH = 0.35  # m
-MAGNIFIED = 12
-VIEW = "0001.jpg"
+MAGNIFIED = 25
+"""How much larger bends are drawn, before and after alike: they are of some px."""
+BENT, STRAIGHT = "#e8833a", "#2f8fdd"
+TITLES = {"pinhole": "camera alone", "cover": "smooth cover", "cover+rbf": "uneven cover"}
+GHOST = np.array([200, 160, 0])
+"""RGB, about that of the frame that shows where to hold the board."""
+Array = NDArray[np.float64]
 
 
 def main() -> None:
     session = read_session(Path("fixtures/bumps"))
     calibration = fit(session, Settings(), Silent())
-    field = calibration.ray_field()
-    made = field.map_at(DEPTH)
-    frame = read_grey(session.path / "frames" / VIEW)
-    figure, panels = plt.subplots(1, 3, figsize=(13, 3.9), layout="constrained")
-    panels[0].imshow(frame, cmap="gray")
-    _arrows(panels[0], made)
-    panels[0].set_title(f"seen; arrows: distortion at {DEPTH:g} m, x{MAGNIFIED}")
-    panels[1].imshow(Undistorter(calibration, DEPTH, interpolation=cv2.INTER_CUBIC).undistort(frame), cmap="gray")
-    panels[1].set_title(f"undistorted for {DEPTH:g} m")
-    names = [stage.name for stage in calibration.stages]
-    errors = [stage.rms_px for stage in calibration.stages]
-    bars = panels[2].bar(names, errors, color=["#b0543a", "#c9a24b", "#3f7d58"])
-    panels[2].bar_label(bars, [f"{error:.3f} px" for error in errors])
-    panels[2].set_title("reprojection error (RMS)")
-    panels[2].set_ylabel("px")
-    panels[2].spines[["top", "right"]].set_visible(False)
-    for panel in panels[:2]:
+    evidence = gather_evidence(calibration)
+    view, lines = max(
+        enumerate(list(lines_across(evidence, view)) for view in range(len(calibration.views))), key=lambda one: _bend(one[1])
+    )
+    depth = float(np.median(evidence.depth[evidence.view == view]))
+    frame = read_grey(session.path / "frames" / calibration.views[view].name)
+    straight = Undistorter(calibration, depth, interpolation=cv2.INTER_CUBIC).undistort(frame)
+    off = np.concatenate([line.undistorted - _on(line.undistorted, line.after) for line in lines])
+    left = float(np.sqrt((off**2).sum(-1).mean()))
+
+    figure, panels = plt.subplots(2, 2, figsize=(11, 7.7), gridspec_kw={"wspace": 0.04, "hspace": 0.14})
+    _panel(panels[0, 0], frame, lines, f"Through the cover: lines bend by up to {_bend(lines):.1f} px", after=False)
+    _panel(panels[0, 1], straight, lines, f"Undistorted for {depth:.2f} m: corners straight to {left:.2f} px", after=True)
+    panels[1, 0].imshow(_screen(), interpolation="antialiased")
+    panels[1, 0].set_title("The screen guides: where to hold the board next", fontsize=12)
+    for panel in panels.flat[:3]:
         panel.set_axis_off()
-    figure.savefig("docs/picture.png", dpi=80)
+    _bars(panels[1, 1], [(TITLES[stage.name], stage.rms_px) for stage in calibration.stages])
+    said = f"Rows and columns of the board, continued. What they bend is drawn {MAGNIFIED} times as large, in both pictures alike."
+    figure.text(0.5, 0.497, said, ha="center", color="#64748b", fontsize=10)
+    figure.savefig("docs/picture.png", dpi=110, bbox_inches="tight")
+    print(
+        *(f"{stage.name}: {stage.rms_px:.3f} px" for stage in calibration.stages),
+        f"{calibration.views[view].name}: bend {_bend(lines):.1f} px, left {left:.2f} px",
+        sep="; ",
+    )
 
 
-def _arrows(panel: Axes, made: DepthMap) -> None:
-    v, u = np.mgrid[40 : made.x.shape[0] : 96, 40 : made.x.shape[1] : 96]
-    seen = made.valid[v, u]
-    at = np.stack([made.x[v, u], made.y[v, u]], -1)[seen]
-    shift = np.stack([u, v], -1)[seen] - at
-    panel.quiver(*at.T, *shift.T, angles="xy", scale_units="xy", scale=1 / MAGNIFIED, color="#3fa7d6", width=0.003)
+def _panel(panel: Axes, picture: NDArray[Any], lines: list[Line], title: str, *, after: bool) -> None:
+    panel.imshow(picture, cmap="gray", vmin=0, vmax=255)
+    height, width = picture.shape
+    panel.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
+    for line in lines:
+        points, corners = (line.after, line.undistorted) if after else (line.before, line.seen)
+        panel.plot(*_magnified(points, points).T, color=STRAIGHT if after else BENT, linewidth=1.4)
+        panel.plot(*_magnified(corners, points).T, ".", color="white", markersize=2.5)
+    panel.set_title(title, fontsize=12)
+
+
+def _bars(panel: Axes, errors: list[tuple[str, float]]) -> None:
+    places = range(len(errors))[::-1]
+    bars = panel.barh(places, [error for _, error in errors], color=["#b0543a", "#c9a24b", "#3f7d58"], height=0.45)
+    panel.bar_label(bars, [f" {error:.3f} px" for _, error in errors], fontsize=13)
+    for place, (name, _) in zip(places, errors, strict=True):
+        panel.text(0, place + 0.27, name, fontsize=11, va="bottom")
+    panel.set(xlim=(0, 1.3 * errors[0][1]), ylim=(-0.5, 2.7), xticks=[], yticks=[], box_aspect=0.6)
+    panel.set_title("What is left of the error", fontsize=12)
+    panel.spines[["top", "right", "bottom"]].set_visible(False)
+
+
+def _bend(lines: list[Line]) -> float:
+    """px, the most that one of them is away from a straight line."""
+    return max((float(np.linalg.norm(line.before - _on(line.before, line.before), axis=-1).max()) for line in lines), default=0.0)
+
+
+def _on(points: Array, line: Array) -> Array:
+    """(n, 2) px: the feet of points on the straight line that misses a line's points least."""
+    middle = line.mean(0)
+    along = np.linalg.svd(line - middle, full_matrices=False)[2][0]
+    return np.asarray(middle + np.outer((points - middle) @ along, along))
+
+
+def _magnified(points: Array, line: Array) -> Array:
+    feet = _on(points, line)
+    return np.asarray(feet + MAGNIFIED * (points - feet))
+
+
+def _screen() -> NDArray[np.uint8]:
+    """Of the film's pictures, the one with most of the frame that shows where to hold the board."""
+    with Image.open("docs/tui.gif") as film:
+        pictures = []
+        for number in range(getattr(film, "n_frames", 1)):
+            film.seek(number)
+            pictures.append(np.asarray(film.convert("RGB")))
+    return max(pictures, key=lambda picture: int((np.abs(picture.astype(int) - GHOST).max(-1) < 60).sum()))
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ __all__ = [
     "RefracalError",
     "Settings",
     "Silent",
+    "TagLocator",
     "Undistorter",
     "diagnose",
     "evaluate",
@@ -23,6 +24,7 @@ __all__ = [
 
 if TYPE_CHECKING:
     from calib.apply.measure import Measurer
+    from calib.apply.tags import TagLocator
     from calib.apply.undistorter import Undistorter
     from calib.calibration import Calibration
     from calib.diagnosis.diagnose import diagnose
@@ -42,6 +44,7 @@ else:  # out of the type checker's sight, so that it still refuses a name that i
         "RefracalError": "calib.errors",
         "Settings": "calib.fitting.stages",
         "Silent": "calib.progress",
+        "TagLocator": "calib.apply.tags",
         "Undistorter": "calib.apply.undistorter",
         "diagnose": "calib.diagnosis.diagnose",
         "evaluate": "calib.fitting.evaluate",

@@ -6,6 +6,7 @@ calibration.yaml is for people, calibration.npz beside it holds the arrays. Toge
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path as FilePath
 from typing import Any
@@ -37,6 +38,7 @@ from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics, camera_to_yaml
 from calib.session.cover import Cover, cover_to_yaml
 from calib.session.session import session_from_mapping, session_to_yaml
+from calib.undistortion.point_field import PointField
 from calib.undistortion.ray_field import RayField, ray_field
 from calib.version import VERSION
 
@@ -47,6 +49,8 @@ LOOKS = 2
 """At the two files: another writer may put a set in force between them."""
 
 
+MANY = 20_000
+"""Rays or points for which it pays to trace a field first."""
 TITLES = {"pinhole": "camera alone", "cover": "smooth cover", "cover+rbf": "uneven cover", "cover+rbf+effects": "effects found"}
 """The stages of a fit as people are told them."""
 
@@ -154,7 +158,7 @@ class Calibration:
         return CameraModel(path, values, priors, tuple(found.effect for found in self.effects))
 
     def rays(self, pixels: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The rays along which pixels see.
+        """The rays along which pixels see; of MANY and more, through the field of rays, to 0.001 px.
 
         Args:
             pixels: (N, 2) px; (0, 0) is the centre of the top-left pixel.
@@ -162,16 +166,34 @@ class Calibration:
         Returns:
             (N, 3) m where each ray leaves the cover and (N, 3) unit where it goes, in the camera frame; NaN where none leaves it.
         """
-        path, values = self.model()
-        rays = path.trace(_rows(pixels, 2, "pixels"), values)
-        lost = (rays.failure != 0).unsqueeze(-1)
-        origins, directions = (torch.where(lost, torch.nan, v.stacked()).numpy() for v in (rays.origin, rays.direction))
+        at = _rows(pixels, 2, "pixels")
+        field = _point_field(self) if len(at) >= MANY else None
+        if not field:
+            return self._traced(at)
+        origins, directions, held = field.rays(at.numpy())
+        if not held.all():
+            origins[~held], directions[~held] = self._traced(at[torch.from_numpy(~held)])
         return origins, directions
 
     def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N, 3) m in the camera frame to the (N, 2) px that see them; NaN for a point that none sees."""
+        """(N, 3) m in the camera frame to the (N, 2) px that see them; NaN for a point that none sees. Of MANY and more, those on the
+        picture and next to it go through the field of rays, to 0.001 px."""
         path, values = self.model()
-        return project(path, values, _rows(points, 3, "points")).numpy()
+        at = _rows(points, 3, "points")
+        field = None if path.directly_projects or len(at) < MANY else _point_field(self)
+        if not field:
+            return project(path, values, at).numpy()
+        pixels, held = field.pixels(at.numpy())
+        if not held.all():
+            pixels[~held] = project(path, values, at[torch.from_numpy(~held)]).numpy()
+        return pixels
+
+    def _traced(self, pixels: Tensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        path, values = self.model()
+        rays = path.trace(pixels, values)
+        lost = (rays.failure != 0).unsqueeze(-1)
+        origins, directions = (torch.where(lost, torch.nan, v.stacked()).numpy() for v in (rays.origin, rays.direction))
+        return origins, directions
 
     def ray_field(self) -> RayField:
         """The rays of the whole image on a coarse grid: the undistortion of every depth."""
@@ -286,7 +308,9 @@ def _read_pair(path: FilePath) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]
     for _ in range(LOOKS):
         place = in_force(path)
         if not place.is_file():
-            raise InputError(f"{path} does not exist: give the calibration.yaml that calib fit wrote.")
+            within = path.parent / "calibration"
+            there = f"the session's is {within}" if (within / path.name).is_file() else "give the calibration.yaml that calib fit wrote"
+            raise InputError(f"{path} does not exist: {there}.")
         said = read_yaml(place)
         if said.get("format") != FORMAT:
             shown = brief(repr(said.get("format")))
@@ -338,6 +362,15 @@ def _from_mapping(said: dict[str, Any], arrays: dict[str, NDArray[Any]], path: F
     if read.covariance.size and len(read.covariance) != (count := read.camera_model().parameters.count):
         raise ValueError(f"covariance is of {len(read.covariance)} parameters where {count} were estimated")
     return read
+
+
+@lru_cache(maxsize=2)
+def _point_field(calibration: Calibration) -> PointField | None:
+    """None where no ray leaves the cover."""
+    try:
+        return PointField.of(*calibration.model(), calibration.camera.width, calibration.camera.height)
+    except InputError:
+        return None
 
 
 def _rows(rows: NDArray[np.float64], width: int, name: str) -> Tensor:

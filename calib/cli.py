@@ -17,6 +17,7 @@ from calib.commands import (
     immerse_command,
     import_command,
     measure_command,
+    pose_command,
     report_command,
     undistort_command,
 )
@@ -31,6 +32,7 @@ COMMANDS = (
     report_command,
     undistort_command,
     measure_command,
+    pose_command,
     immerse_command,
     export_command,
     import_command,

@@ -29,6 +29,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("capture: name a folder, which is made if need be: capture SESSION. capture --help lists the commands.", file=sys.stderr)
         return 2
     names = {command.__name__.rpartition(".")[2] for command in COMMANDS}
-    if argv and argv[0] not in (*names, "-h", "--help", "--version"):
+    if argv[0].partition("=")[0] not in (*names, "-h", "--help", "--version", "--print-completion"):
         argv = ["ui", *argv]
     return run_command("capture", __doc__, COMMANDS, argv)

@@ -25,6 +25,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from calib.errors import InputError, brief
+from calib.extras import how_to_install
 from capture.orphan import SERVER
 
 try:
@@ -32,7 +33,7 @@ try:
     from textual_serve.app_service import AppService
     from textual_serve.server import Server
 except ImportError as error:
-    raise InputError("--serve needs one more package: pip install 'refracal[serve]'.") from error
+    raise InputError(f"--serve needs one more package: {how_to_install('serve')}") from error
 
 COOKIE = "refracal"
 FONTS = b"https://fonts.googleapis.com"

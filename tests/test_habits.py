@@ -21,4 +21,11 @@ def test_github_runs_the_test_command_of_the_readme() -> None:
     job = yaml.safe_load((ROOT / ".github" / "workflows" / "checks.yml").read_text(encoding="utf-8"))["jobs"]["checks"]
     assert command
     assert command[1] in [step.get("run") for step in job["steps"]]
-    assert job["strategy"]["matrix"] == {"os": ["ubuntu-24.04", "ubuntu-24.04-arm"], "python": ["3.11", "3.13"]}
+
+
+def test_the_top_level_is_what_it_was_agreed_to_be() -> None:
+    """Beside folders whose name begins with a dot, and what builds leave there."""
+    left_by_builds = {"out", "build", "dist", "refracal.egg-info"}
+    agreed = {"pyproject.toml", "calib", "capture", "tests", "fixtures", "benchmarks", "docs", "README.md", "CONTRIBUTING.md"}
+    there = {path.name for path in ROOT.iterdir() if not path.name.startswith(".")} - left_by_builds
+    assert there == agreed | {"CHANGELOG.md", "LICENSE"}

@@ -14,7 +14,7 @@ import capture
 
 LAYERS = {
     "calib": (
-        ("errors", "version"),
+        ("errors", "extras", "version"),
         ("progress", "threads"),
         ("io",),
         ("session",),

@@ -49,8 +49,8 @@ def test_a_folder_may_be_named_by_a_string() -> None:
         calib.read_session("nowhere")
 
 
-def test_the_page_has_five_programs() -> None:
-    assert len(PROGRAMS) == len(re.findall("```python", PAGE)) == 5
+def test_the_page_has_six_programs() -> None:
+    assert len(PROGRAMS) == len(re.findall("```python", PAGE)) == 6
 
 
 @pytest.fixture(scope="module")

@@ -87,6 +87,9 @@ class Answer:
     lacking: str = ""
     """The name of the most probable change, where the calibration's own views show it too: it is no change, but what the model lacks."""
 
+    known: int = 0
+    """Views that the calibration was made from: of them it holds anyway."""
+
     def as_json(self) -> dict[str, object]:
         return {
             "answer": self.word.value,
@@ -100,6 +103,7 @@ class Answer:
             "added_px": self.added_px,
             "noise_px": self.noise_px,
             "views": self.views,
+            "views_known": self.known,
             "frames_rejected": [{"file": one.name, "reason": one.reason} for one in self.rejected],
             "changes": [change.as_json() for change in self.changes],
             "lacking": self.lacking,

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.checking.answer import Answer, Change, Word
@@ -44,6 +45,8 @@ NOISIER = 1.3
 OUT_OF_REACH = 3.0
 """Times the error of the best: what leaves more is not the most probable, whatever the corners' noise."""
 STAGES = 3
+ONE_PICTURE = 0.01
+"""px"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +81,7 @@ class Checker:
             return _without_views(pictures)
         advance = progress.task("Check", STAGES)
         with single_thread():
-            answer = self._check(pictures, advance)
+            answer = replace(self._check(pictures, advance), known=self._known(pictures.views))
         advance(STAGES, "")
         return answer
 
@@ -134,6 +137,10 @@ class Checker:
             lacking=first.name if self.dispersion.lacking.get(first.name, (0.0,))[0] > 0 else "",
         )
 
+    def _known(self, views: tuple[View, ...]) -> int:
+        """How many of these views the calibration was made from: their corners are the same."""
+        return sum(any(_same(view.corners, own.corners) for own in self.calibration.views) for view in views)
+
     def _guesses(self, seen: Seen, views: tuple[View, ...], board: Board, error: float, louder: float) -> tuple[list[Hypothesis], float]:
         """What may have changed, the most probable first, with the noise that is left at the best of them: a large change looks like noise
         where it bends from square to square."""
@@ -188,3 +195,8 @@ def _without_views(pictures: Pictures) -> Answer:
     nan = float("nan")
     change = Change(pictures.name, pictures.other, 1.0)
     return Answer(Word.BROKEN, nan, nan, 0, nan, nan, nan, nan, nan, nan, 0, (change,), pictures.rejected)
+
+
+def _same(one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+    """Whether corners are of one picture: of two, noise alone puts some farther apart."""
+    return one.shape == other.shape and bool(np.nanmax(np.abs(one - other), initial=0.0) < ONE_PICTURE)

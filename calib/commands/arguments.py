@@ -38,6 +38,17 @@ def positive(text: str) -> float:
     return number
 
 
+def positive_or_zero(text: str) -> float:
+    """A finite number from 0."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not 0 <= number < math.inf:
+        raise argparse.ArgumentTypeError(f"{quoted(text)} will not do: write 0, or a number above it")
+    return number
+
+
 def whole_size(text: str) -> tuple[int, int]:
     """Of a board or a picture, such as 9x6."""
     first, _, second = text.partition("x")

@@ -18,6 +18,8 @@ from calib.fitting.rounding import with_sigma
 NOISIER = 1.3
 """Times the noise of the calibration's own corners, from which a person is told of it."""
 
+FEWEST = 3
+"""Views that a check should have."""
 SMALLEST_P = 1e-99
 """That is told as a number: smaller ones underflow."""
 
@@ -26,13 +28,8 @@ def print_answer(answer: Answer, moved: Sequence[Moved], written: Sequence[Path]
     """The word, the figure that it rests on, what has changed, what an update moved, and what to type next."""
     console = Console(markup=False, highlight=False, soft_wrap=True)
     console.print(answer.word.sentence, style="bold")
-    for line in _lines(answer):
-        console.print(harmless(f"- {line}"))
-    for one in answer.rejected:
-        console.print(harmless(f"Left out {one.name}: {one.reason}"))
-    for number in moved:
-        before, after = with_sigma(number.before, number.sigma_before), with_sigma(number.after, number.sigma_after)
-        console.print(f"{number.name}: {before} -> {after} {number.unit}".rstrip() + f" ({number.sigmas:+.1f} sigma)")
+    for line in answer_lines(answer, moved):
+        console.print(line)
     for path in written:
         console.print(harmless(f"Wrote {path}"))
     console.print(harmless(f"Next: {as_typed(following)}"))
@@ -49,7 +46,18 @@ def next_command(answer: Answer, calibration: Path, pictures: Sequence[Path], *,
     return f"capture {shlex.quote(str(named.with_name(f'{named.name}-again')))}"
 
 
-def _lines(answer: Answer) -> Iterator[str]:
+def answer_lines(answer: Answer, moved: Sequence[Moved] = ()) -> Iterator[str]:
+    """What the word rests on, for people, harmless."""
+    for line in _reasons(answer):
+        yield harmless(f"- {line}")
+    for one in answer.rejected:
+        yield harmless(f"Left out {one.name}: {one.reason}")
+    for number in moved:
+        before, after = with_sigma(number.before, number.sigma_before), with_sigma(number.after, number.sigma_after)
+        yield f"{number.name}: {before} -> {after} {number.unit}".rstrip() + f" ({number.sigmas:+.1f} sigma)"
+
+
+def _reasons(answer: Answer) -> Iterator[str]:
     if answer.views:
         views = f"{answer.views} view{'s' * (answer.views > 1)}"
         yield (
@@ -60,6 +68,11 @@ def _lines(answer: Answer) -> Iterator[str]:
             yield f"the change adds {answer.added_px:.3f} px to the corners."
         if answer.louder > NOISIER:
             yield f"the corners are {answer.louder:.1f} times as noisy as those of the calibration: sharper pictures tell more."
+        if answer.known:
+            those = "they are" if answer.known == answer.views else f"{answer.known} of them are"
+            yield f"{those} of pictures that the calibration was made from, which say nothing of today: take new ones."
+        if answer.views < FEWEST:
+            yield "that is little to go by: three to five views of a tilted board, near and far, tell more."
     alone = len(answer.changes) == 1
     for change in answer.changes:
         yield f"{change}." if alone else f"{100 * change.probability:.0f} %: {change}."

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import NoReturn
 
+from calib.commands.completion import add_completion
 from calib.errors import RefracalError, brief
 from calib.version import VERSION
 
@@ -72,6 +73,7 @@ class _Help(argparse.HelpFormatter):
 def _parser(program: str, description: str | None, commands: Sequence[ModuleType]) -> argparse.ArgumentParser:
     parser = _Parser(program, description=description, formatter_class=_Help)
     parser.add_argument("--version", action="version", version=f"refracal {VERSION}")
+    add_completion(parser)
     choices = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in commands:
         name = command.__name__.rpartition(".")[2].removesuffix("_command")

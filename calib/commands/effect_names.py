@@ -9,10 +9,11 @@ EFFECTS = Path(__file__).parents[1] / "effects"
 
 def effects_help() -> str:
     """A line for each effect, in the registry's order: its name, and what it is."""
-    return "\n".join(["effects:", *(f"  {name:<17}{_summary(name)}" for name in _names())])
+    return "\n".join(["effects:", *(f"  {name:<17}{_summary(name)}" for name in effect_names())])
 
 
-def _names() -> Iterator[str]:
+def effect_names() -> Iterator[str]:
+    """In the registry's order."""
     registry = (EFFECTS / "registry.py").read_text(encoding="utf-8")
     modules = {kind: name for name, kind in re.findall(r"^from calib\.effects\.(\w+) import (\w+)$", registry, re.MULTILINE)}
     for listed in re.findall(r"^(?:EFFECTS|FIELDS): .*? = \((.*?)\)$", registry, re.MULTILINE | re.DOTALL):

@@ -10,6 +10,7 @@ import argparse
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
+from calib.apply.water import GREEN, SALINITY, TEMPERATURE, WAVELENGTH, index_of_water
 from calib.commands.arguments import add_calibration, add_depths, add_output, folder_of, quoted
 from calib.errors import InputError
 
@@ -29,9 +30,9 @@ AIRY = 1.01
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration(parser)
     parser.add_argument("--outside-index", type=_between(1, 2), metavar="N", help="of what is outside: 1.34, say; 1 of air")
-    parser.add_argument("--salinity", type=_between(0, 35), metavar="S", help="of the water, per mille; 35 is the oceans', by default 0")
-    parser.add_argument("--temperature", type=_between(0, 30), metavar="T", help="of the water, degrees C, by default 15")
-    parser.add_argument("--wavelength", type=_between(400, 700), metavar="L", help="of the light, nm, by default 550")
+    parser.add_argument("--salinity", type=_between(*SALINITY), metavar="S", help="of the water, per mille; 35 of oceans, by default 0")
+    parser.add_argument("--temperature", type=_between(*TEMPERATURE), metavar="T", help="of the water, degrees C, by default 15")
+    parser.add_argument("--wavelength", type=_between(*WAVELENGTH), metavar="L", help="of the light, nm, by default 550")
     sigma = "standard deviation of the index; by default 0.001 of water, for its temperature and the camera's colours, and 0 of air"
     parser.add_argument("--index-sigma", type=_between(0, 0.1), metavar="N", help=sigma)
     add_depths(parser, required=False)
@@ -84,8 +85,6 @@ def _between(low: float, high: float) -> Callable[[str], float]:
 
 def _index(args: argparse.Namespace) -> float:
     """Of what is outside: as given, or of water as described."""
-    from calib.apply.water import GREEN, index_of_water
-
     water = (args.salinity, args.temperature, args.wavelength)
     if args.outside_index is not None:
         if any(number is not None for number in water):

@@ -58,7 +58,18 @@ def border_of(coding: Coding) -> int:
 
 def marker_cells(coding: Coding) -> int:
     """Along a side of a marker, with its border."""
-    return int(_dictionary(coding.dictionary).markerSize) + 2 * border_of(coding)
+    return size_of_markers(coding.dictionary, border_of(coding))
+
+
+def size_of_markers(dictionary: str, border: int) -> int:
+    """Cells along a side, with a border of so many."""
+    return int(_dictionary(dictionary).markerSize) + 2 * border
+
+
+def black_cells(dictionary: str, number: int, border: int) -> NDArray[np.bool_]:
+    """(n, n) of a marker, as its dictionary has it."""
+    cells = size_of_markers(dictionary, border)
+    return np.asarray(_dictionary(dictionary).generateImageMarker(number, cells, borderBits=border) == 0)
 
 
 @lru_cache(64)

@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.diagnosis.linearised import columns_of, eliminated
+from calib.diagnosis.linearised import columns_of, schur_factors
 from calib.diagnosis.score_test import Optimum
 from calib.estimation.elimination import problem_at
 from calib.estimation.joint_fit import JointFit, inverse
@@ -38,7 +38,7 @@ def without_each(at: Optimum, part: NDArray[np.int64]) -> list[JointFit]:
     moves = []
     for one, columns in zip(part, columns_of(at), strict=True):
         own, others = columns[:, : len(known)], columns[:, len(known) :]
-        through, factor = (found[0] for found in eliminated((own.mT @ columns)[None], known))
+        through, factor = (found[0] for found in schur_factors((own.mT @ columns)[None], known))
         sums[one] += others.mT @ others - through.mT @ through
         moves.append(torch.linalg.solve_triangular(factor.mT, through, upper=True))
     whole, precision = sums.sum(0), torch.from_numpy(at.prior_precision())

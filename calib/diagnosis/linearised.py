@@ -29,7 +29,7 @@ def columns_of(at: Optimum) -> Iterator[Tensor]:
         yield torch.cat([own, shared, before[:, None]], 1)
 
 
-def eliminated(products: Tensor, own_precision: Tensor) -> tuple[Tensor, Tensor]:
+def schur_factors(products: Tensor, own_precision: Tensor) -> tuple[Tensor, Tensor]:
     """What the inner products of a view's columns lose when its own parameters adapt: the products of the first of these with themselves.
 
     Args:
@@ -77,7 +77,7 @@ class Linearised:
             noise: () over the fit's.
         """
         own = len(own_precision)
-        through, factor = eliminated(products[:, :own] / noise**2, own_precision)
+        through, factor = schur_factors(products[:, :own] / noise**2, own_precision)
         rows = through.flatten(0, 1)
         left = products[:, own:, own:].sum(0) / noise**2 - rows.mT @ rows
         hessian, score = left[:-1, :-1] + self.precision, left[:-1, -1]

@@ -143,7 +143,7 @@ class Loop:
         lowers = 1 - (joint.cost / self.joint.cost) ** 0.5 if joint.finite else -np.inf
         odds = joint.log_evidence - self.joint.log_evidence if joint.finite else -np.inf
         shared = not test.effect.per_view
-        if lowers < 1 - HOPELESS:
+        if joint.finite and lowers < 1 - HOPELESS:
             self.hopeless.add((test.effect.name, test.effect.form))
         trial = Trial(test, Fit(wider, joint), lowers, among, odds if shared else -np.inf, improbable=shared and odds <= 0)
         key = test.effect.name, test.effect.form

@@ -6,16 +6,20 @@ camera's, say) and on the parameters y_v of its own block (a view's pose). Each 
 camera system of bundle adjustment is solved for x, and back-substitution gives the blocks, so that the time grows linearly with their
 number. The damping mu follows the gain ratio: how much F fell over what the quadratic model promised.
 
-Along a curved valley, what many views leave open, a good step lands up the valley's wall. So one that gains much less than it promised is
-bent, before it is shortened: the second derivative of the residuals along it, by differences, gives the geodesic acceleration, which
+Along a curved valley, what many views leave open, a good step lands up the valley's wall, and what bends the valley is above all how each
+block adapts. So after every step each block takes one of its own, at the shared parameters' new place, before the step is judged: embedded
+iterations, which make of the problem nearly the one in the shared parameters alone. A step that gains much less than it promised even so
+is bent, before it is shortened: the second derivative of the residuals along it, by differences, gives the geodesic acceleration, which
 follows the valley.
 
 As in the references, gradient and Hessian are those of F / 2: J^T r and, in the Gauss-Newton approximation, J^T J.
 
 Sources: J. Nocedal, S. J. Wright, Numerical optimization (2006), sections 10.3 and 4.1, for the method and its gain ratio; K. Madsen,
 H. B. Nielsen, O. Tingleff, Methods for non-linear least squares problems (2004), section 3.2, for the update of the damping; B. Triggs
-et al., Bundle adjustment: a modern synthesis (2000), section 6.1, for the Schur complement; M. K. Transtrum, J. P. Sethna,
-Improvements to the Levenberg-Marquardt algorithm for nonlinear least-squares minimization (2012), for the acceleration.
+et al., Bundle adjustment: a modern synthesis (2000), section 6.1, for the Schur complement; A. Ruhe, P. A. Wedin, Algorithms for separable
+nonlinear least squares problems (1980), and J. H. Hong, C. Zach, A. Fitzgibbon, Revisiting the variable projection method for separable
+nonlinear least squares problems (2017), for the embedded iterations; M. K. Transtrum, J. P. Sethna, Improvements to the Levenberg-Marquardt
+algorithm for nonlinear least-squares minimization (2012), for the acceleration.
 """
 
 import math
@@ -90,6 +94,10 @@ class Problem(Protocol):
     def linearise(self, shared: Tensor, blocks: Tensor) -> Iterable[Linearised]:
         """(S,) and (V, B) to rows whose squares have the cost's gradient, and about its Hessian: all blocks, some at a time, so that the
         memory need not hold the whole Jacobian at once."""
+        ...
+
+    def settled(self, shared: Tensor, blocks: Tensor) -> tuple[Tensor, float]:
+        """(S,) and (V, B) to blocks that fit these shared parameters no worse, by a step of each block's own, and the cost there."""
         ...
 
     def bent(self, pieces: Iterable[Linearised], shared: Tensor, blocks: Tensor, move: tuple[Tensor, Tensor]) -> Iterable[Tensor]:
@@ -177,10 +185,7 @@ def minimise(
         rows, own = normal_equations(pieces), problem.block_precision
         return replace(rows, hessian_block=rows.hessian_block + own.diag(), gradient_block=rows.gradient_block + own * blocks), pieces
 
-    def cost_at(shared: Tensor, blocks: Tensor) -> float:
-        return problem.cost(shared, blocks) + prior(shared, blocks)
-
-    cost = cost_at(shared, blocks)
+    cost = problem.cost(shared, blocks) + prior(shared, blocks)
     if math.isnan(cost):
         raise ValueError("the cost at the start is not a number")
     damping = FIRST_DAMPING
@@ -197,13 +202,16 @@ def minimise(
                 # A heavily damped step promises little whatever the gradient.
                 outcome = Outcome.CONVERGED if damping <= 1 or cost < ROUNDING else Outcome.STUCK
                 return Solution(outcome, shared, blocks, cost, step, rows)
-            moved, moved_blocks = shared + move[0], blocks + move[1]
-            new_cost = cost_at(moved, moved_blocks)
+            moved = shared + move[0]
+            moved_blocks, new_cost = problem.settled(moved, blocks + move[1])
+            new_cost += prior(moved, moved_blocks)
             if not (cost - new_cost) / promised > STRAIGHT and math.isfinite(promised):
                 once, again = tee(pieces)  # which may have to be made anew
                 bend = _bend(whole, once, problem.bent(again, shared, blocks, move), damping)
-                bent, bent_blocks = moved + bend[0], moved_blocks + bend[1]
-                if (bent_cost := cost_at(bent, bent_blocks)) < new_cost:
+                bent = moved + bend[0]
+                bent_blocks, bent_cost = problem.settled(bent, blocks + move[1] + bend[1])
+                bent_cost += prior(bent, bent_blocks)
+                if bent_cost < new_cost:
                     moved, moved_blocks, new_cost = bent, bent_blocks, bent_cost
             gain = (cost - new_cost) / promised
             if gain > 0:  # false for a cost that is not finite

@@ -44,23 +44,61 @@ class LandingProblem:
     """Standard deviations beyond which a corner counts by its distance, not by its square."""
 
     def cost(self, shared: Tensor, blocks: Tensor) -> float:
-        values = self.parameters.values(shared)
-        if any(bool((values[param.name] < param.least).any()) for param in self.parameters.free):
-            return math.inf
-        return sum(float(each.sum()) for each in self._losses(values, blocks))
+        values = self._possible(shared)
+        return math.inf if values is None else sum(float(each.sum()) for each in self._losses(values, blocks))
 
     def by_view(self, shared: Tensor, blocks: Tensor) -> Tensor:
         """(V,) of which `cost` is the sum."""
         each = zip(self.views, self._losses(self.parameters.values(shared), blocks), strict=True)
         return torch.stack([view.sum() for landing, losses in each for view in landing.observations.per_view(losses)])
 
+    def settled(self, shared: Tensor, blocks: Tensor) -> tuple[Tensor, float]:
+        """A Gauss-Newton step of each view by itself, taken where it lowers its own cost: rays do not depend on where boards are, so they
+        are traced once."""
+        values, found, total = self._possible(shared), [], 0.0
+        if values is None:
+            return blocks, math.inf
+        for landing, own in self._split(blocks):
+            rays = landing.rays(values)
+            residual, jacobian, lands = landing.by_own(rays, values, own)
+            moved = own - self._own_step(landing, residual, jacobian, own)
+            before = self._own_cost(landing, residual, lands, own)
+            after = self._own_cost(landing, *landing.residual(rays, values, moved), moved)
+            best = torch.where((after < before)[:, None], moved, own)
+            found.append(best)
+            total += float(torch.where(after < before, after, before).sum() - (best**2 @ self.block_precision).sum())
+        return torch.cat(found), total
+
+    def _possible(self, shared: Tensor) -> dict[str, Tensor] | None:
+        """The path's values, unless one is beyond what it can be."""
+        values = self.parameters.values(shared)
+        return None if any(bool((values[param.name] < param.least).any()) for param in self.parameters.free) else values
+
+    def _own_step(self, landing: Landing, residual: Tensor, jacobian: Tensor, own: Tensor) -> Tensor:
+        """(V, B) by how much each view's own parameters are beyond their optimum; 0 where that is not known."""
+        view, (count, size) = landing.observations.view, own.shape
+        weighted = jacobian * (self.huber / residual.norm(dim=-1)).clamp_max(1.0)[:, None, None]
+        hessian = own.new_zeros(count, size, size).index_add(0, view, weighted.mT @ jacobian) + self.block_precision.diag()
+        gradient = (
+            own.new_zeros(count, size).index_add(0, view, (weighted.mT @ residual[..., None]).squeeze(-1)) + self.block_precision * own
+        )
+        step, singular = torch.linalg.solve_ex(hessian, gradient)
+        return torch.where((singular == 0)[:, None] & step.isfinite(), step, 0.0)
+
+    def _own_cost(self, landing: Landing, residual: Tensor, lands: Tensor, own: Tensor) -> Tensor:
+        """(V,) of each view's corners and prior; infinite where one does not land."""
+        losses = self._robust(residual, lands)
+        return own.new_zeros(len(own)).index_add(0, landing.observations.view, losses) + own**2 @ self.block_precision
+
     def _losses(self, values: Values, blocks: Tensor) -> Iterator[Tensor]:
         """(m,) of the corners of some views after the other."""
         for landing, poses in self._split(blocks):
-            residual, lands = landing.residual(values, poses)
-            squared = (residual**2).sum(-1)
-            robust = torch.where(squared <= self.huber**2, squared, 2 * self.huber * squared.sqrt() - self.huber**2)
-            yield torch.where(lands, robust, torch.inf)
+            yield self._robust(*landing.residual(landing.rays(values), values, poses))
+
+    def _robust(self, residual: Tensor, lands: Tensor) -> Tensor:
+        squared = (residual**2).sum(-1)
+        robust = torch.where(squared <= self.huber**2, squared, 2 * self.huber * squared.sqrt() - self.huber**2)
+        return torch.where(lands, robust, torch.inf)
 
     def linearise(self, shared: Tensor, blocks: Tensor) -> Iterator[Linearised]:
         values = self.parameters.values(shared)
@@ -77,7 +115,7 @@ class LandingProblem:
         parts = zip(pieces, self._split(blocks + PROBE * move[1]), self._split(move[1]), strict=True)
         for at, (landing, poses), (_, moves) in parts:
             straight = at.jacobian_shared @ move[0] + (at.jacobian_block @ moves[landing.observations.view].unsqueeze(-1)).squeeze(-1)
-            there, lands = landing.residual(ahead, poses)
+            there, lands = landing.residual(landing.rays(ahead), ahead, poses)
             weight = (self.huber / at.residual.norm(dim=-1, keepdim=True)).clamp_max(1.0)  # Huber's root once more, of what it has weighted
             bend = 2 / PROBE * ((weight * there - at.residual) / PROBE - straight)
             yield torch.where(lands[:, None] & bend.isfinite(), bend, 0.0)

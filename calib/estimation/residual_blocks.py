@@ -42,29 +42,40 @@ class Landing:
     weights: Tensor
     """(M, 2, 2) W, from metres on the board to the residual's unit; held."""
 
-    def residual(self, values: Values, poses: Tensor) -> tuple[Tensor, Tensor]:
-        """The (M, 2) residuals for (V, 6) poses, and (M,) bool whether each ray lands."""
+    def rays(self, values: Values) -> Rays:
+        """As they leave the cover: what boards are told by, wherever they are."""
+        values = self.observations.with_times(values)
+        return self.path.onward(self.held, values, self.passed) if self.passed else self.path.trace(self.observations.pixels, values)
+
+    def residual(self, rays: Rays, values: Values, poses: Tensor) -> tuple[Tensor, Tensor]:
+        """The (M, 2) residuals of rays for (V, B) own parameters of views, and (M,) bool whether each ray lands."""
         seen = self.observations
         values = seen.with_times(values)
-        landed, failure = self.path.target(self._rays(values), Placement.of(poses)[seen.view].during(values.get(LINE)), values)
+        landed, failure = self.path.target(rays, Placement.of(poses)[seen.view].during(values.get(LINE)), values)
         return self._weighted(landed), failure == 0
+
+    def by_own(self, rays: Rays, values: Values, poses: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """The residuals, their (M, 2, B) Jacobian by the views' own parameters, and (M,) bool whether each ray lands."""
+        values = self.observations.with_times(values)
+        placed, leaves = self._placed(poses, values)
+        with torch.enable_grad():
+            landed, failure = self.path.target(rays, _placement(leaves), values)
+            found = by_row(landed, leaves)
+        return self._weighted(landed.detach()), self.weights @ self._joined(found, placed, poses, values), failure == 0
 
     def linearise(self, values: Values, poses: Tensor) -> Linearised:
         """Residuals and Jacobian, by the views' own parameters and by the shared ones, at the path's values and (V, B) own ones."""
         seen = self.observations
         values = seen.with_times(values)
         rows = len(seen.pixels)
-        placed = Placement.of(poses)
-        own = placed[seen.view].during(values.get(LINE))
-        leaves = [part.detach().requires_grad_() for part in (own.turn, own.shift, *([] if own.flex is None else [own.flex]))]
+        placed, leaves = self._placed(poses, values)
         names = [param.name for param in self.parameters.free]
         free = [values[name].expand(rows, *values[name].shape).clone().requires_grad_() for name in names]
         probes = [torch.zeros_like(seen.weight, requires_grad=True) for _ in PROBES] if self.parameters.relief else []
         with torch.enable_grad():
             probed = {**values, **dict(zip(names, free, strict=True)), **dict(zip(PROBES, probes, strict=False))}
-            rays = self._rays(probed)
-            turn, shift, *flex = leaves
-            landed, _ = self.path.target(rays, Placement(turn, shift, flex=flex[0] if flex else None), probed)
+            rays = self.rays(probed)
+            landed, _ = self.path.target(rays, _placement(leaves), probed)
             found = by_row(landed, [*leaves, *probes, *free])
         by_own, rest = found[: len(leaves)], found[len(leaves) :]
         columns: list[Tensor] = []
@@ -74,8 +85,18 @@ class Landing:
         if free:
             columns.append(self.weights @ (joined(by_free) * self.parameters.scales))
         shared = torch.cat(columns, -1) if columns else landed.new_zeros(rows, 2, 0)
-        jacobian_block = torch.cat([self._by_pose(by_own[0], by_own[1], placed, poses, values), *by_own[2:]], -1)
-        return Linearised(seen.starts, self._weighted(landed.detach()), self.weights @ jacobian_block, shared)
+        jacobian_block = self.weights @ self._joined(by_own, placed, poses, values)
+        return Linearised(seen.starts, self._weighted(landed.detach()), jacobian_block, shared)
+
+    def _placed(self, poses: Tensor, values: Values) -> tuple[Placement, list[Tensor]]:
+        """Where each view's board is, and, to be differentiated by, each ray's: its rotation, its place, and its flex where it has one."""
+        placed = Placement.of(poses)
+        own = placed[self.observations.view].during(values.get(LINE))
+        return placed, [part.detach().requires_grad_() for part in (own.turn, own.shift, *([] if own.flex is None else [own.flex]))]
+
+    def _joined(self, by_leaves: Sequence[Tensor], placed: Placement, poses: Tensor, values: Values) -> Tensor:
+        """(M, 2, B) by the own parameters of each row's view, from the derivatives by what `_placed` has."""
+        return torch.cat([self._by_pose(by_leaves[0], by_leaves[1], placed, poses, values), *by_leaves[2:]], -1)
 
     def _by_pose(self, by_turn: Tensor, by_shift: Tensor, placed: Placement, poses: Tensor, values: Values) -> Tensor:
         """(M, 2, 6 or 12) Jacobian by the pose of each row's view, and by its motion where there is one, from those by its board's rotation
@@ -92,9 +113,6 @@ class Landing:
         by_rotation, by_spin = (by_turn.flatten(2) @ part.flatten(2).mT for part in (turned.unsqueeze(1) @ turns, spins))
         return torch.cat([by_rotation, by_shift, by_spin, by_shift * line[:, None, None]], -1)
 
-    def _rays(self, values: Values) -> Rays:
-        return self.path.onward(self.held, values, self.passed) if self.passed else self.path.trace(self.observations.pixels, values)
-
     def _weighted(self, landed: Tensor) -> Tensor:
         return (self.weights @ (landed - self.observations.corners).unsqueeze(-1)).squeeze(-1)
 
@@ -105,6 +123,11 @@ class Landing:
         _, adjusted = self.path.adjusted(self.observations.pixels, values)
         where = outer.surface.chart(outer.frame.enter(rays.origin.detach(), adjusted))
         return outer.relief.spread(by_probe, where)
+
+
+def _placement(leaves: Sequence[Tensor]) -> Placement:
+    turn, shift, *flex = leaves
+    return Placement(turn, shift, flex=flex[0] if flex else None)
 
 
 def landings(path: Path, parameters: Parameters, observations: Observations, weights: Tensor) -> Iterator[Landing]:

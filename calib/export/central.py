@@ -136,8 +136,8 @@ def _fit(calibration: Calibration, sight: Sight, check: Sight, depth: float, len
     k = camera.intrinsics
     own = k.distortion if (k.model != OPENCV) == lens.fisheye else ()
     bare = [number.value for number in (k.fx, k.fy, k.cx, k.cy, *own)]
-    same = k.model == (FISHEYE if lens.fisheye else OPENCV) and lens != SPLINED and not lens.windshield
-    same = same and lens.coefficients >= len(k.distortion)
+    plain = lens != SPLINED and not lens.windshield
+    same = plain and k.model == (FISHEYE if lens.fisheye else OPENCV) and lens.coefficients >= len(k.distortion)
     path, _ = calibration.model()
     centre = np.zeros(3) if path.central else sight.nearly_intersect()
     if path.central and not path.adjustments and same:

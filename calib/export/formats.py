@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from importlib.util import find_spec
 
+from calib.extras import how_to_install
+
 BRIEF = 37
 """Characters, of which a list in a narrow window has room."""
 
@@ -108,7 +110,7 @@ FORMATS: tuple[Format, ...] = (
     Format(
         *("stmap-exr", "stmap", "the same as OpenEXR"),
         needs="OpenEXR",
-        lacking="OpenEXR is not installed: pip install 'refracal[exr]', or use --format stmap, which writes TIFF.",
+        lacking=f"OpenEXR is not installed: {how_to_install('exr')}, or use --format stmap, which writes TIFF.",
     ),
 )
 """In the order of the help. A new format is a module of this package and a line here."""

@@ -14,14 +14,13 @@ from tempfile import gettempdir
 from typing import TYPE_CHECKING, Any
 
 from calib.errors import InputError, RefracalError, brief
+from calib.extras import how_to_install
 from calib.version import VERSION
 
 if TYPE_CHECKING:
     from distributed import Client
 
-NEEDED = (
-    "calib batch runs on Dask, which is not installed: pip install -e '.[fleet]' in refracal's checkout, or pip install 'refracal[fleet]'."
-)
+NEEDED = f"calib batch runs on Dask, which is not installed: {how_to_install('fleet')}"
 QUEUES = {
     "slurm": "SLURMCluster",
     "pbs": "PBSCluster",

@@ -25,7 +25,7 @@ from calib.fitting.fit import fit
 from calib.fitting.provenance import KEY, asked, diagnosed
 from calib.fleet.identity import Asked, Identity
 from calib.fleet.manifest import Entry
-from calib.fleet.numbers import USUAL_DEPTH, Moved, moved, numbers
+from calib.fleet.numbers import USUAL_DEPTH, moved, numbers
 from calib.fleet.places import at_hand, is_remote
 from calib.fleet.result import CAMERAS, Result, State, read_result
 from calib.io.file_set import BusyError, FileSet
@@ -142,7 +142,7 @@ def _calibrated(job: Job, files: FileSet, identity: Identity) -> Result:
         numbers=numbers(first, last, next(iter(wanted.depths), USUAL_DEPTH)),
         effects=tuple(added.effect.name for added in last.effects),
         check=answer.as_json() if answer else {},
-        moved=_moved(prior, last),
+        moved=moved(prior, last) if prior else {},
         remarks=remarks,
         written=tuple(path.relative_to(job.fleet).as_posix() for path in written),
         views=len(last.views),
@@ -192,10 +192,6 @@ def _checked(entry: Entry, session: Path) -> tuple[Calibration | None, Answer | 
         return prior, check(prior, read_pictures((session,), prior, Silent())), ()
     except RefracalError as error:
         return prior, None, (f"Its prior could not be checked: {error}",)
-
-
-def _moved(prior: Calibration | None, now: Calibration) -> dict[str, Moved]:
-    return moved(prior, now) if prior else {}
 
 
 def _exported(calibration: Calibration, wanted: Asked, folder: Path) -> list[Path]:

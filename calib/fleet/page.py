@@ -12,7 +12,7 @@ from calib.fleet.charts import chart_svg, colours_of, labels_of, link_of, map_sv
 from calib.fleet.control import ALPHA, APART, Chart
 from calib.fleet.findings import Fleet, title_of
 from calib.fleet.result import Result, State
-from calib.report.page import NOTHING_FROM_OUTSIDE, PageSection
+from calib.report.page import PageSection, document
 from calib.report.tables import table
 from calib.verdict.verdict import Word
 
@@ -34,30 +34,12 @@ def fleet_page(fleet: Fleet, name: str) -> str:
     sections = list(_sections(fleet))
     contents = "".join(f'<a href="#{section.name}">{escape(section.title)}</a>' for section in sections)
     body = "".join(f'<section id="{one.name}"><h2>{escape(one.title)}</h2>{one.html}</section>' for one in sections)
-    return f"""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="color-scheme" content="light dark">
-<meta http-equiv="Content-Security-Policy" content="{NOTHING_FROM_OUTSIDE}">
-<link rel="icon" href="data:,">
-<title>Fleet {escape(name)}</title>
-<style>
-{style}</style>
-</head>
-<body>
-<header class="{"care" if fleet.findings else "good"}">
-<p class="over">Refracal fleet: {escape(name)}</p>
+    header = f"""<p class="over">Refracal fleet: {escape(name)}</p>
 <h1>{escape(headline(fleet))}</h1>
 <p class="lead">{escape(_lead(fleet))}</p>
 <figure class="map">{map_svg(fleet)}<figcaption class="key">{KEY}</figcaption></figure>
-<nav>{contents}</nav>
-</header>
-<main>{body}</main>
-</body>
-</html>
-"""
+<nav>{contents}</nav>"""
+    return document(f"Fleet {escape(name)}", style, header, body, good=not fleet.findings)
 
 
 KEY = (

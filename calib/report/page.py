@@ -30,6 +30,18 @@ def page(subject: str, summary: Summary, sections: Sequence[PageSection]) -> str
         f'<section id="{section.name}"><h2 id="{section.name}-title">{escape(section.title)}</h2>{section.html}</section>'
         for section in sections
     )
+    listed = f"<ul>{reasons}</ul>" if reasons else ""
+    header = f"""<p class="over">Refracal calibration report</p>
+<h1>{escape(verdict.word.sentence.removesuffix("."))}</h1>
+<p class="lead">{lead}</p>
+{listed}
+<p>Next, where . is the folder of this report: <code>{escape(verdict.next)}</code></p>
+<nav>{contents}</nav>"""
+    return document(f"Calibration of {escape(subject)}", style, header, body, good=not verdict.reasons)
+
+
+def document(title: str, style: str, header: str, body: str, *, good: bool) -> str:
+    """An HTML file that loads nothing. Args: all but style as HTML; good: whether the header is coloured as of something to rely on."""
     return f"""<!doctype html>
 <html lang="en">
 <head>
@@ -38,18 +50,13 @@ def page(subject: str, summary: Summary, sections: Sequence[PageSection]) -> str
 <meta name="color-scheme" content="light dark">
 <meta http-equiv="Content-Security-Policy" content="{NOTHING_FROM_OUTSIDE}">
 <link rel="icon" href="data:,">
-<title>Calibration of {escape(subject)}</title>
+<title>{title}</title>
 <style>
 {style}</style>
 </head>
 <body>
-<header class="{"care" if verdict.reasons else "good"}">
-<p class="over">Refracal calibration report</p>
-<h1>{escape(verdict.word.sentence.removesuffix("."))}</h1>
-<p class="lead">{lead}</p>
-{f"<ul>{reasons}</ul>" if reasons else ""}
-<p>Next, where . is the folder of this report: <code>{escape(verdict.next)}</code></p>
-<nav>{contents}</nav>
+<header class="{"good" if good else "care"}">
+{header}
 </header>
 <main>{body}</main>
 </body>

@@ -125,13 +125,14 @@ def spacings(finest: float) -> Iterator[float]:
         spacing /= 2
 
 
-def solve(undistort: Undistort, starts: Array, goal: Array) -> tuple[Array, Mask]:
+def solve(undistort: Undistort, starts: Array, goal: Array, last: float = CONVERGED) -> tuple[Array, Mask]:
     """Newton's method at N points at once.
 
     Args:
         undistort: from (n, 2) distorted px, and (n,) which of the N they are, to (n, 2) undistorted px and their (n, 2, 2) Jacobians.
         starts: (N, 2) distorted px.
         goal: (N, 2) undistorted px.
+        last: px: the length of a step that is the last one. What it leaves is of the order of its square times the curvature.
 
     Returns:
         (N, 2) distorted px, and (N,) whether the method converged.
@@ -143,7 +144,7 @@ def solve(undistort: Undistort, starts: Array, goal: Array) -> tuple[Array, Mask
         step, folded = newton_step(reached - goal[remaining], jacobian)
         length = np.hypot(step[:, 0], step[:, 1])
         found[remaining] -= step * np.minimum(1, LONGEST_STEP / np.maximum(length, 1e-12))[:, None]
-        remaining = remaining[folded | ~(length <= CONVERGED)]
+        remaining = remaining[folded | ~(length <= last)]
         if not len(remaining):
             break
     converged = np.ones(len(goal), dtype=bool)

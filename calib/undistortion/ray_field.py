@@ -115,8 +115,8 @@ def check_depth(depth: float) -> None:
         raise InputError(f"depth {depth:g} m is too near: write metres from {NEAREST:g} on, beyond the cover, such as 1.0.")
 
 
-def ray_field(path: Path, values: Values, width: int, height: int) -> RayField:
-    """Trace the field, on a grid fine enough that between its nodes, too, its splines agree with tracing."""
+def ray_field(path: Path, values: Values, width: int, height: int, tolerance: float = TOLERANCE) -> RayField:
+    """Trace the field, on a grid fine enough that between its nodes, too, its splines agree with tracing, to `tolerance` px."""
     for spacing in spacings(FINEST):
         columns, rows = (grid(size, spacing, MARGIN * size) for size in (width, height))
         at, at_infinity, parallax, nearest, ok = _affine(path, values, columns, rows)
@@ -134,7 +134,7 @@ def ray_field(path: Path, values: Values, width: int, height: int) -> RayField:
         sure = all_corners(ok) & arrived
         good = sure & (off < ACCEPTED)
         seen = (np.abs(between - [(width - 1) / 2, (height - 1) / 2]) <= [width / 2, height / 2]).all(-1)
-        if off[inner(sure) & seen].max(initial=0) < TOLERANCE and (spacing <= SPACING or good.all()):
+        if off[inner(sure) & seen].max(initial=0) < tolerance and (spacing <= SPACING or good.all()):
             break
         if 4 * len(columns) * len(rows) > MOST_NODES:
             break

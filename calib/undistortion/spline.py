@@ -7,7 +7,7 @@ docs/decisions/splines.md says what scipy does here and what it does not, with t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,6 +64,11 @@ class Spline:
         values, derivatives = zip(*parts, strict=True)
         return np.concatenate(values), np.concatenate(derivatives)
 
+    def values(self, points: Array) -> Array:
+        """(N, c) at (N, 2) points within the nodes, in a third of the time of `at`."""
+        parts = [self._products(points[first : first + AT_ONCE])[0](0, 0) for first in range(0, max(1, len(points)), AT_ONCE)]
+        return np.concatenate(parts)
+
     def on_grid(self, xs: Array, ys: Array) -> Array:
         """(len(ys), len(xs), c) values where the ascending coordinates cross, all within the nodes."""
         h, w, c = self.coefficients.shape
@@ -88,22 +93,27 @@ class Spline:
             begin = end
 
     def _at(self, points: Array) -> tuple[Array, Array]:
+        weighted, inside = self._products(points)
+        derivatives = np.stack([weighted(0, 1), weighted(1, 0)], -1)
+        beyond = points - inside
+        return weighted(0, 0) + derivatives[..., 0] * beyond[:, :1] + derivatives[..., 1] * beyond[:, 1:], derivatives
+
+    def _products(self, points: Array) -> tuple[Callable[[int, int], Array], Array]:
+        """A function from 0 or 1 derivatives by y and by x to (N, c), and the (N, 2) points at which it has them, within the nodes."""
         inside = np.clip(points, [self.nodes_x[0], self.nodes_y[0]], [self.nodes_x[-1], self.nodes_y[-1]])
-        column, across, across_dx = _basis(inside[:, 0], self.nodes_x)
-        row, down, down_dy = _basis(inside[:, 1], self.nodes_y)
+        column, *across = _basis(inside[:, 0], self.nodes_x)
+        row, *down = _basis(inside[:, 1], self.nodes_y)
         wide = self.coefficients.shape[1]
         near = (np.arange(4, dtype=np.int32)[:, None] * wide + np.arange(4, dtype=np.int32)).ravel()
         indices = ((row * wide + column).astype(np.int32)[:, None] + near).ravel()
         starts = np.arange(0, indices.size + 1, 16, dtype=np.int32)
         flat = self.coefficients.reshape(-1, self.coefficients.shape[-1])
 
-        def weighted(vertical: Array, horizontal: Array) -> Array:
-            weights = (vertical[:, :, None] * horizontal[:, None, :]).ravel()
+        def weighted(by_y: int, by_x: int) -> Array:
+            weights = (down[by_y][:, :, None] * across[by_x][:, None, :]).ravel()
             return np.asarray(csr_array((weights, indices, starts), (len(points), len(flat))) @ flat)
 
-        derivatives = np.stack([weighted(down, across_dx), weighted(down_dy, across)], -1)
-        beyond = points - inside
-        return weighted(down, across) + derivatives[..., 0] * beyond[:, :1] + derivatives[..., 1] * beyond[:, 1:], derivatives
+        return weighted, inside
 
 
 def _coefficients(values: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import torch
@@ -88,35 +88,15 @@ class Case:
         """Whether the fit ended where its parameters are most probable; the paper's method, which has no covariance, does not."""
         return self.calibration.covariance.size > 0 or not self.calibration.relief
 
-    @cached_property
+    @property
     def optimum(self) -> Optimum:
         """The fit where it ended."""
-        calibration, model = self.calibration, model_of(self.calibration)
-        prior = calibration.settings.get("relief_prior")
-        joint = JointFit(
-            values=calibration.model()[1],
-            poses=torch.from_numpy(calibration.poses),
-            covariance=torch.from_numpy(calibration.covariance),
-            cost=np.nan,
-            sigma=float(calibration.settings.get("sigma_px", self.left_px / 2**0.5)),
-            smoothness=Smoothness(prior["height_m"], prior["length_of_patch"]) if prior else None,
-            parameters=model.parameters,
-            outcome=Outcome.CONVERGED,
-            iterations=0,
-            log_evidence=np.nan,
-            log_marginal=np.nan,
-        )
-        return Optimum(model, self.observations, joint)
+        return _optimum(self.calibration)
 
-    @cached_property
+    @property
     def scores(self) -> tuple[ScoreTest, ...]:
         """Of the effects that are asked, in their simplest forms; none where the fit did not end at its optimum."""
-        if not self.at_optimum:
-            return ()
-        there = surroundings(self.optimum, self.calibration.board, self.calibration.camera, place=False)
-        present = {effect.name for effect in self.optimum.model.effects}
-        asked = [(*effect.alternatives(), effect)[0] for kind in ASKED if kind.name not in present for effect in kind.propose(there)]
-        return tuple(self.optimum.tests(asked))
+        return _scores(self.calibration) if self.at_optimum else ()
 
     @property
     def from_optimum(self) -> float:
@@ -142,3 +122,31 @@ class Case:
     def usual_depths(self) -> tuple[float, ...]:
         """m: those that maps are wanted for, or else the corners' median."""
         return self.depths or (float(f"{np.median(self.depth):.2g}"),)
+
+
+@lru_cache(maxsize=1)  # a report and the command that writes it both judge
+def _optimum(calibration: Calibration) -> Optimum:
+    model, prior = model_of(calibration), calibration.settings.get("relief_prior")
+    joint = JointFit(
+        values=calibration.model()[1],
+        poses=torch.from_numpy(calibration.poses),
+        covariance=torch.from_numpy(calibration.covariance),
+        cost=np.nan,
+        sigma=float(calibration.settings.get("sigma_px", calibration.stages[-1].rms_px / 2**0.5)),
+        smoothness=Smoothness(prior["height_m"], prior["length_of_patch"]) if prior else None,
+        parameters=model.parameters,
+        outcome=Outcome.CONVERGED,
+        iterations=0,
+        log_evidence=np.nan,
+        log_marginal=np.nan,
+    )
+    return Optimum(model, calibration.observations, joint)
+
+
+@lru_cache(maxsize=1)
+def _scores(calibration: Calibration) -> tuple[ScoreTest, ...]:
+    at = _optimum(calibration)
+    there = surroundings(at, calibration.board, calibration.camera, place=False)
+    present = {effect.name for effect in at.model.effects}
+    asked = [(*effect.alternatives(), effect)[0] for kind in ASKED if kind.name not in present for effect in kind.propose(there)]
+    return tuple(at.tests(asked))

@@ -14,7 +14,7 @@ from calib.commands.arguments import quoted
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("session", type=Path, metavar="SESSION", help="the session folder, which is made if need be")
     parser.add_argument("--source", default="", help="where frames come from (default: the first camera that is found)")
-    missing = "" if find_spec("textual_serve") else "; first pip install 'refracal[serve]'"
+    missing = "" if find_spec("textual_serve") else "; first install what it names"
     parser.add_argument("--serve", action="store_true", help=f"in a browser instead of this terminal{missing}")
     parser.add_argument(
         "--host", default="127.0.0.1", metavar="ADDRESS", help="with --serve: the address to serve on (default: %(default)s)"

@@ -19,6 +19,10 @@ from textual.events import Event, Key, Paste
 from textual.reactive import reactive
 
 from capture.process import prepare
+from capture.tui.camera import Task
+from capture.tui.check import CheckScreen
+from capture.tui.check_source import CheckSourceScreen, calibrated, folder_of
+from capture.tui.check_views import CheckViewsScreen, next_folder
 from capture.tui.export import ExportScreen
 from capture.tui.farewell import farewell
 from capture.tui.fit import FitScreen
@@ -85,6 +89,19 @@ class CaptureApp(App[None]):
     @on(ResultsScreen.Opened)
     def _opened(self, message: ResultsScreen.Opened) -> None:
         self._shown = message
+
+    @on(ResultsScreen.Doubted)
+    def _check(self, message: ResultsScreen.Doubted) -> None:
+        def begin(source: str | None) -> None:
+            if not source:
+                return
+            if pictures := folder_of(source):
+                self.push_screen(CheckScreen(message.calibration, pictures))
+                return
+            task = Task(next_folder(message.session), source, calibrated(message.calibration), bare=False)
+            self.push_screen(CheckViewsScreen(task, message.calibration))
+
+        self.push_screen(CheckSourceScreen(self.source), begin)
 
     @on(FitScreen.Began)
     def _began(self, message: FitScreen.Began) -> None:

@@ -57,6 +57,9 @@ class CollectScreen(Page):
         *HELP_AND_QUIT,
     ]
 
+    MAPS: ClassVar = True
+    """Whether these views are for maps, of which the guide computes how sure they would be."""
+
     class Looked(Message):
         """A frame came."""
 
@@ -168,7 +171,7 @@ class CollectScreen(Page):
                     waits=lambda seconds: self.post_message(self.Waited(seconds)),
                 )
             except RefracalError as error:
-                self._say(str(error))
+                self.say(str(error))
                 return
             self._looked = self._boards = 0
             self._shutter.pressed()  # of a source that has ended
@@ -192,7 +195,7 @@ class CollectScreen(Page):
     @on(Waited)
     def _wait(self, message: Waited) -> None:
         if self._watch is not None and time.monotonic() > self._said_until:
-            self._say(waiting(message.seconds))
+            self.say(waiting(message.seconds))
 
     @on(Begun)
     def _take_up(self, message: Begun) -> None:
@@ -213,11 +216,11 @@ class CollectScreen(Page):
             assert step.sighting.corners is not None
             self.kept.append(step.sighting.corners)
             self.app.bell()
-            self._say(f"TAKEN: view {len(self.kept)}. Move the board to the next place.", TAKEN_S)
+            self.say(f"TAKEN: view {len(self.kept)}. Move the board to the next place.", TAKEN_S)
             self.refresh_bindings()
             self._think()
         elif time.monotonic() > self._said_until:
-            self._say(step.verdict.sentence)
+            self.say(step.verdict.sentence)
         self._remarks = message.watch.remarks
         self._note()
 
@@ -227,12 +230,12 @@ class CollectScreen(Page):
             return
         self._watch, self._found = None, None
         self.refresh_bindings()
-        self._point(self._hint, self.query_one(Panel).progress)
-        self._say(self._ending(message))
+        self.point(self._hint, self.query_one(Panel).progress)
+        self.say(self.ending(message))
         if message.again:
             self.set_timer(RETRY_S, self._begin)
 
-    def _ending(self, message: Stopped) -> str:
+    def ending(self, message: Stopped) -> str:
         if message.again:
             return f"{message.sentence} It is tried again every 3 s."
         if message.ended and self._looked and not (self._boards or self.kept):
@@ -285,27 +288,35 @@ class CollectScreen(Page):
         if message.count != len(self.kept):
             return
         assert self._adviser
-        if not self._improving and self._improved_with != len(self.kept):
+        if self.MAPS and not self._improving and self._improved_with != len(self.kept):
             self._improving, self._improved_with = True, len(self.kept)
             self._improve(self._adviser, self._views())
-        self.query_one(Panel).progress = message.progress
-        self._point(message.hint, message.progress)
+        self.query_one(Panel).progress = self.told(message.progress)
+        self.point(message.hint, message.progress)
         self._note()
 
-    def _point(self, hint: Hint | None, progress: SessionProgress | None) -> None:
+    def point(self, hint: Hint | None, progress: SessionProgress | None) -> None:
         """Where to hold the board next, if there is to be a next view."""
         over = not self._watch and (self.plan.bare or played(self.plan.source))
-        enough = progress is not None and progress.enough
+        enough = self.enough(progress)
         self._hint = None if over or enough else hint
         words = f"Next: {self._hint.words}." if self._hint else ""
         if enough:
-            words = f"ENOUGH: {self._onward()}. More views do no harm."
-        elif over and not self.plan.bare and self.kept:
+            words = f"ENOUGH: {self.onward()}. More views do no harm."
+        elif self.MAPS and over and not self.plan.bare and self.kept:
             words = MORE
         self.query_one("#next", Line).say(words)
         self._draw()
 
-    def _onward(self) -> str:
+    def told(self, progress: SessionProgress) -> SessionProgress:
+        """As it is shown beside the picture."""
+        return progress
+
+    def enough(self, progress: SessionProgress | None) -> bool:
+        return progress is not None and progress.enough
+
+    def onward(self) -> str:
+        """What to do where there are enough views."""
         if self.plan.bare:
             return "press n, then put the cover on"
         return "press f to fit" if self._lens_known() else "esc, for the lens is not known yet"
@@ -319,20 +330,20 @@ class CollectScreen(Page):
         self.query_one(Picture).show(self._preview, marks)
 
     def _note(self) -> None:
-        doubts = [self._adviser.remark] if self._adviser and self._adviser.remark else []
+        doubts = [self._adviser.remark] if self.MAPS and self._adviser and self._adviser.remark else []
         self.query_one(Panel).say([*self._remarks, *doubts])
 
     def _count(self) -> None:
         self.query_one(Panel).count(len(self.kept), automatic=self._shutter.automatic)
 
-    def _say(self, sentence: str, for_s: float = 0.0) -> None:
+    def say(self, sentence: str, for_s: float = 0.0) -> None:
         """`for_s`: what is judged meanwhile is not said."""
         self._said_until = time.monotonic() + for_s
         self.query_one("#verdict", Line).say(sentence)
 
     def action_take(self) -> None:
         self._shutter.press()
-        self._say("The next picture in which the board is found is taken.")
+        self.say("The next picture in which the board is found is taken.")
 
     def action_automatic(self) -> None:
         self._shutter.automatic = not self._shutter.automatic
@@ -342,24 +353,24 @@ class CollectScreen(Page):
         self._begin()
 
     def action_cover_on(self) -> None:
-        self._close()
+        self.rest()
         self.dismiss(True)
 
     def action_back(self) -> None:
-        self._close()
+        self.rest()
         self.dismiss(False)
 
     def action_fit(self) -> None:
         if lack := lacking(self.plan.session):
-            self._say(lack, LACKING_S)
+            self.say(lack, LACKING_S)
             return
-        self._close()
-        self._say("The camera is being opened.")
+        self.rest()
+        self.say("The camera is being opened.")
         self.app.push_screen(FitScreen(self.plan.session))
 
     def action_not_yet(self) -> None:
         """Where a fit is not offered."""
-        self._say("The fit comes after the views through the cover." if self.plan.bare else NO_LENS, LACKING_S)
+        self.say("The fit comes after the views through the cover." if self.plan.bare else NO_LENS, LACKING_S)
 
     def action_none_yet(self) -> None:
         """Where the cover is not to be put on."""
@@ -368,15 +379,16 @@ class CollectScreen(Page):
             if self.plan.bare
             else "n ends the views without the cover; f fits these."
         )
-        self._say(said, LACKING_S)
+        self.say(said, LACKING_S)
 
-    def _close(self) -> None:
+    def rest(self) -> None:
+        """Close the camera."""
         if self._watch:
             self._watch.close()
             self._watch = None
 
     def on_unmount(self) -> None:
         self._left = True
-        self._close()
+        self.rest()
         if self._adviser:
             self._adviser.close()

@@ -20,7 +20,7 @@ that straighten pictures at any depth.
                  there were no cover, then with smooth, ideal glass as it is
                  declared, then with the waves of yours (uneven).
 5 Results        Drop views that are spoiled; diagnose what the model lacks;
-                 export maps.
+                 export maps; later, check that they still hold.
 
 The large line below the picture says what to do now. Pictures are taken by
 themselves, with a bell, once the board is whole, still, sharp and somewhere
@@ -30,7 +30,7 @@ The small maps fill as views are taken, from nothing over ░ ▒ ▓ to █, en
 Good views: all over the picture, near and far, tilted to all four sides.
 
 A number that is not known well: 25 ± 10 or 25 +- 10. The fit finds it.
-The last line has every key of a screen; on a phone, tap it there.
+The last line has every key; on a phone, tap it there. m: pictures in dots.
 """
 
 

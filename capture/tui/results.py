@@ -23,7 +23,7 @@ from capture.tui.command import calib
 from capture.tui.drop import Dropped, drop, dropped, take_back
 from capture.tui.effects import EffectsScreen
 from capture.tui.export import ExportScreen
-from capture.tui.page import DOTS, HELP_AND_QUIT, Page
+from capture.tui.page import HELP_AND_QUIT, Page
 from capture.tui.picture import Picture
 
 BAR = 12  # columns
@@ -48,9 +48,10 @@ class ResultsScreen(Page):
         Binding("u", "take_back", "Undo"),
         Binding("f", "refit", "Fit"),
         Binding("e", "effects", "Diagnose"),
+        Binding("c", "check", "Check"),
         Binding("r", "report", "Report"),
         Binding("x", "export", "Export"),
-        DOTS,
+        Binding("m", "app.dots", show=False),  # with it, the line of keys would not fit
         Binding("escape", "back", "Back", key_display="esc"),
         *HELP_AND_QUIT,
     ]
@@ -85,6 +86,15 @@ class ResultsScreen(Page):
         def __init__(self, results: "ResultsScreen") -> None:
             super().__init__()
             self.results = results
+
+    class Doubted(Message):
+        """It is to be checked whether this calibration still holds."""
+
+        def __init__(self, session: Path, calibration: Path) -> None:
+            super().__init__()
+            self.session = session
+            self.calibration = calibration
+            """Its file."""
 
     def __init__(self, session: Path, result: Event, before: Event | None = None) -> None:
         """`result` as `fit_session` gives it, and that of the fit before, to compare with."""
@@ -248,6 +258,9 @@ class ResultsScreen(Page):
     @on(Reported)
     def _reported(self, message: Reported) -> None:
         self._say(message.sentence)
+
+    def action_check(self) -> None:
+        self.post_message(self.Doubted(self.session, Path(self.result["calibration"])))
 
     def action_effects(self) -> None:
         screen = EffectsScreen(Path(self.result["calibration"]))

@@ -18,7 +18,7 @@ from tests.checking.conftest import Made
 
 KEYS = {
     *("answer", "statistic", "degrees_of_freedom", "p_value", "false_alarm_rate", "error_px", "expected_px", "allowed_px", "added_px"),
-    *("noise_px", "views", "frames_rejected", "changes", "lacking", "next", "written"),
+    *("noise_px", "views", "views_known", "frames_rejected", "changes", "lacking", "next", "written"),
 }
 
 

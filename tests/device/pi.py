@@ -1,8 +1,13 @@
-"""What pi.sh needs: prints a root of Debian's arm64, a folder of aarch64 wheels, and an emulator, each made or found once."""
+"""What an emulated Pi needs: prints a root of Debian's arm64, a folder of aarch64 wheels, and an emulator, each made or found once.
+
+`root`, `wheels` and `emulator` as arguments choose, in the order in which they are printed.
+"""
 
 import shutil
 import sys
 import tomllib
+from collections.abc import Callable
+from pathlib import Path
 
 from tests.device.guest import PROJECT
 from tests.device.kernels import BOOKWORM
@@ -10,23 +15,35 @@ from tests.device.packages import Apt, MissingError
 from tests.device.skipped import SKIPPED
 from tests.device.wheels import wheels
 
-INDIRECT = ("filelock", "fsspec", "jinja2", "markdown-it-py", "markupsafe", "mdurl", "mpmath", "networkx", "pygments", "sympy")
-"""What torch and rich depend on."""
+INDIRECT = (
+    *("filelock", "fsspec", "jinja2", "markdown-it-py", "markupsafe", "mdurl", "mpmath", "networkx", "pygments", "sympy"),
+    *("contourpy", "cycler", "fonttools", "kiwisolver", "packaging", "pillow", "pyparsing", "python-dateutil", "six"),
+)
+"""What torch, rich and matplotlib depend on."""
 
 
 def requirements() -> list[str]:
     """The project's own, as they are for aarch64."""
     written = tomllib.loads((PROJECT / "pyproject.toml").read_text())["project"]["dependencies"]
     parts = [requirement.partition(";") for requirement in written]
-    return [wanted.strip() for wanted, _, marker in parts if "!= 'aarch64'" not in marker]
+    return [wanted.strip() for wanted, _, marker in parts if "!= 'aarch64'" not in marker and ">= '3.15'" not in marker]
 
 
-try:
-    root = Apt("trixie", "arm64").unpacked("arm64", ("base-files", "python3", "libstdc++6"))
-    imported = wheels("wheels-aarch64", "aarch64", (*requirements(), *INDIRECT, "typing-extensions"))
+def emulator() -> Path:
+    """This machine's own, or Debian's."""
     installed = shutil.which("qemu-aarch64-static") or shutil.which("qemu-aarch64")
-    emulator = installed or BOOKWORM.unpacked("qemu-user", alone=("qemu-user-static",)) / "usr/bin/qemu-aarch64-static"
-except MissingError as error:
-    print(f"SKIPPED: {error}", file=sys.stderr)
-    sys.exit(SKIPPED)
-print(root, imported, emulator)
+    return Path(installed) if installed else BOOKWORM.unpacked("qemu-user", alone=("qemu-user-static",)) / "usr/bin/qemu-aarch64-static"
+
+
+PARTS: dict[str, Callable[[], Path]] = {
+    "root": lambda: Apt("trixie", "arm64").unpacked("arm64", ("base-files", "python3", "python3-venv", "python3-libcamera", "libstdc++6")),
+    "wheels": lambda: wheels("wheels-aarch64", "aarch64", (*requirements(), *INDIRECT, "typing-extensions")),
+    "emulator": emulator,
+}
+
+if __name__ == "__main__":
+    try:
+        print(*(PARTS[part]() for part in sys.argv[1:] or PARTS))
+    except MissingError as error:
+        print(f"SKIPPED: {error}", file=sys.stderr)
+        sys.exit(SKIPPED)

@@ -21,6 +21,7 @@ from calib.effects.serialise import Estimated, effect_from_yaml, effect_to_yaml
 from calib.estimation.parameters import Parameters
 from calib.estimation.priors import NONE
 from calib.estimation.residual_blocks import Landing, landings
+from calib.optics.params import Values
 from tests.effects.forms import FORMS, SITUATIONS, Form, Situation, each_form
 
 SMALLEST = 1e-9
@@ -99,19 +100,19 @@ def test_derivatives_agree_with_central_differences(form: Form) -> None:
     landing = _landing(form, values, poses)
     scales = [(u.param.name, u.param.scale, entry) for u in form.effect.unknowns for entry in np.ndindex(u.param.shape)]
     at = landing.linearise(values, poses)
-    assert (at.residual - landing.residual(values, poses)[0]).abs().max() < 1e-15  # m; sums in another order
+    assert (at.residual - _residual(landing, values, poses)[0]).abs().max() < 1e-15  # m; sums in another order
     moved = at.jacobian_shared.abs().amax((0, 1))
     idle = [f"{name}{list(entry)}" for (name, _, entry), size in zip(scales, moved, strict=True) if size < SMALLEST]
     assert len(idle) <= 0.1 * len(scales), idle  # of a patch of glass, corners may miss the rim
     for column, (name, scale, entry) in [one for one in enumerate(scales) if moved[one[0]] >= SMALLEST][:: len(scales) // MOST + 1]:
         step = torch.zeros_like(values[name])
         step[entry] = 1e-3 * scale
-        up, down = (landing.residual({**values, name: values[name] + sign * step}, poses)[0] for sign in (1, -1))
+        up, down = (_residual(landing, {**values, name: values[name] + sign * step}, poses)[0] for sign in (1, -1))
         _compare(at.jacobian_shared[..., column], (up - down) / 2e-3, f"{name}{list(entry)}")
     for column in range(poses.shape[1]):
         step = torch.zeros_like(poses)
         step[:, column] = 1e-5
-        up, down = (landing.residual(values, poses + sign * step)[0] for sign in (1, -1))
+        up, down = (_residual(landing, values, poses + sign * step)[0] for sign in (1, -1))
         _compare(at.jacobian_block[..., column], (up - down) / 2e-5, f"number {column} of a view")
 
 
@@ -125,7 +126,7 @@ def test_the_relief_s_derivatives_hold_beside_it(form: Form) -> None:
     at = landing.linearise(values, poses)
     direction = torch.from_numpy(np.random.default_rng(6).normal(0, 1, values["relief.amplitudes"].shape))
     up, down = (
-        landing.residual({**values, "relief.amplitudes": values["relief.amplitudes"] + sign * 1e-8 * direction}, poses)[0]
+        _residual(landing, {**values, "relief.amplitudes": values["relief.amplitudes"] + sign * 1e-8 * direction}, poses)[0]
         for sign in (1, -1)
     )
     _compare(at.jacobian_shared[..., : direction.numel()] @ direction.flatten(), (up - down) / 2e-8, "relief")
@@ -197,7 +198,7 @@ def _landing(form: Form, values: dict[str, Tensor], poses: Tensor, *, relief_mov
     relief = form.model.path.relief if relief_moves else None
     parameters = Parameters(values, relief, tuple(u.param for u in form.effect.unknowns), NONE)
     (landing,) = landings(form.model.path, parameters, seen, weights)
-    assert landing.residual(values, poses)[1].all()
+    assert _residual(landing, values, poses)[1].all()
     return landing
 
 
@@ -210,3 +211,7 @@ def _compare(analytic: Tensor, numeric: Tensor, name: str) -> None:
 
 def _estimated(form: Form, values: dict[str, Tensor]) -> Estimated:
     return {u.param.name: (values[u.param.name].numpy(), np.full(u.param.shape, u.sigma)) for u in form.effect.unknowns}
+
+
+def _residual(landing: Landing, values: Values, poses: Tensor) -> tuple[Tensor, Tensor]:
+    return landing.residual(landing.rays(values), values, poses)

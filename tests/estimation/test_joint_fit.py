@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal
 from calib.corners.view import View
 from calib.estimation.gradient_fit import descend
 from calib.estimation.joint_fit import JointFit, fit_joint, inverse
-from calib.estimation.levenberg_marquardt import Outcome
+from calib.estimation.levenberg_marquardt import Outcome, minimise
 from calib.estimation.objective import LandingProblem, view_precision
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
@@ -86,6 +86,41 @@ def test_derivatives_agree_with_central_differences() -> None:
         step[:, column] = 1e-7
         numeric = (rows(here, made.poses + step) - rows(here, made.poses - step)) / 2e-7
         assert (at.jacobian_block[..., column] - numeric).abs().max() < 1e-6 * numeric.abs().max(), column
+
+
+@pytest.mark.parametrize("huber", [torch.inf, 3.0])
+def test_views_settle_where_a_fit_of_each_by_itself_ends(huber: float) -> None:
+    """The shared parameters moved, by sixty pixels of focal length, and the poses not: rows and priors as `cost` has them, one view
+    after the other. A step that would raise a view's cost is not taken."""
+    made = scene(1, views=3, grid=(4, 5), amplitude=2e-5, noise=0.1)
+    parameters = Parameters.of(made.path, made.values, Priors({"camera.fx": 1.0, "cover.thickness": 1.0}))
+    weights = pixel_weights(made.path, made.values, made.observations, made.poses, 1.0)
+    views = tuple(landings(made.path, parameters, made.observations, weights))
+    nothing = torch.zeros(parameters.count, parameters.count, dtype=torch.float64)
+    own = torch.tensor([0.0, 0.0, 0.0, 0.0, 0.0, 4.0], dtype=torch.float64)
+    problem = LandingProblem(parameters, views, nothing, own, huber)
+    moved = torch.zeros(parameters.count, dtype=torch.float64)
+    moved[parameters.entries(["camera.fx"])] = 60.0
+
+    def whole(poses: torch.Tensor) -> float:
+        return problem.cost(moved, poses) + float((poses**2 @ own).sum())
+
+    poses, found = made.poses, []
+    for _ in range(4):
+        settled, cost = problem.settled(moved, poses)
+        assert cost == pytest.approx(problem.cost(moved, settled), rel=1e-12)
+        assert whole(settled) <= whole(poses)
+        poses = settled
+        found.append(whole(poses))
+    rows = Parameters.none(parameters.values(moved))
+    alone = LandingProblem(rows, tuple(landings(made.path, rows, made.observations, weights)), torch.zeros(0, 0).double(), own, huber)
+    least = minimise(alone, torch.zeros(0).double(), made.poses, tolerance=1e-14).cost
+    assert found[0] - least < 0.02 * (whole(made.poses) - least), "one step is nearly all"
+    assert found[-1] == pytest.approx(least, rel=1e-6)
+    rng = torch.Generator().manual_seed(0)
+    for _ in range(20):  # from far away a step may lead anywhere
+        far = poses + 0.5 * torch.randn(3, 6, generator=rng).double()
+        assert whole(problem.settled(moved, far)[0]) <= whole(far)
 
 
 @pytest.mark.parametrize("huber", [torch.inf, 1e-3])

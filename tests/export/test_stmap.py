@@ -9,6 +9,7 @@ import pytest
 
 from calib.calibration import Calibration
 from calib.cli import main
+from calib.extras import how_to_install
 
 DEPTH = 0.4
 WIDTH, HEIGHT = 820, 616
@@ -39,7 +40,7 @@ def read(folder: Path, direction: str, form: str) -> np.ndarray:
         stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         assert stored is not None
         return cv2.cvtColor(stored, cv2.COLOR_BGRA2RGBA)
-    openexr = pytest.importorskip("OpenEXR", reason="OpenEXR is not installed (pip install 'refracal[exr]'): its file was not read")
+    openexr = pytest.importorskip("OpenEXR", reason="OpenEXR is not installed (pip install -e '.[exr]'): its file was not read")
     with openexr.File(str(path)) as file:
         return np.asarray(file.channels()["RGBA"].pixels)
 
@@ -83,4 +84,4 @@ def test_without_openexr_a_sentence_says_how_to_get_it_before_anything_is_read(
     monkeypatch.setitem(sys.modules, "OpenEXR", None)
     assert main(["export", str(tmp_path / "missing"), "--format", "stmap-exr", "--depth", "1", "-o", str(tmp_path)]) == 2
     said = capsys.readouterr().err
-    assert "pip install 'refracal[exr]', or use --format stmap" in said
+    assert f"{how_to_install('exr')}, or use --format stmap" in said

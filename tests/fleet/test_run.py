@@ -197,7 +197,7 @@ def test_without_dask_it_says_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert main(["batch", str(recorded / "*"), "-o", str(tmp_path / "fleet")]) == 2
-    assert "pip install -e '.[fleet]'" in capsys.readouterr().err
+    assert "pip install 'bokeh>=3.1' 'dask-jobqueue>=0.9'" in capsys.readouterr().err
 
 
 def test_workers_are_one_a_core_as_far_as_the_memory_reaches(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,6 +18,8 @@ def good_lines(folder: Path, tables: Sequence[bytes]) -> Sequence[Sequence[str]]
     given.mkdir(exist_ok=True)
     cv2.imwrite(str(given / "a.png"), np.full((48, 64), 99, np.uint8))
     cv2.imwrite(str(given / "far.png"), np.full((48, 64), 1000, np.uint16))
+    marker = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50).generateImageMarker(3, 24)
+    cv2.imwrite(str(given / "tag.png"), np.pad(marker, ((12, 12), (20, 20)), constant_values=255))
     for name, table in zip(("points", "poses"), tables, strict=True):
         (given / f"{name}.csv").write_bytes(table)
     session, small, fitted = (str(folder / name) for name in ("session", "small", "calibration"))
@@ -36,6 +38,8 @@ def good_lines(folder: Path, tables: Sequence[bytes]) -> Sequence[Sequence[str]]
         f"calib undistort {small} {given}/a.png --depth-image {given}/far.png --size 64x48 --near 0.1 -o out",
         f"calib measure {fitted} {given}/points.csv --depth 1 --noise 0.1 --json",
         f"calib measure {fitted} {given}/points.csv --on-boards --poses {given}/poses.csv",
+        f"calib pose {small} {given}/tag.png --tags DICT_4X4_50 --size-mm 50 --size-sigma-mm 0.1 --border 1 -o out.csv --json",
+        f"calib pose {small} {given}/a.png {given}/tag.png --tags DICT_4X4_50 --size-mm 50",
         "calib board --columns 6 --rows 5 --square-mm 20 --paper A4 --size 64x48 -o out --json",
         "calib board --type charuco --columns 6 --rows 5 --marker 0.7 --dictionary DICT_4X4_250 --legacy-pattern -o out",
         "calib board --type aprilgrid --tag-mm 20 --spacing 0.3 --paper 600x400 -o out",

@@ -35,6 +35,7 @@ async def _without(session: Path, empty: Path) -> None:
         assert "Cover on" not in shown(pilot)
         await pilot.press("n")
         assert "[WITHOUT COVER]" in shown(pilot)
+        await see(pilot, "The cover comes on once there are views without it: none is taken yet.")
         await pilot.press("escape")
         await see(pilot, "[SET-UP]")
 
@@ -56,6 +57,8 @@ async def _chosen(session: Path, empty: Path) -> None:
         await see(pilot, "No board of 9x9")
         await see(pilot, "cannot be computed: the lens")
         assert "session.yaml" not in shown(pilot)
+        await pilot.press("n")
+        await see(pilot, "n ends the views without the cover; f fits these.")
         await pilot.press("escape")
         await see(pilot, "[SET-UP]")
         await see(pilot, "record now through the cover")

@@ -9,6 +9,7 @@ from threading import Event
 
 import pytest
 from textual.pilot import Pilot
+from textual.widgets import Input
 
 from calib.progress import Progress
 from capture.tui.app import CaptureApp
@@ -142,7 +143,9 @@ async def _back_from_export(session: Path, out: Path) -> None:
         await see(pilot, "depths in metres", SOON_S)
         await pilot.press("escape")
         await see(pilot, "The error fell from", SOON_S)
-        await pilot.press("x", "ctrl+s")
+        await pilot.press("x")
+        assert pilot.app.screen.query_one("#depths", Input).value == "0.55", "the middle of the views' depths"
+        await pilot.press("ctrl+s")
         await see(pilot, "Wrote rays.npz map_1m.npz", SOON_S)
         await pilot.press("escape")
         await until(pilot, lambda: f"Wrote2filesin{out}." in "".join(shown(pilot).split()), SOON_S)

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from textual.widgets import Input, Select
+from textual.widgets import Input, Select, Static
 
 from calib.cli import main
 from capture.session_file import read_setup
@@ -45,6 +45,26 @@ async def _fast(session: Path, brief: Path) -> None:
         burst(pilot, "<enter>", "<enter>", "<tab>", *keys[:12], "<tab>", *keys[12:-1], "<ctrl+s>")
         await see(pilot, "[WITHOUT COVER]")
         await see(pilot, "no more pictures")
+
+
+def test_a_start_that_is_refused_leads_to_the_field(tmp_path: Path) -> None:
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    cv2.imwrite(str(empty / "0.png"), np.full((616, 820), 100, np.uint8))
+    drive(_refused(tmp_path / "session", f"folder:{empty}"))
+
+
+async def _refused(session: Path, source: str) -> None:
+    async with running(session) as pilot:
+        await see(pilot, "a new session")
+        await describe(pilot, source)
+        square = next(one for one in pilot.app.screen.query("#board Input").results(Input) if one.name == "square_mm")
+        square.value = ""
+        await pilot.press("ctrl+s")
+        await until(pilot, lambda: pilot.app.screen.focused is square)
+        assert str(pilot.app.screen.query_one("#problem", Static).render())
+        await pilot.press("2", "0", "ctrl+s")
+        await see(pilot, "[WITHOUT COVER]")
 
 
 def test_letters_do_not_overtake_the_keys_that_edit(tmp_path: Path) -> None:
@@ -332,7 +352,7 @@ async def _finished(session: Path) -> None:
         await see(pilot, "[RESULTS]")
         await see(pilot, "To be trusted where it has corners. The error fell from 0.4")
         await see(pilot, "The maps are sure to")
-        await see(pilot, "e Diagnose r Report x Export")
+        await see(pilot, "e Diagnose c Check r Report x Export")
         await pilot.press("r")
         await see(pilot, "The report is ")
         await until(pilot, (session / "calibration" / "report.html").exists, 60)

@@ -1,0 +1,79 @@
+"""What the site needs beside docs/: the files that pages link to outside of it come along, so that every link is one within the site.
+
+mkdocs calls these as hooks (mkdocs.yml). A page outside docs/, such as fixtures/README.md, becomes a page; any other file is copied.
+"""
+
+import os
+import posixpath
+import re
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+LINK = re.compile(r"(!?\[[^\]]*\]\()([^()\s]+)(\))")
+OUTSIDE = "source"
+"""The folder of the site that holds what is from outside docs/."""
+
+
+def links(text: str) -> list[str]:
+    """Where a page's relative links lead, without their anchors; blocks of code are left out."""
+    prose = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    return [target.partition("#")[0] for _, target, _ in LINK.findall(prose) if not re.match(r"\w+:|#", target)]
+
+
+def target_of(page: Path, link: str) -> Path:
+    """The file that a link of a page leads to; of a folder its README."""
+    path = Path(os.path.normpath(page.parent / link))
+    return path / "README.md" if path.is_dir() else path
+
+
+def place_of(path: Path) -> str:
+    """Where a file of the project is in the site's sources."""
+    if path.is_relative_to(DOCS):
+        return path.relative_to(DOCS).as_posix()
+    return f"{OUTSIDE}/{path.relative_to(ROOT).as_posix()}"
+
+
+def from_outside() -> list[Path]:
+    """All files outside docs/ that its pages lead to, directly or by way of each other."""
+    found: list[Path] = []
+    waiting = sorted(DOCS.rglob("*.md"))
+    while waiting:
+        page = waiting.pop()
+        for path in (target_of(page, link) for link in links(page.read_text(encoding="utf-8"))):
+            if path.is_file() and path not in found and path.is_relative_to(ROOT) and not path.is_relative_to(DOCS):
+                found.append(path)
+                waiting += [path] if path.suffix == ".md" else []
+    return sorted(found)
+
+
+def on_files(files: Any, config: Any) -> Any:
+    from mkdocs.structure.files import File, InclusionLevel
+
+    for path in from_outside():
+        file = File.generated(config, place_of(path), abs_src_path=str(path), inclusion=InclusionLevel.NOT_IN_NAV)
+        files.append(file)
+    for file in files:
+        if re.match(r"(effects|decisions)/(?!README)", file.src_uri):  # reached from their README
+            file.inclusion = InclusionLevel.NOT_IN_NAV
+    return files
+
+
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Links between docs/ and what came along lead to where that is in the site."""
+    here = Path(page.file.abs_src_path)
+
+    def moved(match: re.Match[str]) -> str:
+        before, target, after = match.groups()
+        if re.match(r"\w+:|#", target):
+            return match[0]
+        name, mark, anchor = target.partition("#")
+        path = target_of(here, name)
+        if not path.is_file():
+            return match[0]  # mkdocs says that it is not found
+        relative = posixpath.relpath(place_of(path), posixpath.dirname(page.file.src_uri) or ".")
+        return f"{before}{relative}{mark}{anchor}{after}"
+
+    parts = re.split(r"(^```.*?^```)", markdown, flags=re.DOTALL | re.MULTILINE)
+    return "".join(part if index % 2 else LINK.sub(moved, part) for index, part in enumerate(parts))

@@ -1,0 +1,21 @@
+"""What the optional parts need, and the command that installs it for this very Python.
+
+It names the packages themselves, so it is true of a checkout, of a wheel from anywhere, and of a copy that was never installed.
+"""
+
+import shlex
+import sys
+
+EXTRAS = {
+    "completion": ("shtab>=1.7,<2",),
+    "exr": ("OpenEXR>=3.3",),
+    "fleet": ("bokeh>=3.1", "dask-jobqueue>=0.9", "distributed>=2024.8", "fsspec>=2024.6"),
+    "render": ("mitsuba>=3.6,<4",),
+    "serve": ("textual-serve>=1.1,<2",),
+}
+"""As pyproject.toml has them, but for those who work on this."""
+
+
+def how_to_install(extra: str) -> str:
+    """A command line for the shell, such as /home/pi/refracal/.venv/bin/python -m pip install 'textual-serve>=1.1,<2'."""
+    return shlex.join([sys.executable or "python3", "-m", "pip", "install", *EXTRAS[extra]])

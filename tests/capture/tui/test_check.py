@@ -1,0 +1,155 @@
+"""From the results to a check of them: with pictures that are there, and with some that are taken for it."""
+
+import shutil
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from textual.pilot import Pilot
+from textual.widgets import Input
+
+from calib.cli import main
+from calib.progress import Silent
+from capture.tui.camera import Task
+from capture.tui.check_source import calibrated
+from capture.tui.check_views import CheckViewsScreen, next_folder
+from capture.tui.fitting import open_results
+from capture.tui.results import ResultsScreen
+from tests.capture.tui.driving import drive, running, see, shown, write
+from tests.capture.tui.test_session import FIXTURE
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """With a calibration of eight of its views."""
+    folder = tmp_path_factory.mktemp("session") / "s"
+    shutil.copytree(FIXTURE, folder)
+    for picture in sorted((folder / "frames").glob("*.jpg"))[8:]:
+        picture.unlink()
+    assert main(["fit", str(folder), "--free", "none"]) == 0
+    return folder
+
+
+@pytest.fixture
+def later(tmp_path: Path) -> Path:
+    """A folder of four pictures that the calibration has not seen."""
+    folder = tmp_path / "later"
+    folder.mkdir()
+    for picture in sorted((FIXTURE / "frames").glob("*.jpg"))[8:]:
+        shutil.copy(picture, folder)
+    return folder
+
+
+@asynccontextmanager
+async def results(session: Path) -> AsyncIterator[Pilot[None]]:
+    async with running(session) as pilot:
+        pilot.app.push_screen(ResultsScreen(session, open_results(Silent(), session / "calibration")))
+        await see(pilot, "The error fell from")
+        yield pilot
+
+
+def test_pictures_that_are_there_are_asked_at_once(session: Path, later: Path) -> None:
+    drive(_asked(session, later))
+
+
+async def _asked(session: Path, later: Path) -> None:
+    async with results(session) as pilot:
+        await pilot.press("c")
+        await see(pilot, "Whether the calibration still holds")
+        await write(pilot, f"folder:{later / 'nowhere'}")
+        await pilot.press("ctrl+s")
+        await see(pilot, "(No such file or directory)")
+        pilot.app.screen.query_one("#source", Input).value = f"folder:{later}"
+        await pilot.press("ctrl+s")
+        await see(pilot, "The calibration is valid. Nothing has to be done: esc goes back.")
+        assert "px are left on 4 views" in shown(pilot)
+        await pilot.press("u")  # not offered
+        assert "up to date" not in shown(pilot)
+        await pilot.press("escape")
+        await see(pilot, "The error fell from")
+
+
+def test_what_has_changed_is_said_and_an_update_is_written_beside_the_calibration(session: Path, later: Path) -> None:
+    for picture in later.glob("*.jpg"):  # as if the sensor had been moved sideways by four pixels
+        image = cv2.imread(str(picture))
+        assert image is not None
+        cv2.imwrite(str(picture), np.roll(image, 4, axis=1))
+    drive(_changed(session, later))
+    assert (session / "calibration" / "updated" / "calibration.yaml").exists()
+
+
+async def _changed(session: Path, later: Path) -> None:
+    async with results(session) as pilot:
+        await pilot.press("c")
+        await write(pilot, f"folder:{later}")
+        await pilot.press("ctrl+s")
+        await see(pilot, "Press u to")
+        assert "The calibration is valid" not in shown(pilot)
+        await pilot.press("u")
+        await see(pilot, "Up to date:")
+        assert "sigma)" in shown(pilot), "how far each number moved"
+
+
+def test_pictures_are_taken_for_it_into_a_session_of_their_own(session: Path, later: Path) -> None:
+    drive(_taken(session, later))
+    assert len(list((session / "checks" / "001" / "frames").glob("*.png"))) == 4
+    assert next_folder(session) == session / "checks" / "002"
+
+
+async def _taken(session: Path, later: Path) -> None:
+    calibration = session / "calibration" / "calibration.yaml"
+    async with results(session) as pilot:
+        task = Task(next_folder(session), f"folder:{later}?speed=max", calibrated(calibration), bare=False)
+        pilot.app.push_screen(CheckViewsScreen(task, calibration))
+        await see(pilot, "Press f to check, c to try again, esc for the results.")
+        await pilot.press("n")  # no cover comes on here
+        await pilot.press("f")
+        await see(pilot, "The calibration is valid.")
+        await pilot.press("escape")
+        await see(pilot, "The error fell from")
+
+
+def test_a_check_of_too_few_pictures_is_not_offered(session: Path, later: Path, tmp_path: Path) -> None:
+    for picture in sorted(later.glob("*.jpg"))[2:]:
+        picture.unlink()
+    drive(_few(session, later, tmp_path / "check"))
+
+
+async def _few(session: Path, later: Path, folder: Path) -> None:
+    calibration = session / "calibration" / "calibration.yaml"
+    async with results(session) as pilot:
+        pilot.app.push_screen(CheckViewsScreen(Task(folder, f"folder:{later}?speed=max", calibrated(calibration), bare=False), calibration))
+        await see(pilot, "Press c to try again, esc for the results.")
+        await pilot.press("f")
+        await see(pilot, "A check takes 3 views at the least")
+        await pilot.press("escape")
+        await see(pilot, "The error fell from")
+
+
+def test_pictures_that_cannot_bring_it_up_to_date_are_not_offered_to(session: Path, later: Path) -> None:
+    """And of the calibration's own it is said that they are."""
+    drive(_useless(session, later))
+
+
+async def _useless(session: Path, later: Path) -> None:
+    async with results(session) as pilot:
+        await pilot.press("c")
+        await write(pilot, f"folder:{session / 'frames'}")
+        await pilot.press("ctrl+s")
+        await see(pilot, "The calibration is valid.")
+        assert "they are of pictures that the calibration was made from" in " ".join(shown(pilot).split())
+        await pilot.press("escape")
+        await see(pilot, "The error fell from")
+        for picture in later.glob("*.jpg"):
+            image = cv2.imread(str(picture))
+            assert image is not None
+            cv2.imwrite(str(picture), image[:-2])
+        await pilot.press("c")
+        await write(pilot, f"folder:{later}")
+        await pilot.press("ctrl+s")
+        await see(pilot, "With these pictures it cannot be brought up to date")
+        await pilot.press("u")
+        await see(pilot, "With these pictures it cannot be brought up to date")

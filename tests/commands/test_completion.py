@@ -1,0 +1,122 @@
+"""What a Tab offers, asked of bash and zsh themselves."""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from calib import cli
+from calib.commands.completion import SHELLS
+from calib.effects.registry import EFFECTS, FIELDS
+from calib.export.formats import FORMATS
+from calib.session import freeing
+from capture import cli as capture_cli
+
+Printed = Callable[[str, str], str]
+ASK = """
+source {script}
+COMP_WORDS=({words}) COMP_CWORD={last}
+_shtab_{program} 2>/dev/null
+printf '%s\\n' "${{COMPREPLY[@]}}"
+"""
+
+
+@pytest.fixture(scope="module")
+def printed() -> Printed:
+    """The script of a program for a shell, printed once."""
+    pytest.importorskip("shtab", reason="shtab is not installed (pip install -e '.[completion]'): no script was written")
+    kept: dict[tuple[str, str], str] = {}
+
+    def script(program: str, shell: str) -> str:
+        if (program, shell) not in kept:
+            command = [sys.executable, "-m", program, "--print-completion", shell]
+            kept[program, shell] = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+        return kept[program, shell]
+
+    return script
+
+
+@pytest.fixture
+def offered(printed: Printed, tmp_path: Path) -> Callable[..., set[str]]:
+    """What bash offers for the last of some words, in a folder with a session and a table."""
+    (tmp_path / "session").mkdir()
+    (tmp_path / "fleet.csv").touch()
+
+    def ask(program: str, *words: str) -> set[str]:
+        (tmp_path / ".script").write_text(printed(program, "bash"))
+        quoted = " ".join(f"'{word}'" for word in (program, *words))
+        asked = ASK.format(script=".script", words=quoted, last=len(words), program=program)
+        done = subprocess.run(["bash", "-c", asked], cwd=tmp_path, capture_output=True, text=True, check=True)
+        assert done.stderr == ""
+        return set(done.stdout.split())
+
+    return ask
+
+
+@pytest.mark.parametrize(("program", "commands"), [("calib", cli.COMMANDS), ("capture", capture_cli.COMMANDS)])
+def test_every_command_is_offered(offered: Callable[..., set[str]], program: str, commands: tuple[object, ...]) -> None:
+    names = {str(getattr(command, "__name__", "")).rpartition(".")[2].removesuffix("_command") for command in commands}
+    assert offered(program, "") == names
+    assert offered(program, "--ver") == {"--version"}
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("fit", "ses"), {"session"}),
+        (("fit", "session", "--eff"), {"--effects"}),
+        (("fit", "session", "-o", ""), {"session"}),
+        (("fit", "session", "--method", "p"), {"paper"}),
+        (("fit", "session", "--effects", "board_sh"), {"board_shape"}),
+        (("fit", "session", "--effects", "board_shape,rol"), {"board_shape,rolling_shutter"}),
+        (("fit", "session", "--free", "thick"), {"thickness"}),
+        (("batch", "fl"), {"fleet.csv"}),
+        (("export", "session", "--format", "calib"), {"calibmar"}),
+        (("import", "mrc"), {"mrcal", "mrcal-corners"}),
+    ],
+    ids=lambda given: " ".join(given) if isinstance(given, tuple) else "",
+)
+def test_what_fits_is_offered(offered: Callable[..., set[str]], words: tuple[str, ...], expected: set[str]) -> None:
+    assert offered("calib", *words) == expected
+
+
+def test_names_are_all_offered(offered: Callable[..., set[str]]) -> None:
+    effects = {effect.name for effect in (*EFFECTS, *FIELDS)}
+    assert offered("calib", "fit", "session", "--effects", "") == effects | {"none", "auto"}
+    assert offered("calib", "fit", "session", "--free", "") == set(freeing.NAMES)
+    assert offered("calib", "export", "session", "--format", "") == {form.name for form in FORMATS}
+
+
+def test_capture_completes_a_session_without_a_command(printed: Printed) -> None:
+    """Where none of its commands fits, bash itself completes files."""
+    asked = f"source /dev/stdin <<'END'\n{printed('capture', 'bash')}\nEND\ncomplete -p capture"
+    said = subprocess.run(["bash", "-c", asked], capture_output=True, text=True, check=True).stdout
+    assert "-o default" in said
+    assert "-F _shtab_capture capture" in said
+
+
+def test_zsh_reads_its_script(printed: Printed, tmp_path: Path) -> None:
+    if not shutil.which("zsh"):
+        pytest.skip("zsh is not installed: its script was not read")
+    (tmp_path / "_calib").write_text(printed("calib", "zsh"))
+    asked = "fpath=($PWD $fpath); autoload -Uz compinit; compinit -u -D; autoload +X _calib && print $_comps[calib]"
+    environment = {"PATH": os.environ["PATH"], "HOME": str(tmp_path)}
+    done = subprocess.run(["zsh", "-fc", asked], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("_calib\n", "")
+
+
+@pytest.mark.parametrize("program", ["calib", "capture"])
+def test_without_shtab_it_says_what_to_install(program: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setitem(sys.modules, "shtab", None)
+    with pytest.raises(SystemExit) as ended:
+        import_module(f"{program}.cli").main(["--print-completion", SHELLS[0]])
+    assert ended.value.code == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "Completion needs one more package: " in said.err
+    assert "pip install 'shtab>=1.7,<2'" in said.err

@@ -1,0 +1,54 @@
+"""The commands that the README and the pages of the site tell people to type."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
+BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+TYPED = re.compile(
+    r"(\S+=\S+ )*(\S*/)?(calib|capture|python3?|pip|smoke|pi\.sh|pi_wheel\.sh|sudo|apt-get|git|uname|rpicam-hello|cd|\.)(?= |$)"
+)
+"""How a line begins that is typed; all other lines of a block are what is printed."""
+
+
+@dataclass(frozen=True)
+class Typed:
+    """One command of a page, without what follows it in the line."""
+
+    page: str
+    line: str
+
+    @property
+    def program(self) -> str:
+        begin = TYPED.match(self.line)
+        return begin[3] if begin else ""
+
+    @property
+    def kind(self) -> str:
+        """`run`; `parsed`: ours, but it needs a camera, a person, or hours; `shell`: it changes this machine, so bash reads it alone."""
+        if self.program == "calib" or self.line in ("capture sources",) or "sha256sum" in self.line or "--print-completion" in self.line:
+            return "run"
+        if self.program == "capture" or (" -m " in self.line and not re.search(r" -m (venv|pip|build)", self.line)):
+            return "parsed"
+        return "shell"
+
+
+def commands() -> Iterator[Typed]:
+    for page in PAGES:
+        for language, block in BLOCK.findall(page.read_text(encoding="utf-8")):
+            for line in block.splitlines() if not language else ():
+                if TYPED.match(line):
+                    said = re.sub(r"\s+#.*$", "", line)
+                    parts = [said] if "sha256sum" in said else said.split(" && ")
+                    yield from (Typed(page.relative_to(ROOT).as_posix(), part) for part in parts)
+
+
+def mentioned() -> Iterator[tuple[str, str]]:
+    """A page, and a command of ours or a module that it names within a sentence."""
+    for page in PAGES:
+        prose = BLOCK.sub("", page.read_text(encoding="utf-8"))
+        for words in re.findall(r"`((?:calib|capture|python\s+-m)\s[^`]+)`", prose):
+            yield page.relative_to(ROOT).as_posix(), " ".join(words.split())

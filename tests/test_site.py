@@ -1,0 +1,147 @@
+"""The site: every link of the README and the pages leads somewhere, mkdocs builds it strictly, and it says what the code says."""
+
+import importlib.util
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+import yaml
+from PIL import Image
+
+import calib
+from calib.session.cover import SHAPES, read_cover
+from calib.session.schema import Section
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "fixtures/README.md")] + sorted(DOCS.rglob("*.md"))
+LARGEST = 1_000_000
+"""bytes, of the film."""
+
+
+def _hooks() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("site_hooks", ROOT / ".ci" / "site.py")
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+HOOKS = _hooks()
+
+
+def anchors(page: Path) -> set[str]:
+    """As GitHub and the site make them of headings."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    headings = (re.sub(r"\[([^]]*)\]\([^)]*\)|[`*]", r"\1", line).strip() for line in re.findall(r"^#+ (.*)$", text, re.MULTILINE))
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def broken(page: Path) -> list[str]:
+    """Links of a page that lead nowhere."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    found = []
+    for _, link, _ in HOOKS.LINK.findall(text):
+        if re.match(r"\w+:", link):
+            continue
+        name, _, anchor = link.partition("#")
+        path = HOOKS.target_of(page, name) if name else page
+        if not path.is_file() or (anchor and anchor not in anchors(path)):
+            found.append(link)
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_every_link_leads_somewhere(page: Path) -> None:
+    assert broken(page) == []
+
+
+def test_a_broken_link_is_found(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(
+        "# A heading, of `words`\n[1](page.md#a-heading-of-words) [2](other.md) [3](#elsewhere) [4](page.md)\n```\n[5](none)\n```\n"
+    )
+    assert broken(page) == ["other.md", "#elsewhere"]
+
+
+def test_the_reference_has_every_name_of_the_library() -> None:
+    named = re.findall(r"^::: ([\w.]+)$", (DOCS / "reference.md").read_text(encoding="utf-8"), re.MULTILINE)
+    homes = calib._HOMES  # type: ignore[attr-defined]  # hidden from type checkers
+    assert sorted(named) == sorted(f"{home}.{name}" for name, home in homes.items())
+
+
+def test_the_covers_of_the_measuring_page_are_read() -> None:
+    """And every key of every shape is explained there."""
+    page = (DOCS / "measuring.md").read_text(encoding="utf-8")
+    described = [yaml.safe_load(block)["cover"] for block in re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)]
+    assert [read_cover(Section(cover, "session.yaml")).shape for cover in described] == ["cone", "flat", "dome"]
+    for quantities in SHAPES.values():
+        for quantity in quantities:
+            assert f"`{quantity.key}" in page, quantity.key
+
+
+def test_the_drawings_are_what_the_program_draws(tmp_path: Path) -> None:
+    subprocess.run([sys.executable, "-m", "benchmarks.drawings", "-o", str(tmp_path)], cwd=ROOT, check=True, capture_output=True)
+    made = {path.name: path.read_text() for path in tmp_path.iterdir()}
+    assert made == {path.name: path.read_text() for path in (DOCS / "drawings").iterdir()}
+    page = (DOCS / "measuring.md").read_text(encoding="utf-8")
+    assert all(f"](drawings/{name})" in page for name in made)
+
+
+def test_the_film_is_small_and_moves() -> None:
+    assert (DOCS / "tui.gif").stat().st_size < LARGEST
+    with Image.open(DOCS / "tui.gif") as film:
+        assert film.size == (640, 384)
+        assert getattr(film, "n_frames", 1) > 30
+
+
+def build(config: Path, out: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--config-file", str(config), "--site-dir", str(out)]
+    environment = os.environ | {"NO_MKDOCS_2_WARNING": "1"}
+    return subprocess.run(command, cwd=config.parent, env=environment, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.slow
+def test_it_builds_strictly_and_fetches_nothing(tmp_path: Path) -> None:
+    pytest.importorskip("mkdocs", reason="mkdocs is not installed (pip install -e '.[docs]'): the site was not built")
+    done = build(ROOT / ".ci" / "mkdocs.yml", tmp_path)
+    assert done.returncode == 0, done.stderr
+    pages = {path.relative_to(tmp_path).with_suffix(".md").as_posix() for path in tmp_path.rglob("*.html")}
+    written = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
+    assert written <= {re.sub(r"(?<=/)index.md$", "README.md", page) for page in pages}
+    for path in tmp_path.rglob("*.html"):
+        fetched = re.findall(r'<(?:script|img|link)[^>]+(?:src|href)="?(https?://[^" >]+)', path.read_text(encoding="utf-8"))
+        assert fetched == [], path
+    reference = (tmp_path / "reference.html").read_text(encoding="utf-8")
+    assert 'id="calib.calibration.Calibration.undistort_maps"' in reference
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("page", "spoilt"), [("index.md", "[gone](gone.md)"), ("story.md", "[gone](measured.md#gone)"), ("new.md", "# New")]
+)
+def test_a_broken_link_and_a_forgotten_page_break_the_build(page: str, spoilt: str, tmp_path: Path) -> None:
+    pytest.importorskip("mkdocs", reason="mkdocs is not installed (pip install -e '.[docs]'): the site was not built")
+    for name in ("docs", "calib", ".ci", ".github"):
+        shutil.copytree(ROOT / name, tmp_path / name)
+    for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "fixtures/README.md", "LICENSE"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        shutil.copy(ROOT / name, tmp_path / name)
+    with (tmp_path / "docs" / page).open("a", encoding="utf-8") as file:
+        file.write(f"\n{spoilt}\n")
+    done = build(tmp_path / ".ci" / "mkdocs.yml", tmp_path / "site")
+    assert done.returncode == 1
+    assert "gone" in done.stderr or "new.md" in done.stderr
+
+
+def test_every_page_is_in_the_navigation() -> None:
+    """Effects and decisions are reached from their README."""
+    named = re.findall(r"(?:- |: )([\w/.-]+\.md)$", (ROOT / ".ci" / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE)
+    written = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
+    assert sorted(named) == sorted(page for page in written if not re.match(r"(effects|decisions)/(?!README)", page))

@@ -1,0 +1,164 @@
+"""Every command that the README and the site tell people to type: run where it needs nothing but files, else read by its own parser.
+
+What changes the machine (pip, apt, git) is read by bash, and what it names must be there. `-s -m slow` says how many are run.
+"""
+
+import argparse
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from calib import cli
+from calib.commands.command_line import _parser
+from calib.extras import EXTRAS
+from capture import cli as capture_cli
+from tests.importing import recordings
+from tests.site_commands import ROOT, Typed, commands, mentioned
+
+ALL = tuple(dict.fromkeys(commands()))
+RUN = [typed for typed in ALL if typed.kind == "run"]
+FIXTURE = ROOT / "fixtures" / "bumps"
+MADE = {"NEW", "DIR", "STRAIGHT", "FLEET", "out", "out-bow"}
+"""What a command makes; it is not there before."""
+
+
+def test_there_are_commands_of_every_kind() -> None:
+    kinds = Counter(typed.kind for typed in ALL)
+    assert kinds["run"] >= 30
+    assert kinds["run"] > kinds["parsed"]
+    assert {typed.page for typed in ALL} > {"README.md", "docs/index.md", "docs/raspberry-pi.md", "docs/coming-from.md", "docs/story.md"}
+
+
+@pytest.mark.parametrize("typed", ALL, ids=lambda typed: f"{typed.page}: {typed.line}")
+def test_its_own_parser_reads_it(typed: Typed) -> None:
+    words = shlex.split(typed.line.partition(" > ")[0])
+    if typed.program == "calib" and "--print-completion" not in words:
+        _parser("calib", None, cli.COMMANDS).parse_args(words[1:])
+    elif typed.program == "capture" and "--print-completion" not in words:
+        names = {"record", "sources"}
+        _parser("capture", None, capture_cli.COMMANDS).parse_args(words[1:] if words[1] in names else ["ui", *words[1:]])
+    elif typed.kind == "parsed":
+        assert find_spec(words[words.index("-m") + 1]), "the module is there"
+    else:
+        subprocess.run(["bash", "-n", "-c", typed.line], check=True)
+    for path in re.findall(r"(?<![\w/.])(?:docs/requirements|tests|fixtures|\.ci)/[\w./-]+", typed.line):
+        assert (ROOT / path).exists(), path
+    for extras in re.findall(r"'\.\[([\w,]+)\]'", typed.line):
+        assert set(extras.split(",")) <= {*EXTRAS, "dev", "docs"}
+
+
+def options_of(parser: argparse.ArgumentParser) -> dict[str, set[str]]:
+    """The options of each command, by its name."""
+    (choices,) = (action.choices for action in parser._actions if isinstance(action, argparse._SubParsersAction))
+    own = {option for action in parser._actions for option in action.option_strings}
+    found = {"": own}
+    for name, command in choices.items():
+        found[name] = {option for action in command._actions for option in action.option_strings}
+        for action in command._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                found[name] |= {option for inner in action.choices.values() for one in inner._actions for option in one.option_strings}
+    return found
+
+
+def test_what_sentences_name_is_there() -> None:
+    """Commands, their options, and modules."""
+    known = {name: options_of(_parser(name, None, main.COMMANDS)) for name, main in (("calib", cli), ("capture", capture_cli))}
+    named = list(mentioned())
+    assert len(named) > 100
+    for page, line in named:
+        program, first, *rest = line.split()
+        if program == "python":
+            assert find_spec(rest[0]), (page, line)
+            continue
+        command = first if first in known[program] else "" if first.startswith("-") else "ui" if program == "capture" else None
+        assert command is not None, (page, line)
+        options = {word.partition("=")[0] for word in (first, *rest) if re.match(r"-\w|--\w", word)}
+        assert options <= known[program][command] | {"-m"}, (page, line)
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with all that the commands speak of, by the names that they use."""
+    folder = tmp_path_factory.mktemp("world")
+    kept = shutil.ignore_patterns(".detections.json", "calibration")
+    for name in ("bumps", "bow"):
+        shutil.copytree(ROOT / "fixtures" / name, folder / "fixtures" / name, ignore=kept)
+    for name in ("SESSION", "OTHER", "HELDOUT", "first", "sessions/A17", "sessions/A18"):
+        shutil.copytree(FIXTURE / "holdout", folder / name, ignore=kept)
+    shutil.copytree(FIXTURE / "holdout" / "frames", folder / "PICTURES", ignore=kept)
+    (folder / "fleet.csv").write_text("id,session\nA17,sessions/A17\nA18,sessions/A18\n")
+    picture = cv2.imread(str(FIXTURE / "holdout" / "frames" / "0000.jpg"))
+    assert picture is not None
+    (folder / "folder").mkdir()
+    for name in ("picture.jpg", "left.png", "folder/one.png"):
+        cv2.imwrite(str(folder / name), picture)
+    np.save(folder / "left_depth.npy", np.full(picture.shape[:2], 0.5, np.float32))
+    high, wide = picture.shape[:2]
+    for name in ("film.mp4", "dive.mp4"):
+        film = cv2.VideoWriter(str(folder / name), cv2.VideoWriter.fourcc(*"mp4v"), 10, (wide, high))
+        for _ in range(3):
+            film.write(picture)
+        film.release()
+    (folder / "points.csv").write_text("name,image,x,y\nleft,picture.jpg,412.4,300.9\nright,picture.jpg,604.0,315.2\n")
+    recordings.cameramodel(folder / "camera-0.cameramodel")
+    recordings.tar(folder / "calibrationdata.tar.gz")
+    recordings.kalibr(folder / "FOLDER")
+    programs = folder / ".venv" / "bin"
+    programs.mkdir(parents=True)
+    for program in ("calib", "capture"):
+        (programs / program).write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m {program} "$@"\n')
+        (programs / program).chmod(0o755)
+    (folder / ".local" / "share" / "bash-completion" / "completions").mkdir(parents=True)
+    _bash(folder, "calib fit SESSION -o OUT")
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", dict.fromkeys(typed.page for typed in RUN))
+def test_it_runs(page: str, world: Path, tmp_path: Path) -> None:
+    """A page's commands in their order, each with what the ones before it left."""
+    here = shutil.copytree(world, tmp_path / "world", symlinks=True)
+    lines = [typed.line for typed in RUN if typed.page == page]
+    for line in lines:
+        with _without_what_it_makes(here, line):
+            _bash(here, line)
+    print(f"{page}: {len(lines)} of {sum(typed.page == page for typed in ALL)} commands ran")
+
+
+@contextmanager
+def _without_what_it_makes(folder: Path, line: str) -> Iterator[None]:
+    """A new session is made where there is none: the one that others need stands aside meanwhile."""
+    _, _, output = line.partition(" -o ")
+    output = output.split(" ")[0]
+    if output in MADE:
+        shutil.rmtree(folder / output, ignore_errors=True)
+    aside = output == "SESSION" and ("board" in line or "import" in line)
+    if aside:
+        (folder / "SESSION").rename(folder / "aside")
+    yield
+    if aside:
+        shutil.rmtree(folder / "SESSION")
+        (folder / "aside").rename(folder / "SESSION")
+
+
+def _bash(folder: Path, line: str) -> None:
+    environment = os.environ | {
+        "PATH": f"{folder / '.venv' / 'bin'}:{os.environ['PATH']}",
+        "PYTHONPATH": str(ROOT),
+        "HOME": str(folder),
+        "OMP_NUM_THREADS": "1",
+    }
+    done = subprocess.run(["bash", "-ec", line], cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=600)
+    assert done.returncode == 0, f"{line}\n{done.stdout[-2000:]}{done.stderr[-2000:]}"
