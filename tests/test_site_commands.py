@@ -102,6 +102,8 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
     picture = cv2.imread(str(FIXTURE / "holdout" / "frames" / "0000.jpg"))
     assert picture is not None
     (folder / "folder").mkdir()
+    (folder / "pictures").mkdir()
+    shutil.copy(FIXTURE / "tags" / "april-050-0300.jpg", folder / "pictures" / "tags.jpg")
     for name in ("picture.jpg", "left.png", "folder/one.png"):
         cv2.imwrite(str(folder / name), picture)
     np.save(folder / "left_depth.npy", np.full(picture.shape[:2], 0.5, np.float32))

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import stat
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,32 +37,42 @@ class Picture:
     located: Located
 
 
-def locate_in_files(locator: TagLocator, given: Sequence[Path], progress: Progress) -> list[Picture]:
-    """The tags of pictures, and of folders of pictures.
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A picture that could not be looked at, as others could."""
+
+    path: Path
+    sentence: str
+
+
+def locate_in_files(locator: TagLocator, given: Sequence[Path], progress: Progress) -> tuple[list[Picture], list[Refused]]:
+    """The tags of pictures, and of folders of pictures; and which of these cannot be read, or are of another size than the calibration's.
 
     Raises:
-        InputError: one cannot be read, or is of another size than the calibration's.
+        InputError: none can be looked at, or a path that is given is not there.
         NotEnoughDataError: no picture shows a tag that can be placed.
     """
     paths: list[Path] = []
     for one in given:
         with reading(one):
-            paths += list_images(one) if one.is_dir() else (one,)
+            paths += list_images(one) if stat.S_ISDIR(one.stat().st_mode) else (one,)
     if not paths:
         raise InputError(f"{given[0]} holds no picture: give pictures, or folders of them.")
     advance = progress.task("Tags", len(paths))
-    pictures = []
+    pictures, refused = [], []
     for done, path in enumerate(paths):
         advance(done, path.name)
-        grey = read_grey(path)
         try:
-            pictures.append(Picture(path, locator.locate(grey)))
+            pictures.append(Picture(path, locator.locate(read_grey(path))))
         except InputError as error:
-            raise InputError(f"{path}: {error}") from error
+            sentence = str(error) if str(path) in str(error) else f"{path}: {error}"
+            refused.append(Refused(path, sentence))
     advance(len(paths), "")
+    if not pictures:
+        raise InputError(refused[0].sentence)
     if not any(picture.located.tags for picture in pictures):
         raise NotEnoughDataError(_why(locator, pictures))
-    return pictures
+    return pictures, refused
 
 
 def _why(locator: TagLocator, pictures: Sequence[Picture]) -> str:

@@ -21,7 +21,7 @@ from calib.calibration import Calibration
 from calib.corners.detect import eight_bits
 from calib.corners.markers import black_cells, read_markers, size_of_markers
 from calib.corners.tag_growth import NONE, Growth, growth_of, without
-from calib.corners.tag_outline import measure_outlines
+from calib.corners.tag_outline import edges_of, measure_outlines
 from calib.errors import InputError, brief
 from calib.session.coding import DICTIONARIES
 from calib.session.tolerances import SQUARE_SIDE
@@ -158,10 +158,8 @@ class TagLocator:
         points = [self.side * np.concatenate([SQUARE, middles]) @ turn.T + shift for turn, shift, _ in placed.values()]
         seen = self.calibration.project(np.concatenate(points)).reshape(len(placed), 2, 4, 2)
         corners, middle = seen[:, 0], seen[:, 1]
-        steps = np.roll(corners, -1, 1) - corners
-        lengths = np.linalg.norm(steps, axis=-1)
-        along = 2 * ((middle - corners) * steps).sum(-1) / lengths**2 - 1
-        normals = np.stack([steps[..., 1], -steps[..., 0]], -1) / lengths[..., None]
+        steps, normals = edges_of(corners)
+        along = 2 * ((middle - corners) * steps).sum(-1) / (steps**2).sum(-1) - 1
         bends[list(placed)] = np.nan_to_num(((middle - corners) * normals).sum(-1) / (1 - along**2))
         return bends
 

@@ -11,6 +11,7 @@ is not flat.
 
 import argparse
 import math
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from calib.apply.located_tags import TagPose
-    from calib.apply.tag_files import Picture
+    from calib.apply.tag_files import Picture, Refused
     from calib.apply.tags import TagLocator
 
 BORDERS = (1, 2)
@@ -48,23 +49,29 @@ def run(args: argparse.Namespace) -> None:
     from calib.calibration import Calibration
     from calib.commands.console import Bars
     from calib.commands.printing import print_json, print_paths
-    from calib.io.files import write_atomically
+    from calib.io.files import check_writable, write_atomically
 
     sigma = None if args.size_sigma_mm is None else args.size_sigma_mm / 1000
     locator = TagLocator(Calibration.load(args.calibration), args.tags, args.size_mm / 1000, sigma, args.border)
+    if args.output:
+        check_writable(args.output.parent)
     with Bars() as bars:
-        pictures = locate_in_files(locator, args.pictures, bars)
+        pictures, refused = locate_in_files(locator, args.pictures, bars)
+    for one in refused:
+        print(f"calib: left out: {one.sentence}", file=sys.stderr)
     written = [args.output] if args.output else []
     if args.output:
         write_atomically(args.output, as_table(pictures))
     if args.json:
-        print_json(_as_mapping(locator, pictures, written))
+        print_json(_as_mapping(locator, pictures, refused, written))
     else:
         _print(pictures)
         print_paths(written)
 
 
-def _as_mapping(locator: "TagLocator", pictures: "Sequence[Picture]", written: Sequence[Path]) -> dict[str, object]:
+def _as_mapping(
+    locator: "TagLocator", pictures: "Sequence[Picture]", refused: "Sequence[Refused]", written: Sequence[Path]
+) -> dict[str, object]:
     return {
         "frame": "camera",
         "dictionary": locator.dictionary,
@@ -86,6 +93,7 @@ def _as_mapping(locator: "TagLocator", pictures: "Sequence[Picture]", written: S
             }
             for picture in pictures
         ],
+        "left_out": [{"picture": str(one.path), "reason": one.sentence} for one in refused],
         "written": [str(path) for path in written],
     }
 

@@ -15,7 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.corners.tag_outline import BLUR, PLACE, Floats, Outlines, fit_edge
+from calib.corners.patch_fit import SIGMA
+from calib.corners.tag_outline import BLUR, PLACE, Floats, Outlines, edges_of, fit_edge
 
 MOST = 160
 """Edges of cells that are measured in a picture: half a millisecond each."""
@@ -25,8 +26,6 @@ OUTLYING = 3.0
 """Standard deviations."""
 SEEN = 4.0
 """Standard deviations: a growth that is smaller is none."""
-SIGMA = 1.4826
-"""Of a Gaussian over its median absolute deviation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +72,7 @@ def growth_of(grey: NDArray, corners: Floats, black: Sequence[NDArray[np.bool_]]
 
 def without(growth: Growth, outlines: Outlines) -> Outlines:
     """The corners where they would be if black had not grown."""
-    steps = np.roll(outlines.corners, -1, 1) - outlines.corners
-    normals = np.stack([steps[..., 1], -steps[..., 0]], -1) / np.linalg.norm(steps, axis=-1, keepdims=True)
+    _, normals = edges_of(outlines.corners)
     both = np.stack([np.roll(normals, 1, 1), normals], -2)  # (T, 4, 2, 2), of the edge before a corner, and of that behind
     outwards = np.linalg.solve(both, np.ones((*both.shape[:2], 2, 1)))[..., 0]  # px for each of growth
     flat = outwards.reshape(len(outwards), -1)

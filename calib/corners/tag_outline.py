@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf
 
+from calib.corners.patch_fit import SIGMA
 from calib.corners.patch_noise import inflation
 
 Floats = NDArray[np.float64]
@@ -66,6 +67,12 @@ def measure_outlines(grey: NDArray, rough: Floats, cells: int, bends: Floats | N
     return Outlines(corners, covariances)
 
 
+def edges_of(corners: Floats) -> tuple[Floats, Floats]:
+    """(..., 4, 2) from each of (..., 4, 2) corners, clockwise as seen, to the next, and the unit normals of these edges, outward."""
+    steps = np.roll(corners, -1, -2) - corners
+    return steps, np.stack([steps[..., 1], -steps[..., 0]], -1) / np.linalg.norm(steps, axis=-1, keepdims=True)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Edge:
     """One edge, fitted to P pixels, sorted along it."""
@@ -105,9 +112,7 @@ class _Tag:
 def _tag(grey: NDArray, rough: Floats, cells: int, bends: Floats) -> _Tag | None:
     corners, blurs = np.array(rough, np.float64), np.full(SIDES, BLUR)
     for _ in range(PASSES):
-        ahead = np.roll(corners, -1, 0)
-        steps = ahead - corners
-        normals = np.stack([steps[:, 1], -steps[:, 0]], -1) / np.linalg.norm(steps, axis=-1, keepdims=True)
+        steps, normals = edges_of(corners)
         cell = float(np.linalg.norm(steps, axis=-1).min()) / cells
         edges = []
         for start, step, normal, bend, blur in zip(corners, steps, normals, bends, blurs, strict=True):
@@ -154,7 +159,7 @@ def _fit(light: Floats, along: Floats, across: Floats, blur: float, half_width: 
     damping = 1e-3
     residuals, jacobian = _residuals(own, light, along, across)
     for _ in range(STEPS):
-        bound = OUTLYING * max(1.4826 * float(np.median(np.abs(residuals))), NOISE)
+        bound = OUTLYING * max(SIGMA * float(np.median(np.abs(residuals))), NOISE)
         weight = np.minimum(1.0, bound / np.maximum(np.abs(residuals), 1e-9))
         normal = (jacobian * weight) @ jacobian.T
         step = np.linalg.solve(normal + damping * np.diag(normal.diagonal() + 1e-9), jacobian @ (weight * residuals))
@@ -169,7 +174,7 @@ def _fit(light: Floats, along: Floats, across: Floats, blur: float, half_width: 
             break
     if not (own[WHITE] - own[DARK] >= FAINTEST and np.abs(own[:2]).max() <= half_width):
         return None
-    bound = OUTLYING * max(1.4826 * float(np.median(np.abs(residuals))), NOISE)
+    bound = OUTLYING * max(SIGMA * float(np.median(np.abs(residuals))), NOISE)
     weight = np.minimum(1.0, bound / np.maximum(np.abs(residuals), 1e-9))
     inverse = np.linalg.inv((jacobian * weight) @ jacobian.T + 1e-9 * np.eye(len(own)))
     return Edge(own, jacobian, np.asarray(weight * residuals), np.asarray(inverse, np.float64), half_width)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import kruskal, t
 
+from calib.estimation.robust import SIGMA
 from calib.fleet.limits import EFFECTIVE, QUALITY
 
 Array = NDArray[np.float64]
@@ -27,8 +28,6 @@ APART = 0.01
 """Chance that batches of such a fleet are told apart, over all charts."""
 FEWEST = 5
 """Cameras, of a fleet or a batch, that say what is usual."""
-NORMAL = 1.4826
-"""Standard deviations of a normal distribution in a median absolute deviation."""
 EFFICIENCY = 0.37
 """Of the median absolute deviation against the standard deviation: with so many of the cameras, that would be as sure."""
 NOTICEABLE = float(np.log(1.2))
@@ -133,7 +132,7 @@ def _chart(name: str, unit: str, column: Array, groups: Mapping[str, NDArray], r
         batches = tuple(Batch(label, float(np.exp(c) if above else c), len(found[label])) for label, c in centres.items())
     off = scale - middle
     known = np.isfinite(off)
-    spread = NORMAL * float(np.median(np.abs(off[known])))
+    spread = SIGMA * float(np.median(np.abs(off[known])))
     usual = float(np.median(own[known] ** 2))
     each = np.sqrt(spread**2 + np.maximum(0.0, own**2 - usual))
     with np.errstate(divide="ignore", invalid="ignore"):

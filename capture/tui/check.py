@@ -6,10 +6,10 @@ from typing import ClassVar
 from textual.binding import Binding
 
 from calib.errors import harmless
+from capture.tui.answering import SCROLL, AnswerPage
 from capture.tui.checking import check_calibration
 from capture.tui.child import Event
 from capture.tui.page import HELP_AND_QUIT
-from capture.tui.working import WorkingPage
 
 ONWARD = {
     "valid": "Nothing has to be done: esc goes back.",
@@ -19,12 +19,11 @@ ONWARD = {
 }
 
 
-class CheckScreen(WorkingPage):
+class CheckScreen(AnswerPage):
     BINDINGS: ClassVar = [
         Binding("u", "update", "Bring up to date"),
         Binding("c", "again", "Check again"),
-        Binding("up", "scroll(-1)", "Up", key_display="↑"),
-        Binding("down", "scroll(1)", "Down", key_display="↓"),
+        *SCROLL,
         Binding("escape", "back", "Back", key_display="esc"),
         *HELP_AND_QUIT,
     ]
@@ -33,22 +32,12 @@ class CheckScreen(WorkingPage):
     def __init__(self, calibration: Path, pictures: Path) -> None:
         """`calibration`: its file. `pictures`: a session, or a folder of pictures."""
         super().__init__()
-        self.result: Event = {}
-        """As `check_calibration` gives it; empty until then."""
         self._calibration = calibration
         self._pictures = pictures
 
-    def step(self) -> str:
-        return "Results"
-
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        match action:
-            case "update":
-                return self._may_update and self.child is None
-            case "scroll":
-                return bool(self.result)
-            case "again":
-                return self.child is None and not self.result
+        if action == "update":
+            return self._may_update and self.child is None
         return super().check_action(action, parameters)
 
     def action_again(self) -> None:
@@ -61,9 +50,7 @@ class CheckScreen(WorkingPage):
         self.follow(check_calibration, self._calibration, self._pictures, self._calibration.parent / "updated")
 
     def finished(self, result: Event) -> None:
-        self.result = result
-        self.refresh_bindings()
-        self.show(result["text"])
+        super().finished(result)
         written = f"Up to date: {result['written']}. calib export and calib undistort take it; the one before it stays as it was."
         onward = ONWARD[result["word"] if self._may_update or result["word"] == "valid" else ""]
         self.say(harmless(written if result["written"] else f"{result['sentence']} {onward}"))
@@ -71,9 +58,6 @@ class CheckScreen(WorkingPage):
     @property
     def _may_update(self) -> bool:
         return bool(self.result) and self.result["word"] != "valid" and self.result["usable"] and not self.result["written"]
-
-    def action_scroll(self, by: int) -> None:
-        self.query_one("VerticalScroll").scroll_relative(y=by, animate=False)
 
     def action_back(self) -> None:
         self.cancel()

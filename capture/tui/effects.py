@@ -5,20 +5,19 @@ from typing import ClassVar
 
 from textual.binding import Binding
 
+from capture.tui.answering import SCROLL, AnswerPage
 from capture.tui.child import Event
 from capture.tui.diagnosing import diagnose_calibration
 from capture.tui.page import HELP_AND_QUIT
-from capture.tui.working import WorkingPage
 
 
-class EffectsScreen(WorkingPage):
+class EffectsScreen(AnswerPage):
     """Dismissed with True where the person wants to go on with what was found: `result` then says with what."""
 
     BINDINGS: ClassVar = [
         Binding("enter", "use", "Use them", key_display="enter"),
         Binding("e", "again", "Look again"),
-        Binding("up", "scroll(-1)", "Up", key_display="↑"),
-        Binding("down", "scroll(1)", "Down", key_display="↓"),
+        *SCROLL,
         Binding("escape", "back", "Back", key_display="esc"),
         *HELP_AND_QUIT,
     ]
@@ -26,21 +25,11 @@ class EffectsScreen(WorkingPage):
 
     def __init__(self, calibration: Path) -> None:
         super().__init__()
-        self.result: Event = {}
-        """As `diagnose_calibration` gives it; empty until then."""
         self._calibration = calibration
 
-    def step(self) -> str:
-        return "Results"
-
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        match action:
-            case "use":
-                return bool(self.result.get("accepted"))
-            case "scroll":
-                return bool(self.result)
-            case "again":
-                return self.child is None and not self.result
+        if action == "use":
+            return bool(self.result.get("accepted"))
         return super().check_action(action, parameters)
 
     def action_again(self) -> None:
@@ -48,15 +37,10 @@ class EffectsScreen(WorkingPage):
         self.follow(diagnose_calibration, self._calibration, self._calibration.parent / "diagnosed")
 
     def finished(self, result: Event) -> None:
-        self.result = result
-        self.refresh_bindings()
-        self.show(result["text"])
+        super().finished(result)
         found = " and ".join(result["accepted"])
         use = f"Press enter to go on with {found}, and to export maps with it; esc leaves the fit as it was."
         self.say(use if found else "Nothing is added: the fit stays as it was. Press esc, then x to export maps.")
-
-    def action_scroll(self, by: int) -> None:
-        self.query_one("VerticalScroll").scroll_relative(y=by, animate=False)
 
     def action_use(self) -> None:
         self.dismiss(True)

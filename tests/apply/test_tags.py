@@ -268,6 +268,22 @@ def test_pictures_without_tags_are_named_beside_those_with(folder: Path, tmp_pat
     assert f"{tmp_path / 'empty.png'}: no tag is seen." in capsys.readouterr().out
 
 
+def test_a_bad_picture_does_not_cost_the_others(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    whole = (PICTURES / "aruco-050-0300.jpg").read_bytes()
+    (pictures / "0.jpg").write_bytes(whole[:5000])
+    (pictures / "1.jpg").write_bytes(whole)
+    cv2.imwrite(str(pictures / "2.png"), np.full((48, 64), 99, np.uint8))
+    assert run(folder, pictures, "--tags", "DICT_4X4_50", "--size-mm", "50", "--json") == 0
+    told = capsys.readouterr()
+    said = json.loads(told.out)
+    assert [Path(one["picture"]).name for one in said["pictures"]] == ["1.jpg"]
+    assert [Path(one["picture"]).name for one in said["left_out"]] == ["0.jpg", "2.png"]
+    assert f"left out: {pictures / '0.jpg'} is truncated" in told.err
+    assert f"left out: {pictures / '2.png'}: the picture is 64x48 px" in told.err
+
+
 @pytest.mark.parametrize(
     ("given", "code", "said"),
     [
@@ -283,6 +299,7 @@ def test_pictures_without_tags_are_named_beside_those_with(folder: Path, tmp_pat
         ("nowhere.png --tags DICT_4X4_50 --size-mm 50", 2, "nowhere.png cannot be read"),
         ("FOLDER --tags DICT_4X4_50 --size-mm 50", 2, "holds no picture"),
         ("PICTURE --tags DICT_4X4_50 --size-mm 50 -o FOLDER", 2, "cannot be written"),
+        ("nowhere.png --tags DICT_4X4_50 --size-mm 50 -o INSIDE", 2, "cannot be made"),  # told before pictures are looked at
     ],
 )
 def test_bad_input_is_one_sentence(
@@ -297,6 +314,7 @@ def test_bad_input_is_one_sentence(
         "EMPTY": tmp_path / "empty.png",
         "KALIBR": FIXTURES / "aprilgrid" / "frames" / "0000.jpg",
         "FOLDER": tmp_path / "folder",
+        "INSIDE": tmp_path / "empty.png" / "poses.csv",
     }
     words = [str(places.get(word, word)) for word in given.split()]
     try:

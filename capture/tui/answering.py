@@ -1,0 +1,39 @@
+"""A page whose process ends with an answer in words, longer than the screen at times."""
+
+from textual.binding import Binding
+
+from capture.tui.child import Event
+from capture.tui.working import WorkingPage
+
+SCROLL = (
+    Binding("up", "scroll(-1)", "Up", key_display="↑"),
+    Binding("down", "scroll(1)", "Down", key_display="↓"),
+)
+
+
+class AnswerPage(WorkingPage):
+    """Shows the `text` of what its process gives, and begins again until there is one. A subclass binds SCROLL among its keys."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.result: Event = {}
+        """As the process gives it; empty until then."""
+
+    def step(self) -> str:
+        return "Results"
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        match action:
+            case "scroll":
+                return bool(self.result)
+            case "again":
+                return self.child is None and not self.result
+        return super().check_action(action, parameters)
+
+    def finished(self, result: Event) -> None:
+        self.result = result
+        self.refresh_bindings()
+        self.show(result["text"])
+
+    def action_scroll(self, by: int) -> None:
+        self.query_one("VerticalScroll").scroll_relative(y=by, animate=False)
