@@ -6,7 +6,6 @@ added, if it does so beyond chance (held_out) with all candidates tried so far a
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -18,7 +17,7 @@ from calib.diagnosis.fine_surface_search import surroundings
 from calib.diagnosis.held_out import HeldOut, Split, gain, hold_out
 from calib.diagnosis.most_probable_form import with_most_probable
 from calib.diagnosis.score_test import Optimum, ScoreTest
-from calib.diagnosis.trial import ALPHA, LEAST_GAIN, Fit, Trial, worth
+from calib.diagnosis.trial import LEAST_GAIN, Fit, Trial, worth
 from calib.diagnosis.unnamed_structure import gain as gain_of_structure
 from calib.effects.effect import Effect, Surroundings
 from calib.effects.registry import EFFECTS, FIELDS
@@ -172,8 +171,9 @@ class Loop:
         found = []
         for trial in trials:
             odds = trial.fitted.joint.log_marginal - self.joint.log_marginal + self._structure_left(trial)
-            if odds > math.log(trial.among / ALPHA):
-                found.append(trial)
+            known = replace(trial, odds=odds)
+            if known.sure:
+                found.append(known)
         return found
 
     def _structure_left(self, trial: Trial) -> float:

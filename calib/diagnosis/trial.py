@@ -42,8 +42,8 @@ class Trial:
     among: int = 1
     """How many candidates there were."""
     odds: float = -math.inf
-    """The logarithm by which the fit makes the corners more probable than the model without, where both have the same parameters of single
-    views."""
+    """The logarithm by which the fit makes the corners more probable than the model without: at the optimum where both have the same
+    parameters of single views; else with these integrated out, beside structure of no cause."""
     improbable: bool = False
     """Whether the corners are no more probable with it, its parameters integrated out."""
     finished: bool = False

@@ -49,10 +49,13 @@ def likely_effects(case: Case) -> list[tuple[Effect, float]]:
         return []
     dispersion = scores[0].cost / max(1, 2 * len(case.observations.pixels) - case.calibration.poses.size)
 
+    most = max(0.0, 1.0 - case.calibration.noise_px / case.left_px)
+
     def gain(test: ScoreTest) -> float:
-        """What it promises beyond what as many parameters would lower of noise."""
+        """What it promises beyond what as many parameters would lower of noise; below which nothing goes, however far a score is from where
+        it says the truth."""
         beyond = max(0.0, test.chi2 - test.dof * dispersion)
-        return 1.0 - float(np.sqrt(1.0 - min(1.0, beyond / test.cost)))
+        return min(most, 1.0 - float(np.sqrt(1.0 - min(1.0, beyond / test.cost))))
 
     def sure(test: ScoreTest) -> bool:
         return test.p_value < AGREED and float(chdtrc(test.dof, test.chi2 / dispersion)) < SCORED / len(scores)

@@ -64,8 +64,9 @@ class CaptureApp(App[None]):
     def farewell(self) -> Sequence[str]:
         """Lines for the terminal, when the screen has gone."""
         shown, cut_short = self._shown, self._fit is not None and self._fit.cut_short
-        calibration, doubt = (shown.calibration, shown.doubt) if shown else (None, "")
-        return list(farewell(self.session, calibration, self._maps, doubt=doubt, cut_short=cut_short))
+        if not shown:
+            return list(farewell(self.session, None, self._maps, cut_short=cut_short))
+        return list(farewell(self.session, shown.calibration, self._maps, depth=shown.depth, doubt=shown.doubt, cut_short=cut_short))
 
     def on_mount(self) -> None:
         sys.setswitchinterval(SWITCH_S)
@@ -96,10 +97,10 @@ class CaptureApp(App[None]):
             if not source:
                 return
             if pictures := folder_of(source):
-                self.push_screen(CheckScreen(message.calibration, pictures))
+                self.push_screen(CheckScreen(message.calibration, pictures, message.depth))
                 return
             task = Task(next_folder(message.session), source, calibrated(message.calibration), bare=False)
-            self.push_screen(CheckViewsScreen(task, message.calibration))
+            self.push_screen(CheckViewsScreen(task, message.calibration, message.depth))
 
         self.push_screen(CheckSourceScreen(self.source), begin)
 

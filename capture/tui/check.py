@@ -9,6 +9,7 @@ from calib.errors import harmless
 from capture.tui.answering import SCROLL, AnswerPage
 from capture.tui.checking import check_calibration
 from capture.tui.child import Event
+from capture.tui.export import ExportScreen
 from capture.tui.page import HELP_AND_QUIT
 
 ONWARD = {
@@ -20,8 +21,10 @@ ONWARD = {
 
 
 class CheckScreen(AnswerPage):
+    PART = "check"
     BINDINGS: ClassVar = [
         Binding("u", "update", "Bring up to date"),
+        Binding("x", "export", "Export maps"),
         Binding("c", "again", "Check again"),
         *SCROLL,
         Binding("escape", "back", "Back", key_display="esc"),
@@ -29,15 +32,19 @@ class CheckScreen(AnswerPage):
     ]
     AGAIN = "Press c to check the same pictures again, esc to go back and name others."
 
-    def __init__(self, calibration: Path, pictures: Path) -> None:
-        """`calibration`: its file. `pictures`: a session, or a folder of pictures."""
+    def __init__(self, calibration: Path, pictures: Path, depth: float) -> None:
+        """`calibration`: its file. `pictures`: a session, or a folder of pictures. `depth`, in metres, is proposed for maps."""
         super().__init__()
+        self._depth = depth
         self._calibration = calibration
         self._pictures = pictures
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        if action == "update":
-            return self._may_update and self.child is None
+        match action:
+            case "update":
+                return self._may_update and self.child is None
+            case "export":
+                return bool(self.result.get("written"))
         return super().check_action(action, parameters)
 
     def action_again(self) -> None:
@@ -51,13 +58,18 @@ class CheckScreen(AnswerPage):
 
     def finished(self, result: Event) -> None:
         super().finished(result)
-        written = f"Up to date: {result['written']}. calib export and calib undistort take it; the one before it stays as it was."
+        written = f"Up to date: {result['written']}. Press x to export maps of it; the one before it stays as it was."
         onward = ONWARD[result["word"] if self._may_update or result["word"] == "valid" else ""]
         self.say(harmless(written if result["written"] else f"{result['sentence']} {onward}"))
 
     @property
     def _may_update(self) -> bool:
         return bool(self.result) and self.result["word"] != "valid" and self.result["usable"] and not self.result["written"]
+
+    def action_export(self) -> None:
+        updated = Path(self.result["written"])
+        screen = ExportScreen(updated.parent, updated, self._depth)
+        self.app.push_screen(screen, lambda wrote: self.say(wrote) if wrote else None)
 
     def action_back(self) -> None:
         self.cancel()

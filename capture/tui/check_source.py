@@ -62,6 +62,8 @@ class CheckSourceScreen(ModalScreen[str]):
     async def action_start(self) -> None:
         await typed(self)
         source = self.query_one("#source", Input).value.strip()
+        if typed_path(source).is_dir():
+            source = f"{FOLDER}{source}"
         try:
             open_source(source, "pictures from")
         except InputError as error:

@@ -24,6 +24,7 @@ def next_folder(session: Path) -> Path:
 
 
 class CheckViewsScreen(CollectScreen):
+    PART = "check"
     BINDINGS: ClassVar = [
         Binding("f", "fit", "Check"),
         Binding("f", "not_yet", show=False),
@@ -31,9 +32,10 @@ class CheckViewsScreen(CollectScreen):
     ]
     MAPS: ClassVar = False
 
-    def __init__(self, task: Task, calibration: Path) -> None:
-        """`task` records into a session of its own. `calibration`: the file of what is checked."""
+    def __init__(self, task: Task, calibration: Path, depth: float) -> None:
+        """`task` records into a session of its own. `calibration`: the file of what is checked. `depth` as CheckScreen has it."""
         super().__init__(task)
+        self._depth = depth
         self._calibration = calibration
 
     def step(self) -> str:
@@ -70,7 +72,7 @@ class CheckViewsScreen(CollectScreen):
 
     def action_fit(self) -> None:
         self.rest()
-        self.app.switch_screen(CheckScreen(self._calibration, self.plan.folder))
+        self.app.switch_screen(CheckScreen(self._calibration, self.plan.folder, self._depth))
 
     def action_not_yet(self) -> None:
         self.say(f"A check takes {FEWEST} views at the least, of a tilted board, near and far.", LACKING_S)

@@ -14,6 +14,7 @@ from capture.tui.page import HELP_AND_QUIT
 class EffectsScreen(AnswerPage):
     """Dismissed with True where the person wants to go on with what was found: `result` then says with what."""
 
+    PART = "effects"
     BINDINGS: ClassVar = [
         Binding("enter", "use", "Use them", key_display="enter"),
         Binding("e", "again", "Look again"),

@@ -57,7 +57,7 @@ class ExportScreen(ModalScreen[str]):
             self.sentence = sentence
             self.written = written
 
-    def __init__(self, session: Path, calibration: Path, depth: float = 1.0) -> None:
+    def __init__(self, session: Path, calibration: Path, depth: float) -> None:
         """`depth`, in metres, is proposed."""
         super().__init__()
         self._depth = depth

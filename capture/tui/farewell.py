@@ -9,8 +9,10 @@ from calib.errors import harmless
 from calib.io.images import list_images
 
 CALIBRATION = "calibration.yaml"
-DEPTH = "1.0"
-"""m: of the maps that are proposed where none are written."""
+DEPTH = 1.0
+"""m: of the maps that are proposed where none are written and no results were looked at."""
+UPDATED = "updated"
+"""The folder in a calibration's own, of that which a check has brought up to date."""
 
 
 def fitted(session: Path) -> Path | None:
@@ -19,12 +21,15 @@ def fitted(session: Path) -> Path | None:
     return folder if (folder / CALIBRATION).exists() else None
 
 
-def farewell(session: Path, shown: Path | None, maps: Sequence[Path], *, doubt: str = "", cut_short: bool = False) -> Iterator[str]:
+def farewell(
+    session: Path, shown: Path | None, maps: Sequence[Path], *, depth: float = DEPTH, doubt: str = "", cut_short: bool = False
+) -> Iterator[str]:
     """Lines.
 
     Args:
         shown: the calibration whose results were looked at last; None: those of no one.
         maps: what was exported last; empty: what lies in the session's export folder since that fit.
+        depth: m, of maps that are proposed.
         doubt: what the verdict on that says, if it is not to be trusted.
         cut_short: the last fit was ended before it had a result.
     """
@@ -33,14 +38,19 @@ def farewell(session: Path, shown: Path | None, maps: Sequence[Path], *, doubt: 
         if cut_short:
             yield "The last fit was ended before it had a result: the calibration is the one of before."
         yield f"The calibration is in {_said(folder)}"
-        maps = maps or _since(folder / CALIBRATION, session / "export")
+        exported = session / "export"
+        if _since(folder / CALIBRATION, folder / UPDATED):
+            folder, doubt, maps = folder / UPDATED, "", ()
+            exported = folder / "export"
+            yield f"Brought up to date by a check: {_said(folder)}"
+        maps = maps or _since(folder / CALIBRATION, exported)
         for path in maps:
             yield f"Exported {_said(path)}"
         if doubt:
             yield f"{doubt} The report says why, and what to do."
             yield f"Next: {_command('calib', 'report', folder)}"
         else:
-            yield f"Next: {_use(session, folder, maps)}"
+            yield f"Next: {_use(session, folder, maps, depth)}"
         return
     bare, frames = (len(list_images(place)) if place.is_dir() else 0 for place in (session / "bare", session / "frames"))
     if bare or frames:
@@ -58,12 +68,13 @@ def _since(calibration: Path, exported: Path) -> Sequence[Path]:
     return sorted(path for path in exported.iterdir() if path.is_file() and path.stat().st_mtime_ns >= made)
 
 
-def _use(session: Path, folder: Path, maps: Sequence[Path]) -> str:
+def _use(session: Path, folder: Path, maps: Sequence[Path], depth: float) -> str:
     """What to do with the calibration: maps first, then pictures that they straighten."""
-    depth = next((path.stem.removeprefix("map_").removesuffix("m") for path in maps if path.stem.startswith("map_")), None)
-    if depth is None:
-        return _command("calib", "export", folder, "--format", "npz", "--depth", DEPTH, "-o", session / "export")
-    return _command("calib", "undistort", folder, session / "frames", "--depth", depth, "-o", session / "undistorted")
+    exported = next((path.stem.removeprefix("map_").removesuffix("m") for path in maps if path.stem.startswith("map_")), None)
+    if exported is None:
+        place = (folder if folder.name == UPDATED else session) / "export"
+        return _command("calib", "export", folder, "--format", "npz", "--depth", f"{depth:g}", "-o", place)
+    return _command("calib", "undistort", folder, session / "frames", "--depth", exported, "-o", session / "undistorted")
 
 
 def _command(*words: str | Path) -> str:

@@ -48,6 +48,7 @@ def open_results(progress: Progress, place: Path) -> dict[str, object]:
 
 def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
     """What the results screen shows."""
+    import numpy as np
     from torch import from_numpy
 
     from calib.estimation.residuals import residuals
@@ -58,7 +59,7 @@ def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
     seen = calibration.observations
     path, values = calibration.model()
     depth = path.place(seen.corners, seen.with_times(values), from_numpy(calibration.poses)[seen.view])[:, 2]
-    near, usual, far = (float(f"{edge:.2g}") for edge in (depth.min(), depth.median(), depth.max()))
+    near, usual, far = (float(f"{edge:.2g}") for edge in (depth.min(), np.median(depth), depth.max()))  # the verdict's median
     missed = residuals(path, values, seen, from_numpy(calibration.poses))
     views = [
         {"file": view.name, "rms_px": float((own**2).sum(-1).nanmean().sqrt()), "corners": pixels.tolist(), "errors": own.tolist()}

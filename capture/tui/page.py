@@ -65,6 +65,9 @@ class Page(Screen[bool]):
     Page.-small > #small { display: block; }
     """
 
+    PART: ClassVar[str] = ""
+    """Of the step, where this is not the whole of it."""
+
     _had_focus: Widget | None = None
     """What had the focus before the terminal became too small: what is hidden loses it."""
 
@@ -83,7 +86,8 @@ class Page(Screen[bool]):
         """Which of STEPS this is."""
 
     def _way(self) -> str:
-        return " " + " › ".join(f"[{step.upper()}]" if step == self.step() else step for step in STEPS)
+        here = f"[{self.step().upper()}{self.PART and f': {self.PART}'}]"
+        return " " + " › ".join(here if step == self.step() else step for step in STEPS)
 
     def action_help(self) -> None:
         self.app.push_screen(HelpScreen())

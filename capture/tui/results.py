@@ -23,6 +23,7 @@ from capture.tui.command import calib
 from capture.tui.drop import Dropped, drop, dropped, take_back
 from capture.tui.effects import EffectsScreen
 from capture.tui.export import ExportScreen
+from capture.tui.farewell import DEPTH
 from capture.tui.page import HELP_AND_QUIT, Page
 from capture.tui.picture import Picture
 
@@ -67,9 +68,11 @@ class ResultsScreen(Page):
     class Opened(Message):
         """These are the results of this calibration, by its file."""
 
-        def __init__(self, calibration: Path, doubt: str) -> None:
+        def __init__(self, calibration: Path, depth: float, doubt: str) -> None:
             super().__init__()
             self.calibration = calibration
+            self.depth = depth
+            """m: of the maps that are proposed."""
             self.doubt = doubt
             """The word of the verdict, as a sentence, if that is not trust."""
 
@@ -90,11 +93,13 @@ class ResultsScreen(Page):
     class Doubted(Message):
         """It is to be checked whether this calibration still holds."""
 
-        def __init__(self, session: Path, calibration: Path) -> None:
+        def __init__(self, session: Path, calibration: Path, depth: float) -> None:
             super().__init__()
             self.session = session
             self.calibration = calibration
             """Its file."""
+            self.depth = depth
+            """m: of the maps that are proposed."""
 
     def __init__(self, session: Path, result: Event, before: Event | None = None) -> None:
         """`result` as `fit_session` gives it, and that of the fit before, to compare with."""
@@ -126,7 +131,12 @@ class ResultsScreen(Page):
     def on_mount(self) -> None:
         self.query_one(OptionList).focus()
         doubt = "" if self._trusted else self.result["verdict"]["sentences"][0]
-        self.post_message(self.Opened(Path(self.result["calibration"]), doubt))
+        self.post_message(self.Opened(Path(self.result["calibration"]), self._depth, doubt))
+
+    @property
+    def _depth(self) -> float:
+        """m: where most corners are."""
+        return float(next((one["depth_m"] for one in self.result["sigma_px"][1:2]), DEPTH))
 
     @property
     def _trusted(self) -> bool:
@@ -239,8 +249,7 @@ class ResultsScreen(Page):
         self.post_message(self.FitAgain(self))
 
     def action_export(self) -> None:
-        middle = [one["depth_m"] for one in self.result["sigma_px"]][1:2]  # where most corners are
-        screen = ExportScreen(self.session, Path(self.result["calibration"]), *middle)
+        screen = ExportScreen(self.session, Path(self.result["calibration"]), self._depth)
         self.app.push_screen(screen, lambda wrote: self._say(wrote) if wrote else None)
 
     def action_report(self) -> None:
@@ -260,7 +269,7 @@ class ResultsScreen(Page):
         self._say(message.sentence)
 
     def action_check(self) -> None:
-        self.post_message(self.Doubted(self.session, Path(self.result["calibration"])))
+        self.post_message(self.Doubted(self.session, Path(self.result["calibration"]), self._depth))
 
     def action_effects(self) -> None:
         screen = EffectsScreen(Path(self.result["calibration"]))

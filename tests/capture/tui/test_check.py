@@ -62,7 +62,7 @@ async def _asked(session: Path, later: Path) -> None:
         await write(pilot, f"folder:{later / 'nowhere'}")
         await pilot.press("ctrl+s")
         await see(pilot, "(No such file or directory)")
-        pilot.app.screen.query_one("#source", Input).value = f"folder:{later}"
+        pilot.app.screen.query_one("#source", Input).value = str(later)
         await pilot.press("ctrl+s")
         await see(pilot, "The calibration is valid. Nothing has to be done: esc goes back.")
         assert "px are left on 4 views" in shown(pilot)
@@ -91,6 +91,16 @@ async def _changed(session: Path, later: Path) -> None:
         await pilot.press("u")
         await see(pilot, "Up to date:")
         assert "sigma)" in shown(pilot), "how far each number moved"
+        assert "[RESULTS: check]" in shown(pilot)
+        await pilot.press("x")
+        await see(pilot, "depths in metres")
+        await pilot.press("ctrl+s")
+        await see(pilot, "Wrote ")
+        updated = session / "calibration" / "updated"
+        *exported, undistort = pilot.app.farewell[1:]  # type: ignore[attr-defined]
+        assert exported[0] == f"Brought up to date by a check: {updated}"
+        assert any(line.startswith(f"Exported {updated / 'export' / 'map_'}") for line in exported)
+        assert undistort.startswith(f"Next: calib undistort {updated} ")
 
 
 def test_pictures_are_taken_for_it_into_a_session_of_their_own(session: Path, later: Path) -> None:
@@ -103,7 +113,7 @@ async def _taken(session: Path, later: Path) -> None:
     calibration = session / "calibration" / "calibration.yaml"
     async with results(session) as pilot:
         task = Task(next_folder(session), f"folder:{later}?speed=max", calibrated(calibration), bare=False)
-        pilot.app.push_screen(CheckViewsScreen(task, calibration))
+        pilot.app.push_screen(CheckViewsScreen(task, calibration, 0.5))
         await see(pilot, "Press f to check, c to try again, esc for the results.")
         await pilot.press("n")  # no cover comes on here
         await pilot.press("f")
@@ -121,7 +131,8 @@ def test_a_check_of_too_few_pictures_is_not_offered(session: Path, later: Path, 
 async def _few(session: Path, later: Path, folder: Path) -> None:
     calibration = session / "calibration" / "calibration.yaml"
     async with results(session) as pilot:
-        pilot.app.push_screen(CheckViewsScreen(Task(folder, f"folder:{later}?speed=max", calibrated(calibration), bare=False), calibration))
+        task = Task(folder, f"folder:{later}?speed=max", calibrated(calibration), bare=False)
+        pilot.app.push_screen(CheckViewsScreen(task, calibration, 0.5))
         await see(pilot, "Press c to try again, esc for the results.")
         await pilot.press("f")
         await see(pilot, "A check takes 3 views at the least")

@@ -38,7 +38,7 @@ async def _leave(session: Path, left: Event) -> None:
     calibration.mkdir()
     (calibration / "calibration.yaml").touch()
     async with running(session, notices=True) as pilot:
-        pilot.app.push_screen(ExportScreen(session, calibration))
+        pilot.app.push_screen(ExportScreen(session, calibration, 1.0))
         await see(pilot, "depths in metres")
         await pilot.press("ctrl+s")
         await see(pilot, "Being written")
@@ -82,7 +82,7 @@ def test_every_form_has_a_line_that_the_list_has_room_for() -> None:
 @asynccontextmanager
 async def exporting(session: Path, *, notices: bool = False) -> AsyncIterator[Pilot[None]]:
     async with running(session, notices=notices) as pilot:
-        pilot.app.push_screen(ExportScreen(session, session / "calibration"))
+        pilot.app.push_screen(ExportScreen(session, session / "calibration", 1.0))
         await see(pilot, "depths in metres", SOON_S)
         yield pilot
 
