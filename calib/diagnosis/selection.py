@@ -34,8 +34,6 @@ WORTH_TRYING = 0.05
 """p-value of the score."""
 TRIED = 4
 """Candidates that are fitted in a round, best scores first; those whose neutral point says little of them come on top."""
-PROMISING = LEAST_GAIN / 2
-"""Of the error of the views that are fitted: what other parameters take up of an effect there, held-out views show."""
 HOPELESS = 3.0
 """Times the error without it."""
 ROUNDS = 6
@@ -117,11 +115,11 @@ class Loop:
             among: candidates of which none passed before.
         """
         scores = self.scores(effects)
-        promising = (c for c in scores if c.effect.judged_by_score and c.p_value < WORTH_TRYING and c.promises > PROMISING)
+        promising = (c for c in scores if c.effect.judged_by_score and c.p_value < WORTH_TRYING and c.promises > LEAST_GAIN)
         always = [c for c in scores if not (c.effect.judged_by_score or (c.effect.name, c.effect.form) in self.hopeless)]
         chosen = always + sorted(promising, key=lambda c: 2 * c.dof - c.chi2)[:TRIED]
         tried = [self._try(test, among + len(scores)) for test in chosen]
-        return [trial for trial in tried if trial.lowers > PROMISING and not trial.improbable]
+        return [trial for trial in tried if trial.lowers > LEAST_GAIN and not trial.improbable]
 
     def scores(self, effects: Sequence[type[Effect]]) -> list[ScoreTest]:
         """What the residual says of each effect."""
