@@ -31,7 +31,7 @@ class Change:
     """One thing that may have changed."""
 
     name: str
-    """Of the effect, or other_mode, mirrored, other_board, unknown."""
+    """Of the effect, or other_mode, turned_pictures, no_cover, other_board, unknown."""
     words: str
     """The sentence, up to its size; without a capital."""
     probability: float

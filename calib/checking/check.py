@@ -14,7 +14,7 @@ from calib.checking.answer import Answer, Change, Word
 from calib.checking.changes import changes_of
 from calib.checking.dispersion import Dispersion
 from calib.checking.equations import Equations
-from calib.checking.hypotheses import GROSS, TURNED, Hypothesis, Seen, hypotheses
+from calib.checking.hypotheses import GROSS, TURNED, UNCOVERED, Hypothesis, Seen, hypotheses
 from calib.checking.known import Known
 from calib.checking.naming import named, probabilities, shift_of
 from calib.checking.picture_mode import PictureMode
@@ -38,7 +38,7 @@ BROKEN_PX = 1.0
 """px: from there on what is added is a fault that people see in undistorted pictures."""
 BROKEN = 3.0
 """Times the corners' noise, where that is more."""
-OTHER_PICTURES = frozenset({TURNED, PictureMode.name})
+OTHER_PICTURES = frozenset({TURNED, UNCOVERED, PictureMode.name})
 """Changes of which there is no little: no pixel is what it was."""
 NOISIER = 1.3
 """Times the variance of the corners' noise, from which it changes what is most probable."""

@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 GROSS = 2.0
 """Times the noise: from there on the first order says little: every candidate is fitted, and other modes are tried."""
 TURNED = "turned_pictures"
+UNCOVERED = "no_cover"
+OFF = "the cover was not before the camera: put it back, and take them again"
 UNKNOWN = "what has changed is none of the causes that are known here"
 
 
@@ -81,7 +83,7 @@ def hypotheses(known: Known, changes: Sequence[Effect], seen: Seen, sigma: float
         found = [_against(one, together) for one in tried if one]
     else:
         found = [_first_order(change, together, seen.equations) for change in changes]
-    found += [_against(one, together) for one in _turned(known, seen, sigma)]
+    found += [_against(one, together) for one in (*_turned(known, seen, sigma), *_uncovered(known, seen, sigma))]
     found.append(Hypothesis("unknown", _of_variance(together[0, 0], seen.equations.freedom.sum()), words=UNKNOWN))
     found += _bad_views(seen, variance)
     return sorted(found, key=lambda one: -one.log_evidence)
@@ -183,6 +185,17 @@ def _turned(known: Known, seen: Seen, sigma: float) -> list[Hypothesis]:
             words = f"the pictures come from another mode: {way}, they fit"
             found.append(Hypothesis(TURNED, -float(cost) / 2, missed=posed[1], words=words))
     return found
+
+
+def _uncovered(known: Known, seen: Seen, sigma: float) -> list[Hypothesis]:
+    """Without the cover, of a camera that has one: glass of no thickness would do as well, and nobody has any."""
+    if not known.model.path.cover:
+        return []
+    bare = known.uncovered()
+    if (posed := _posed(bare, seen.observations)) is None:
+        return []
+    cost = Equations.of(bare, (), seen.observations, posed[0]).predicted()[0, 0] * (known.sigma / sigma) ** 2
+    return [Hypothesis(UNCOVERED, -float(cost) / 2, missed=posed[1], words=OFF)]
 
 
 def _posed(known: Known, observations: Observations) -> tuple[Tensor, Residuals] | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -49,6 +49,16 @@ class Known:
         else:  # of a camera without a cover, whose covariance stands beside its intrinsics
             root = parameters.free_root()
         return Known(model, parameters, root, _sigma(calibration, model))
+
+    def uncovered(self) -> Known:
+        """The same camera without its cover."""
+        path = replace(self.model.path, cover=())
+        there = {param.name for param in path.params}
+        free = tuple(param for param in self.parameters.free if param.name in there)
+        kept = self.parameters.entries(param.name for param in free)
+        covariance = self.root[kept] @ self.root[kept].T if len(kept) else np.zeros((0, 0))
+        parameters = replace(self.parameters, relief=None, free=free)
+        return replace(self, model=replace(self.model, path=path), parameters=parameters, root=root_of(covariance))
 
     def posed(self, observations: Observations, poses: Tensor) -> tuple[Tensor, Residuals]:
         """The (V, B) poses of views through the calibration, from (V, 6) to start from, and what they leave."""

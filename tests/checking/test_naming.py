@@ -4,7 +4,7 @@ import pytest
 
 from calib.checking.answer import Word
 from calib.checking.pictures import Pictures
-from fixtures.later import NOISE, Later, mirrored, shaken, zoomed
+from fixtures.later import NOISE, Later, mirrored, shaken, uncovered, zoomed
 from tests.checking.conftest import Made
 
 CASES = (
@@ -52,6 +52,13 @@ def test_mirrored_pictures_are_told(cameras: Made) -> None:
     answer = checker.check(Pictures(mirrored(later.views(), made.board), made.board))
     assert answer.word is Word.BROKEN
     assert str(answer.changes[0]) == "the pictures come from another mode: mirrored, they fit"
+
+
+@pytest.mark.parametrize("shape", ["cone", "flat"])
+def test_a_cover_that_was_forgotten_is_no_thinner_glass(cameras: Made, shape: str) -> None:
+    made, checker = cameras[shape]
+    answer = checker.check(Pictures(Later.drawn(uncovered(made), None, 107, 4).views(), made.board))
+    assert (answer.word, [change.name for change in answer.changes]) == (Word.BROKEN, ["no_cover"])
 
 
 def test_a_bad_view_is_left_out_and_the_others_answer(cameras: Made) -> None:
