@@ -24,6 +24,7 @@ FARTHEST = 0.4  # of a tag's side
 CLEAR = 0.8  # of what lies between a tag's edge and its bits
 CLEAR_OF_MARKER = 0.6  # of what lies between a square's edge and its marker: from there on, blur brings the marker's black
 NOISE = 0.1  # px, of corners that were found
+SECOND, THIRD = 6, 20  # variances of an error's second and third differences, over its own
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,9 +71,8 @@ class Lattice:
         row_steps, row_bends = _along(grid)
         column_steps, column_bends = (part.swapaxes(0, 1) for part in _along(grid.swapaxes(0, 1)))
         steps = np.stack([row_steps, column_steps], 2).reshape(-1, 2, 2)
-        bends = np.stack([_smoothed(row_bends), _smoothed(column_bends)], 2).reshape(-1, 2, 2)
-        normal_bends = (normals(steps) * bends).sum(-1)
-        return Lattice(np.array(corners, np.float64), steps, normal_bends / (steps**2).sum(-1))
+        bends = np.stack([row_bends, column_bends], 2).reshape(-1, 2)
+        return Lattice(np.array(corners, np.float64), steps, bends / (steps**2).sum(-1))
 
     @property
     def angles(self) -> Floats:
@@ -110,9 +110,10 @@ def normals(steps: Floats) -> Floats:
 
 
 def _along(lines: Floats) -> tuple[Floats, Floats]:
-    """(lines, corners, 2) px -> of the same shape, the step and the second difference at each corner; the ends take their neighbours'."""
-    bends = lines[:, 2:] - 2 * lines[:, 1:-1] + lines[:, :-2]
-    bends = np.concatenate([bends[:, :1], bends, bends[:, -1:]], 1)
+    """(lines, corners, 2) px -> of the same shape, the step at each corner; and (lines, corners) px, the second difference across it, of
+    which the ends take their neighbours'."""
+    second = lines[:, 2:] - 2 * lines[:, 1:-1] + lines[:, :-2]
+    bends = np.concatenate([second[:, :1], second, second[:, -1:]], 1)
     steps = np.concatenate(
         [
             lines[:, 1:2] - lines[:, :1] - bends[:, :1] / 2,
@@ -121,11 +122,21 @@ def _along(lines: Floats) -> tuple[Floats, Floats]:
         ],
         1,
     )
-    return steps, bends
+    across = normals(steps)
+    third = ((second[:, 1:] - second[:, :-1]) * across[:, 1:-2]).sum(-1)
+    return steps, _told((bends * across).sum(-1), float((third**2).mean()) if third.size else 0.0)
+
+
+def _told(bends: Floats, third: float) -> Floats:
+    """What (lines, corners) px of bends tell beside what the corners' own errors make of them, smoothed: James and Stein's part of it, the
+    errors' size by px^2 of third differences, which bends hardly have."""
+    inner = float((bends[:, 1:-1] ** 2).mean())
+    noise = third * SECOND / THIRD
+    return _smoothed(bends) * (max(0.0, 1 - noise / inner) if inner else 0.0)
 
 
 def _smoothed(bends: Floats) -> Floats:
-    """(rows, columns, 2) means of each and its neighbours by the weights 1, 2, 1, both ways: a corner's own error would else come back
+    """(lines, corners) means of each and its neighbours by the weights 1, 2, 1, both ways: a corner's own error would else come back
     to it, larger by a sixth, in its bend."""
     for axis in (0, 1):
         padded = np.concatenate([np.take(bends, [0], axis), bends, np.take(bends, [-1], axis)], axis)
