@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    from calib.commands.fleet_prior_lines import prior_json, print_prior
+    from calib.commands.fleet_prior_lines import print_prior, prior_json
     from calib.commands.printing import print_json
     from calib.fleet.prior import fleet_prior
     from calib.io.files import write_atomically

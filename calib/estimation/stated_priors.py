@@ -14,7 +14,7 @@ def priors_of(intrinsics: Intrinsics, cover: Cover, path: Path) -> Priors:
     """Of each parameter of the path that is described with a standard deviation (SI units)."""
     known = {param.name for param in path.params}
     sigmas = {name: number.sigma for name, number in numbers_of(intrinsics, cover).items() if number.sigma > 0 and name in known}
-    return Priors(sigmas, correlations_of(intrinsics, cover))
+    return Priors(sigmas, correlations_of(intrinsics, cover), glass=cover.glass)
 
 
 def with_estimates(intrinsics: Intrinsics, cover: Cover, joint: JointFit | None) -> tuple[Intrinsics, Cover]:
@@ -35,4 +35,5 @@ def widened(intrinsics: Intrinsics, cover: Cover, name: str, factor: float) -> t
     """
     number, correlations = numbers_of(intrinsics, cover)[name], correlations_of(intrinsics, cover)
     wider = with_numbers(intrinsics, cover, {name: replace(number, sigma=factor * number.sigma)})
-    return with_correlations(*wider, {pair: value / factor if name in pair else value for pair, value in correlations.items()})
+    wider = with_correlations(*wider, {pair: value / factor if name in pair else value for pair, value in correlations.items()})
+    return wider[0], replace(wider[1], glass=cover.glass)

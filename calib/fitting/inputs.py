@@ -58,7 +58,8 @@ def _recorded(view: View, record: FrameRecord) -> View:
 def gather(session: Session, progress: Progress) -> Gathered:
     """Read or detect the corners, and find the intrinsics.
 
-    Intrinsics come from the session where it states them, else from bare/, else from a fleet's prior, else, without a cover, from the views themselves.
+    Intrinsics come from the session where it states them, else from bare/, else from a fleet's prior, else, without a cover, from the views
+    themselves.
     """
     views, rejected = read_views(session, progress)
     bare: tuple[Rejected, ...] = ()

@@ -2,8 +2,8 @@
 
 The model: a camera's numbers are drawn from normal distributions, each number from its own, as a line's deviations have causes of their
 own; and its views tell them by a likelihood that may leave directions open. The means have the tolerances of what is declared as their
-prior, the spreads one that says next to nothing below the tolerance (half-t). A Gibbs sampler draws from all that fits the cameras; the next
-camera's numbers are what these draws say together, so that few cameras, or unsure ones, give a wide answer.
+prior, the spreads one that says next to nothing below the tolerance (half-t). A Gibbs sampler draws from all that fits the cameras; the
+next camera's numbers are what these draws say together, so that few cameras, or unsure ones, give a wide answer.
 
 Source: A. Gelman, Prior distributions for variance parameters in hierarchical models (2006); A. Huang, M. P. Wand, Simple marginally
 noninformative prior distributions for covariance matrices (2013), for the sampler's form.
@@ -79,4 +79,3 @@ def _at_most_one(spread: Array) -> Array:
     """With no direction beyond the tolerances: whatever a fleet says, a camera is what it is declared to be as well as any."""
     size, axes = np.linalg.eigh((spread + spread.T) / 2)
     return np.asarray((axes * np.minimum(size, 1.0)) @ axes.T)
-

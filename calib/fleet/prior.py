@@ -3,36 +3,27 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.errors import InputError, NotEnoughDataError, RefracalError, brief
-from calib.estimation.doubt import DOUBT
-from calib.estimation.stated_priors import widened
 from calib.estimation.surprise import Told, surprise
+from calib.fleet.common import Common
 from calib.fleet.population import FEWEST, ROUGHLY, Population, population
 from calib.fleet.result import CAMERAS, Result, State, read_result
 from calib.io.files import reading
-from calib.session.camera import Camera, Intrinsics
-from calib.session.cover import Cover
+from calib.session.camera import Camera
 from calib.session.fleet_prior import FleetPrior
-from calib.session.freeing import ALL, with_free
 from calib.session.lens import SPLINED
-from calib.session.numbers import covariance_of, numbers_of, with_covariance, with_numbers
-from calib.session.schema import Number
+from calib.session.numbers import numbers_of
 from calib.verdict.verdict import Word
-
-Array = NDArray[np.float64]
 
 ELSEWHERE = ("the board", "each single view", "the corners' detector")
 """What effects may be about whose finding leaves a camera's own numbers as they are."""
-LOOSE = 1e3
-"""Times its tolerance: as good as no prior at all."""
 ALARM = 0.05
 """Chance that a fleet without a fault has a camera that is left out as an outlier."""
 SUSPECTS = 3
@@ -87,16 +78,21 @@ def fleet_prior(fleet: Path) -> FleetPrior:
     kind = _common(fleet, found, out)
     found = {camera: one for camera, one in found.items() if camera not in out}
     _check_enough(fleet, found, out)
-    intrinsics, cover = _drawing(list(found.values()))
-    told = {camera: _told(one, kind.estimated, numbers_of(intrinsics, cover)) for camera, one in found.items()}
-    centre, axes = _axes(intrinsics, cover, kind.estimated)
-    _leave_outliers(told, centre, axes, kind.estimated, out)
+    common = Common.of(kind.estimated, Camera(kind.width, kind.height), list(found.values()))
+    told = {camera: common.told(one) for camera, one in found.items()}
+    _leave_outliers(told, common, out)
     _check_enough(fleet, told, out)
-    known = population(list(told.values()), centre, axes)
-    plain = {name: Number(number.value) for name, number in numbers_of(intrinsics, cover).items()}
-    expected = with_covariance(*with_numbers(intrinsics, cover, plain), kind.estimated, known.mean, known.covariance)
-    camera = Camera(kind.width, kind.height, intrinsics=expected[0])
-    return FleetPrior(Path(), "", camera, expected[1], (intrinsics, cover), known.cameras, tuple(sorted(out.items())))
+    known = population(list(told.values()), common.centre, common.axes)
+    expected = common.described(known)
+    return FleetPrior(
+        Path(),
+        "",
+        Camera(kind.width, kind.height, intrinsics=expected[0]),
+        expected[1],
+        (common.intrinsics, common.cover),
+        known.cameras,
+        tuple(sorted(out.items())),
+    )
 
 
 def _cameras(fleet: Path) -> list[str]:
@@ -139,6 +135,8 @@ def _unlike_itself(one: Calibration) -> str:
     own = [added.effect.name for added in one.effects if added.effect.about not in ELSEWHERE]
     if own:
         return f"its diagnosis found {', '.join(own)}"
+    if not one.relief or not one.settings.get("relief_prior"):
+        return "its fit estimated no relief by its evidence"
     if not one.covariance.size or not Kind.of(one).estimated:
         return "its fit held every number as it is declared"
     if one.settings.get("fleet_prior", {}).get("used"):
@@ -172,64 +170,17 @@ def _check_enough(fleet: Path, found: Mapping[str, object], out: Mapping[str, st
         )
 
 
-def _drawing(found: Sequence[Calibration]) -> tuple[Intrinsics, Cover]:
-    """What most sessions declare, each number with its tolerance; where they differ, as measured numbers do, their median, by the tolerance
-    of its kind."""
-    first = found[0].declared
-    said = [numbers_of(one.declared.intrinsics, one.declared.cover) for one in found]
-    common: dict[str, Number] = {}
-    measured: dict[str, Number] = {}
-    for name in said[0]:
-        number, times = Counter(one[name] for one in said).most_common(1)[0]
-        if 2 * times > len(said):
-            common[name] = number
-        else:
-            measured[name] = Number(float(np.median([one[name].value for one in said])))
-    by_kind = numbers_of(*with_free(*with_numbers(first.intrinsics, first.cover, common | measured), (ALL,)))
-    return with_numbers(first.intrinsics, first.cover, common | {name: by_kind[name] for name in measured})
-
-
-def _told(one: Calibration, names: tuple[str, ...], drawing: Mapping[str, Number]) -> Told:
-    """What a camera's views say, and its own measurements: its calibration, less what the drawing had put in."""
-    parameters = one.camera_model().parameters
-    places = parameters.entries(names)
-    scales = np.array([param.scale for name in names for param in parameters.free if param.name == name])
-    covariance = one.covariance[np.ix_(places, places)] * scales[:, None] * scales
-    intrinsics, cover = one.declared.intrinsics, one.declared.cover
-    declared = numbers_of(intrinsics, cover)
-    for name in one.declared.doubted:
-        intrinsics, cover = widened(intrinsics, cover, name, DOUBT)
-    for name in names:
-        if declared[name] != drawing[name]:  # a measurement of this camera, which stays
-            intrinsics, cover = widened(intrinsics, cover, name, LOOSE)
-    assert one.camera.intrinsics
-    estimate = numbers_of(one.camera.intrinsics, one.cover)
-    mean, stated = (np.array([numbers[name].value for name in names]) for numbers in (estimate, declared))
-    return Told.between(mean, covariance, stated, covariance_of(intrinsics, cover, names))
-
-
-def _axes(intrinsics: Intrinsics, cover: Cover, names: tuple[str, ...]) -> tuple[Array, Array]:
-    """(K,) what is declared, and the (K, K) directions in which cameras differ independently: each number by itself, but the focal lengths of
-    x and y together and against each other, for one lens makes both."""
-    drawing = numbers_of(intrinsics, cover)
-    axes = np.diag([drawing[name].sigma for name in names])
-    if {"camera.fx", "camera.fy"} <= {*names}:
-        both = [names.index("camera.fx"), names.index("camera.fy")]
-        axes[np.ix_(both, both)] = axes[np.ix_(both, both)] @ np.array([[1, 1], [1, -1]]) / np.sqrt(2)
-    return np.array([drawing[name].value for name in names]), axes
-
-
-def _leave_outliers(told: dict[str, Told], centre: Array, axes: Array, names: tuple[str, ...], out: dict[str, str]) -> None:
+def _leave_outliers(told: dict[str, Told], common: Common, out: dict[str, str]) -> None:
     """Without those that the others do not expect, the farthest first."""
     alarm = ALARM / len(told)
     while len(told) > FEWEST:
-        every = population(list(told.values()), centre, axes, ROUGHLY)
+        every = population(list(told.values()), common.centre, common.axes, ROUGHLY)
         far = {camera: _surprise(one, every) for camera, one in told.items()}
         suspects = sorted(far, key=far.__getitem__)[:SUSPECTS]
         by = {}
         for camera in suspects:
-            others = population([one for other, one in told.items() if other != camera], centre, axes, ROUGHLY)
-            by[camera] = _surprise(told[camera], others), _farthest(told[camera], others, names)
+            others = population([one for other, one in told.items() if other != camera], common.centre, common.axes, ROUGHLY)
+            by[camera] = _surprise(told[camera], others), _farthest(told[camera], others, common)
         worst = min(by, key=lambda camera: by[camera][0])
         p_value, name = by[worst]
         if p_value > alarm:
@@ -242,6 +193,7 @@ def _surprise(one: Told, known: Population) -> float:
     return surprise(one, known.mean, known.covariance, known.cameras).p_value
 
 
-def _farthest(one: Told, known: Population, names: tuple[str, ...]) -> str:
+def _farthest(one: Told, known: Population, common: Common) -> str:
     """The number that its views pull farthest, in the standard deviations that it may have."""
-    return names[int(np.argmax(np.abs(one.pulls(known.mean, known.covariance))))]
+    at = int(np.argmax(np.abs(one.pulls(known.mean, known.covariance))))
+    return common.names[at] if at < len(common.names) else "glass"

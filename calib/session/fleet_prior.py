@@ -1,10 +1,12 @@
 """What a fleet of cameras expects of the next one: prior.yaml, as `calib fleet-prior` writes it, and a session that names it.
 
-The fleet's numbers take the place of what the session writes plainly, which is what the fleet's own sessions declared as well: its fits have
-had that once. What the session knows of this very camera goes beside them: a number with a sigma of its own, and intrinsics from bare/.
+The fleet's numbers take the place of what the session writes plainly, which is what the fleet's own sessions declared as well: its
+fits have had that once. What the session knows of this very camera goes beside them: a number with a sigma of its own, and intrinsics
+from bare/.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -83,7 +85,7 @@ def read_fleet_prior(file: Path) -> FleetPrior:
             pass
         case _:
             raise section.wrong("left_out", left_out, "a list of {camera: ..., because: ...}")
-    assert camera.intrinsics and told.intrinsics
+    assert told.intrinsics
     return FleetPrior(
         file,
         sha256(read_file(file)).hexdigest(),
@@ -124,7 +126,7 @@ def expected(prior: FleetPrior, intrinsics: Intrinsics, cover: Cover, file: str)
     said, declared, fleet = numbers_of(intrinsics, cover), numbers_of(*prior.declared), numbers_of(prior.intrinsics, prior.cover)
     names = prior.names
     own = tuple(n for n in names if (said[n].sigma or said[n].exact) and said[n] not in (declared[n], fleet[n]))
-    mean, covariance = np.array([fleet[name].value for name in names]), covariance_of(prior.intrinsics, prior.cover, names)
+    mean, covariance = _all_of(prior, fleet)
     at = [names.index(name) for name in own]
     noise = covariance_of(intrinsics, cover, own)
     away = np.array([said[name].value for name in own]) - mean[at]
@@ -134,7 +136,26 @@ def expected(prior: FleetPrior, intrinsics: Intrinsics, cover: Cover, file: str)
     gain = np.linalg.solve(allowed, covariance[at]).T
     mean, covariance = mean + gain @ away, covariance - gain @ covariance[at]
     left = [i for i, name in enumerate(names) if not said[name].exact or name not in own]
-    return with_covariance(intrinsics, cover, tuple(names[i] for i in left), mean[left], covariance[np.ix_(left, left)])
+    kept = tuple(names[i] for i in left)
+    intrinsics, cover = with_covariance(intrinsics, cover, kept, mean[left], covariance[np.ix_(left, left)])
+    if not prior.cover.glass:
+        return intrinsics, cover
+    figure = slice(len(names), None)
+    beside = covariance[figure][:, left]
+    return intrinsics, replace(
+        cover, glass=replace(prior.cover.glass, mean=mean[figure], covariance=covariance[figure, figure], numbers=kept, beside=beside)
+    )
+
+
+def _all_of(prior: FleetPrior, fleet: Mapping[str, Number]) -> tuple[Array, Array]:
+    """(K + N,) and (K + N, K + N) of the numbers, and of the glass's coefficients."""
+    mean, covariance = np.array([fleet[name].value for name in prior.names]), covariance_of(prior.intrinsics, prior.cover, prior.names)
+    if not (glass := prior.cover.glass):
+        return mean, covariance
+    beside = np.zeros((len(glass.mean), len(mean)))
+    for name, column in zip(glass.numbers, glass.beside.T, strict=True):
+        beside[:, prior.names.index(name)] = column
+    return np.concatenate([mean, glass.mean]), np.block([[covariance, beside.T], [beside, glass.covariance]])
 
 
 def nominal(prior: FleetPrior) -> Intrinsics:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from calib.session.camera import Intrinsics
 from calib.session.cover import CORRELATIONS, Cover
+from calib.session.glass import Glass
 from calib.session.schema import Number, Section
 
 Array = NDArray[np.float64]
@@ -24,11 +25,11 @@ def camera_numbers(intrinsics: Intrinsics) -> dict[str, Number]:
 
 
 def with_numbers(intrinsics: Intrinsics, cover: Cover, found: Mapping[str, Number]) -> tuple[Intrinsics, Cover]:
-    """The description with some numbers in place of its own, all independent."""
+    """The description with some numbers in place of its own, all independent; what was known of the glass goes with them."""
     parameters = {name: found.get(f"cover.{name}", number) for name, number in cover.parameters.items()}
     fx, fy, cx, cy, *lens = (found.get(name, number) for name, number in camera_numbers(intrinsics).items())
     intrinsics = replace(intrinsics, fx=fx, fy=fy, cx=cx, cy=cy, distortion=tuple(lens), correlations=())
-    return intrinsics, replace(cover, parameters=parameters, correlations=())
+    return intrinsics, replace(cover, parameters=parameters, correlations=(), glass=None)
 
 
 def correlations_of(intrinsics: Intrinsics | None, cover: Cover) -> dict[tuple[str, str], float]:
@@ -50,7 +51,7 @@ def with_correlations(intrinsics: Intrinsics, cover: Cover, pairs: Mapping[tuple
 
 def check_correlations(section: Section, intrinsics: Intrinsics | None, cover: Cover) -> None:
     """Refuse those of numbers that are not there, and those that cannot all be true. Args: section: the cover's."""
-    if not cover.correlations:
+    if not (cover.correlations or cover.glass):
         return
     names = [f"cover.{name}" for name in cover.parameters] + list(camera_numbers(intrinsics) if intrinsics else ())
     for one, other, _ in cover.correlations:
@@ -58,16 +59,34 @@ def check_correlations(section: Section, intrinsics: Intrinsics | None, cover: C
             if name not in names:
                 raise section.wrong(CORRELATIONS, name, f"names of numbers that are there: {', '.join(names)}")
         if one == other or (intrinsics and {one, other} <= set(camera_numbers(intrinsics))):
-            raise section.wrong(CORRELATIONS, f"{one}, {other}", "pairs of which one is the cover's; the camera's own are in camera.intrinsics")
+            raise section.wrong(
+                CORRELATIONS, f"{one}, {other}", "pairs of which one is the cover's; the camera's own are in camera.intrinsics"
+            )
+    glass = cover.glass
+    for name in glass.numbers if glass else ():
+        if name not in names:
+            raise section.wrong("glass.covariance_um", name, f"names of numbers that are there: {', '.join(names)}")
     correlation = np.eye(len(names))
     for (one, other), value in correlations_of(intrinsics, cover).items():
         i, j = names.index(one), names.index(other)
         correlation[i, j] = correlation[j, i] = value
+    key = "glass" if glass else CORRELATIONS
     try:
-        np.linalg.cholesky(correlation)
+        np.linalg.cholesky(_with_glass(correlation, names, intrinsics, cover, glass) if glass else correlation)
     except np.linalg.LinAlgError:
-        written = section.values[CORRELATIONS]
-        raise section.wrong(CORRELATIONS, written, "numbers that all can be correlated by, a positive definite matrix") from None
+        raise section.wrong(key, section.values[key], "numbers that all can be correlated by, a positive definite matrix") from None
+
+
+def _with_glass(correlation: Array, names: list[str], intrinsics: Intrinsics | None, cover: Cover, glass: Glass) -> Array:
+    """The correlations of the glass's coefficients, and of the numbers."""
+    stated = {f"cover.{name}": number for name, number in cover.parameters.items()}
+    stated |= camera_numbers(intrinsics) if intrinsics else {}
+    size = np.sqrt(np.clip(glass.covariance.diagonal(), np.finfo(float).tiny, None))
+    beside = np.zeros((len(size), len(names)))
+    for name, column in zip(glass.numbers, glass.beside.T, strict=True):
+        if stated[name].sigma:
+            beside[:, names.index(name)] = column / size / stated[name].sigma
+    return np.block([[glass.covariance / size[:, None] / size, beside], [beside.T, correlation]])
 
 
 def covariance_of(intrinsics: Intrinsics, cover: Cover, names: tuple[str, ...]) -> Array:
@@ -86,7 +105,9 @@ def with_covariance(
 ) -> tuple[Intrinsics, Cover]:
     """The description with these numbers, (K,) and (K, K), in place of its own; others stay, and are independent."""
     sigmas = np.sqrt(covariance.diagonal())
-    intrinsics, cover = with_numbers(intrinsics, cover, {n: Number(float(m), float(s)) for n, m, s in zip(names, mean, sigmas, strict=True)})
+    intrinsics, cover = with_numbers(
+        intrinsics, cover, {n: Number(float(m), float(s)) for n, m, s in zip(names, mean, sigmas, strict=True)}
+    )
     correlation = covariance / sigmas[:, None] / sigmas
     pairs = {(names[i], names[j]): float(correlation[i, j]) for i in range(len(names)) for j in range(i)}
     return with_correlations(intrinsics, cover, pairs)
