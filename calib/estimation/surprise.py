@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f
+from scipy.stats import chi2
 
 Array = NDArray[np.float64]
 
 TOLD = 0.05
-"""Of the prior's precision: a direction of which a camera's views tell less says nothing of whether it is as expected."""
+"""Of the prior's precision: of a direction of which views tell less, what they seem to say is what the fit was linearised by."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +34,7 @@ class Told:
         kept, axes = np.linalg.eigh((whitened + whitened.T) / 2)
         kept = np.clip(kept, np.finfo(float).eps, 1.0)  # rounding, or a linearisation elsewhere: views tell nothing less than nothing
         axes = np.linalg.solve(root.T, axes)  # columns, whose squares sum up to the prior's precision
-        gained = 1 / kept - 1
+        gained = np.where(1 / kept - 1 > TOLD, 1 / kept - 1, 0.0)
         information = (axes * gained) @ axes.T
         shift = np.where(gained > 0, axes.T @ (mean - prior_mean) / kept, 0.0)
         return Told(information, information @ prior_mean + axes @ shift)
@@ -61,8 +61,8 @@ class Surprise:
     """Of a camera of the fleet that is as far or farther."""
 
 
-def surprise(told: Told, mean: Array, covariance: Array, cameras: int) -> Surprise:
-    """Of a camera that did not contribute to what is expected of it, (K,) and (K, K), from so many others."""
+def surprise(told: Told, mean: Array, covariance: Array) -> Surprise:
+    """Of a camera that did not contribute to what is expected of it, (K,) and (K, K)."""
     root = np.linalg.cholesky(covariance)
     gained, axes = np.linalg.eigh(root.T @ told.information @ root)
     pull = axes.T @ (root.T @ (told.score - told.information @ mean))
@@ -71,4 +71,4 @@ def surprise(told: Told, mean: Array, covariance: Array, cameras: int) -> Surpri
     if not directions:
         return Surprise(0.0, 0, 1.0)
     square = float((pull[known] ** 2 / (gained[known] * (1 + gained[known]))).sum())
-    return Surprise(square, directions, float(f.sf(square / directions, directions, max(1, cameras - 1))))
+    return Surprise(square, directions, float(chi2.sf(square, directions)))

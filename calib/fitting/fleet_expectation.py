@@ -81,7 +81,7 @@ class Expectation:
         prior = covariance_of(self.told.intrinsics, self.told.cover, names)
         told = Told.between(mean, covariance, before, prior)
         pulls = dict(zip(names, map(float, told.pulls(before, prior)), strict=True))
-        return surprise(told, before, prior, self.prior.cameras), pulls
+        return surprise(told, before, prior), pulls
 
     def _said(self, found: Surprise, pulls: dict[str, float], *, used: bool) -> dict[str, object]:
         farthest = max(pulls, key=lambda name: abs(pulls[name]), default="")

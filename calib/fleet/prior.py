@@ -190,7 +190,7 @@ def _leave_outliers(told: dict[str, Told], common: Common, out: dict[str, str]) 
 
 
 def _surprise(one: Told, known: Population) -> float:
-    return surprise(one, known.mean, known.covariance, known.cameras).p_value
+    return surprise(one, known.mean, known.covariance).p_value
 
 
 def _farthest(one: Told, known: Population, common: Common) -> str:

@@ -31,7 +31,7 @@ def test_a_posterior_that_is_the_prior_says_nothing() -> None:
     mean, prior = a_prior(np.random.default_rng(2))
     told = Told.between(mean, prior, mean, prior)
     assert told.information == pytest.approx(np.zeros((SIZE, SIZE)), abs=1e-9)
-    assert surprise(told, mean, prior, 10).p_value == 1.0
+    assert surprise(told, mean, prior).p_value == 1.0
 
 
 def surprises(shift: float) -> tuple[np.ndarray, np.ndarray]:
@@ -44,7 +44,7 @@ def surprises(shift: float) -> tuple[np.ndarray, np.ndarray]:
         true = mean + root @ (rng.standard_normal(SIZE) + shift * np.eye(SIZE)[0])
         rows = rng.normal(size=(4, SIZE))  # fewer than there are numbers
         told = Told(rows.T @ rows, rows.T @ (rows @ true + rng.standard_normal(4)))
-        one = surprise(told, mean, prior, 10_000)
+        one = surprise(told, mean, prior)
         found.append((one.square / one.directions, one.p_value))
     return np.array(found).T
 
@@ -59,13 +59,6 @@ def test_a_camera_of_the_fleet_is_no_surprise() -> None:
 def test_another_camera_is_a_surprise() -> None:
     _, p_values = surprises(12.0)
     assert np.median(p_values) < 1e-3
-
-
-def test_few_cameras_are_surprised_less() -> None:
-    mean, prior = a_prior(np.random.default_rng(4))
-    rows = 10 * np.eye(SIZE)
-    told = Told(rows.T @ rows, rows.T @ (rows @ (mean + 3 * np.sqrt(prior.diagonal()))))
-    assert surprise(told, mean, prior, 4).p_value > 3 * surprise(told, mean, prior, 400).p_value
 
 
 def test_pulls_name_the_number_that_is_off() -> None:

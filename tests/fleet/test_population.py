@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calib.estimation.surprise import Told
+from calib.estimation.surprise import Told, surprise
 from calib.fleet.population import Population, population
 
 SIZE = 5
@@ -50,6 +50,18 @@ def test_a_camera_that_hardly_knows_its_numbers_does_not_spread_the_fleet() -> N
     """Control: estimates scatter by the noise and the spread together, which is what a plain covariance of them would say."""
     known, _ = fleet(0, 40, 1.0)
     assert (np.sqrt(known.covariance.diagonal()) < 0.6).all()
+
+
+@pytest.mark.parametrize("cameras", [4, 10, 40])
+def test_cameras_of_the_fleet_are_hardly_ever_taken_for_others(cameras: int) -> None:
+    """One of a hundred would be; of 240, more than eight come once in a thousand tries."""
+    alarms = 0
+    for seed in range(FLEETS):
+        known, later = fleet(seed, cameras, 0.1)
+        for true in later:
+            told = Told(1e4 * np.eye(SIZE), 1e4 * true)
+            alarms += surprise(told, known.mean, known.covariance).p_value < 0.01
+    assert alarms <= 8
 
 
 def test_more_cameras_know_more() -> None:
