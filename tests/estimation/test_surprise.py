@@ -2,15 +2,17 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from calib.estimation.surprise import Told, surprise
 
+Array = NDArray[np.float64]
 SIZE = 6
 CAMERAS = 400
 
 
-def a_prior(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    root = np.tril(rng.normal(size=(SIZE, SIZE))) + 2 * np.eye(SIZE)
+def a_prior(rng: np.random.Generator) -> tuple[Array, Array]:
+    root = np.asarray(np.tril(rng.normal(size=(SIZE, SIZE))) + 2 * np.eye(SIZE), np.float64)
     return rng.normal(size=SIZE), root @ root.T
 
 
@@ -18,7 +20,7 @@ def test_what_turned_a_prior_into_a_posterior_is_the_likelihood() -> None:
     """The oracle multiplies a prior by a likelihood that leaves two directions open."""
     rng = np.random.default_rng(1)
     mean, prior = a_prior(rng)
-    rows = rng.normal(size=(SIZE - 2, SIZE))
+    rows = np.asarray(rng.normal(size=(SIZE - 2, SIZE)))
     seen = rng.normal(size=SIZE - 2)
     covariance = np.linalg.inv(rows.T @ rows + np.linalg.inv(prior))
     posterior = covariance @ (rows.T @ seen + np.linalg.solve(prior, mean))
@@ -34,8 +36,9 @@ def test_a_posterior_that_is_the_prior_says_nothing() -> None:
     assert surprise(told, mean, prior).p_value == 1.0
 
 
-def surprises(shift: float) -> tuple[np.ndarray, np.ndarray]:
-    """Of CAMERAS that are drawn from a prior and then moved along its first axis by so many sigmas: squares per direction, p-values."""
+def surprises(shift: float) -> np.ndarray:
+    """Of CAMERAS that are drawn from a prior and then moved along its first axis by so many sigmas: (2, CAMERAS)
+    squares per direction, and p-values."""
     rng = np.random.default_rng(3)
     mean, prior = a_prior(rng)
     root = np.linalg.cholesky(prior)

@@ -81,7 +81,7 @@ def map_error(line: Line, calibration: Calibration) -> float:
     return float(np.sqrt((left**2).mean() * 2))
 
 
-def test_a_camera_that_is_another_is_left_out_by_name(prior: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_camera_that_is_another_is_left_out_by_name(prior: Path) -> None:
     read = read_fleet_prior(prior)
     left_out = dict(read.left_out)
     assert [*left_out] == [LINE.name(BROKEN)]
@@ -194,7 +194,7 @@ def test_kinds_of_which_none_is_most_are_refused(fleet: Path, tmp_path: Path) ->
     for number in range(LINE.cameras):
         other = folder / "cameras" / LINE.name(number) / "calibration.yaml"
         other.write_text(other.read_text().replace("width: 3280", f"width: {3280 + number % 3}"))
-    with pytest.raises(InputError, match="cameras of 3 kinds, none of which most are .* run calib batch for each kind"):
+    with pytest.raises(InputError, match=r"cameras of 3 kinds, none of which most are .* run calib batch for each kind"):
         fleet_prior(folder)
 
 
@@ -202,7 +202,7 @@ def test_too_few_cameras_are_refused(fleet: Path, tmp_path: Path) -> None:
     folder = copied(fleet, tmp_path)
     for number in range(4):
         changed(folder, LINE.name(number), verdict={"word": "do_not_use"})
-    with pytest.raises(NotEnoughDataError, match="A prior takes 4 cameras and .* has 3 that can be used"):
+    with pytest.raises(NotEnoughDataError, match=r"A prior takes 4 cameras and .* has 3 that can be used"):
         fleet_prior(folder)
 
 

@@ -136,7 +136,7 @@ def test_a_camera_of_another_make_is_refused(prior: FleetPrior, camera: Camera, 
 
 
 def test_a_measurement_that_cannot_be_of_this_fleet_is_refused(prior: FleetPrior) -> None:
-    with pytest.raises(InputError, match="cover.thickness is 0.004 where .* standard deviations apart: correct it, or drop the key prior"):
+    with pytest.raises(InputError, match=r"cover.thickness is 0.004 where .* standard deviations apart: correct it, or drop the key prior"):
         expected(prior, INTRINSICS, with_thickness(Number(0.004, 1e-5)), "session.yaml")
 
 
