@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 Array = NDArray[np.float64]
 
@@ -71,4 +71,4 @@ def surprise(told: Told, mean: Array, covariance: Array) -> Surprise:
     if not directions:
         return Surprise(0.0, 0, 1.0)
     square = float((pull[known] ** 2 / (gained[known] * (1 + gained[known]))).sum())
-    return Surprise(square, directions, float(chi2.sf(square, directions)))
+    return Surprise(square, directions, float(chdtrc(directions, square)))
