@@ -32,7 +32,7 @@ DIGIT = 0.636
 
 def axis_marks(figure: Figure) -> str:
     """Those of every panel, which matplotlib then leaves out."""
-    return "".join(mark for axes in figure.axes if axes.axison for mark in _of_panel(axes))
+    return "".join(mark for axes in figure.axes if axes.axison for mark in _of_panel(figure, axes))
 
 
 def ticks(axis: Axis) -> Array:
@@ -43,8 +43,7 @@ def ticks(axis: Axis) -> Array:
     return places[(places >= low - beyond) & (places <= high + beyond)]
 
 
-def _of_panel(axes: Axes) -> Iterator[str]:
-    figure = axes.figure
+def _of_panel(figure: Figure, axes: Axes) -> Iterator[str]:
     axes.apply_aspect()
     high, to_points = figure.get_size_inches()[1] * POINTS, POINTS / figure.dpi
     (left, bottom), (right, top) = (axes.bbox.min * to_points, axes.bbox.max * to_points)
@@ -53,7 +52,7 @@ def _of_panel(axes: Axes) -> Iterator[str]:
     if len(across := ticks(x)):
         at = axes.transData.transform(np.column_stack([across, np.zeros(len(across))]))[:, 0] * to_points
         yield _path(f"M{place:.2f} {bottom:.2f}v{TICK}" for place in at)
-        for place, number in zip(at, x.get_major_formatter().format_ticks(across), strict=True):
+        for place, number in zip(at, x.get_major_formatter().format_ticks(across.tolist()), strict=True):
             yield _text(place, bottom + BELOW, number, "middle")
     yield _text((left + right) / 2, bottom + NAME_BELOW, x.get_label_text(), "middle")
     if len(down := ticks(y)):
@@ -61,7 +60,7 @@ def _of_panel(axes: Axes) -> Iterator[str]:
         beside = y.get_ticks_position() == "right"
         edge, way, anchor = (right, 1, "start") if beside else (left, -1, "end")
         yield _path(f"M{edge:.2f} {place:.2f}h{way * TICK}" for place in at)
-        numbers = y.get_major_formatter().format_ticks(down)
+        numbers = y.get_major_formatter().format_ticks(down.tolist())
         for place, number in zip(at, numbers, strict=True):
             yield _text(edge + way * PAD, place + RAISED, number, anchor)
         longest = max(sum(WIDTHS.get(letter, DIGIT) for letter in number) for number in numbers) * SIZE
