@@ -46,8 +46,8 @@ def ticks(axis: Axis) -> Array:
 def _of_panel(figure: Figure, axes: Axes) -> Iterator[str]:
     axes.apply_aspect()
     high, to_points = figure.get_size_inches()[1] * POINTS, POINTS / figure.dpi
-    (left, bottom), (right, top) = (axes.bbox.min * to_points, axes.bbox.max * to_points)
-    bottom, top = high - bottom, high - top
+    left, low, right, up = (np.asarray(axes.bbox.extents) * to_points).tolist()
+    bottom, top = high - low, high - up
     x, y = axes.xaxis, axes.yaxis
     if len(across := ticks(x)):
         at = axes.transData.transform(np.column_stack([across, np.zeros(len(across))]))[:, 0] * to_points
