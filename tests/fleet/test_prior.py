@@ -17,6 +17,8 @@ from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.surface_prior import expected_amplitudes
 from calib.fitting.fit import fit
 from calib.fitting.stages import Settings
+from calib.fleet.identity import Asked, Identity
+from calib.fleet.manifest import Entry
 from calib.fleet.prior import fleet_prior
 from calib.fleet.result import Result, State, read_result
 from calib.session.fleet_prior import read_fleet_prior
@@ -212,3 +214,13 @@ def test_a_folder_that_is_no_fleet_is_refused(empty: bool, tmp_path: Path) -> No
         (tmp_path / "cameras").mkdir()
     with pytest.raises(InputError, match="give the FLEET that calib batch wrote"):
         fleet_prior(tmp_path)
+
+
+def test_a_camera_is_done_again_when_its_prior_has_changed(prior: Path, tmp_path: Path) -> None:
+    own = tmp_path / "prior.yaml"
+    own.write_text(prior.read_text())
+    entry = Entry("new", str(named(tmp_path / "new", NEW, 4, own)))
+    before, again = (Identity.of(entry, Asked(SETTINGS)) for _ in range(2))
+    own.write_text(prior.read_text().replace("cameras: 6", "cameras: 7"))
+    assert before.same(again)
+    assert not before.same(Identity.of(entry, Asked(SETTINGS)))
