@@ -12,9 +12,7 @@ import argparse
 import time
 from collections import Counter
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
-from multiprocessing import get_context
 
 import numpy as np
 from rich.console import Console
@@ -22,6 +20,7 @@ from rich.progress import track
 from rich.table import Table
 
 from benchmarks.hidden import NOISE, Hidden
+from benchmarks.workers import add_workers, workers_of
 from calib.calibration import Calibration
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.finding import Diagnosis
@@ -124,12 +123,12 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=10, help="the first seed; 0 to 9 were looked at when the loop was made")
     parser.add_argument("--clean", type=int, default=40)
     parser.add_argument("--effects", nargs="*", default=[kind.name for kind in EFFECTS])
-    parser.add_argument("--jobs", type=int, default=1, help="sessions at once")
+    add_workers(parser)
     options = parser.parse_args()
     console = Console(width=150)
     seeds = range(options.first, options.first + options.seeds)
     rows, views = [], options.views
-    with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
+    with workers_of(options) as pool:
         asked = {kind: [pool.submit(hidden_one, kind, seed, views) for seed in seeds] for kind in EFFECTS if kind.name in options.effects}
         in_water = [pool.submit(port, seed, views) for seed in seeds]
         clean = [pool.submit(alarm, options.first + seed, views) for seed in range(options.clean)]
@@ -141,6 +140,7 @@ def main() -> None:
             console.print(rows[-1].name, *rows[-1].cells(), highlight=False)
         ports = [one.result() for one in track(in_water, "water", transient=True)]
         false = Counter(one.result() for one in track(clean, "clean", transient=True))
+        scaled = pool.scaled
     table = Table("effect", *(f"{size} x" for size in SIZES), title=f"{views} views: right/wrong/missed (judged; shift RMS, absorbed)")
     for shown in rows:
         table.add_row(shown.name, *shown.cells())
@@ -157,6 +157,7 @@ def main() -> None:
         f"A diagnosis took {np.nanmedian([o.seconds for o in every]):.1f} s of CPU, at most {np.nanmax([o.seconds for o in every]):.1f} s."
     )
     console.print(f"False alarms in {options.clean} clean sessions: {dict(false)}.")
+    console.print(scaled)
 
 
 if __name__ == "__main__":

@@ -16,9 +16,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from rich.console import Console
-from rich.progress import track
 from rich.table import Table
 
+from benchmarks.workers import add_workers, workers_of
 from calib.corners.view import View
 from calib.fitting.stages import Setup
 from calib.optics.projection import project
@@ -134,12 +134,11 @@ def judged(person: Person) -> tuple[float, float]:
     return float(np.sqrt((left**2).mean() * 2)), design.sigma(design.known())
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first", type=int, default=2000, help="the first seed")
-    parser.add_argument("--bumps", type=int, default=4, help="of the true glass, along each side of the paper's patch")
-    asked = parser.parse_args()
+Judged = dict[str, tuple[float, float]]
+
+
+def ways_of(seed: int, bumps: int) -> Judged:
+    """By each way of taking views: the map's error, and what the guide predicts for it, px."""
     with single_thread():
         nominal = design_of(estimate(SETUP, (), GRID))
         ways: dict[str, Callable[[Person], None]] = {
@@ -149,13 +148,26 @@ def main() -> None:
             f"{GUIDED} views at random": lambda person: go_anywhere(person, GUIDED),
             f"{RANDOM} views at random": lambda person: go_anywhere(person, RANDOM),
         }
-        found: dict[str, list[tuple[float, float]]] = {name: [] for name in ways}
-        for seed in track(range(asked.first, asked.first + asked.seeds), "seeds"):
-            truth = scene(seed, 1, (asked.bumps, asked.bumps), 1e-5, cover=GLASS)
-            for way, (name, take) in enumerate(ways.items()):
-                person = Person(truth, np.random.default_rng([seed, way]), [])
-                take(person)
-                found[name].append(judged(person))
+        truth = scene(seed, 1, (bumps, bumps), 1e-5, cover=GLASS)
+        found: Judged = {}
+        for way, (name, take) in enumerate(ways.items()):
+            person = Person(truth, np.random.default_rng([seed, way]), [])
+            take(person)
+            found[name] = judged(person)
+        return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--first", type=int, default=2000, help="the first seed")
+    parser.add_argument("--bumps", type=int, default=4, help="of the true glass, along each side of the paper's patch")
+    add_workers(parser)
+    asked = parser.parse_args()
+    with workers_of(asked) as pool:
+        seeds = list(pool.each(ways_of, [(seed, asked.bumps) for seed in range(asked.first, asked.first + asked.seeds)], "seeds"))
+        scaled = pool.scaled
+    found = {name: [one[name] for one in seeds] for name in seeds[0]}
     table = Table("", "map error, px: median", "10 % to 90 %", "predicted, median", "error / predicted, RMS", "median", "10 % to 90 %")
     for name, pairs in found.items():
         error, sigma = np.array(pairs).T
@@ -165,6 +177,7 @@ def main() -> None:
         table.add_row(name, *cells, f"{np.median(ratio):.2f}", ratios)
     Console(width=150).print(table)
     print(f"{asked.bumps}x{asked.bumps} bumps, seeds {asked.first} to {asked.first + asked.seeds - 1}")
+    print(scaled)
 
 
 if __name__ == "__main__":

@@ -11,16 +11,13 @@ again the truth: what it has to say is a false alarm.
 
 import argparse
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import partial
-from multiprocessing import get_context
 
 import numpy as np
 from rich.console import Console
-from rich.progress import track
 from rich.table import Table
 
+from benchmarks.workers import Workers, add_workers, workers_of
 from calib.fitting.declared import comparisons
 from calib.fitting.stages import Settings, Setup
 from calib.session.freeing import ALL, AUTO, NONE
@@ -55,6 +52,11 @@ class Outcome:
 
 
 def outcome(seed: int, views: int, wrong: bool, free: str) -> Outcome:
+    with single_thread():
+        return _outcome(seed, views, wrong, free)
+
+
+def _outcome(seed: int, views: int, wrong: bool, free: str) -> Outcome:
     cover = paper_cone()
     made = scene(seed, views, (4, 4), FIGURE, NOISE, cover=cover)
     said = misdeclared(np.random.default_rng(seed), INTRINSICS, cover) if wrong else (INTRINSICS, cover)
@@ -65,18 +67,21 @@ def outcome(seed: int, views: int, wrong: bool, free: str) -> Outcome:
     return Outcome(seed, off, predicted, contradicted, verdict.word.value, tuple(reason.sentence for reason in verdict.reasons))
 
 
-def exactly_declared(repeats: int) -> Table:
-    table = Table("glass", *(f"{depth} m: error, predicted px; ratio" for depth in DEPTHS), "ratio in all", title="The truth, exactly")
+def exact(seed: int, bumps: int, amplitude: float) -> list[tuple[float, float, float]]:
+    """By depth: the mean squares of error, predicted sigma and their ratio."""
     with single_thread():
-        for bumps, amplitude in ((4, 1e-5), (10, 1e-5)):
-            squares = np.zeros((len(DEPTHS), 3))
-            for seed in track(range(100, 100 + repeats), f"{bumps}x{bumps} bumps"):
-                made = scene(seed, VIEWS, (bumps, bumps), amplitude, NOISE, cover=GLASS)
-                for row, (error, sigma) in zip(squares, errors(made, calibrate(made, Settings())), strict=True):
-                    row += np.mean(error**2), np.mean(sigma**2), np.mean((error / sigma) ** 2)
-            roots = np.sqrt(squares / repeats)
-            cells = (f"{error:.3f}, {sigma:.3f}; {ratio:.2f}" for error, sigma, ratio in roots)
-            table.add_row(f"{bumps}x{bumps}, {amplitude:g} m", *cells, f"{np.sqrt((roots[:, 2] ** 2).mean()):.2f}")
+        made = scene(seed, VIEWS, (bumps, bumps), amplitude, NOISE, cover=GLASS)
+        found = errors(made, calibrate(made, Settings()))
+        return [(float(np.mean(e**2)), float(np.mean(s**2)), float(np.mean((e / s) ** 2))) for e, s in found]
+
+
+def exactly_declared(repeats: int, pool: Workers) -> Table:
+    table = Table("glass", *(f"{depth} m: error, predicted px; ratio" for depth in DEPTHS), "ratio in all", title="The truth, exactly")
+    for bumps, amplitude in ((4, 1e-5), (10, 1e-5)):
+        rows = [(seed, bumps, amplitude) for seed in range(100, 100 + repeats)]
+        roots = np.sqrt(np.mean(list(pool.each(exact, rows, f"{bumps}x{bumps} bumps")), axis=0))
+        cells = (f"{error:.3f}, {sigma:.3f}; {ratio:.2f}" for error, sigma, ratio in roots)
+        table.add_row(f"{bumps}x{bumps}, {amplitude:g} m", *cells, f"{np.sqrt((roots[:, 2] ** 2).mean()):.2f}")
     return table
 
 
@@ -110,17 +115,17 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=30, help="of those sessions: so many fill the picture at random")
     parser.add_argument("--first", type=int, default=2000, help="their first seed")
     parser.add_argument("--free", choices=(AUTO, ALL, NONE), default=AUTO, help="how they are fitted")
+    add_workers(parser)
     asked = parser.parse_args()
     console = Console(width=140)
-    if asked.repeats:
-        console.print(exactly_declared(asked.repeats))
-    for count, wrong, title in ((asked.sessions, True, "every number drawn"), (asked.clean, False, "every number true")):
-        if not count:
-            continue
-        seeds = range(asked.first, asked.first + count)
-        with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
-            one = partial(outcome, views=asked.views, wrong=wrong, free=asked.free)
-            said(console, list(track(pool.map(one, seeds), "Sessions", total=count)), title)
+    with workers_of(asked) as pool:
+        if asked.repeats:
+            console.print(exactly_declared(asked.repeats, pool))
+        for count, wrong, title in ((asked.sessions, True, "every number drawn"), (asked.clean, False, "every number true")):
+            if count:
+                rows = [(seed, asked.views, wrong, asked.free) for seed in range(asked.first, asked.first + count)]
+                said(console, list(pool.each(outcome, rows, "Sessions")), title)
+        console.print(pool.scaled)
 
 
 if __name__ == "__main__":

@@ -45,6 +45,17 @@ SETTINGS: Mapping[str, Shape] = {
     "lens_held_out_px": table(number),
     "second_look": many(record({"file": text, "found": whole, "refused": whole, "dropped": whole})),
     "made_by": table(text),
+    "fleet_prior": record(
+        {
+            "file": text,
+            "sha256": text,
+            "cameras": whole,
+            "used": flag,
+            "p_value": number,
+            "farthest": text,
+            "farthest_sigmas": number,
+        }
+    ),
     "cross_validation": record({"folds": whole, "held_out_px": number, "fitted_px": number}),
     "outcome": text,
     "iterations": whole,

@@ -13,7 +13,7 @@ from calib.session.camera import Camera
 from calib.session.coding import AprilGrid, Charuco
 from calib.session.cover import Cover
 from calib.session.schema import Section
-from calib.session.session import FORMAT, session_from_mapping, session_to_yaml
+from calib.session.session import FORMAT, PRIOR, session_from_mapping, session_to_yaml
 from calib.session.shutter import Shutter
 from capture.disk import write_durably
 
@@ -24,7 +24,7 @@ def read_setup(file: Path) -> Setup:
     """Board, camera and cover of a session.yaml, whose folder may have no pictures yet."""
     written = read_yaml(file)
     Section(written, str(file)).choice("format", (FORMAT,), f"{FORMAT}, the format that this version reads")
-    return session_from_mapping({key: value for key, value in written.items() if key not in ("format", "corners")}, str(file))
+    return session_from_mapping({key: value for key, value in written.items() if key not in ("format", "corners", PRIOR)}, str(file))
 
 
 def board_of(session: Path, asked: Board | None, like: Setup | None = None) -> Board:

@@ -28,7 +28,10 @@ class Typed:
 
     @property
     def kind(self) -> str:
-        """`run`; `parsed`: ours, but it needs a camera, a person, or hours; `shell`: it changes this machine, so bash reads it alone."""
+        """`run`; `parsed`: ours, but it needs a camera, a person, a fleet, or hours; `shell`: it changes this machine, so bash reads it
+        alone."""
+        if self.line.startswith("calib fleet-prior"):
+            return "parsed"
         if self.program == "calib" or self.line in ("capture sources",) or "sha256sum" in self.line or "--print-completion" in self.line:
             return "run"
         if self.program == "capture" or (" -m " in self.line and not re.search(r" -m (venv|pip|build)", self.line)):

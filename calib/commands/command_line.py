@@ -18,7 +18,7 @@ def run_command(program: str, description: str | None, commands: Sequence[Module
 
     Args:
         commands: each has its help as docstring, `add_arguments(parser)` and `run(args)`, which returns an exit code or None for 0; in the
-            order of the help. It is called as its module is, without `_command`.
+            order of the help. It is called as its module is, without `_command`, with dashes.
         argv: None for this process's own.
     """
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
@@ -76,7 +76,7 @@ def _parser(program: str, description: str | None, commands: Sequence[ModuleType
     add_completion(parser)
     choices = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in commands:
-        name = command.__name__.rpartition(".")[2].removesuffix("_command")
+        name = command.__name__.rpartition(".")[2].removesuffix("_command").replace("_", "-")
         summary = (command.__doc__ or "").partition("\n")[0]
         own = choices.add_parser(name, help=summary, description=command.__doc__, formatter_class=_Help)
         command.add_arguments(own)

@@ -12,6 +12,7 @@ from calib.corners.view import Rejected
 from calib.errors import brief, harmless
 from calib.fitting.declared import comparisons, own_parameters
 from calib.fitting.evaluate import Evaluation
+from calib.fitting.fleet_expectation import KEY as PRIOR
 from calib.fitting.second_look import LOOKS, SecondLook, summed
 from calib.progress import Advance
 from calib.session.lens import NAMES
@@ -58,7 +59,7 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
         f"{len(calibration.views)} views with {corners} corners, noise of the corners about {calibration.noise_px:.3f} px, {seconds:.1f} s."
     )
     looks = summed([SecondLook(**look) for look in calibration.settings.get(LOOKS, [])])
-    for line in (*([looks] if looks else []), *_lens(calibration), *_estimates(calibration)):
+    for line in (*([looks] if looks else []), *_lens(calibration), *_prior(calibration), *_estimates(calibration)):
         console.print(harmless(line), markup=False, highlight=False, soft_wrap=True)
     if validation := calibration.settings.get("cross_validation"):
         console.print(
@@ -78,6 +79,16 @@ def _lens(calibration: Calibration) -> Iterator[str]:
     best = min(counts, key=lambda name: counts[name], default="")
     errors = ([f"opencv {counts[best]:.3f} px with {best} coefficients"] if best else []) + [f"{n} {e:.3f} px" for n, e in others.items()]
     yield f"Lens: {intrinsics.model}, by the error on held-out views: {', '.join(errors)}."
+
+
+def _prior(calibration: Calibration) -> Iterator[str]:
+    """What became of a fleet's prior."""
+    if prior := calibration.settings.get(PRIOR):
+        what = f"{prior['cameras']} cameras ({prior['file']})"
+        if prior["used"]:
+            yield f"Prior: the numbers and the glass of {what}, which stand below for what is declared."
+        else:
+            yield f"Prior: that of {what} was left out, for the views contradict it."
 
 
 def _estimates(calibration: Calibration) -> Iterator[str]:

@@ -100,4 +100,4 @@ def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
         "stages": [{"name": s.name, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in calibration.stages],
         "effects": [found.effect.name for found in calibration.effects],
         "lens": {"model": intrinsics.model, "coefficients": len(intrinsics.distortion), "held_out_px": held_out},
-    } | ({"cross_validation": calibration.settings["cross_validation"]} if "cross_validation" in calibration.settings else {})
+    } | {key: calibration.settings[key] for key in ("cross_validation", "fleet_prior") if key in calibration.settings}

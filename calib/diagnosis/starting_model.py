@@ -9,6 +9,8 @@ from calib.estimation.camera_model import CameraModel
 from calib.estimation.doubt import DOUBT
 from calib.estimation.priors import Priors
 from calib.estimation.stated_priors import priors_of, widened
+from calib.estimation.surface_prior import expected_amplitudes
+from calib.optics.relief import AMPLITUDES
 from calib.session.tolerances import OWN_CENTRE, OWN_COEFFICIENT, OWN_FOCAL
 
 
@@ -27,7 +29,7 @@ def base_model(calibration: Calibration) -> CameraModel:
         own = {param.name: own.get(param.name, OWN_COEFFICIENT.sigma) for param in path.lens.params if not param.shape}
         priors = Priors({**priors.sigmas, **own})
     if calibration.relief:
-        values["relief.amplitudes"] = torch.zeros_like(values["relief.amplitudes"])
+        values[AMPLITUDES] = torch.from_numpy(expected_amplitudes(calibration.relief, declared.cover.glass))
     return CameraModel(path, values, priors)
 
 

@@ -6,6 +6,7 @@ Source: D. J. C. MacKay, Bayesian interpolation (1992), for the evidence (the ma
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
@@ -196,7 +197,9 @@ def _evidence(solution: Solution, observations: Observations, sigma: float, para
     hessian, gradient = (part.cpu().numpy() * sigma**2 for part in solution.equations.schur_complement())
     square = solution.equations.sum_of_squares * sigma**2
     quadratic = Quadratic.around(hessian, gradient, square, freedom, solution.shared.cpu().numpy())
-    return MarginalLikelihood(quadratic, parameters.relief, parameters.free_root()), (square / freedom) ** 0.5
+    glass = parameters.known_glass
+    joint_root = partial(parameters.joint_root, glass=glass) if glass else None
+    return MarginalLikelihood(quadratic, parameters.relief, parameters.free_root(), joint_root), (square / freedom) ** 0.5
 
 
 def _own_evidence(path: Path, solution: Solution, sigma: float) -> float:

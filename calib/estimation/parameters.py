@@ -12,10 +12,11 @@ from scipy.linalg import block_diag, cholesky, solve_triangular
 from torch import Tensor
 
 from calib.estimation.priors import NONE, Priors
-from calib.estimation.surface_prior import Smoothness, basis
+from calib.estimation.surface_prior import Smoothness, basis, waves
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
 from calib.optics.relief import AMPLITUDES, Relief
+from calib.session.glass import Glass
 
 Array = NDArray[np.float64]
 
@@ -93,6 +94,11 @@ class Parameters:
 
     def prior_precision(self, smoothness: Smoothness | None) -> Array:
         """(S, S) inverse covariance of the vector beforehand."""
+        if (glass := self.known_glass) and smoothness:
+            assert self.relief
+            to_heights = block_diag(basis(self.relief), np.eye(self.count - self.amplitudes))
+            half = solve_triangular(self.joint_root(smoothness, glass), to_heights, lower=True)
+            return np.asarray(half.T @ half)
         amplitudes = smoothness.precision(self.relief) if self.relief and smoothness else np.zeros((0, 0))
         free = self.free_root()
         whitened = solve_triangular(free, np.eye(len(free)), lower=True)
@@ -100,8 +106,29 @@ class Parameters:
 
     def prior_root(self, smoothness: Smoothness) -> Array:
         """(S, S) R with R R^T the covariance of the vector beforehand."""
+        if glass := self.known_glass:
+            assert self.relief
+            to_heights = block_diag(basis(self.relief), np.eye(self.count - self.amplitudes))
+            return np.asarray(np.linalg.solve(to_heights, self.joint_root(smoothness, glass)))
         amplitudes = np.linalg.solve(basis(self.relief), smoothness.root(self.relief)) if self.relief else np.zeros((0, 0))
         return np.asarray(block_diag(amplitudes, self.free_root()))
+
+    @property
+    def known_glass(self) -> Glass | None:
+        """Whose figure the relief is expected to have, beside the free parameters; None: that of any glass, on its own."""
+        return self.priors.glass if self.relief else None
+
+    def joint_root(self, smoothness: Smoothness, glass: Glass) -> Array:
+        """(S, S) the lower Cholesky factor of the covariance of the heights at the centres and the free parameters, over their scales."""
+        assert self.relief
+        free, slices = self.free_root(), self.slices()
+        coefficients = np.zeros((len(glass.mean), len(free)))
+        for name, column in zip(glass.numbers, glass.beside.T, strict=True):
+            if name in slices:
+                at = slices[name].start - self.amplitudes
+                coefficients[:, at] = column / float(self.scales[at])
+        beside = waves(self.relief, glass.low, glass.high, glass.degree) @ coefficients
+        return np.asarray(cholesky(np.block([[smoothness.covariance(self.relief, glass), beside], [beside.T, free @ free.T]]), lower=True))
 
     def free_root(self) -> Array:
         """(F, F) the lower Cholesky factor of the covariance of the free parameters' entries beforehand, over their scales."""

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from calib.session.glass import Glass
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Priors:
@@ -23,9 +25,12 @@ class Priors:
     """Of a parameter with n entries that are correlated among themselves: (n, n) R, in its unit, lower triangular, with R R^T their
     covariance. Its sigma above is not read."""
 
+    glass: Glass | None = None
+    """Of the relief's figure; None: that of any glass. Its own covariances with the parameters are read."""
+
     def beside(self, sigmas: Mapping[str, float | Tensor]) -> Priors:
         """These, and those of further parameters, which are independent."""
-        return Priors({**self.sigmas, **sigmas}, self.correlations, self.roots)
+        return Priors({**self.sigmas, **sigmas}, self.correlations, self.roots, self.glass)
 
 
 NONE = Priors()

@@ -9,6 +9,7 @@ Source: D. J. C. MacKay, Bayesian interpolation (1992), for the evidence; C. E. 
 machine learning (2006), sections 2.7 and 4.2.1, for free polynomials beside a squared exponential.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -19,6 +20,7 @@ from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from scipy.optimize import minimize
 
 from calib.optics.relief import Relief
+from calib.session.glass import Glass, degrees
 
 Array = NDArray[np.float64]
 
@@ -59,23 +61,46 @@ class Smoothness:
         precision: Array = root.T @ root
         return precision
 
-    def root(self, relief: Relief) -> Array:
-        """(n, n) m, the lower Cholesky factor of the covariance of the heights at the centres."""
+    def root(self, relief: Relief, glass: Glass | None = None) -> Array:
+        """(n, n) m, the lower Cholesky factor of the covariance of the heights at the centres. Args: glass: a figure that is known."""
+        root: Array = cholesky(self.covariance(relief, glass), lower=True)
+        return root
+
+    def covariance(self, relief: Relief, glass: Glass | None = None) -> Array:
+        """(n, n) m^2, of the heights at the centres."""
         axes = [np.linspace(-1, 1, n) for n in relief.grid]
         one, two = (np.exp(-((c[:, None] - c) ** 2) / (8 * self.length**2)) for c in axes)  # a side is 2 long here
         texture = self.height**2 * np.kron(one, two) + LEAST_HEIGHT**2 * np.eye(len(one) * len(two))
-        root: Array = cholesky(texture + figure(relief.grid), lower=True)
-        return root
+        if not glass:
+            return np.asarray(texture + figure(relief.grid))
+        known = waves(relief, glass.low, glass.high, glass.degree)
+        return np.asarray(texture + figure(relief.grid, glass.degree) + known @ glass.covariance @ known.T)
 
 
 @lru_cache(maxsize=8)
-def figure(grid: tuple[int, int]) -> Array:
-    """(n, n) m^2, the covariance of the figure's heights at the centres. Not to be written to."""
+def figure(grid: tuple[int, int], beyond: int = -1) -> Array:
+    """(n, n) m^2, the covariance of the figure's heights at the centres, by what is `beyond` a degree. Not to be written to."""
     first, second = (legvander(np.linspace(-1, 1, n), FIGURE_DEGREE) for n in grid)  # (n, degree + 1)
-    degrees = [(i, k) for i in range(FIGURE_DEGREE + 1) for k in range(FIGURE_DEGREE + 1 - i)]
-    waves = np.array([figure_height(i + k) * np.kron(first[:, i], second[:, k]) for i, k in degrees])
-    covariance: Array = waves.T @ waves
+    those = [(i, k) for i, k in degrees(FIGURE_DEGREE) if i + k > beyond]
+    heights = np.array([figure_height(i + k) * np.kron(first[:, i], second[:, k]) for i, k in those])
+    covariance: Array = heights.T @ heights
     return covariance
+
+
+def waves(relief: Relief, low: tuple[float, float], high: tuple[float, float], degree: int) -> Array:
+    """(n, N) heights at the centres by the coefficients of a figure over a patch."""
+    centres = [np.linspace(one, two, n) for one, two, n in zip(relief.low, relief.high, relief.grid, strict=True)]
+    within = [(2 * c - a - b) / (b - a) for c, a, b in zip(centres, low, high, strict=True)]
+    first, second = (legvander(c, degree) for c in within)
+    return np.stack([np.kron(first[:, i], second[:, k]) for i, k in degrees(degree)], axis=1)
+
+
+def expected_amplitudes(relief: Relief, glass: Glass | None) -> Array:
+    """(rows, columns) m, of the mean of the relief's prior."""
+    if not glass:
+        return np.zeros(relief.grid)
+    heights = waves(relief, glass.low, glass.high, glass.degree) @ glass.mean
+    return np.asarray(np.linalg.solve(basis(relief), heights).reshape(relief.grid))
 
 
 def figure_height(degree: int) -> float:
@@ -112,17 +137,26 @@ class Quadratic:
 class MarginalLikelihood:
     """The probability of the corners, the shared parameters integrated out, for any noise and smoothness: the evidence."""
 
-    def __init__(self, quadratic: Quadratic, relief: Relief | None, free_root: Array) -> None:
+    def __init__(
+        self,
+        quadratic: Quadratic,
+        relief: Relief | None,
+        free_root: Array,
+        joint_root: Callable[[Smoothness], Array] | None = None,
+    ) -> None:
         """
         Args:
             quadratic: of the amplitudes, then the free parameters over their scales.
             relief: whose amplitudes are estimated; None without one.
             free_root: (F, F) R with R R^T the prior covariance of the free parameters, over their scales.
+            joint_root: (S, S) the same of the heights at the centres and the free parameters, where these are not independent.
         """
         self._relief, self._freedom, self._cost = relief, quadratic.freedom, quadratic.cost
         amplitudes = len(quadratic.score) - len(free_root)
         to_x = np.eye(len(quadratic.score))
-        to_x[amplitudes:, amplitudes:] = free_root  # free parameters, whitened by their prior
+        self._joint_root = joint_root
+        if not joint_root:
+            to_x[amplitudes:, amplitudes:] = free_root  # free parameters, whitened by their prior
         if relief:
             to_x[:amplitudes, :amplitudes] = np.linalg.inv(basis(relief))  # heights at the centres
         self._hessian, self._score = to_x.T @ quadratic.hessian @ to_x, to_x.T @ quadratic.score
@@ -134,7 +168,9 @@ class MarginalLikelihood:
         """
         root = np.eye(len(self._score))
         try:
-            if self._relief and smoothness:
+            if self._joint_root and smoothness:
+                root = self._joint_root(smoothness)
+            elif self._relief and smoothness:
                 heights = self._relief.grid[0] * self._relief.grid[1]
                 root[:heights, :heights] = smoothness.root(self._relief)
             posterior = np.eye(len(root)) + root.T @ self._hessian @ root / sigma**2

@@ -61,7 +61,7 @@ def believing(fitted: Fitted, setup: Setup, told: Setup, views: Sequence[View], 
         return _doubting(believed, observations, views, settings, progress)
     exact = fit_stages(told, observations, settings, progress, purpose="numbers as declared")
     if credible:
-        return believed if _evidence(fitted) > _evidence(exact) else Believed(exact, told, told)
+        return believed if log_evidence(fitted) > log_evidence(exact) else Believed(exact, told, told)
     if _decisive(fitted, exact):
         believed = _doubting(believed, observations, views, settings, progress)
         ours, theirs = (height_spread(one.path, one.values, observations) for one in (believed.fitted, exact))
@@ -73,7 +73,7 @@ def believing(fitted: Fitted, setup: Setup, told: Setup, views: Sequence[View], 
 def _doubting(believed: Believed, observations: Observations, views: Sequence[View], settings: Settings, progress: Progress) -> Believed:
     """With DOUBT times its tolerance for one contradicted number after the other, as long as the views then tell the number, away from what
     is declared."""
-    while (joint := believed.fitted.joint) and len(believed.doubted) < MOST_DOUBTED and _at_noise(believed, views):
+    while (joint := believed.fitted.joint) and len(believed.doubted) < MOST_DOUBTED and at_noise(believed, views):
         name = farthest(joint, believed.doubted)
         if not name:
             break
@@ -93,13 +93,15 @@ def _credible(fitted: Fitted) -> bool:
 
 
 def _decisive(doubting: Fitted, exact: Fitted) -> bool:
-    return _evidence(doubting) > _evidence(exact) + DECISIVE
+    return log_evidence(doubting) > log_evidence(exact) + DECISIVE
 
 
-def _evidence(fitted: Fitted) -> float:
+def log_evidence(fitted: Fitted) -> float:
+    """Of the corners, up to a constant of them."""
     return fitted.joint.log_evidence if fitted.joint else -math.inf
 
 
-def _at_noise(believed: Believed, views: Sequence[View]) -> bool:
+def at_noise(believed: Believed, views: Sequence[View]) -> bool:
+    """Whether a fit leaves little but the corners' noise."""
     fitted = believed.fitted
     return fitted.stages[-1].rms_px <= AT_NOISE * short_scale_noise(on_board(fitted.residuals.image, views), believed.setup.board)

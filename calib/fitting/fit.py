@@ -15,6 +15,8 @@ from calib.estimation.robust import outlying
 from calib.estimation.stated_priors import with_estimates
 from calib.fitting.believing import believing
 from calib.fitting.cross_validation import GRID_FOLDS, choose_grid, cross_validate
+from calib.fitting.fleet_expectation import KEY as PRIOR
+from calib.fitting.fleet_expectation import Expectation
 from calib.fitting.inputs import gather, recalibrated
 from calib.fitting.provenance import KEY, provenance
 from calib.fitting.second_look import LOOKS, SecondLook, look_again
@@ -41,7 +43,8 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
     """
     start = gather(session, progress)
     views, rejected = start.views, start.rejected
-    told = Setup(session.board, session.camera, start.intrinsics, session.cover)
+    expectation = Expectation.of(session, start)
+    told = expectation.told if expectation else Setup(session.board, session.camera, start.intrinsics, session.cover)
     setup = told.freed(settings)
     grids: dict[str, float] = {}
     if settings.folds:
@@ -80,7 +83,10 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
         else:
             earlier = fitted
     with single_thread():
-        believed = believing(fitted, setup, told, views, settings, progress)
+        if expectation:
+            believed, prior = expectation.believed(fitted, views, settings, progress)
+        else:
+            believed, prior = believing(fitted, setup, told, views, settings, progress), {}
     fitted, setup = believed.fitted, believed.setup
     intrinsics, cover = with_estimates(setup.intrinsics, setup.cover, fitted.joint)
     validation = None
@@ -114,6 +120,7 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
             KEY: provenance(session),
         }
         | ({"cross_validation": asdict(validation)} if validation else {})
+        | ({PRIOR: prior} if expectation else {})
         | (joint.said() if joint else {}),
         gauge=GAUGES[settings.method if fitted.relief else "bare"],
         stated=Declared(believed.declared.intrinsics, believed.declared.cover, believed.doubted),

@@ -17,6 +17,7 @@ from calib.io.frames_table import NAME as FRAMES_TABLE
 from calib.io.frames_table import FrameRecord, read_frame_records
 from calib.progress import Progress
 from calib.session.camera import Intrinsics
+from calib.session.fleet_prior import nominal
 from calib.session.lens import OPENCV
 from calib.session.session import Session
 
@@ -29,7 +30,7 @@ class Gathered:
     """With corners enough for a pose."""
     rejected: tuple[Rejected, ...]
     intrinsics: Intrinsics
-    intrinsics_from: Literal["session.yaml", "bare", "views"]
+    intrinsics_from: Literal["session.yaml", "bare", "prior", "views"]
     lens_held_out_px: dict[str, float]
     """By number of OpenCV's coefficients, or by the name of another lens model, the error on held-out views, where it was chosen by it."""
 
@@ -57,12 +58,13 @@ def _recorded(view: View, record: FrameRecord) -> View:
 def gather(session: Session, progress: Progress) -> Gathered:
     """Read or detect the corners, and find the intrinsics.
 
-    Intrinsics come from the session where it states them, else from bare/, else, without a cover, from the views themselves.
+    Intrinsics come from the session where it states them, else from bare/, else from a fleet's prior, else, without a cover, from the views
+    themselves.
     """
     views, rejected = read_views(session, progress)
     bare: tuple[Rejected, ...] = ()
     tried: dict[str, float] = {}
-    source: Literal["session.yaml", "bare", "views"]
+    source: Literal["session.yaml", "bare", "prior", "views"]
     if session.camera.intrinsics:
         intrinsics = session.camera.intrinsics
         source = "session.yaml"
@@ -72,6 +74,8 @@ def gather(session: Session, progress: Progress) -> Gathered:
         bare = tuple(Rejected(f"{session.bare.path.name}/{r.name}", r.reason) for r in (*dropped, *fitted.rejected))
         intrinsics, tried = fitted.intrinsics, fitted.held_out_px
         source = "bare"
+    elif session.prior:
+        intrinsics, source = nominal(session.prior), "prior"
     else:
         fitted = calibrate_bare(views, session.board, session.camera, progress)
         views, bare, intrinsics, tried = fitted.views, fitted.rejected, fitted.intrinsics, fitted.held_out_px

@@ -11,11 +11,12 @@ from torch import Tensor
 from calib.calibration import Stage
 from calib.errors import NotEnoughDataError
 from calib.estimation.gradient_fit import descend
-from calib.estimation.joint_fit import GOOD_GLASS, ROUGH, JointFit, fit_joint
+from calib.estimation.joint_fit import FIRST_SIGMA, GOOD_GLASS, ROUGH, JointFit, Start, fit_joint
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import Residuals, residuals
 from calib.estimation.stated_priors import priors_of
+from calib.estimation.surface_prior import expected_amplitudes
 from calib.optics.build import covered_path, footprint, pinhole_path, with_relief
 from calib.optics.params import Values
 from calib.optics.path import Path
@@ -111,7 +112,7 @@ def fit_stages(
     start = earlier.joint.start if earlier and earlier.joint else None
     if earlier and start:
         poses = earlier.poses
-    elif priors.sigmas and settings.method == "joint":
+    elif priors.sigmas and settings.method == "joint" and not setup.cover.glass:
         # What a wrong number explains is explained by it before there is a relief that could.
         rough = fit_joint(path, values, observations, poses, priors=priors, rounds=ROUGH)
         start, poses = replace(rough.start, smoothness=GOOD_GLASS), rough.poses
@@ -119,10 +120,10 @@ def fit_stages(
     around, along = settings.grid
     relief = earlier.relief if earlier else None
     if not relief:
-        low, high = footprint(path, start.values if start else values, setup.camera.width, setup.camera.height)
+        low, high = patch(setup, path, start.values if start else values)
         relief = Relief(low, high, (along, around))
     path = with_relief(path, relief, exact_hit=settings.exact_hit)
-    flat = {AMPLITUDES: torch.zeros(along, around, dtype=torch.float64)}
+    flat = {AMPLITUDES: torch.from_numpy(expected_amplitudes(relief, setup.cover.glass))}
     values = {**values, **flat}
     joint: JointFit | None = None
     if settings.method == "paper":
@@ -131,6 +132,8 @@ def fit_stages(
         advance = progress.task(f"Joint fit, {purpose}" if purpose else "Joint fit", LINEARISATIONS)
         if start:
             start = replace(start, values={**flat, **start.values})
+        elif setup.cover.glass:
+            start = Start(values, FIRST_SIGMA, GOOD_GLASS)
         joint = fit_joint(
             path,
             values,
@@ -145,6 +148,12 @@ def fit_stages(
     missed = residuals(path, values, observations, poses)
     stages.append(Stage("cover+rbf", missed.rms_px, missed.rmse_cm))
     return Fitted(path, values, poses, tuple(stages), missed, relief, joint)
+
+
+def patch(setup: Setup, path: Path, values: Values) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Low and high chart coordinates for the relief: of the glass that is known, or of what the camera sees and some more."""
+    glass = setup.cover.glass
+    return (glass.low, glass.high) if glass else footprint(path, values, setup.camera.width, setup.camera.height)
 
 
 def _descend(path: Path, values: Values, observations: Observations, poses: Tensor, steps: int, progress: Progress) -> Tensor:

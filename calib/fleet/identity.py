@@ -13,6 +13,8 @@ from calib.fitting.stages import Settings
 from calib.fleet.manifest import Entry
 from calib.fleet.places import faraway, is_remote
 from calib.io.files import read_file
+from calib.io.yaml_reader import read_yaml
+from calib.session.session import PRIOR
 
 FORMAT = 1
 """Of a camera's JSON: one of another format is made anew."""
@@ -45,7 +47,7 @@ class Identity:
     def of(entry: Entry, asked: Asked, before: Identity | None = None) -> Identity:
         """Args: before: of an earlier result; where its listing is still true, contents are not read again."""
         prior = [*_listed(entry.prior, ("calibration.yaml", "calibration.npz"))] if entry.prior else []
-        said = {"format": FORMAT, "prior": [entry.prior, *prior], **asdict(asked)}
+        said = {"format": FORMAT, "prior": [entry.prior, *prior, *_fleet_prior(entry.session)], **asdict(asked)}
         listed = [*_listed(entry.session)]
         settings, listing = _hash(said), _hash(listed)
         if before and before.listing == listing:
@@ -82,6 +84,15 @@ def _listed(place: str, only: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]
         if tuple(folders) in PARTS and not name.startswith(".") and (not only or name in only):
             told = sorted(about.items()) if is_remote(place) else (about["size"], about["mtime"])
             yield "/".join((*folders, name)), str(told)
+
+
+def _fleet_prior(session: str) -> list[str]:
+    """The hash of the fleet's prior that a session names, which lies elsewhere."""
+    if is_remote(session) or not (file := Path(session) / "session.yaml").is_file():
+        return []
+    named = read_yaml(file).get(PRIOR)
+    place = Path(session) / named if isinstance(named, str) else None
+    return [sha256(read_file(place)).hexdigest()] if place and place.is_file() else []
 
 
 def _hash(said: object) -> str:

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from calib.report.displacement import Displacement, lattice
 from calib.report.evidence import Array, Evidence
 from calib.report.figure import Drawing
-from calib.report.ink import FAINT, INK, MORE, SERIES, colour_bar, draw, fitted, image_axes, label_lines, side_by_side
+from calib.report.ink import FAINT, INK, MORE, SERIES, colour_bar, draw, fitted, grid_lines, image_axes, label_lines, side_by_side
 
 NODES = (65, 49)
 REACH = (0.5, 10.0)
@@ -61,5 +61,5 @@ def _lines(axes: Axes, evidence: Evidence, pixels: Array, everywhere: Displaceme
     axes.plot(inverse, mean, color=INK, linewidth=1.8, linestyle=(0, (4, 2)), label=f"mean: {mean[-1] - mean[0]:+.2f} px")
     axes.set(xlabel="inverse depth (1/m)", ylabel="distortion (px)", xlim=(inverse[0], inverse[-1]))
     axes.set_ylim(0, 1.45 * max(np.nanmax(lengths), mean.max()))
-    axes.grid(True)
+    grid_lines(axes)
     axes.legend(loc="upper left", ncols=2, columnspacing=0.8, handlelength=1.4, handletextpad=0.4)

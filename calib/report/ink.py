@@ -19,10 +19,11 @@ from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-INK, FAINT = "#010101", "#020202"
-SERIES = ("#030301", "#030302", "#030303", "#030304", "#030305")
-VARIABLES = {INK: "--ink", FAINT: "--faint"} | {colour: f"--series-{i}" for i, colour in enumerate(SERIES)}
-"""Stand-in colours, and the variable of style.css that each becomes."""
+from calib.report.axis_marks import axis_marks, ticks
+from calib.report.stand_in import FAINT, INK, SERIES, VARIABLES
+
+__all__ = ["FAINT", "INK", "SERIES", "VARIABLES"]
+
 BLUE, ORANGE = "#2f8fdd", "#e8833a"
 """Of pictures, which keep their colour."""
 MORE = LinearSegmentedColormap.from_list("more", [(*to_rgb(BLUE), 0.04), (*to_rgb(BLUE), 0.95)])
@@ -49,16 +50,9 @@ STYLE: dict[Any, Any] = {
     "axes.axisbelow": True,
     "text.color": INK,
     "axes.labelcolor": INK,
-    "xtick.color": FAINT,
-    "ytick.color": FAINT,
-    "xtick.labelcolor": INK,
-    "ytick.labelcolor": INK,
-    "grid.color": FAINT,
-    "grid.alpha": 0.35,
-    "grid.linewidth": 0.6,
     "legend.frameon": False,
     "legend.fontsize": 8.5,
-    "image.interpolation": "bilinear",
+    "image.interpolation": "none",
     "axes.formatter.useoffset": False,
 }
 
@@ -74,9 +68,10 @@ def draw(name: str, panel: tuple[float, float], paint: Callable[[Figure], None])
         mpl.rcParams.update({**STYLE, "svg.hashsalt": name})
         figure = Figure((WIDTH, panel[1] + TOP + BOTTOM))
         paint(figure)
+        marks = axis_marks(figure)
         buffer = StringIO()
         figure.savefig(buffer, format="svg", dpi=RASTER_DPI, metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
-    return _inline(buffer.getvalue(), name)
+    return _inline(buffer.getvalue().replace("</svg>", f"{marks}</svg>"), name)
 
 
 def _inline(svg: str, name: str) -> str:
@@ -123,6 +118,13 @@ def image_axes(axes: Axes, width: int, height: int) -> None:
     """The camera's picture: x to the right, y down, px."""
     axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xlabel="x (px)", ylabel="y (px)", aspect="equal")
     axes.locator_params(nbins=5)
+
+
+def grid_lines(axes: Axes) -> None:
+    """At the ticks of a panel whose limits are set, below what it shows."""
+    style: dict[str, Any] = {"colors": [FAINT], "alpha": 0.35, "linewidths": 0.6, "zorder": 0.5}
+    axes.vlines(ticks(axes.xaxis), *axes.get_ylim(), **style)
+    axes.hlines(ticks(axes.yaxis), *axes.get_xlim(), **style)
 
 
 def label_lines(axes: Axes, lines: ContourSet, fmt: str = "%g", size: float = 8.5, marks: NDArray[np.float64] | None = None) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from calib.errors import InputError
+from calib.session.glass import Glass, glass_to_yaml, read_glass
 from calib.session.schema import Number, Quantity, Section
 
 RADIUS = Quantity("inner_radius_mm", low=0.05, high=1e5)
@@ -13,6 +14,10 @@ GLASS = (
     Quantity("refractive_index", low=1, high=3),
     Quantity("outside_index", low=1, high=3, default=1.0),
 )
+CORRELATIONS = "correlations"
+GLASS_KEY = "glass"
+CORRELATION = Quantity(CORRELATIONS, low=-1, high=1)
+PAIRS = "two names and a number from -1 to 1 for each pair of numbers, such as [[cover.thickness, camera.fx, 0.5]]"
 AXIS = (
     Quantity("axis_offset_mm", ("x", "z"), low=-1e5, high=1e5),
     Quantity("tilt_deg", ("x", "z"), low=-45, high=45, default=0.0),
@@ -37,13 +42,19 @@ class Cover:
 
     shape: str
     parameters: Mapping[str, Number]
+    correlations: tuple[tuple[str, str, float], ...] = ()
+    """Of pairs of numbers of which one at least is the cover's, called cover.thickness, camera.fx and so on; others are independent."""
+    glass: Glass | None = None
+    """What is known of its unevenness; None: what holds for any glass."""
 
 
 def read_cover(section: Section) -> Cover:
     shapes = tuple(SHAPES)
     shape = section.choice("shape", shapes, f"one of {', '.join(shapes)}")
-    section.only(("shape", *(quantity.key for quantity in SHAPES[shape])), f"key of the shape {shape}")
-    cover = Cover(shape, {name: number for quantity in SHAPES[shape] for name, number in section.read(quantity).items()})
+    section.only(("shape", *(quantity.key for quantity in SHAPES[shape]), CORRELATIONS, GLASS_KEY), f"key of the shape {shape}")
+    parameters = {name: number for quantity in SHAPES[shape] for name, number in section.read(quantity).items()}
+    glass = read_glass(section.section(GLASS_KEY, "what calib fleet-prior wrote")) if GLASS_KEY in section.values else None
+    cover = Cover(shape, parameters, _read_correlations(section), glass)
     _refuse_camera_outside(section, cover)
     return cover
 
@@ -54,7 +65,27 @@ def cover_to_yaml(cover: Cover) -> dict[str, object]:
     for quantity in SHAPES[cover.shape]:
         entries = [quantity.to_yaml(cover.parameters[name]) for name in quantity.names]
         written[quantity.key] = entries if quantity.components else entries[0]
+    if cover.correlations:
+        written[CORRELATIONS] = [list(pair) for pair in cover.correlations]
+    if cover.glass:
+        written[GLASS_KEY] = glass_to_yaml(cover.glass)
     return written
+
+
+def _read_correlations(section: Section) -> tuple[tuple[str, str, float], ...]:
+    """What they are of, and whether all can be true together, is checked where the camera is known too."""
+    written = section.values.get(CORRELATIONS, [])
+    if not isinstance(written, list):
+        raise section.wrong(CORRELATIONS, written, PAIRS)
+    found: list[tuple[str, str, float]] = []
+    for index, entry in enumerate(written):
+        match entry:
+            case [str() as one, str() as other, value]:
+                key = f"{CORRELATIONS}[{index}][2]"
+                found.append((one, other, section.number(key, value, CORRELATION).value))
+            case _:
+                raise section.wrong(f"{CORRELATIONS}[{index}]", entry, PAIRS)
+    return tuple(found)
 
 
 def _refuse_camera_outside(section: Section, cover: Cover) -> None:

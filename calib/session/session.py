@@ -11,6 +11,8 @@ from calib.session.board import Board
 from calib.session.board_section import board_to_yaml, read_board
 from calib.session.camera import Camera, Intrinsics, camera_to_yaml, read_camera
 from calib.session.cover import Cover, cover_to_yaml, read_cover
+from calib.session.fleet_prior import FleetPrior, check_like, read_fleet_prior
+from calib.session.numbers import check_correlations
 from calib.session.schema import Number, Section
 
 __all__ = [
@@ -27,6 +29,7 @@ __all__ = [
 ]
 
 FORMAT = 1
+PRIOR = "prior"
 MINIMAL = "{format: 1, board: {columns: 9, rows: 6, square_mm: 25.0}, camera: {width: 1640, height: 1232}, cover: {shape: none}}"
 
 
@@ -45,6 +48,8 @@ class Session:
     """Corners already detected: read these, not the frames."""
     bare: "Session | None"
     """The same camera without the cover."""
+    prior: FleetPrior | None = None
+    """What a fleet of such cameras expects of this one."""
 
 
 def read_session(path: str | Path) -> Session:
@@ -93,7 +98,7 @@ def _read(path: Path, bare_of: Session | None) -> Session:
         raise InputError(f"{path} has no session.yaml: write one that describes your set-up, at the least {MINIMAL}")
     section = Section(read_yaml(file), str(file))
     section.choice("format", (FORMAT,), f"{FORMAT}, the format that this version of calib reads")
-    section.only(("format", "board", "camera", "cover", "corners"))
+    section.only(("format", "board", "camera", "cover", "corners", *(() if bare_of else (PRIOR,))))
     board, camera, cover = _read_setup(section)
     corners = _corners(section, path)
     frames = list_images(path / "frames") if (path / "frames").is_dir() else ()
@@ -104,8 +109,8 @@ def _read(path: Path, bare_of: Session | None) -> Session:
     if bare_of:
         _check_bare(session, bare_of, file)
         return session
-    session = replace(session, bare=_bare(session))
-    if not (camera.intrinsics or session.bare or cover.shape == "none"):
+    session = replace(session, bare=_bare(session), prior=_prior(section, path, camera, cover))
+    if not (camera.intrinsics or session.bare or session.prior or cover.shape == "none"):
         raise InputError(
             f"{file}: camera.intrinsics is missing: write {{fx: ..., fy: ..., cx: ..., cy: ..., distortion: [...]}}, "
             f"or put pictures taken without the cover in {path / 'bare'}."
@@ -117,7 +122,9 @@ def _read_setup(section: Section) -> tuple[Board, Camera, Cover]:
     board = section.section("board", "{columns: 9, rows: 6, square_mm: 25.0}")
     camera = section.section("camera", "{width: 1640, height: 1232}")
     cover = section.section("cover", "{shape: none}")
-    return read_board(board), read_camera(camera), read_cover(cover)
+    described = read_board(board), read_camera(camera), read_cover(cover)
+    check_correlations(cover, described[1].intrinsics, described[2])
+    return described
 
 
 def _corners(section: Section, folder: Path) -> Path | None:
@@ -127,6 +134,17 @@ def _corners(section: Section, folder: Path) -> Path | None:
     if not path.is_file():
         raise InputError(f"{section.file}: corners names {path}, which is not a file: write the name of a corners file, or drop the key.")
     return path
+
+
+def _prior(section: Section, folder: Path, camera: Camera, cover: Cover) -> FleetPrior | None:
+    if PRIOR not in section.values:
+        return None
+    path = folder / section.text(PRIOR, "the file that calib fleet-prior wrote, from the session's folder on, such as ../prior.yaml")
+    if not path.is_file():
+        raise InputError(f"{section.file}: {PRIOR} names {path}, which is not a file: write it by calib fleet-prior, or drop the key.")
+    prior = read_fleet_prior(path)
+    check_like(prior, camera, cover, section.file)
+    return prior
 
 
 def _bare(session: Session) -> Session | None:

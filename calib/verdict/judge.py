@@ -19,6 +19,7 @@ from calib.verdict.coverage import coverage
 from calib.verdict.declared_numbers import declared_numbers
 from calib.verdict.depths import depths_asked_for, one_depth
 from calib.verdict.ended import not_converged, not_finite
+from calib.verdict.fleet_prior import fleet_prior
 from calib.verdict.held_out import held_out, overfits
 from calib.verdict.medium import medium
 from calib.verdict.next_commands import NextCommands
@@ -42,6 +43,7 @@ CHECKS: tuple[Check, ...] = (
     not_converged,
     residual,
     cover_stage,
+    fleet_prior,
     declared_numbers,
     unevenness,
     overfits,

@@ -60,7 +60,7 @@ def offered(printed: Printed, tmp_path: Path) -> Callable[..., set[str]]:
 
 @pytest.mark.parametrize(("program", "commands"), [("calib", cli.COMMANDS), ("capture", capture_cli.COMMANDS)])
 def test_every_command_is_offered(offered: Callable[..., set[str]], program: str, commands: tuple[object, ...]) -> None:
-    names = {str(getattr(command, "__name__", "")).rpartition(".")[2].removesuffix("_command") for command in commands}
+    names = {str(getattr(command, "__name__", "")).rpartition(".")[2].removesuffix("_command").replace("_", "-") for command in commands}
     assert offered(program, "") == names
     assert offered(program, "--ver") == {"--version"}
 

@@ -251,9 +251,13 @@ def test_evidence_is_the_marginal_likelihood() -> None:
     at_zero = residual - jacobian @ here  # linear: the residuals of the flat relief
     assert quadratic.cost == pytest.approx(at_zero @ at_zero)
     evidence = MarginalLikelihood(quadratic, relief, np.linalg.cholesky(of_two))
+    together = MarginalLikelihood(
+        quadratic, relief, np.linalg.cholesky(of_two), lambda smoothness: block_diag(smoothness.root(relief), np.linalg.cholesky(of_two))
+    )
     ours, theirs = [], []
     for sigma, smoothness in ((0.5, Smoothness(1e-5, 0.4)), (1.3, Smoothness(3e-6, 0.2)), (1.0, Smoothness(4e-5, 1.0))):
         ours.append(evidence.log(sigma, smoothness))
+        assert together.log(sigma, smoothness) == pytest.approx(ours[-1], rel=1e-9)
         spread = block_diag(np.linalg.inv(smoothness.precision(relief)), of_two)
         covariance = sigma**2 * np.eye(40) + jacobian @ spread @ jacobian.T
         theirs.append(multivariate_normal(np.zeros(40), covariance).logpdf(at_zero))

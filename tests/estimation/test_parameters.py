@@ -6,9 +6,10 @@ import torch
 
 from calib.estimation.parameters import Parameters
 from calib.estimation.priors import Priors
-from calib.estimation.surface_prior import Smoothness
+from calib.estimation.surface_prior import Smoothness, basis, expected_amplitudes, figure
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
+from calib.session.glass import Glass
 from fixtures.synthetic import scene
 
 SMOOTH = Smoothness(2e-5, 0.4)
@@ -48,6 +49,39 @@ def test_the_precision_is_the_inverse_of_the_covariance(model: tuple[Path, Value
     assert np.allclose(root[free:, free:] @ root[free:, free:].T, covariance, rtol=1e-12)
     relief = root[:free, :free] @ root[:free, :free].T @ precision[:free, :free]
     assert np.abs(relief - np.eye(free)).max() < 1e-3, "heights of 1e-4 m with 1e-9 m of their own lose ten digits"
+
+
+def known_glass(path: Path) -> Glass:
+    """Of the path's own patch, correlated with two numbers, one of which no fit estimates."""
+    assert path.relief
+    spread = np.diag([3e-6, 2e-6, 1e-6]) ** 2 + 1e-13
+    beside = np.stack([0.5 * SIGMAS[1] * np.array([1e-6, -1e-6, 0.0]), np.full(3, 1e-9)], 1)
+    return Glass(path.relief.low, path.relief.high, 1, np.array([1e-5, 0.0, 2e-6]), spread, ("camera.fx", "cover.inner_radius"), beside)
+
+
+def test_a_figure_that_is_known_goes_with_the_numbers(model: tuple[Path, Values]) -> None:
+    """Oracle: heights drawn from texture, what is finer than the figure, and the figure, whose coefficients go with the focal length."""
+    path, _ = model
+    assert path.relief
+    glass = known_glass(path)
+    sigmas = {name: float(sigma) for name, sigma in zip(NAMES, SIGMAS, strict=True)}
+    parameters = Parameters.of(*model, Priors(sigmas, CORRELATIONS, glass=glass))
+    heights, free = parameters.amplitudes, [param.name for param in parameters.free]
+    y, x = (c.ravel() for c in np.meshgrid(*(np.linspace(-1, 1, n) for n in path.relief.grid), indexing="ij"))
+    waves = np.stack([np.ones_like(x), x, y], 1)
+    root = parameters.joint_root(SMOOTH, glass)
+    found = root @ root.T
+    own = SMOOTH.covariance(path.relief) - figure(path.relief.grid) + figure(path.relief.grid, 1) + waves @ glass.covariance @ waves.T
+    assert found[:heights, :heights] == pytest.approx(own, rel=1e-9)
+    place = free.index("camera.fx")
+    beside = waves @ glass.beside[:, 0] / parameters.free[place].scale
+    assert found[:heights, heights + place] == pytest.approx(beside, rel=1e-9, abs=1e-20)
+    assert not np.delete(found[:heights, heights:], place, 1).any()
+    assert found[heights:, heights:] == pytest.approx(covariance_of(parameters), rel=1e-9)
+    precision, whole = parameters.prior_precision(SMOOTH), parameters.prior_root(SMOOTH)
+    assert np.abs(whole.T @ precision @ whole - np.eye(len(whole))).max() < 1e-3, "as above"
+    amplitudes = expected_amplitudes(path.relief, glass).ravel()
+    assert basis(path.relief) @ amplitudes == pytest.approx(waves @ glass.mean, rel=1e-9)
 
 
 def test_parameters_of_effects_stand_beside_it(model: tuple[Path, Values]) -> None:

@@ -113,6 +113,8 @@ def random_setup(shape: str, rng: np.random.Generator, digits: int) -> dict[str,
         low, high = (100, 200) if large else (max(quantity.low, -20), min(quantity.high, 20))
         entries = [number(low, high) for _ in quantity.names]
         cover[quantity.key] = entries if quantity.components else entries[0]
+    if shape != "none":
+        cover["correlations"] = [["cover.thickness", "camera.fx", uniform(-0.05, 0.05)]]
     model = ("opencv", "fisheye", "splined")[rng.integers(3)]
     count = 8 if model == "opencv" else 4
     intrinsics: dict[str, object] = {} if model == "opencv" else {"model": model}

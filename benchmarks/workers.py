@@ -1,0 +1,120 @@
+"""Where a large benchmark's sessions run: in processes of this machine, or on a Dask cluster by the adapter of `calib batch`.
+
+A cluster's workers need this checkout, at the same place: python -m benchmarks.diagnosis --scheduler tcp://head:8786
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from importlib import import_module
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Generic, Protocol, TypeVar
+
+from rich.progress import track
+
+from calib.errors import RefracalError
+from calib.fleet.cluster import QUEUES, Place, client_of
+
+CHECKOUT = Path(__file__).parents[1]
+T = TypeVar("T")
+
+
+class Future(Protocol):
+    """Of concurrent.futures and of Dask."""
+
+    def result(self) -> Any: ...
+
+
+class Submit(Protocol):
+    def __call__(self, function: Callable[..., Any], /, *arguments: object) -> Future: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Session(Generic[T]):
+    """A session that a worker does."""
+
+    future: Future
+    workers: Workers
+
+    def result(self) -> T:
+        found: T
+        found, seconds = self.future.result()
+        self.workers.spent.append(seconds)
+        return found
+
+
+@dataclass(slots=True)
+class Workers:
+    """What sessions are given to; and how they scaled."""
+
+    submit_one: Submit
+    count: Callable[[], int]
+    begun: float = field(default_factory=time.monotonic)
+    spent: list[float] = field(default_factory=list)
+    """s that each session took where it ran."""
+
+    def submit(self, function: Callable[..., T], *arguments: object) -> Session[T]:
+        """Args: function: of a module that workers can import, or of the one that was started."""
+        return Session(self.submit_one(timed, importable(function), *arguments), self)
+
+    def each(self, function: Callable[..., T], rows: Sequence[Sequence[object]], title: str) -> Iterator[T]:
+        """Results in the order of their arguments."""
+        for one in track([self.submit(function, *row) for row in rows], title, transient=True):
+            yield one.result()
+
+    @property
+    def scaled(self) -> str:
+        wall, work, count = time.monotonic() - self.begun, sum(self.spent), self.count()
+        workers = f"{count} worker{'s' * (count != 1)}"
+        longest = max(self.spent, default=0.0)
+        return (
+            f"{len(self.spent)} sessions in {wall:.0f} s on {workers}: {work:.0f} s of work, {work / wall:.2f} times as fast as one after "
+            f"the other, {100 * work / wall / max(1, count):.0f} % of the workers' time; the longest took {longest:.0f} s."
+        )
+
+
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--jobs", type=int, default=1, help="sessions at once, in processes of this machine (default: %(default)s)")
+    where.add_argument("--scheduler", default="", metavar="ADDRESS", help="a Dask cluster that exists, such as tcp://head:8786")
+    where.add_argument("--jobqueue", default="", choices=[*QUEUES], help="send workers as jobs of this queue")
+    parser.add_argument("--workers", type=int, metavar="N", help="of the queue")
+
+
+@contextmanager
+def workers_of(options: argparse.Namespace) -> Iterator[Workers]:
+    """As the options say; ends the program with a sentence where there is no such cluster."""
+    if not (options.scheduler or options.jobqueue):
+        with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
+            yield Workers(pool.submit, lambda: options.jobs)
+        return
+    try:
+        with client_of(Place(options.scheduler, options.jobqueue, options.workers), CHECKOUT) as client:
+
+            def submit(function: Callable[..., Any], /, *arguments: object) -> Future:
+                return client.submit(function, *arguments, pure=False)  # type: ignore[no-any-return]
+
+            yield Workers(submit, lambda: len(client.scheduler_info(n_workers=-1)["workers"]))
+    except RefracalError as error:
+        sys.exit(str(error))
+
+
+def importable(function: Callable[..., T]) -> Callable[..., T]:
+    """The same function by its module's own name, where that was started as the program."""
+    main = sys.modules["__main__"]
+    if function.__module__ != "__main__" or not main.__spec__:
+        return function
+    found: Callable[..., T] = getattr(import_module(main.__spec__.name), function.__name__)
+    return found
+
+
+def timed(function: Callable[..., T], *arguments: object) -> tuple[T, float]:
+    begun = time.monotonic()
+    return function(*arguments), time.monotonic() - begun
