@@ -18,7 +18,7 @@ from calib.errors import RefracalError
 from capture.coverage import Hint, SeenView, SessionProgress
 from capture.errors import CaptureError
 from capture.narrator import waiting
-from capture.recording_loop import Shutter, Step
+from capture.recording_loop import Shutter, Step, refusal
 from capture.tui.adviser import Adviser
 from capture.tui.camera import Preview, Task, Watch
 from capture.tui.cells import FOUND, HINT, Mark
@@ -73,6 +73,13 @@ class CollectScreen(Page):
         def __init__(self, seconds: float) -> None:
             super().__init__()
             self.seconds = seconds
+
+    class Heard(Message):
+        """Something that is worth a tone: taken, refused or enough."""
+
+        def __init__(self, tone: str) -> None:
+            super().__init__()
+            self.tone = tone
 
     class Begun(Message):
         """The camera runs, and the views that the session has are known."""
@@ -133,6 +140,9 @@ class CollectScreen(Page):
         self._improved_with = -1  # views
         self._left = False
         self._said_until = 0.0
+        self._refusal = ""
+        """What the last frame was refused for."""
+        self._enough = False
         self._looked = 0
         """Pictures of this stretch that were looked at, and in how many of them there was a board."""
         self._boards = 0
@@ -163,12 +173,14 @@ class CollectScreen(Page):
     @on(ScreenResume)
     def _begin(self) -> None:
         if self._watch is None and self.is_current:
+            picture = self.query_one(Picture)
             try:
                 self._watch = Watch(
                     self.plan,
                     self._shutter,
                     show=lambda preview: self.post_message(self.Looked(preview)),
                     waits=lambda seconds: self.post_message(self.Waited(seconds)),
+                    longest=lambda: picture.longest,
                 )
             except RefracalError as error:
                 self.say(str(error))
@@ -216,11 +228,18 @@ class CollectScreen(Page):
             assert step.sighting.corners is not None
             self.kept.append(step.sighting.corners)
             self.app.bell()
+            self.post_message(self.Heard("taken"))
             self.say(f"TAKEN: view {len(self.kept)}. Move the board to the next place.", TAKEN_S)
             self.refresh_bindings()
             self._think()
         elif time.monotonic() > self._said_until:
             self.say(step.verdict.sentence)
+        if refusal(step) != self._refusal:
+            self._refusal = refusal(step)
+            if self._refusal:
+                self.post_message(self.Heard("refused"))
+        if step.frame.alone:  # it is shown for as long as the next one takes
+            self._draw()
         self._remarks = message.watch.remarks
         self._note()
 
@@ -299,6 +318,9 @@ class CollectScreen(Page):
         """Where to hold the board next, if there is to be a next view."""
         over = not self._watch and (self.plan.bare or played(self.plan.source))
         enough = self.enough(progress)
+        if enough and not self._enough:
+            self.post_message(self.Heard("enough"))
+        self._enough = enough
         self._hint = None if over or enough else hint
         words = f"Next: {self._hint.words}." if self._hint else ""
         if enough:
