@@ -26,7 +26,7 @@ LAID_OUT = re.compile(r"[ ]{2}|[░▒▓█]")
 """Of a text that stands in columns."""
 SPOKEN = ("verdict", "problem", "sentence", "said", "hint", "next")
 """Texts that say what to do: they stay in sight, whatever is scrolled."""
-MAIN = ("take", "start", "export", "use", "update", "cover_on", "fit")
+MAIN = ("take", "start", "export", "use", "update", "straighten", "cover_on", "fit")
 """What a screen is there for is the first of these actions that it has."""
 NEEDLESS = re.compile(r"app\.(focus_\w+|dots)|scroll\b.*")
 """Actions that a page of its own has no use for."""

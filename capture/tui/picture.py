@@ -14,9 +14,9 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 from capture.tui.camera import PREVIEW, SHARP, Preview
-from capture.tui.cells import FOUND, HINT, WORST, Cells, Mark, draw, fit_cells
+from capture.tui.cells import FOUND, HINT, LINE, WORST, Cells, Mark, draw, fit_cells
 
-INK = {FOUND: "bold rgb(80,255,80)", HINT: "bold rgb(255,210,0)", WORST: "bold rgb(255,110,80)"}
+INK = {FOUND: "bold rgb(80,255,80)", HINT: "bold rgb(255,210,0)", WORST: "bold rgb(255,110,80)", LINE: "bold rgb(100,230,250)"}
 """Colours help; the characters say it all."""
 LETTERS = "bold rgb(0,0,0) on rgb(255,210,0)"
 
