@@ -104,6 +104,19 @@ async def _from_nothing(address: str, folder: Path) -> None:
         await phone.press("ctrl+s")
         await phone.see("Wrote rays.npz map_0.5m.npz map_1m.npz")
         await _keep(phone, "9-export")
+        await phone.press("escape")
+        await phone.see("Wrote 3 files")
+        await phone.press("escape")
+        await phone.see("Press f to fit")
+        await phone.press("u")
+        await phone.see("depth in metres")
+        await phone.fill("depth", "0.5")
+        await phone.let_go()
+        await _keep(phone, "10-depth")
+        await phone.press("ctrl+s")
+        await phone.see("Undistorted for 0.5 m")
+        await phone.until("document.querySelectorAll('#picture .line').length >= 10")
+        await _keep(phone, "11-undistorted")
         assert phone.complaints == []
 
 

@@ -30,7 +30,7 @@ WORDS = 'document.getElementById("thumb").hidden ? "" : document.getElementById(
 
 
 class Telephone(Browser):
-    async def see(self, words: str, within_s: float = 240) -> None:
+    async def see(self, words: str, within_s: float = 180) -> None:
         """Wait until the page shows these words."""
         begun = time.monotonic()
         while words not in " ".join((await self.words()).split()):
