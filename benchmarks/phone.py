@@ -20,7 +20,7 @@ from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
-from aiohttp import ClientSession, WSMsgType
+from aiohttp import ClientSession, ClientWebSocketResponse, WSMsgType
 
 FIXTURE = Path(__file__).parents[1] / "fixtures" / "bumps"
 RATE = 20.0  # frames a second
@@ -59,6 +59,12 @@ def resident_mb(server: int) -> float:
     raise SystemExit("The app has ended.")
 
 
+async def start(link: ClientWebSocketResponse) -> None:
+    """By ^s, once the set-up has been drawn."""
+    await asyncio.sleep(BEGIN_S / 2)
+    await link.send_json(["stdin", "\x13"])
+
+
 async def window(port: int, server: int, seconds: float, *, phone: bool) -> str:
     pictures: list[int] = []
     sizes = 0
@@ -66,11 +72,9 @@ async def window(port: int, server: int, seconds: float, *, phone: bool) -> str:
         if phone:
             await link.send_json(["phone", {"view": True}])
         started = asyncio.get_running_loop().time()
-        begun, used, pressed = 0.0, 0.0, False
+        begun, used = 0.0, 0.0
+        starting = asyncio.create_task(start(link))
         while (now := asyncio.get_running_loop().time()) < started + BEGIN_S + seconds:
-            if not pressed and now > started + BEGIN_S / 2:
-                await link.send_json(["stdin", "\x13"])
-                pressed = True
             if not begun and now > started + BEGIN_S:
                 begun, used, pictures, sizes = now, used_s(server), [], 0
             message = await link.receive(timeout=30)
@@ -79,6 +83,7 @@ async def window(port: int, server: int, seconds: float, *, phone: bool) -> str:
                 pictures.append(len(message.data))
             elif message.type is WSMsgType.TEXT and (said := json.loads(message.data)[1]) and "number" in said:
                 await link.send_json(["phone", {"drawn": said["number"]}])
+        await starting
         length, spent, resident = now - begun, used_s(server) - used, resident_mb(server)
     line = f"{100 * spent / length:.0f} % of a core, {resident:.0f} MB, {sizes / length / 1000:.0f} kB/s"
     if pictures:
@@ -88,7 +93,7 @@ async def window(port: int, server: int, seconds: float, *, phone: bool) -> str:
 
 def encoding_ms() -> float:
     """ms to reduce and encode one picture."""
-    from capture.tui.camera import SHARP, Preview
+    from capture.tui.camera import Preview
     from capture.tui.phone import encoded
 
     cv2.setNumThreads(1)
@@ -96,7 +101,7 @@ def encoding_ms() -> float:
     taken = []
     for _ in range(50):
         begun = time.perf_counter()
-        encoded(Preview.of(np.asarray(picture, np.uint8), SHARP).image)
+        encoded(Preview.of(np.asarray(picture, np.uint8), sharp=True).image)
         taken.append(time.perf_counter() - begun)
     return 1000 * float(np.median(taken))
 
@@ -130,11 +135,11 @@ def main() -> None:
                 assert process.stdout
                 process.stdout.readline()
                 time.sleep(1.0)
-                print(
-                    f"{'page for a thumb' if phone else 'terminal':<17}{asyncio.run(window(port, process.pid, seconds, phone=phone))}",
-                    flush=True,
-                )
-                process.terminate()
+                try:
+                    said = asyncio.run(window(port, process.pid, seconds, phone=phone))
+                finally:
+                    process.terminate()
+            print(f"{'page for a thumb' if phone else 'terminal':<17}{said}", flush=True)
 
 
 if __name__ == "__main__":

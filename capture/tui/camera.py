@@ -17,10 +17,11 @@ from capture.reader import Reader
 from capture.recorder import Recorder
 from capture.recording_loop import Plan, Shutter, Step, corners_of, record
 from capture.session_file import Setup, board_of
+from capture.sighting import reduced
 from capture.sources.registry import open_source
 
 PREVIEW = 192  # px, the longer side of what the screen is given: as much as a terminal shows
-SHARP = 780  # px, likewise for a phone of 390 points, which has two pixels or three in each
+SHARP = 780  # px, likewise, about, for a phone of 390 points, which has two pixels or three in each
 INTERVAL_S = 1 / 15  # between two pictures on the screen
 
 
@@ -54,23 +55,22 @@ class Preview:
     size: tuple[int, int]
     """Width and height of the frame itself, px."""
     image: NDArray[np.uint8]
-    """(h, w) or (h, w, 3) BGR, as large as was asked for."""
+    """(h, w) or (h, w, 3) BGR: about SHARP px if that was asked for, else PREVIEW."""
 
     @staticmethod
-    def of(pixels: NDArray[np.uint8], longest: int = PREVIEW) -> "Preview":
-        """`longest`: px, the longer side of `image` at most."""
+    def of(pixels: NDArray[np.uint8], *, sharp: bool = False) -> "Preview":
         height, width = pixels.shape[:2]
-        image = _at_most(pixels, longest)
-        small = _at_most(image, PREVIEW)
+        middle = reduced(pixels, shown_factor((width, height)))
+        scale = min(PREVIEW / max(middle.shape[:2]), 1.0)
+        high, wide = (max(round(side * scale), 1) for side in middle.shape[:2])
+        small = np.asarray(cv2.resize(middle, (wide, high), interpolation=cv2.INTER_AREA), np.uint8)
         grey = small if small.ndim == 2 else cv2.cvtColor(small, cv2.COLOR_BGR2GRAY)
-        return Preview(np.asarray(grey, np.uint8), (width, height), image)
+        return Preview(np.asarray(grey, np.uint8), (width, height), middle if sharp else small)
 
 
-def _at_most(pixels: NDArray[np.uint8], longest: int) -> NDArray[np.uint8]:
-    height, width = pixels.shape[:2]
-    scale = min(longest / max(width, height), 1.0)
-    size = max(round(width * scale), 1), max(round(height * scale), 1)
-    return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), np.uint8)
+def shown_factor(size: tuple[int, int]) -> int:
+    """By how much a frame of this width and height is reduced for a phone: in whole blocks, fifty times as fast as to exactly SHARP px."""
+    return max(min(round(max(size) / SHARP), *size), 1)
 
 
 class Shown:
@@ -121,9 +121,9 @@ class Watch:
         shutter: Shutter,
         show: Callable[[Preview], object],
         waits: Callable[[float], object] = lambda _: None,
-        longest: Callable[[], int] = lambda: PREVIEW,
+        sharp: Callable[[], bool] = lambda: False,
     ) -> None:
-        """`show` gets the frames, as large as `longest` says just then, and `waits` the seconds for which none came; each from a thread of
+        """`show` gets the frames, sharp if `sharp` says so just then, and `waits` the seconds for which none came; each from a thread of
         its own."""
         self.remarks: Sequence[str] = ()
         """What a person should know of this recording, as it comes up."""
@@ -131,7 +131,7 @@ class Watch:
         self._task = task
         self._shutter = shutter
         self._show = show
-        self._longest = longest
+        self._sharp = sharp
         self._reader = Reader(Shown(open_source(task.source), self._preview), waits)
 
     def run(self, begun: Callable[[Sequence[NDArray[np.float64]]], object]) -> Iterator[Step]:
@@ -157,7 +157,7 @@ class Watch:
                 yield step
 
     def _preview(self, pixels: NDArray[np.uint8]) -> None:
-        self._show(Preview.of(pixels, self._longest()))
+        self._show(Preview.of(pixels, sharp=self._sharp()))
 
     def close(self) -> None:
         self.closed = True

@@ -203,7 +203,7 @@ class CollectScreen(Page):
                     self._shutter,
                     show=lambda seen: self.post_message(self.Looked(seen, self._straight)),
                     waits=lambda seconds: self.post_message(self.Waited(seconds)),
-                    longest=lambda: picture.longest,
+                    sharp=lambda: picture.phone,
                 )
             except RefracalError as error:
                 self.say(str(error))

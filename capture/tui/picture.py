@@ -13,7 +13,7 @@ from textual.reactive import reactive
 from textual.strip import Strip
 from textual.widget import Widget
 
-from capture.tui.camera import PREVIEW, SHARP, Preview
+from capture.tui.camera import Preview
 from capture.tui.cells import FOUND, HINT, LINE, WORST, Cells, Mark, draw, fit_cells
 
 INK = {FOUND: "bold rgb(80,255,80)", HINT: "bold rgb(255,210,0)", WORST: "bold rgb(255,110,80)", LINE: "bold rgb(100,230,250)"}
@@ -27,6 +27,7 @@ class Picture(Widget):
     DEFAULT_CSS = "Picture { background: $background; }"
     dots: reactive[bool] = reactive(False)
     phone: reactive[bool] = reactive(False)
+    """A phone draws it, which wants it sharp."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
@@ -46,11 +47,6 @@ class Picture(Widget):
     def on_mount(self) -> None:
         self.watch(self.app, "dots", self._change_dots)
         self.watch(self.app, "on_phone", self._change_phone)
-
-    @property
-    def longest(self) -> int:
-        """px, the longer side of the previews that it can use."""
-        return SHARP if self.phone else PREVIEW
 
     def _change_dots(self, dots: bool) -> None:
         self.dots = dots

@@ -14,7 +14,7 @@ from scipy.ndimage import map_coordinates
 
 from calib.progress import Progress
 from calib.session.board import Board
-from capture.tui.camera import SHARP, Preview
+from capture.tui.camera import Preview, shown_factor
 from capture.tui.cells import LINE, Mark
 
 NODES = (65, 49)
@@ -60,7 +60,8 @@ class Straight:
     def _straightened(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         height, width = image.shape[:2]
         across, down = (cv2.resize(each, (width, height), interpolation=cv2.INTER_NEAREST) for each in (self.x, self.y))
-        (wide, high), half = self.size, np.float32(0.5)
+        factor, half = shown_factor(self.size), np.float32(0.5)
+        wide, high = (side // factor * factor for side in self.size)  # what is left at the end is not shown
         x, y = ((across + half) * np.float32(width / wide) - half, (down + half) * np.float32(height / high) - half)
         return np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT), np.uint8)
 
@@ -90,10 +91,9 @@ def straighten(progress: Progress, calibration: Path, depth: float) -> dict[str,
 
     field = Calibration.load(calibration).ray_field()
     size = field.width, field.height
-    scale = min(SHARP / max(size), 1.0)
-    width, height = (max(round(side * scale), 2) for side in size)
-    zoom = size[0] / width, size[1] / height
-    made = field.map_at(depth, Window(width, height, ((zoom[0] - 1) / 2, (zoom[1] - 1) / 2), zoom))
+    factor = shown_factor(size)
+    width, height = (side // factor for side in size)
+    made = field.map_at(depth, Window(width, height, 2 * ((factor - 1) / 2,), 2 * (float(factor),)))
     far = np.float32(-1e5)
     x, y = (np.where(made.valid, each, far) for each in (made.x, made.y))
     across, down = np.meshgrid(np.linspace(0, size[0] - 1, NODES[0]), np.linspace(0, size[1] - 1, NODES[1]))

@@ -69,7 +69,7 @@ async def _from_nothing(address: str, folder: Path) -> None:
         await phone.see("Without cover")
         await phone.see("Press n to go on")
         await _keep(phone, "3-without-cover")
-        assert await phone.evaluate(PICTURE) == 780
+        assert await phone.evaluate(PICTURE) == 820
         assert "taken" in str(await phone.evaluate(HEARD))
         await phone.press("n")
         await phone.see("NOW PUT THE COVER ON")

@@ -137,7 +137,7 @@ def test_pictures_come_as_fast_as_they_are_drawn(tmp_path: Path) -> None:
         assert len(page.jpegs) == AHEAD, "none is sent to a page that draws none"
         picture = cv2.imdecode(np.frombuffer(page.jpegs[-1], np.uint8), cv2.IMREAD_UNCHANGED)
         assert picture is not None
-        assert picture.shape[:2] == (586, 780)
+        assert picture.shape[:2] == (616, 820)
         assert (page.frames[-1]["width"], page.frames[-1]["height"]) == (1640, 1232)
         for number in range(AHEAD, AHEAD + 3):
             await page.ask(drawn=number)

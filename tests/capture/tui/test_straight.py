@@ -15,7 +15,7 @@ from calib.progress import Silent
 from calib.session.board import Board
 from capture.find import finder_of
 from capture.frames import Frame
-from capture.tui.camera import SHARP, Preview
+from capture.tui.camera import Preview
 from capture.tui.cells import FOUND, LINE, Mark
 from capture.tui.collect import CollectScreen
 from capture.tui.straight import GRID, Straight, along, straighten
@@ -80,13 +80,13 @@ def test_points_that_are_not_seen_or_outside_stay_away(straight: Straight) -> No
 def test_the_picture_is_the_undistorters(session: Path, straight: Straight) -> None:
     """Both reduced alike; what differs is that one is reduced before it is straightened."""
     picture = pictures(session)[0]
-    seen = straight.preview(Preview.of(picture, SHARP)).image
+    seen = straight.preview(Preview.of(picture, sharp=True)).image
     wanted = cv2.resize(
         Undistorter(Calibration.load(session / "calibration"), DEPTH).undistort(picture), seen.shape[::-1], interpolation=cv2.INTER_AREA
     )
-    assert seen.shape == (586, 780)
+    assert seen.shape == (616, 820)
     apart = np.abs(seen.astype(float) - np.asarray(wanted, float))
-    untouched = np.abs(Preview.of(picture, SHARP).image.astype(float) - np.asarray(wanted, float))
+    untouched = np.abs(Preview.of(picture, sharp=True).image.astype(float) - np.asarray(wanted, float))
     assert np.mean(apart) < 1.5
     assert np.mean(apart) < np.mean(untouched) / 3  # the control
 
