@@ -12,7 +12,7 @@ const toneButton = document.getElementById("sound"), voiceButton = document.getE
 const picture = document.getElementById("picture");
 const on = (button) => button.getAttribute("aria-pressed") === "true";
 
-let audio = null, refusedAt = -REST_MS, before = new Map(), coming = before, waiting = 0;
+let audio = null, refusedAt = -REST_MS, before = new Map(), coming = before, waiting = 0, latest = [];
 
 /** One of TONES; the picture's frame says the same. */
 export function hear(name) {
@@ -45,6 +45,7 @@ function note(pitch, at, length) {
 
 /** What is new among what the screen says, where spoken hints are wanted. */
 export function speak(blocks) {
+  latest = blocks;
   if (!on(voiceButton)) return;
   const now = new Map(blocks.filter((each) => SPOKEN.includes(each.name)).map((each) => [each.name, each.text]));
   if (JSON.stringify([...now]) === JSON.stringify([...coming])) return;
@@ -62,11 +63,15 @@ export function speak(blocks) {
 for (const button of [toneButton, voiceButton]) {
   button.addEventListener("click", () => {
     button.setAttribute("aria-pressed", String(!on(button)));
-    if (button === voiceButton && !on(button)) speechSynthesis.cancel();
+    if (button !== voiceButton) return;
+    before = coming = new Map();
+    clearTimeout(waiting);
+    speechSynthesis.cancel();
+    speak(latest);
   });
 }
 voiceButton.hidden = !("speechSynthesis" in window);
-addEventListener("pointerdown", () => { // a browser lets nothing sound before it was touched
+addEventListener("click", () => { // a browser lets nothing sound before it was touched
   audio ??= new AudioContext();
   audio.resume();
 }, {capture: true});

@@ -4,6 +4,7 @@
 """
 
 import asyncio
+import json
 import os
 from collections.abc import Coroutine
 from pathlib import Path
@@ -31,6 +32,18 @@ OUTSIDE = """
 """
 """What the page's width does not hold."""
 PICTURE = 'document.querySelector("#picture img").naturalWidth'
+LISTEN = """
+window.notes = [];
+window.spoken = [];
+const make = AudioContext.prototype.createOscillator;
+AudioContext.prototype.createOscillator = function () {
+  const made = make.call(this), start = made.start;
+  made.start = (at) => notes.push(made.frequency.value) && start.call(made, at);
+  return made;
+};
+speechSynthesis.speak = (each) => spoken.push(each.text);
+"""
+"""What would be heard is written down."""
 OUTLINE = 'document.querySelector("#picture .hint:not(.halo)")?.getAttribute("d") ?? ""'
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed: apt-get install chromium shows it the screen")
@@ -136,14 +149,20 @@ def test_the_ghost_board_is_an_outline_over_the_live_picture(tmp_path: Path) -> 
 async def _ghost(address: str, folder: Path) -> None:
     async with telephone(address, folder / "profile") as phone:
         await phone.see("continued, 0 views")
+        await phone.evaluate(LISTEN)
         await phone.press("ctrl+s")
         await phone.see("This view is already there")
         await phone.until(f"{OUTLINE} !== ''")
         assert str(await phone.evaluate(OUTLINE)).startswith("M")
         assert await phone.evaluate(HEARD) == "taken refused"
         await phone.tap("document.getElementById('more')")
-        assert await phone.evaluate('document.getElementById("voice").getAttribute("aria-pressed")') == "false"
+        assert await phone.evaluate("spoken.length") == 0, "off until asked for"
         await _keep(phone, "ghost")
+        assert [round(note) for note in json.loads(await phone.evaluate("JSON.stringify(notes)"))] == [660, 990, 196, 165]
+        await phone.tap("document.getElementById('voice')")
+        await phone.until("spoken.length")
+        assert "This view is already there" in str(await phone.evaluate("spoken.join()"))
+        await phone.tap("document.getElementById('more')")
         await phone.tap("document.getElementById('to-terminal')")
         await phone.until('document.getElementById("thumb").hidden')
         await phone.until(f"({TERMINAL}).includes('[WITHOUT COVER]') && ({TERMINAL}).includes('auto ON')")
