@@ -23,25 +23,23 @@ from capture.recording_loop import Shutter, Step, refusal
 from capture.tui.adviser import Adviser
 from capture.tui.camera import Preview, Task, Watch
 from capture.tui.cells import FOUND, HINT, Mark
-from capture.tui.child import Child, Event
-from capture.tui.depth import DepthScreen
 from capture.tui.farewell import fitted
 from capture.tui.fit import FitScreen
 from capture.tui.lacking import NO_LENS, lacking, lens_known, none_found
 from capture.tui.named import played
-from capture.tui.page import DOTS, HELP_AND_QUIT, Line, Page
+from capture.tui.page import DOTS, HELP_AND_QUIT, Line
 from capture.tui.panel import Panel
 from capture.tui.picture import Picture
-from capture.tui.straight import Straight, straighten
+from capture.tui.straight import Straight
+from capture.tui.straightening import StraighteningPage
 
 RETRY_S = 3.0  # after which a camera that failed is tried again
 TAKEN_S = 1.5  # for which a view that was kept is said, whatever comes next
 MORE = "More views would make it surer: they can come from another source."
-DEPTH = 1.0  # m, proposed until another was chosen
 LACKING_S = 6.0  # for which it is said that a fit cannot begin
 
 
-class CollectScreen(Page):
+class CollectScreen(StraighteningPage):
     DEFAULT_CSS = """
     CollectScreen #top { height: 1fr; }
     CollectScreen Picture { width: 1fr; height: 1fr; }
@@ -75,14 +73,6 @@ class CollectScreen(Page):
             self.seen = seen
             self.straight = straight
             self.preview = straight.preview(seen) if straight else seen
-
-    class Straightened(Message):
-        """The maps have come, or why they cannot."""
-
-        def __init__(self, child: Child, event: Event) -> None:
-            super().__init__()
-            self.child = child
-            self.event = event
 
     class Waited(Message):
         """No frame came for some time."""
@@ -150,9 +140,6 @@ class CollectScreen(Page):
         self._seen: Preview | None = None
         self._preview: Preview | None = None
         """The same, perhaps straightened."""
-        self._straight: Straight | None = None
-        self._straightening: Child | None = None
-        self._depth = DEPTH
         self._remarks: Sequence[str] = ()
         self._found: NDArray[np.float64] | None = None
         self._hint: Hint | None = None
@@ -201,7 +188,7 @@ class CollectScreen(Page):
                 self._watch = Watch(
                     self.plan,
                     self._shutter,
-                    show=lambda seen: self.post_message(self.Looked(seen, self._straight)),
+                    show=lambda seen: self.post_message(self.Looked(seen, self.straight)),
                     waits=lambda seconds: self.post_message(self.Waited(seconds)),
                     sharp=lambda: picture.phone,
                 )
@@ -225,7 +212,7 @@ class CollectScreen(Page):
     @on(Looked)
     def _look(self, message: Looked) -> None:
         self._seen = message.seen
-        if message.straight is self._straight:  # and not of the time before that changed
+        if message.straight is self.straight:  # and not of the time before that changed
             self._preview = message.preview
         self._draw()
 
@@ -374,12 +361,12 @@ class CollectScreen(Page):
             marks.append(Mark(HINT, self._hint.outline, closed=True, label=" HOLD IT HERE "))
         if self._found is not None:
             marks.append(Mark(FOUND, self._found))
-        if self._straight:
-            marks = self._straight.marks(marks, self.plan.asked[0])
+        if self.straight:
+            marks = self.straight.marks(marks, self.plan.asked[0])
         self.query_one(Picture).show(self._preview, marks)
 
     def _note(self) -> None:
-        straight = [f"Undistorted for {self._straight.depth:g} m; u shows it as it is."] if self._straight else []
+        straight = [f"Undistorted for {self.straight.depth:g} m; u shows it as it is."] if self.straight else []
         doubts = [self._adviser.remark] if self.MAPS and self._adviser and self._adviser.remark else []
         self.query_one(Panel).say([*self._remarks, *doubts, *straight])
 
@@ -403,50 +390,14 @@ class CollectScreen(Page):
         self._begin()
 
     def calibration(self) -> Path | None:
-        """The folder of the one by which the live picture is straightened."""
         return fitted(self.plan.session)
 
-    def action_straight(self) -> None:
-        """The live picture undistorted, or as it is."""
-        if self._straight or self._straightening:
-            self._straighten(None)
-        else:
-            self.app.push_screen(DepthScreen(self._depth), self._make_straight)
+    def picture_size(self) -> tuple[int, int] | None:
+        return self._seen.size if self._seen else None
 
-    def _make_straight(self, depth: float | None) -> None:
-        if depth is not None and (place := self.calibration()):
-            self._depth = depth
-            self._straightening = Child(straighten, place, depth)
-            self.say(f"The maps for {depth:g} m are being computed.", LACKING_S)
-            self._wait_for_maps(self._straightening)
-
-    @work(thread=True, group="straighten", description="makes maps")
-    def _wait_for_maps(self, child: Child) -> None:
-        for event in child.events():
-            self.post_message(self.Straightened(child, event))
-
-    @on(Straightened)
-    def _straightened(self, message: Straightened) -> None:
-        if message.child is not self._straightening:
-            return
-        match message.event:
-            case {"event": "result", "straight": Straight() as straight}:
-                self._straighten(straight)
-            case {"event": "error", "sentence": sentence}:
-                self._straighten(None)
-                self.say(sentence, LACKING_S)
-
-    def _straighten(self, straight: Straight | None) -> None:
-        if self._straightening:
-            self._straightening.kill()
-            self._straightening = None
-        if straight and self._seen and straight.size != self._seen.size:
-            wanted, given = (f"{wide}x{high}" for wide, high in (straight.size, self._seen.size))
-            self.say(f"The calibration is for {wanted} px and these pictures have {given}: choose the calibrated mode.", LACKING_S)
-            straight = None
-        self._straight = straight
+    def show_straight(self) -> None:
         if self._seen:
-            self._preview = straight.preview(self._seen) if straight else self._seen
+            self._preview = self.straight.preview(self._seen) if self.straight else self._seen
         self._draw()
         self._note()
 
@@ -488,7 +439,6 @@ class CollectScreen(Page):
     def on_unmount(self) -> None:
         self._left = True
         self.rest()
-        if self._straightening:
-            self._straightening.kill()
+        self.end_maps()
         if self._adviser:
             self._adviser.close()
