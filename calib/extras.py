@@ -11,7 +11,7 @@ EXTRAS = {
     "exr": ("OpenEXR>=3.3",),
     "fleet": ("bokeh>=3.1", "dask-jobqueue>=0.9", "distributed>=2024.8", "fsspec>=2024.6"),
     "render": ("mitsuba>=3.6,<4",),
-    "serve": ("textual-serve>=1.1,<2",),
+    "serve": ("segno>=1.6,<2", "textual-serve>=1.1,<2"),
 }
 """As pyproject.toml has them, but for those who work on this."""
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from calib.corners.detect import eight_bits
 from calib.io.images import read_grey
 from capture.frames import Frame
-from capture.gate import Verdict, judge, new
+from capture.gate import MOVING, WAIT, Verdict, judge, new
 from capture.recorder import Recorder
 from capture.sighting import LiveFinder, Sighting
 
@@ -62,6 +62,12 @@ class Step:
     """Where it was kept; None if it was not."""
     view: int
     """How many views there are, with this one."""
+
+
+def refusal(step: Step) -> str:
+    """Why a board that is in view was not kept; empty where it was, or where it only has to be held still."""
+    waits = step.verdict.keep or step.verdict.sentence in (WAIT, MOVING)
+    return "" if waits or step.picture or step.sighting.corners is None else step.verdict.sentence
 
 
 def record(

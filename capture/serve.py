@@ -30,30 +30,22 @@ from capture.orphan import SERVER
 
 try:
     from aiohttp import WSMsgType, web
-    from textual_serve.app_service import AppService
     from textual_serve.server import Server
+
+    from capture.qr_code import qr_code
+    from capture.served_app import ServedApp
 except ImportError as error:
     raise InputError(f"--serve needs one more package: {how_to_install('serve')}") from error
 
 COOKIE = "refracal"
-FONTS = b"https://fonts.googleapis.com"
-"""What the page would fetch from elsewhere: it works without, and a Pi may have no network."""
-FITTED = b"""<style>.xterm .xterm-viewport { overflow-y: hidden; }</style><script>
-const fits = Math.min(innerWidth / 80 / 0.61, innerHeight / 24 / 1.3);
-document.getElementById("terminal").dataset.fontSize = Math.max(6, Math.min(16, Math.floor(fits)));
-const waiting = setInterval(() => {
-  const keys = document.querySelector(".xterm-helper-textarea");
-  keys?.focus();
-  if (keys && document.activeElement === keys) clearInterval(waiting);
-}, 50);
-</script></body>"""
-"""Letters as large as leaves room for 80 columns and 24 rows, as on a phone that lies on its side; and keys work without a click."""
+WEB = Path(__file__).parent / "web"
+"""Our own pages: the one around Textual's terminal, and what draws the same app for a thumb."""
 HEADERS = {
     "X-Frame-Options": "DENY",
-    "Content-Security-Policy": "frame-ancestors 'none'; base-uri 'none'; object-src 'none'",
+    "Content-Security-Policy": "frame-ancestors 'none'; base-uri 'none'; object-src 'none'; script-src 'self'",
     "X-Content-Type-Options": "nosniff",
 }
-"""Of every answer: a page that framed ours could make a person press its keys."""
+"""Of every answer: a page that framed ours could make a person press its keys, and no script runs but those that we serve."""
 IDLE_S = 4 * 3600.0
 """After which an app that nobody touched is ended: a board is moved for an hour at the most."""
 GRACE_S = 5.0
@@ -72,15 +64,16 @@ class GuardedServer(Server):
 
     def __init__(self, command: str, host: str, port: int, token: str | None, apps: int = 1) -> None:
         """`token`: None serves a loopback address without one. `apps`: as many at a time."""
-        super().__init__(command, host, port, title="Refracal")
+        super().__init__(command, host, port, title="Refracal", templates_path=WEB)
         self.token = token
         self._most = apps
-        self._running: dict[AppService, web.WebSocketResponse] = {}
+        self._running: dict[ServedApp, web.WebSocketResponse] = {}
         """The oldest first."""
         self._opening = asyncio.Lock()
 
     async def _make_app(self) -> web.Application:
         app = await super()._make_app()
+        app.router.add_static("/page", WEB)
 
         @web.middleware
         async def guard(request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -99,9 +92,9 @@ class GuardedServer(Server):
         response = await handler(request)
         if not response.prepared:
             response.headers.update(HEADERS)
-        if request.path == "/" and isinstance(response, web.Response) and isinstance(response.body, bytes):
-            page = b"".join(part for part in response.body.splitlines(keepends=True) if FONTS not in part)
-            response.body = page.replace(b"</body>", FITTED)
+        if request.path.startswith("/page/"):
+            response.headers["Cache-Control"] = "no-cache"  # of an older version, nothing fits
+        if request.path == "/":
             response.headers["Referrer-Policy"] = "no-referrer"
             response.headers["Cache-Control"] = "no-store"
             if self.token:
@@ -124,13 +117,7 @@ class GuardedServer(Server):
         """One window and its app, until either has ended."""
         websocket = web.WebSocketResponse(heartbeat=15, max_msg_size=LONGEST_MESSAGE)
         await websocket.prepare(request)
-        service = AppService(
-            self.command,
-            write_bytes=websocket.send_bytes,
-            write_str=websocket.send_str,
-            close=partial(_close, websocket),
-            download_manager=self.download_manager,
-        )
+        service = ServedApp(self.command, websocket, partial(_close, websocket), self.download_manager)
         async with self._opening:  # the session is free when the app before has ended
             while len(self._running) >= self._most:
                 oldest = next(iter(self._running))
@@ -140,7 +127,7 @@ class GuardedServer(Server):
             size = _size({key: request.query.get(key, "") for key in CELLS})
             await service.start(size["width"], size["height"])
         try:
-            await self._process_messages(websocket, service)
+            await self._follow(websocket, service)
         except (TimeoutError, ConnectionError):  # the app takes nothing any more, or the window has gone
             pass
         finally:
@@ -148,7 +135,8 @@ class GuardedServer(Server):
             await _close(websocket)
         return websocket
 
-    async def _process_messages(self, websocket: web.WebSocketResponse, app_service: AppService) -> None:
+    async def _follow(self, websocket: web.WebSocketResponse, app_service: ServedApp) -> None:
+        """Hand on what the window says, until it is closed or was not touched for long."""
         touched = time.monotonic()
         while (left := touched + IDLE_S - time.monotonic()) > 0:
             message = await websocket.receive(timeout=left)
@@ -163,6 +151,9 @@ class GuardedServer(Server):
                 case ["resize", {"width": wide, "height": high}]:
                     size = _size({"width": wide, "height": high})
                     await asyncio.wait_for(app_service.set_terminal_size(size["width"], size["height"]), GRACE_S)
+                case ["phone", dict() as asked]:
+                    touched = touched if "drawn" in asked else time.monotonic()  # no person says that a picture was drawn
+                    await asyncio.wait_for(app_service.ask(asked), GRACE_S)
                 case ["ping", str() | int() | float() | None as sent]:
                     await websocket.send_json(["pong", sent])
                 case ["blur"]:
@@ -170,7 +161,7 @@ class GuardedServer(Server):
                 case ["focus"]:
                     await asyncio.wait_for(app_service.focus(), GRACE_S)
 
-    async def _end(self, service: AppService) -> None:
+    async def _end(self, service: ServedApp) -> None:
         """Ask the app to end, and kill it where it does not; twice does no harm."""
         if self._running.pop(service, None) is None:
             return
@@ -220,10 +211,19 @@ def serve(session: Path, source: str, host: str, port: int, apps: int = 1) -> No
         logging.getLogger(noisy).setLevel(logging.CRITICAL)
     reached = _own_address(host)
     shown = f"[{reached}]" if ":" in reached else reached
-    print(f"http://{shown}:{port}/{f'?token={token}' if token else ''}", flush=True)
+    address = f"http://{shown}:{port}/{f'?token={token}' if token else ''}"
+    print(address, flush=True)
     if token:
-        print("Open this address on the phone, in the same network. Ctrl-C ends it.", file=sys.stderr, flush=True)
+        _show_phones(address)
+    else:
+        print("Only this machine reaches it; --host 0.0.0.0 serves a phone as well. Ctrl-C ends it.", file=sys.stderr, flush=True)
     web.run_app(server._make_app(), sock=listening, print=None, access_log=None)  # a log would repeat the token
+
+
+def _show_phones(address: str) -> None:
+    if sys.stderr.isatty() and "utf" in sys.stderr.encoding.lower():
+        print(qr_code(address), file=sys.stderr)
+    print("Open this address on the phone, in the same network. Ctrl-C ends it.", file=sys.stderr, flush=True)
 
 
 def _listening(host: str, port: int) -> list[socket.socket]:

@@ -60,12 +60,13 @@ def live_factor(grey: NDArray[np.uint8]) -> int:
     return int(min(-(-max(height, width) // LIVE), height, width))
 
 
-def reduced(grey: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
-    """The picture in blocks of factor x factor px, which is ten times faster than any other ratio; what is left at the end is dropped."""
+def reduced(picture: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
+    """A picture, grey or in colours, in blocks of factor x factor px, which is ten times faster than any other ratio; what is left at the
+    end is dropped."""
     if factor == 1:
-        return np.ascontiguousarray(grey)
-    height, width = (size // factor for size in grey.shape)
-    return np.asarray(cv2.resize(grey[: height * factor, : width * factor], (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+        return np.ascontiguousarray(picture)
+    height, width = (size // factor for size in picture.shape[:2])
+    return np.asarray(cv2.resize(picture[: height * factor, : width * factor], (width, height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def enlarged(corners: NDArray, factor: int) -> NDArray[np.float64]:

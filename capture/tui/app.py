@@ -23,10 +23,13 @@ from capture.tui.camera import Task
 from capture.tui.check import CheckScreen
 from capture.tui.check_source import CheckSourceScreen, calibrated, folder_of
 from capture.tui.check_views import CheckViewsScreen, next_folder
+from capture.tui.collect import CollectScreen
 from capture.tui.export import ExportScreen
 from capture.tui.farewell import farewell
 from capture.tui.fit import FitScreen
 from capture.tui.page import Page
+from capture.tui.page_driver import PageDriver
+from capture.tui.phone import Asked, Phone
 from capture.tui.results import ResultsScreen
 from capture.tui.setup import SetupScreen
 
@@ -47,6 +50,8 @@ class CaptureApp(App[None]):
     NOTIFICATION_TIMEOUT: ClassVar = 4.0
     dots: reactive[bool] = reactive(False)
     """Pictures in dots: the terminal has no greys, or the person wants them so."""
+    on_phone: reactive[bool] = reactive(False)
+    """A page for a thumb draws the app, and no terminal."""
 
     def __init__(self, session: Path, source: str = "") -> None:
         """`source` may be empty: the set-up then names the first camera that it finds."""
@@ -58,6 +63,7 @@ class CaptureApp(App[None]):
         self._shown: ResultsScreen.Opened | None = None
         self._fit: FitScreen | None = None
         self._maps: list[Path] = []
+        self._phone: Phone | None = None
         self.set_reactive(CaptureApp.dots, plain or self.console.color_system in (None, "standard"))
 
     @property
@@ -81,6 +87,18 @@ class CaptureApp(App[None]):
             if not (isinstance(event, Key) and event.key == "ctrl+c"):
                 return
         await super().on_event(event)
+
+    @on(Asked)
+    def _asked(self, message: Asked) -> None:
+        if isinstance(self._driver, PageDriver):
+            self._phone = self._phone or Phone(self, self._driver)
+            self._phone.obey(message.what)
+            self.on_phone = self._driver.muted
+
+    @on(CollectScreen.Heard)
+    def _heard(self, message: CollectScreen.Heard) -> None:
+        if self._phone:
+            self._phone.hear(message.tone)
 
     @on(ResultsScreen.FitAgain)
     def _fit_again(self, message: ResultsScreen.FitAgain) -> None:

@@ -17,9 +17,11 @@ from capture.reader import Reader
 from capture.recorder import Recorder
 from capture.recording_loop import Plan, Shutter, Step, corners_of, record
 from capture.session_file import Setup, board_of
+from capture.sighting import reduced
 from capture.sources.registry import open_source
 
 PREVIEW = 192  # px, the longer side of what the screen is given: as much as a terminal shows
+SHARP = 780  # px, likewise, about, for a phone of 390 points, which has two pixels or three in each
 INTERVAL_S = 1 / 15  # between two pictures on the screen
 
 
@@ -52,20 +54,30 @@ class Preview:
     """(h, w), PREVIEW px at most."""
     size: tuple[int, int]
     """Width and height of the frame itself, px."""
+    image: NDArray[np.uint8]
+    """(h, w) or (h, w, 3) BGR: about SHARP px if that was asked for, else PREVIEW."""
 
     @staticmethod
-    def of(pixels: NDArray[np.uint8]) -> "Preview":
+    def of(pixels: NDArray[np.uint8], *, sharp: bool = False) -> "Preview":
         height, width = pixels.shape[:2]
-        scale = min(PREVIEW / max(width, height), 1.0)
-        small = cv2.resize(pixels, (max(round(width * scale), 1), max(round(height * scale), 1)), interpolation=cv2.INTER_AREA)
+        middle = reduced(pixels, shown_factor((width, height)))
+        scale = min(PREVIEW / max(middle.shape[:2]), 1.0)
+        high, wide = (max(round(side * scale), 1) for side in middle.shape[:2])
+        small = np.asarray(cv2.resize(middle, (wide, high), interpolation=cv2.INTER_AREA), np.uint8)
         grey = small if small.ndim == 2 else cv2.cvtColor(small, cv2.COLOR_BGR2GRAY)
-        return Preview(np.asarray(grey, np.uint8), (width, height))
+        return Preview(np.asarray(grey, np.uint8), (width, height), middle if sharp else small)
+
+
+def shown_factor(size: tuple[int, int]) -> int:
+    """By how much a frame of this width and height is reduced for a phone: in whole blocks, fifty times as fast as to exactly SHARP px."""
+    return max(min(round(max(size) / SHARP), *size), 1)
 
 
 class Shown:
     """A source whose frames are also shown, as often as a person can see, however slowly they are judged."""
 
-    def __init__(self, source: FrameSource, show: Callable[[Preview], object]) -> None:
+    def __init__(self, source: FrameSource, show: Callable[[NDArray[np.uint8]], object]) -> None:
+        """`show` gets the frame's pixels."""
         self._source = source
         self._show = show
         self._last_s = -np.inf
@@ -93,7 +105,7 @@ class Shown:
         for frame in self._source:
             if frame.time_s - self._last_s >= INTERVAL_S and not frame.alone:  # a photograph is shown with what was found in it
                 self._last_s = frame.time_s
-                self._show(Preview.of(frame.pixels))
+                self._show(frame.pixels)
             yield frame
 
     def close(self) -> None:
@@ -104,16 +116,23 @@ class Watch:
     """One stretch of recording. `close` ends it from any thread, also before it has begun."""
 
     def __init__(
-        self, task: Task, shutter: Shutter, show: Callable[[Preview], object], waits: Callable[[float], object] = lambda _: None
+        self,
+        task: Task,
+        shutter: Shutter,
+        show: Callable[[Preview], object],
+        waits: Callable[[float], object] = lambda _: None,
+        sharp: Callable[[], bool] = lambda: False,
     ) -> None:
-        """`show` gets the frames, and `waits` the seconds for which none came; each from a thread of its own."""
+        """`show` gets the frames, sharp if `sharp` says so just then, and `waits` the seconds for which none came; each from a thread of
+        its own."""
         self.remarks: Sequence[str] = ()
         """What a person should know of this recording, as it comes up."""
         self.closed = False
         self._task = task
         self._shutter = shutter
         self._show = show
-        self._reader = Reader(Shown(open_source(task.source), show), waits)
+        self._sharp = sharp
+        self._reader = Reader(Shown(open_source(task.source), self._preview), waits)
 
     def run(self, begun: Callable[[Sequence[NDArray[np.float64]]], object]) -> Iterator[Step]:
         """Every frame that was judged, until the source ends. `begun` gets the corners of the views that are there already.
@@ -134,8 +153,11 @@ class Watch:
             for step in record(reader, finder, recorder, Plan(views=None), kept, self._shutter):
                 self.remarks = (*reader.source.remarks, *recorder.remarks[not described :])  # the first tells of what was just typed
                 if step.frame.alone:
-                    self._show(Preview.of(step.frame.pixels))
+                    self._preview(step.frame.pixels)
                 yield step
+
+    def _preview(self, pixels: NDArray[np.uint8]) -> None:
+        self._show(Preview.of(pixels, sharp=self._sharp()))
 
     def close(self) -> None:
         self.closed = True

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 LEVELS = 24  # greys: as many as a terminal of 256 colours has
-FOUND, HINT, WORST = "+", "▒", "◆"
+FOUND, HINT, WORST, LINE = "+", "▒", "◆", "·"
 DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])  # of a braille character, rows by columns
 GAMMA = 1.5  # dots look brighter than the grey that they stand for
 DITHER = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]]) / 16 + 1 / 32

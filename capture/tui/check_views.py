@@ -70,6 +70,9 @@ class CheckViewsScreen(CollectScreen):
     def onward(self) -> str:
         return "press f to check"
 
+    def calibration(self) -> Path:
+        return self._calibration.parent
+
     def action_fit(self) -> None:
         self.rest()
         self.app.switch_screen(CheckScreen(self._calibration, self.plan.folder, self._depth))

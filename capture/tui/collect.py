@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from threading import Lock
 from typing import ClassVar
 
@@ -18,16 +19,19 @@ from calib.errors import RefracalError
 from capture.coverage import Hint, SeenView, SessionProgress
 from capture.errors import CaptureError
 from capture.narrator import waiting
-from capture.recording_loop import Shutter, Step
+from capture.recording_loop import Shutter, Step, refusal
 from capture.tui.adviser import Adviser
 from capture.tui.camera import Preview, Task, Watch
 from capture.tui.cells import FOUND, HINT, Mark
+from capture.tui.farewell import fitted
 from capture.tui.fit import FitScreen
 from capture.tui.lacking import NO_LENS, lacking, lens_known, none_found
 from capture.tui.named import played
-from capture.tui.page import DOTS, HELP_AND_QUIT, Line, Page
+from capture.tui.page import DOTS, HELP_AND_QUIT, Line
 from capture.tui.panel import Panel
 from capture.tui.picture import Picture
+from capture.tui.straight import Straight
+from capture.tui.straightening import StraighteningPage
 
 RETRY_S = 3.0  # after which a camera that failed is tried again
 TAKEN_S = 1.5  # for which a view that was kept is said, whatever comes next
@@ -35,7 +39,7 @@ MORE = "More views would make it surer: they can come from another source."
 LACKING_S = 6.0  # for which it is said that a fit cannot begin
 
 
-class CollectScreen(Page):
+class CollectScreen(StraighteningPage):
     DEFAULT_CSS = """
     CollectScreen #top { height: 1fr; }
     CollectScreen Picture { width: 1fr; height: 1fr; }
@@ -52,6 +56,7 @@ class CollectScreen(Page):
         Binding("n", "none_yet", show=False),
         Binding("f", "not_yet", show=False),
         Binding("c", "again", "Camera again"),
+        Binding("u", "straight", "Undistort"),
         DOTS,
         Binding("escape", "back", "Set-up", key_display="esc"),
         *HELP_AND_QUIT,
@@ -63,9 +68,11 @@ class CollectScreen(Page):
     class Looked(Message):
         """A frame came."""
 
-        def __init__(self, preview: Preview) -> None:
+        def __init__(self, seen: Preview, straight: Straight | None) -> None:
             super().__init__()
-            self.preview = preview
+            self.seen = seen
+            self.straight = straight
+            self.preview = straight.preview(seen) if straight else seen
 
     class Waited(Message):
         """No frame came for some time."""
@@ -73,6 +80,13 @@ class CollectScreen(Page):
         def __init__(self, seconds: float) -> None:
             super().__init__()
             self.seconds = seconds
+
+    class Heard(Message):
+        """Something that is worth a tone: taken, refused or enough."""
+
+        def __init__(self, tone: str) -> None:
+            super().__init__()
+            self.tone = tone
 
     class Begun(Message):
         """The camera runs, and the views that the session has are known."""
@@ -123,7 +137,9 @@ class CollectScreen(Page):
         self.kept: list[NDArray[np.float64]] = []
         self._shutter = Shutter()
         self._watch: Watch | None = None
+        self._seen: Preview | None = None
         self._preview: Preview | None = None
+        """The same, perhaps straightened."""
         self._remarks: Sequence[str] = ()
         self._found: NDArray[np.float64] | None = None
         self._hint: Hint | None = None
@@ -133,6 +149,9 @@ class CollectScreen(Page):
         self._improved_with = -1  # views
         self._left = False
         self._said_until = 0.0
+        self._refusal = ""
+        """What the last frame was refused for."""
+        self._enough = False
         self._looked = 0
         """Pictures of this stretch that were looked at, and in how many of them there was a board."""
         self._boards = 0
@@ -154,6 +173,7 @@ class CollectScreen(Page):
             "fit": not self.plan.bare and self._lens_known(),
             "again": self._watch is None,
             "take": self._watch is not None,
+            "straight": not self.plan.bare and self.calibration() is not None,
         }
         return offered.get(action, True)
 
@@ -163,12 +183,14 @@ class CollectScreen(Page):
     @on(ScreenResume)
     def _begin(self) -> None:
         if self._watch is None and self.is_current:
+            picture = self.query_one(Picture)
             try:
                 self._watch = Watch(
                     self.plan,
                     self._shutter,
-                    show=lambda preview: self.post_message(self.Looked(preview)),
+                    show=lambda seen: self.post_message(self.Looked(seen, self.straight)),
                     waits=lambda seconds: self.post_message(self.Waited(seconds)),
+                    sharp=lambda: picture.phone,
                 )
             except RefracalError as error:
                 self.say(str(error))
@@ -189,7 +211,9 @@ class CollectScreen(Page):
 
     @on(Looked)
     def _look(self, message: Looked) -> None:
-        self._preview = message.preview
+        self._seen = message.seen
+        if message.straight is self.straight:  # and not of the time before that changed
+            self._preview = message.preview
         self._draw()
 
     @on(Waited)
@@ -216,11 +240,18 @@ class CollectScreen(Page):
             assert step.sighting.corners is not None
             self.kept.append(step.sighting.corners)
             self.app.bell()
+            self.post_message(self.Heard("taken"))
             self.say(f"TAKEN: view {len(self.kept)}. Move the board to the next place.", TAKEN_S)
             self.refresh_bindings()
             self._think()
         elif time.monotonic() > self._said_until:
             self.say(step.verdict.sentence)
+        if refusal(step) != self._refusal:
+            self._refusal = refusal(step)
+            if self._refusal:
+                self.post_message(self.Heard("refused"))
+        if step.frame.alone:  # it is shown for as long as the next one takes
+            self._draw()
         self._remarks = message.watch.remarks
         self._note()
 
@@ -299,6 +330,9 @@ class CollectScreen(Page):
         """Where to hold the board next, if there is to be a next view."""
         over = not self._watch and (self.plan.bare or played(self.plan.source))
         enough = self.enough(progress)
+        if enough and not self._enough:
+            self.post_message(self.Heard("enough"))
+        self._enough = enough
         self._hint = None if over or enough else hint
         words = f"Next: {self._hint.words}." if self._hint else ""
         if enough:
@@ -327,11 +361,14 @@ class CollectScreen(Page):
             marks.append(Mark(HINT, self._hint.outline, closed=True, label=" HOLD IT HERE "))
         if self._found is not None:
             marks.append(Mark(FOUND, self._found))
+        if self.straight:
+            marks = self.straight.marks(marks, self.plan.asked[0])
         self.query_one(Picture).show(self._preview, marks)
 
     def _note(self) -> None:
+        straight = [f"Undistorted for {self.straight.depth:g} m; u shows it as it is."] if self.straight else []
         doubts = [self._adviser.remark] if self.MAPS and self._adviser and self._adviser.remark else []
-        self.query_one(Panel).say([*self._remarks, *doubts])
+        self.query_one(Panel).say([*self._remarks, *doubts, *straight])
 
     def _count(self) -> None:
         self.query_one(Panel).count(len(self.kept), automatic=self._shutter.automatic)
@@ -351,6 +388,18 @@ class CollectScreen(Page):
 
     def action_again(self) -> None:
         self._begin()
+
+    def calibration(self) -> Path | None:
+        return fitted(self.plan.session)
+
+    def picture_size(self) -> tuple[int, int] | None:
+        return self._seen.size if self._seen else None
+
+    def show_straight(self) -> None:
+        if self._seen:
+            self._preview = self.straight.preview(self._seen) if self.straight else self._seen
+        self._draw()
+        self._note()
 
     def action_cover_on(self) -> None:
         self.rest()
@@ -390,5 +439,6 @@ class CollectScreen(Page):
     def on_unmount(self) -> None:
         self._left = True
         self.rest()
+        self.end_maps()
         if self._adviser:
             self._adviser.close()

@@ -1,5 +1,6 @@
 """What to do, for someone who has never calibrated a camera."""
 
+import re
 from typing import ClassVar
 
 from textual.app import ComposeResult
@@ -33,6 +34,26 @@ A number that is not known well: 25 ± 10 or 25 +- 10. The fit finds it.
 The last line has every key; on a phone, tap it there. m: pictures in dots.
 """
 
+DRAWN = {
+    "A frame of ▒": "A yellow frame",
+    "+ marks": "Green dots mark",
+    "The last line has every key; on a phone, tap it there. m: pictures in dots.": "Every key is a button.",
+}
+"""What a page that draws the app for a thumb shows in place of characters."""
+
+
+class Prose(Static):
+    """A text whose lines end where those of a terminal do."""
+
+    @property
+    def flowing(self) -> str:
+        """The same for a page that draws it: in lines as long as its paragraphs."""
+        said = str(self.content)
+        for drawn, other in DRAWN.items():
+            said = said.replace(drawn, other)
+        joined = re.sub(r"(?<=\S)\n(?! *\n)(?!\d )\s*", " ", said)
+        return re.sub(r"(?<=\S) {2,}", ": ", joined)
+
 
 class HelpScreen(ModalScreen[None]):
     DEFAULT_CSS = "HelpScreen { background: $background; } HelpScreen VerticalScroll { height: 1fr; padding: 0 1; }"
@@ -43,5 +64,5 @@ class HelpScreen(ModalScreen[None]):
 
     def compose(self) -> ComposeResult:
         with VerticalScroll():
-            yield Static(TEXT, markup=False)
+            yield Prose(TEXT, markup=False)
         yield Footer(show_command_palette=False, compact=True)

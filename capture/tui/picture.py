@@ -14,9 +14,9 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 from capture.tui.camera import Preview
-from capture.tui.cells import FOUND, HINT, WORST, Cells, Mark, draw, fit_cells
+from capture.tui.cells import FOUND, HINT, LINE, WORST, Cells, Mark, draw, fit_cells
 
-INK = {FOUND: "bold rgb(80,255,80)", HINT: "bold rgb(255,210,0)", WORST: "bold rgb(255,110,80)"}
+INK = {FOUND: "bold rgb(80,255,80)", HINT: "bold rgb(255,210,0)", WORST: "bold rgb(255,110,80)", LINE: "bold rgb(100,230,250)"}
 """Colours help; the characters say it all."""
 LETTERS = "bold rgb(0,0,0) on rgb(255,210,0)"
 
@@ -26,26 +26,33 @@ class Picture(Widget):
 
     DEFAULT_CSS = "Picture { background: $background; }"
     dots: reactive[bool] = reactive(False)
+    phone: reactive[bool] = reactive(False)
+    """A phone draws it, which wants it sharp."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
         self.updates = 0
         """How often the picture has changed."""
-        self._preview: Preview | None = None
-        self._marks: Sequence[Mark] = ()
+        self.preview: Preview | None = None
+        self.marks: Sequence[Mark] = ()
         self._cells: Cells | None = None
         self._cells_for: Size | None = None
 
     def show(self, preview: Preview | None, marks: Sequence[Mark]) -> None:
         self.updates += 1
-        self._preview, self._marks, self._cells = preview, marks, None
-        self.refresh()
+        self.preview, self.marks, self._cells = preview, marks, None
+        if not self.phone:  # which draws it itself
+            self.refresh()
 
     def on_mount(self) -> None:
         self.watch(self.app, "dots", self._change_dots)
+        self.watch(self.app, "on_phone", self._change_phone)
 
     def _change_dots(self, dots: bool) -> None:
         self.dots = dots
+
+    def _change_phone(self, phone: bool) -> None:
+        self.phone = phone
 
     def watch_dots(self) -> None:
         self._cells = None
@@ -53,11 +60,11 @@ class Picture(Widget):
     def render_line(self, y: int) -> Strip:
         width, height = self.size
         blank = Strip.blank(width, self.rich_style)
-        if self._preview is None or not width:
+        if self.preview is None or not width:
             return blank
-        columns, rows = fit_cells(self._preview.size, width, height)
+        columns, rows = fit_cells(self.preview.size, width, height)
         if self._cells is None or self._cells_for != self.size:
-            self._cells = draw(self._preview.grey, self._preview.size, columns, rows, self._marks, dots=self.dots)
+            self._cells = draw(self.preview.grey, self.preview.size, columns, rows, self.marks, dots=self.dots)
             self._cells_for = self.size
         row = y - (height - rows) // 2
         if not 0 <= row < rows:

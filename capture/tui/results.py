@@ -186,12 +186,12 @@ class ResultsScreen(Page):
     @on(OptionList.OptionHighlighted)
     def _show(self, event: OptionList.OptionHighlighted) -> None:
         view = self.result["views"][event.option_index]
-        self._load(view)
+        self._load(view, self.query_one(Picture).phone)
 
     @work(thread=True, exclusive=True, group="picture", description="reads a picture")
-    def _load(self, view: Mapping[str, Any]) -> None:
+    def _load(self, view: Mapping[str, Any], sharp: bool) -> None:
         try:
-            preview = Preview.of(eight_bits(read_grey(self._place(view["file"]))))
+            preview = Preview.of(eight_bits(read_grey(self._place(view["file"]))), sharp=sharp)
         except RefracalError:
             preview = None
         self.post_message(self.Loaded(view, preview))

@@ -2,7 +2,8 @@
 
 import re
 from abc import abstractmethod
-from typing import ClassVar
+from collections.abc import Sequence
+from typing import ClassVar, NamedTuple
 
 from textual import on, work
 from textual.app import ComposeResult
@@ -16,6 +17,13 @@ from capture.tui.page import Page
 
 BAR = 24  # columns
 LEFT = "The error that is left (root mean square, surer corners weighing more):"
+
+
+class Bar(NamedTuple):
+    title: str
+    share: float
+    """0 to 1"""
+    words: str
 
 
 class WorkingPage(Page):
@@ -44,6 +52,8 @@ class WorkingPage(Page):
         """The process that runs now."""
         self._tasks: list[tuple[str, int, int, str]] = []  # title, done, total, words
         self._errors: list[float] = []  # px
+        self.bars: Sequence[Bar] = ()
+        """What the bars on the screen say."""
         self._result: Event | None = None
         """What came while the help stood before this screen."""
 
@@ -116,17 +126,14 @@ class WorkingPage(Page):
         self.refresh_bindings()
 
     def _draw(self) -> None:
-        width = max([20, *(len(title) + 1 for title, *_ in self._tasks)])
-        lines = [
-            f"{title:<{width}}{_bar(done / max(total, 1), BAR)} {done:>3}/{total:<4} {words}" for title, done, total, words in self._tasks
-        ]
-        falling = [f"{'':{width}}{_bar(error / max(self._errors), BAR)} {error:.3f} px" for error in self._errors[-8:]]
-        self.show(
-            "\n".join(lines),
-            "\n".join([LEFT, *falling] if falling else []),
-        )
+        tasks = [Bar(title, done / max(total, 1), f"{done:>3}/{total:<4} {words}") for title, done, total, words in self._tasks]
+        falling = [Bar("", error / max(self._errors), f"{error:.3f} px") for error in self._errors[-8:]]
+        width = max([20, *(len(each.title) + 1 for each in tasks)])
+        self.show(_drawn(tasks, width), "\n".join([LEFT, _drawn(falling, width)] if falling else []), bars=[*tasks, *falling])
 
-    def show(self, above: str, below: str = "") -> None:
+    def show(self, above: str, below: str = "", bars: Sequence[Bar] = ()) -> None:
+        """Two texts; `bars`: what they draw."""
+        self.bars = bars
         self.query_one("#tasks", Static).update(above)
         self.query_one("#errors", Static).update(below)
 
@@ -140,6 +147,11 @@ class WorkingPage(Page):
 
     def on_unmount(self) -> None:
         self.cancel()
+
+
+def _drawn(bars: Sequence[Bar], width: int) -> str:
+    """A line each, its title in so many columns."""
+    return "\n".join(f"{title:<{width}}{_bar(share, BAR)} {words}" for title, share, words in bars)
 
 
 def _bar(share: float, width: int) -> str:

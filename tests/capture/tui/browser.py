@@ -54,18 +54,21 @@ class Browser:
                 return result
 
     async def open(self, address: str) -> None:
+        await self.arrive(address, READY)  # the page itself lets keys in, without a click
+
+    async def evaluate(self, script: str) -> Any:
+        return (await self.do("Runtime.evaluate", expression=script))["result"].get("value")
+
+    async def arrive(self, address: str, ready: str) -> None:
+        """Open a page, and wait until this holds on it."""
         await self.do("Runtime.enable")
         await self.do("Page.enable")
         await self.do("Page.addScriptToEvaluateOnNewDocument", source=HOOK)
         await self.do("Page.navigate", url=address)
-        for _ in range(300):  # the page itself lets keys in, without a click
-            if await self.evaluate(READY):
-                return
+        begun = time.monotonic()
+        while not await self.evaluate(ready):
+            assert time.monotonic() - begun < 240, f"{address} never got so far: {ready}"
             await asyncio.sleep(0.1)
-        raise AssertionError(f"keys never reach the terminal of {address}")
-
-    async def evaluate(self, script: str) -> Any:
-        return (await self.do("Runtime.evaluate", expression=script))["result"].get("value")
 
     async def shown(self) -> str:
         return str(await self.evaluate(TEXT))
@@ -99,9 +102,19 @@ class Browser:
 
 @asynccontextmanager
 async def browsing(address: str, profile: Path, size: tuple[int, int]) -> AsyncIterator[Browser]:
-    """A page with this address on a page of this size, px."""
+    """A page with this address in a window of this size, px."""
+    async with connected(profile) as socket:
+        browser = Browser(socket)
+        await browser.do("Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=False)
+        await browser.open(address)
+        yield browser
+
+
+@asynccontextmanager
+async def connected(profile: Path, *flags: str) -> AsyncIterator[ClientWebSocketResponse]:
+    """The DevTools of an empty page."""
     assert CHROMIUM
-    command = [CHROMIUM, *FLAGS, f"--user-data-dir={profile}", "about:blank"]
+    command = [CHROMIUM, *FLAGS, *flags, f"--user-data-dir={profile}", "about:blank"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         port = profile / "DevToolsActivePort"
@@ -114,10 +127,7 @@ async def browsing(address: str, profile: Path, size: tuple[int, int]) -> AsyncI
             async with session.get(f"{host}/json") as answer:
                 page = next(each for each in await answer.json() if each["type"] == "page")
             async with session.ws_connect(page["webSocketDebuggerUrl"], max_msg_size=0) as socket:
-                browser = Browser(socket)
-                await browser.do("Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=False)
-                await browser.open(address)
-                yield browser
+                yield socket
     finally:
         process.terminate()
         process.wait(30)

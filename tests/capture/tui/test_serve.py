@@ -88,7 +88,7 @@ def test_this_machine_needs_no_token_and_other_names_are_refused(local: Served) 
     assert local.status("/ws", Origin=f"http://127.0.0.1:{local.port}", **UPGRADE) == 101
 
 
-@pytest.mark.parametrize("path", ["/", "/ws", "/static/js/textual.js", "/download/x", "/nothing"])
+@pytest.mark.parametrize("path", ["/", "/ws", "/static/js/textual.js", "/page/page.js", "/download/x", "/nothing"])
 def test_without_the_token_nothing_is_served(open_to_all: Served, path: str) -> None:
     headers = UPGRADE if path == "/ws" else {}
     assert open_to_all.status(path, **headers) == 403
@@ -135,6 +135,20 @@ def test_no_page_can_frame_it(local: Served) -> None:
         headers = local.get(path, Host=host)[2]
         assert headers["X-Frame-Options"] == "DENY", path
         assert "frame-ancestors 'none'" in headers["Content-Security-Policy"], path
+
+
+def test_no_script_runs_but_those_that_are_served(local: Served) -> None:
+    for path in ("/", "/page/page.js", "/static/js/textual.js"):
+        _, body, headers = local.get(path)
+        assert "script-src 'self'" in headers["Content-Security-Policy"], path
+        if path == "/":
+            assert re.findall(r"<script[^>]*>(?!</script>)|\son\w+=", body) == []
+            assert re.findall(r'(?:src|href)="(?!/)[^"]*"', body) == [
+                f'{kind}="http://127.0.0.1:{local.port}/static/{file}"'
+                for kind, file in (("href", "css/xterm.css"), ("src", "js/textual.js"))
+            ]
+    assert local.status("/page/") == 403  # no list of files
+    assert local.status("/page/../serve.py") == 404
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,58 @@
+"""One app behind a window of a browser: Textual's own, which also carries what the page for a thumb needs.
+
+That page gets the screen as data and the camera's picture as JPEG, in one websocket with the terminal's text: JSON beside Textual's own,
+and binary messages that begin with 0xFF, as every JPEG does and no text in UTF-8 can.
+"""
+
+import json
+from collections.abc import Awaitable, Callable, Mapping
+
+from aiohttp import web
+from textual_serve._binary_encode import load
+from textual_serve.app_service import AppService
+from textual_serve.download_manager import DownloadManager
+
+DRIVER = "capture.tui.page_driver:PageDriver"
+PHONE = (120, 40)
+"""Columns and rows of the terminal that nobody sees while a page for a thumb stands before it: what is on it does not depend on the
+window, which a phone's keyboard makes small."""
+
+
+class ServedApp(AppService):
+    def __init__(
+        self, command: str, websocket: web.WebSocketResponse, close: Callable[[], Awaitable[None]], downloads: DownloadManager
+    ) -> None:
+        super().__init__(command, write_bytes=websocket.send_bytes, write_str=websocket.send_str, close=close, download_manager=downloads)
+        self._on_phone = False
+        self._window = (80, 24)
+
+    def _build_environment(self, width: int = 80, height: int = 24) -> dict[str, str]:
+        self._window = width, height
+        return super()._build_environment(width, height) | {"TEXTUAL_DRIVER": DRIVER}
+
+    async def set_terminal_size(self, width: int, height: int) -> None:
+        """Also remembered for when the terminal is seen again."""
+        self._window = width, height
+        await super().set_terminal_size(*(PHONE if self._on_phone else self._window))
+
+    async def ask(self, asked: Mapping[str, object]) -> None:
+        """Hand on what the page for a thumb wants."""
+        if isinstance(shown := asked.get("view"), bool):
+            self._on_phone = shown
+            await self.set_terminal_size(*self._window)
+            await self.focus()
+        await self.send_meta({"type": "phone", "asked": json.dumps(asked)})
+
+    async def on_meta(self, data: bytes) -> None:
+        said = json.loads(data)
+        if said["type"] == "phone":
+            await self.remote_write_str(json.dumps(["phone", said["said"]]))
+        else:
+            await super().on_meta(data)
+
+    async def on_packed(self, payload: bytes) -> None:
+        match load(payload):
+            case ("jpeg", bytes() as jpeg):
+                await self.remote_write_bytes(jpeg)
+            case _:
+                await super().on_packed(payload)

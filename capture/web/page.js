@@ -1,0 +1,58 @@
+// Which view: a narrow window in portrait gets the page for a thumb, any other the terminal; two buttons change between them.
+
+import {listen, send} from "./link.js";
+import {drawScreen, follow} from "./thumb.js";
+import {drawPicture, expect, pictureOf} from "./picture.js";
+import {hear, speak} from "./sound.js";
+
+const byId = (name) => document.getElementById(name);
+const terminal = byId("terminal");
+const fits = Math.min(innerWidth / 80 / 0.61, innerHeight / 24 / 1.3); // letters that leave room for 80 columns and 24 rows
+terminal.dataset.fontSize = Math.max(6, Math.min(16, Math.floor(fits)));
+
+let thumb = matchMedia("(max-width: 600px) and (orientation: portrait)").matches;
+
+function show(asThumb) {
+  thumb = asThumb;
+  byId("thumb").hidden = !thumb;
+  byId("to-thumb").hidden = thumb;
+  send({view: thumb});
+  if (!thumb) focusTerminal();
+}
+
+function focusTerminal() {
+  const waiting = setInterval(() => { // it takes keys without a click
+    const keys = document.querySelector(".xterm-helper-textarea");
+    if (thumb || (keys && document.activeElement === keys)) clearInterval(waiting);
+    else keys?.focus();
+  }, 50);
+}
+
+listen({
+  opened: () => show(thumb),
+  said: (said) => {
+    if (said.tone) hear(said.tone);
+    else if (said.marks) expect(said);
+    else {
+      document.body.classList.add("-shown");
+      drawScreen(said);
+      pictureOf(said);
+      speak(said.blocks);
+    }
+  },
+  picture: drawPicture,
+});
+new MutationObserver((_, watching) => { // Textual's terminal says so when it has something to show
+  if (!document.body.classList.contains("-first-byte")) return;
+  watching.disconnect();
+  if (!thumb) document.body.classList.add("-shown");
+}).observe(document.body, {attributeFilter: ["class"]});
+
+byId("to-thumb").onclick = () => show(true);
+byId("to-terminal").onclick = () => show(false);
+byId("again").onclick = () => location.reload();
+const fill = () => document.documentElement.style.setProperty("--height", `${visualViewport.height}px`); // a keyboard takes its part
+visualViewport?.addEventListener("resize", fill);
+fill();
+follow();
+if (!thumb) focusTerminal();

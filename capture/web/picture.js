@@ -1,0 +1,63 @@
+// The camera's picture, and over it as lines where the board was found and where to hold it next.
+
+import {send} from "./link.js";
+
+const SVG = "http://www.w3.org/2000/svg";
+const KINDS = {"+": "found", "▒": "hint", "◆": "worst", "·": "line"};
+const box = document.getElementById("picture"), image = box.querySelector("img"), over = box.querySelector("svg");
+let coming = null, drawnFor = "", screen = "";
+
+/** What belongs to the picture that comes next. */
+export function expect(said) {
+  coming = said;
+}
+
+/** Show the picture on no screen but its own. */
+export function pictureOf(said) {
+  screen = said.picture ? said.screen : "";
+  box.hidden = !screen || drawnFor !== screen;
+}
+
+export function drawPicture(jpeg) {
+  const said = coming, address = URL.createObjectURL(new Blob([jpeg], {type: "image/jpeg"}));
+  const done = () => {
+    URL.revokeObjectURL(address);
+    send({drawn: said.number});
+  };
+  image.onload = () => {
+    over.setAttribute("viewBox", `-0.5 -0.5 ${said.width} ${said.height}`);
+    over.replaceChildren(...said.marks.flatMap((mark) => drawn(mark, said.width)));
+    drawnFor = said.screen;
+    box.hidden = drawnFor !== screen;
+    done();
+  };
+  image.onerror = done;
+  image.src = address;
+}
+
+function drawn(mark, width) {
+  const kind = KINDS[mark.kind], at = mark.points.map(([x, y]) => `${x} ${y}`);
+  if (!at.length) return [];
+  const path = mark.closed ? `M${at.join("L")}Z` : at.map((each) => `M${each}h0`).join("");
+  const names = kind === "line" ? [kind] : [`${kind} halo`, kind];
+  const drawn = names.map((name) => (kind === "worst" ? ring(name, mark.points[0], width) : shape("path", {class: name, d: path})));
+  if (mark.label) drawn.push(label(mark, width));
+  return drawn;
+}
+
+function ring(name, [x, y], width) {
+  return shape("circle", {class: name, cx: x, cy: y, r: width / 50});
+}
+
+function label(mark, width) {
+  const middle = (axis) => mark.points.reduce((sum, each) => sum + each[axis], 0) / mark.points.length;
+  const text = shape("text", {x: middle(0), y: middle(1), "font-size": width / 22});
+  text.textContent = mark.label;
+  return text;
+}
+
+function shape(tag, attributes) {
+  const made = document.createElementNS(SVG, tag);
+  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+  return made;
+}

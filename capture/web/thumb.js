@@ -1,0 +1,171 @@
+// The screen for a thumb: blocks that the app describes, drawn anew only where they are others, and touches sent back.
+
+import {send} from "./link.js";
+
+const byId = (name) => document.getElementById(name);
+const page = byId("thumb"), main = page.querySelector("main"), dock = byId("dock"), nav = page.querySelector("nav");
+const ASIDE = {question_mark: "help", f1: "help", q: "quit"}; // keys that have their place above
+const DENSE = 0.605; // the width of a letter of a fixed pitch, in heights
+const SMALLEST = 9; // px of a letter that can still be read
+const SETTLE_MS = 300; // for a touch to end where it began: nothing may move under the finger
+const LONG = 200; // letters, from which on a sentence is read and no call
+let screen = "", shape = "", focused = "";
+
+function make(tag, about = {}, ...inside) {
+  const made = Object.assign(document.createElement(tag), about);
+  made.append(...inside);
+  return made;
+}
+
+const ask = (what) => send({screen, ...what});
+
+export function drawScreen(said) {
+  const scrolled = said.screen === screen ? main.scrollTop : 0;
+  screen = said.screen;
+  byId("thumb").querySelector("h1").textContent = said.step || "Refracal";
+  document.title = `${said.step} · Refracal`;
+  const now = said.steps.indexOf(said.step);
+  byId("steps").replaceChildren(...said.steps.map((step, place) =>
+    make("li", {className: place < now ? "past" : place === now ? "now" : "", textContent: step})));
+  page.classList.toggle("pictured", said.picture);
+
+  const kept = said.blocks.filter((each) => !each.spoken);
+  const shaped = JSON.stringify([screen, kept.map((each) => [each.kind, each.name, each.columns])]);
+  if (shaped !== shape) {
+    shape = shaped;
+    main.replaceChildren(...kept.map(drawn));
+  }
+  kept.forEach((block, place) => renew(main.children[place], block));
+  main.scrollTop = scrolled;
+
+  const spoken = said.blocks.filter((each) => each.spoken);
+  dock.replaceChildren(...spoken.map((each) => {
+    const line = make("p", {className: each.banner ? "banner" : "", textContent: each.text});
+    line.dataset.name = each.name;
+    return line;
+  }));
+  page.classList.toggle("long", spoken.some((each) => each.text.length > LONG));
+  byId("notices").replaceChildren(...said.notices.map((each) => make("p", {textContent: each})));
+  drawKeys(said.keys);
+  if (said.focus !== focused) {
+    focused = said.focus;
+    if (focused && document.activeElement === document.body) find(focused)?.scrollIntoView({block: "center"});
+  }
+}
+
+function drawKeys(keys) {
+  const wanted = JSON.stringify([screen, keys]);
+  if (nav.dataset.keys === wanted) return;
+  nav.dataset.keys = wanted;
+  for (const name of new Set(Object.values(ASIDE))) {
+    const key = keys.find((each) => ASIDE[each.key] === name);
+    byId(name).hidden = !key;
+    byId(name).onclick = () => ask({press: key.key});
+  }
+  const below = keys.filter((each) => !ASIDE[each.key]), others = below.filter((each) => !each.main);
+  const wide = {1: " whole", 2: " half", 4: " half"}[others.length] ?? "";
+  nav.replaceChildren(...[...below.filter((each) => each.main), ...others].map((key) => {
+    const button = make("button", {type: "button", className: key.main ? "main whole" : wide}, key.label);
+    button.append(make("kbd", {textContent: key.shown}));
+    button.dataset.key = key.key;
+    button.onclick = () => ask({press: key.key});
+    return button;
+  }));
+}
+
+const find = (name) => main.querySelector(`[data-name="${CSS.escape(name)}"]`);
+
+function drawn(block) {
+  const name = block.name;
+  const box = {field: drawField, choice: drawChoice, list: () => make("div", {className: "list"}), bar: drawBar}[block.kind]?.(block)
+    ?? make(block.columns ? "pre" : "p");
+  if (block.half) box.classList.add("half");
+  if (!box.dataset.name) box.dataset.name = name;
+  return box;
+}
+
+function drawField(block) {
+  const field = make("input", {id: `field-${block.name}`, type: "text", autocomplete: "off", spellcheck: false, enterKeyHint: "next"});
+  field.setAttribute("autocapitalize", "off");
+  field.setAttribute("autocorrect", "off");
+  field.onfocus = () => { field.select(); ask({field: block.name, look: true}); };
+  field.oninput = () => ask({field: block.name, text: field.value});
+  field.onkeydown = (event) => {
+    if (event.key !== "Enter") return;
+    const fields = [...main.querySelectorAll("input:not(:disabled)")], next = fields[fields.indexOf(field) + 1];
+    if (next) next.focus();
+    else field.blur();
+  };
+  return make("div", {}, make("label", {htmlFor: field.id}), field);
+}
+
+function drawChoice(block) {
+  const button = make("button", {type: "button", id: `choice-${block.name}`}), list = make("ul", {hidden: true});
+  button.onclick = () => { list.hidden = !list.hidden; if (!list.hidden) list.scrollIntoView({block: "nearest"}); };
+  return make("div", {className: "choice"}, make("label", {htmlFor: button.id}), button, list);
+}
+
+function drawBar() {
+  return make("div", {className: "bar"}, make("span"), make("b"), make("progress", {max: 1}));
+}
+
+/** Letters of a table so small that its rows fit; what else is in it wraps. */
+function fitted(text) {
+  const rows = text.split("\n").filter((row) => /\S {2}|[█░]/.test(row)).map((row) => row.trimEnd().length);
+  const size = (innerWidth - 26) / DENSE / Math.max(1, ...rows);
+  return size < 12.5 ? `${Math.max(size, SMALLEST)}px` : "";
+}
+
+function renew(box, block) {
+  if (block.kind === "text") {
+    if (box.textContent === block.text) return;
+    box.textContent = block.text;
+    if (block.columns) box.style.fontSize = fitted(block.text);
+    return;
+  }
+  if (block.kind === "bar") {
+    const [said, title, bar] = box.children;
+    said.textContent = block.text;
+    title.textContent = block.label;
+    bar.value = block.share;
+    return;
+  }
+  if (block.kind === "field") {
+    const [label, field] = box.children;
+    label.textContent = `${block.wrong ? "✗ " : ""}${block.label}`;
+    label.className = field.className = block.wrong ? "wrong" : "";
+    field.disabled = block.disabled;
+    if (document.activeElement !== field && field.value !== block.value) field.value = block.value;
+    return;
+  }
+  const options = JSON.stringify([screen, block.options, block.chosen]);
+  if (block.kind === "choice") {
+    box.children[0].textContent = block.label;
+    box.children[1].textContent = block.options[block.chosen] ?? "";
+    box.children[1].disabled = block.disabled;
+  }
+  if (box.dataset.options === options) return;
+  box.dataset.options = options;
+  const list = block.kind === "choice" ? box.children[2] : box;
+  const made = block.options.map((option, place) => {
+    const button = make("button", {type: "button", className: place === block.chosen ? "chosen" : "", textContent: option});
+    button.onclick = () => {
+      ask({field: block.name, choose: place});
+      if (block.kind === "choice") list.hidden = true;
+    };
+    return block.kind === "choice" ? make("li", {}, button) : button;
+  });
+  list.replaceChildren(...made);
+}
+
+/** What does not ask the app: the menu, and room while something is typed. */
+export function follow() {
+  const menu = byId("menu"), more = byId("more");
+  addEventListener("click", (event) => {
+    menu.hidden = event.target !== more || !menu.hidden;
+    more.setAttribute("aria-expanded", String(!menu.hidden));
+  });
+  const typing = () => page.classList.toggle("typing", document.activeElement.tagName === "INPUT");
+  main.addEventListener("focusin", () => setTimeout(typing, document.activeElement.tagName === "INPUT" ? 0 : SETTLE_MS));
+  main.addEventListener("focusout", () => setTimeout(typing, SETTLE_MS));
+}

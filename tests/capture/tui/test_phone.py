@@ -1,0 +1,185 @@
+"""A whole session in Chromium on a page of 390 x 844 points, by touch alone, as someone with a telephone beside the camera has it.
+
+`REFRACAL_PICTURES=FOLDER python -m pytest tests/capture/tui/test_phone.py` keeps a picture of every step there, to be looked at.
+"""
+
+import asyncio
+import json
+import os
+from collections.abc import Coroutine
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip("textual_serve", reason="the extra `serve` is not installed")
+
+from tests.capture.recordings import write_recording
+from tests.capture.tui.browser import CHROMIUM
+from tests.capture.tui.driving import CONE
+from tests.capture.tui.test_serve import Served
+from tests.capture.tui.test_session import FIXTURE
+from tests.capture.tui.touch import SIZE, Telephone, telephone
+
+COVER = ("inner_radius_mm", "radius_slope", "axis_offset_mm", "tilt_deg", "thickness_mm", "refractive_index", "outside_index")
+HEARD = 'document.getElementById("picture").dataset.heard ?? ""'
+OUTSIDE = """
+[...document.querySelectorAll("#thumb *")].filter((each) => {
+  const {left, right, width} = each.getBoundingClientRect();
+  return width && !each.closest("svg") && (left < -0.5 || right > innerWidth + 0.5);
+}).map((each) => each.outerHTML.slice(0, 80)).join("\\n")
+"""
+"""What the page's width does not hold."""
+PICTURE = 'document.querySelector("#picture img").naturalWidth'
+LISTEN = """
+window.notes = [];
+window.spoken = [];
+const make = AudioContext.prototype.createOscillator;
+AudioContext.prototype.createOscillator = function () {
+  const made = make.call(this), start = made.start;
+  made.start = (at) => notes.push(made.frequency.value) && start.call(made, at);
+  return made;
+};
+speechSynthesis.speak = (each) => spoken.push(each.text);
+"""
+"""What would be heard is written down."""
+OUTLINE = 'document.querySelector("#picture .hint:not(.halo)")?.getAttribute("d") ?? ""'
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed: apt-get install chromium shows it the screen")
+
+
+def tried(story: Coroutine[None, None, None], served: Served) -> None:
+    try:
+        asyncio.run(story)
+    finally:
+        served.end()
+
+
+@pytest.mark.slow
+def test_from_nothing_to_maps_by_touch(tmp_path: Path) -> None:
+    session = tmp_path / "session"
+    served = Served(session)
+    tried(_from_nothing(served.address, tmp_path), served)
+    with np.load(session / "export" / "map_1m.npz") as maps:
+        assert maps["map_x"].shape == (616, 820)
+
+
+async def _from_nothing(address: str, folder: Path) -> None:
+    async with telephone(address, folder / "profile") as phone:
+        await phone.see("Where pictures come from")
+        await _keep(phone, "1-new")
+        await phone.fill("source", f"folder:{FIXTURE / 'bare'}")
+        await phone.choose("kind", "checkerboard")
+        for name, text in zip(("columns", "rows", "square_mm"), ("9", "9", "20"), strict=True):
+            await phone.fill(name, text)
+        await phone.choose("shape", "cone")
+        for name, text in zip(COVER, CONE, strict=True):
+            await phone.fill(name, text)
+        await phone.let_go()
+        await _keep(phone, "2-set-up")
+        await phone.press("ctrl+s")
+        await phone.see("Without cover")
+        await phone.see("Press n to go on")
+        await _keep(phone, "3-without-cover")
+        assert await phone.evaluate(PICTURE) == 820
+        assert "taken" in str(await phone.evaluate(HEARD))
+        await phone.press("n")
+        await phone.see("NOW PUT THE COVER ON")
+        await phone.fill("source", f"folder:{FIXTURE}")
+        await phone.let_go()
+        await phone.press("ctrl+s")
+        await phone.see("Through cover")
+        await phone.see("Press f to fit")
+        await phone.see("Enough")
+        await _keep(phone, "4-through-cover")
+        assert str(await phone.evaluate(HEARD)).endswith("enough")
+        await phone.press("f")
+        await phone.see("Joint fit")
+        await _keep(phone, "5-fit")
+        await phone.see("The error fell from 0.4")
+        await _keep(phone, "6-results")
+        await phone.tap("document.querySelectorAll('.list button')[2]")
+        await phone.tap("document.querySelector('.list .chosen')")
+        await phone.tap("document.getElementById('help')")
+        await phone.see("A camera behind a cover")
+        await _keep(phone, "7-help")
+        await phone.press("escape")
+        await phone.see("Views, the worst first")
+        await phone.press("e")
+        await phone.see("Found: nothing")
+        await _keep(phone, "8-effects")
+        await phone.press("escape")
+        await phone.press("x")
+        await phone.see("Maps that undistort pictures")
+        await phone.fill("depths", "0.5 1")
+        await phone.let_go()
+        await phone.press("ctrl+s")
+        await phone.see("Wrote rays.npz map_0.5m.npz map_1m.npz")
+        await _keep(phone, "9-export")
+        await phone.press("escape")
+        await phone.see("Wrote 3 files")
+        await phone.press("escape")
+        await phone.see("Press f to fit")
+        await phone.press("u")
+        await phone.see("depth in metres")
+        await phone.fill("depth", "0.5")
+        await phone.let_go()
+        await _keep(phone, "10-depth")
+        await phone.press("ctrl+s")
+        await phone.see("Undistorted for 0.5 m")
+        await phone.until("document.querySelectorAll('#picture .line').length >= 10")
+        await _keep(phone, "11-undistorted")
+        assert phone.complaints == []
+
+
+def test_the_ghost_board_is_an_outline_over_the_live_picture(tmp_path: Path) -> None:
+    """And what is refused is heard once; what was typed on another screen goes nowhere."""
+    picture = cv2.imread(str(next(iter(sorted((FIXTURE / "frames").glob("*.jpg"))))))
+    assert picture is not None
+    board = np.asarray(picture, np.uint8)
+    recording = write_recording(tmp_path / "camera", [board] * 200, interval_s=0.2)
+    session = tmp_path / "session"
+    session.mkdir()
+    (session / "session.yaml").write_text((FIXTURE / "session.yaml").read_text())
+    served = Served(session, "--source", f"folder:{recording}")
+    tried(_ghost(served.address, tmp_path), served)
+
+
+async def _ghost(address: str, folder: Path) -> None:
+    async with telephone(address, folder / "profile") as phone:
+        await phone.see("continued, 0 views")
+        await phone.evaluate(LISTEN)
+        await phone.press("ctrl+s")
+        await phone.see("This view is already there")
+        await phone.until(f"{OUTLINE} !== ''")
+        assert str(await phone.evaluate(OUTLINE)).startswith("M")
+        assert await phone.evaluate(HEARD) == "taken refused"
+        await phone.tap("document.getElementById('more')")
+        assert await phone.evaluate("spoken.length") == 0, "off until asked for"
+        await _keep(phone, "ghost")
+        assert [round(note) for note in json.loads(await phone.evaluate("JSON.stringify(notes)"))] == [660, 990, 196, 165]
+        await phone.tap("document.getElementById('voice')")
+        await phone.until("spoken.length")
+        assert "This view is already there" in str(await phone.evaluate("spoken.join()"))
+        await phone.tap("document.getElementById('more')")
+        await phone.tap("document.getElementById('to-terminal')")
+        await phone.until('document.getElementById("thumb").hidden')
+        await phone.until(f"({TERMINAL}).includes('[WITHOUT COVER]') && ({TERMINAL}).includes('auto ON')")
+        await _keep(phone, "terminal")
+        await phone.tap("document.getElementById('to-thumb')", least=18)
+        await phone.see("auto ON")
+        assert phone.complaints == []
+
+
+TERMINAL = """
+Array.from({length: served.terminal.rows}, (_, row) => served.terminal.buffer.active.getLine(row)?.translateToString(true)).join(" ")
+"""
+
+
+async def _keep(phone: Telephone, name: str) -> None:
+    """Nothing is cut off at the sides; and a picture of it, where one is wanted."""
+    assert await phone.evaluate(OUTSIDE) == "", name
+    if folder := os.environ.get("REFRACAL_PICTURES"):
+        await asyncio.sleep(0.5)  # the last change is drawn
+        await phone.picture(Path(folder) / f"phone-{name}-{SIZE[0]}.png")

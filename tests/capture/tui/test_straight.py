@@ -1,0 +1,135 @@
+"""The live picture straightened: against the library's own undistorter, on a board whose rows are bent by a cover; and by keys."""
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calib import Calibration, Undistorter
+from calib.cli import main
+from calib.io.images import read_grey
+from calib.progress import Silent
+from calib.session.board import Board
+from capture.find import finder_of
+from capture.frames import Frame
+from capture.tui.camera import Preview
+from capture.tui.cells import FOUND, LINE, Mark
+from capture.tui.collect import CollectScreen
+from capture.tui.straight import GRID, Straight, along, straighten
+from tests.capture.tui.driving import drive, running, see, write
+from tests.capture.tui.test_session import FIXTURE
+
+BOARD = Board(9, 9, 0.02)
+DEPTH = 0.5
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("session") / "s"
+    shutil.copytree(FIXTURE, folder)
+    for picture in sorted((folder / "frames").glob("*.jpg"))[8:]:
+        picture.unlink()
+    assert main(["fit", str(folder), "--free", "none"]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def straight(session: Path) -> Straight:
+    made = straighten(Silent(), session / "calibration", DEPTH)["straight"]
+    assert isinstance(made, Straight)
+    return made
+
+
+def pictures(session: Path) -> list[NDArray[np.uint8]]:
+    return [np.asarray(read_grey(path), np.uint8) for path in sorted((session / "frames").glob("*.jpg"))]
+
+
+def bend(corners: NDArray[np.float64]) -> float:
+    """px, RMS of the corners' distance from the straight line through the ends of their row or column."""
+    grid = corners.reshape(9, 9, 2)
+    apart = []
+    for line in [*grid, *grid.transpose(1, 0, 2)]:
+        ahead = (line[-1] - line[0]) / np.linalg.norm(line[-1] - line[0])
+        apart.append(np.abs(np.cross(np.append(ahead, 0), np.pad(line - line[0], ((0, 0), (0, 1))))[:, 2]))
+    return float(np.sqrt(np.mean(np.square(apart))))
+
+
+def test_points_go_where_the_undistorter_sends_them_and_rows_become_straight(session: Path, straight: Straight) -> None:
+    undistorter = Undistorter(Calibration.load(session / "calibration"), DEPTH)
+    finder, before, after = finder_of(BOARD), [], []
+    for picture in pictures(session):
+        corners = finder.look(Frame(picture, 0, 0.0)).corners
+        assert corners is not None
+        moved = straight.points(corners)
+        assert np.abs(moved - undistorter.undistort_points(corners)).max() < 0.2  # px: bilinear between nodes 13 px apart
+        before.append(bend(corners))
+        after.append(bend(moved))
+    assert np.mean(after) < 0.3
+    assert np.mean(before) > 3 * np.mean(after)  # the control
+
+
+def test_points_that_are_not_seen_or_outside_stay_away(straight: Straight) -> None:
+    there = straight.points(np.array([[410.0, 308.0], [np.nan, np.nan], [-40.0, 10.0], [10.0, 700.0]]))
+    assert np.isfinite(there[0]).all()
+    assert np.isnan(there[1:]).all()
+
+
+def test_the_picture_is_the_undistorters(session: Path, straight: Straight) -> None:
+    """Both reduced alike; what differs is that one is reduced before it is straightened."""
+    picture = pictures(session)[0]
+    seen = straight.preview(Preview.of(picture, sharp=True)).image
+    wanted = cv2.resize(
+        Undistorter(Calibration.load(session / "calibration"), DEPTH).undistort(picture), seen.shape[::-1], interpolation=cv2.INTER_AREA
+    )
+    assert seen.shape == (616, 820)
+    apart = np.abs(seen.astype(float) - np.asarray(wanted, float))
+    untouched = np.abs(Preview.of(picture, sharp=True).image.astype(float) - np.asarray(wanted, float))
+    assert np.mean(apart) < 1.5
+    assert np.mean(apart) < np.mean(untouched) / 3  # the control
+
+
+def test_lines_run_along_the_board_or_else_across_the_picture(session: Path, straight: Straight) -> None:
+    corners = finder_of(BOARD).look(Frame(pictures(session)[0], 0, 0.0)).corners
+    assert corners is not None
+    marks = straight.marks([Mark(FOUND, corners)], BOARD)
+    lines = [mark for mark in marks if mark.character == LINE]
+    assert len(lines) == 18
+    assert np.allclose(lines[0].points, straight.points(corners)[[0, 8]])
+    assert len([mark for mark in straight.marks([], BOARD) if mark.character == LINE]) == 2 * (GRID - 1)
+    corners[:9] = np.nan  # a row that is hidden has none
+    assert len(along(corners, BOARD)) == 17
+
+
+def test_u_asks_for_a_depth_and_shows_it_straight(session: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "session"
+    shutil.copytree(session, folder)
+    drive(_asked(folder))
+
+
+async def _asked(session: Path) -> None:
+    async with running(session, f"folder:{FIXTURE}") as pilot:
+        await see(pilot, "continued", 60)
+        await pilot.press("ctrl+s")
+        await see(pilot, "u Undistort", 120)
+        await see(pilot, "The source has no more pictures", 240)
+        screen = pilot.app.screen
+        assert isinstance(screen, CollectScreen)
+        assert screen._preview is not None
+        before = screen._preview.image.copy()
+        await pilot.press("u")
+        await see(pilot, "depth in metres", 60)
+        await write(pilot, "-1")
+        await pilot.press("ctrl+s")
+        await see(pilot, "is not a depth", 60)
+        await pilot.press("shift+tab")
+        await write(pilot, "0.5")
+        await pilot.press("ctrl+s")
+        await see(pilot, "Undistorted for 0.5 m", 240)
+        assert np.abs(screen._preview.image.astype(float) - before).mean() > 1
+        await see(pilot, LINE, 60)
+        await pilot.press("u")
+        await pilot.pause()
+        assert (screen._preview.image == before).all()

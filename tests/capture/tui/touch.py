@@ -1,0 +1,96 @@
+"""Chromium as a telephone of 390 x 844 points, driven by nothing but touches and what its own keyboard would write."""
+
+import asyncio
+import json
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from tests.capture.tui.browser import Browser, connected
+
+SIZE = (390, 844)
+"""Points, as most telephones have, in portrait."""
+DENSE = "--force-device-scale-factor=2"
+"""px a point. An emulated density would not do: a canvas is told of the real one."""
+LEAST = 44
+"""Points: a finger hits nothing smaller."""
+PLACE = """
+(() => {
+  const box = %s;
+  if (!box) return null;
+  box.scrollIntoView({block: "nearest"});
+  const {left, top, width, height} = box.getBoundingClientRect();
+  const x = left + width / 2, y = top + height / 2, hit = document.elementFromPoint(x, y);
+  return hit && (box === hit || box.contains(hit)) ? {x, y, width, height} : null;
+})()
+"""
+"""Where a finger would have to touch it; null while it is not there, or something lies over it."""
+WORDS = 'document.getElementById("thumb").hidden ? "" : document.getElementById("thumb").innerText'
+
+
+class Telephone(Browser):
+    async def see(self, words: str, within_s: float = 180) -> None:
+        """Wait until the page shows these words."""
+        begun = time.monotonic()
+        while words not in " ".join((await self.words()).split()):
+            assert time.monotonic() - begun < within_s, f"{words!r} never came:\n{await self.words()}"
+            await asyncio.sleep(0.1)
+
+    async def words(self) -> str:
+        return str(await self.evaluate(WORDS))
+
+    async def until(self, holds: str, within_s: float = 120) -> None:
+        """Wait until this script says yes."""
+        begun = time.monotonic()
+        while not await self.evaluate(holds):
+            assert time.monotonic() - begun < within_s, f"{holds} never came:\n{await self.words()}"
+            await asyncio.sleep(0.1)
+
+    async def let_go(self) -> None:
+        """Put the keyboard away, as its own key for that does."""
+        await self.evaluate("document.activeElement.blur()")
+
+    async def tap(self, what: str, least: float = LEAST) -> None:
+        """Touch what this script finds, once it can be touched; it is `least` points wide and high."""
+        begun = time.monotonic()
+        while (place := await self.evaluate_json(PLACE % what)) is None:
+            assert time.monotonic() - begun < 60, f"nothing to touch: {what}\n{await self.words()}"
+            await asyncio.sleep(0.1)
+        assert min(place["width"], place["height"]) >= least, f"{what} is smaller than a finger: {place}"
+        touched = [{"x": place["x"], "y": place["y"]}]
+        await self.do("Input.dispatchTouchEvent", type="touchStart", touchPoints=touched)
+        await self.do("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+
+    async def press(self, *keys: str) -> None:
+        """The large buttons that stand for these keys of the app."""
+        for key in keys:
+            await self.tap(f"document.querySelector('nav [data-key={json.dumps(key)}]')")
+
+    async def fill(self, label: str, text: str) -> None:
+        """Touch a field and write: the first touch chooses what stands in it."""
+        await self.tap(f"document.getElementById({json.dumps(f'field-{label}')})")
+        await self.do("Input.insertText", text=text)
+
+    async def choose(self, label: str, option: str) -> None:
+        """Open a choice, and take the option that begins so."""
+        choice = f"document.getElementById({json.dumps(f'choice-{label}')})"
+        await self.tap(choice)
+        inside = f"[...{choice}.parentElement.querySelectorAll('li button')]"
+        await self.tap(f"{inside}.find((each) => each.textContent.startsWith({json.dumps(option)}))")
+
+    async def evaluate_json(self, script: str) -> dict[str, float] | None:
+        said = await self.evaluate(f"JSON.stringify({script.strip()})")
+        found: dict[str, float] | None = json.loads(said)
+        return found
+
+
+@asynccontextmanager
+async def telephone(address: str, profile: Path) -> AsyncIterator[Telephone]:
+    """One that shows this address."""
+    async with connected(profile, DENSE) as socket:
+        phone = Telephone(socket)
+        await phone.do("Emulation.setDeviceMetricsOverride", width=SIZE[0], height=SIZE[1], deviceScaleFactor=0, mobile=True)
+        await phone.do("Emulation.setTouchEmulationEnabled", enabled=True)
+        await phone.arrive(address, f'document.body.classList.contains("-shown") && {WORDS} !== ""')
+        yield phone
