@@ -68,8 +68,14 @@ class Telephone(Browser):
             await self.tap(f"document.querySelector('nav [data-key={json.dumps(key)}]')")
 
     async def fill(self, label: str, text: str) -> None:
-        """Touch a field and write: the first touch chooses what stands in it."""
-        await self.tap(f"document.getElementById({json.dumps(f'field-{label}')})")
+        """Touch a field and write: the first touch chooses what stands in it. A list above that has just closed may have moved it away
+        from under the finger: who sees that touches it again."""
+        field = f"document.getElementById({json.dumps(f'field-{label}')})"
+        begun = time.monotonic()
+        while not await self.evaluate(f"document.activeElement === {field}"):
+            assert time.monotonic() - begun < 60, f"{label} takes no letters"
+            await self.tap(field)
+            await asyncio.sleep(0.1)
         await self.do("Input.insertText", text=text)
 
     async def choose(self, label: str, option: str) -> None:
