@@ -10,7 +10,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from calib.progress import Progress
 from calib.session.board import Board
@@ -46,9 +45,12 @@ class Straight:
         last = np.array(self.nodes.shape[1::-1]) - 1
         at = seen / (np.array(self.size) - 1) * last  # (n, 2) columns and rows of the nodes
         inside = ((at >= 0) & (at <= last)).all(1)
+        column, row = np.minimum(at[inside], last - 1).astype(np.int64).T
+        right, below = (at[inside] - np.stack([column, row], -1)).T[..., None]
+        upper = (1 - right) * self.nodes[row, column] + right * self.nodes[row, column + 1]
+        lower = (1 - right) * self.nodes[row + 1, column] + right * self.nodes[row + 1, column + 1]
         found = np.full(seen.shape, np.nan)
-        for axis in (0, 1):
-            found[inside, axis] = map_coordinates(self.nodes[..., axis], at[inside, ::-1].T, order=1)
+        found[inside] = (1 - below) * upper + below * lower
         return found
 
     def marks(self, seen: Sequence[Mark], board: Board) -> list[Mark]:

@@ -72,6 +72,7 @@ async def _asked(session: Path, later: Path) -> None:
         await see(pilot, "The error fell from")
 
 
+@pytest.mark.slow
 def test_what_has_changed_is_said_and_an_update_is_written_beside_the_calibration(session: Path, later: Path) -> None:
     for picture in later.glob("*.jpg"):  # as if the sensor had been moved sideways by four pixels
         image = cv2.imread(str(picture))
@@ -140,6 +141,7 @@ async def _few(session: Path, later: Path, folder: Path) -> None:
         await see(pilot, "The error fell from")
 
 
+@pytest.mark.slow
 def test_pictures_that_cannot_bring_it_up_to_date_are_not_offered_to(session: Path, later: Path) -> None:
     """And of the calibration's own it is said that they are."""
     drive(_useless(session, later))

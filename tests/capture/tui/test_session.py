@@ -14,7 +14,8 @@ from tests.capture.tui.driving import SIZES, describe, drive, running, see, show
 FIXTURE = Path(__file__).parents[3] / "fixtures" / "covered-bare"
 
 
-@pytest.mark.parametrize("size", [SIZES[0], pytest.param(SIZES[1], marks=pytest.mark.slow)], ids=["80x24", "120x40"])
+@pytest.mark.slow
+@pytest.mark.parametrize("size", SIZES, ids=["80x24", "120x40"])
 def test_from_nothing_to_maps_by_keys(size: tuple[int, int], tmp_path: Path) -> None:
     drive(_whole_session(size, tmp_path / "session"))
 
