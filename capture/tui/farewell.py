@@ -1,7 +1,7 @@
 """What stands in the terminal when the screen has gone: where everything is, and what to type next."""
 
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from calib.commands.program import as_typed
@@ -40,7 +40,8 @@ def farewell(
         yield f"The calibration is in {_said(folder)}"
         exported = session / "export"
         if _since(folder / CALIBRATION, folder / UPDATED):
-            folder, doubt, maps = folder / UPDATED, "", ()
+            folder, doubt = folder / UPDATED, ""
+            maps = _newer(folder / CALIBRATION, maps)
             exported = folder / "export"
             yield f"Brought up to date by a check: {_said(folder)}"
         maps = maps or _since(folder / CALIBRATION, exported)
@@ -62,10 +63,15 @@ def farewell(
 
 def _since(calibration: Path, exported: Path) -> Sequence[Path]:
     """The files of a folder that are not older than the calibration."""
-    if not (calibration.exists() and exported.is_dir()):
+    return sorted(_newer(calibration, exported.iterdir())) if exported.is_dir() else ()
+
+
+def _newer(calibration: Path, paths: Iterable[Path]) -> Sequence[Path]:
+    """The files that are not older than the calibration."""
+    if not calibration.exists():
         return ()
     made = calibration.stat().st_mtime_ns
-    return sorted(path for path in exported.iterdir() if path.is_file() and path.stat().st_mtime_ns >= made)
+    return [path for path in paths if path.is_file() and path.stat().st_mtime_ns >= made]
 
 
 def _use(session: Path, folder: Path, maps: Sequence[Path], depth: float) -> str:
