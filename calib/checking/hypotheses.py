@@ -34,7 +34,7 @@ GROSS = 2.0
 """Times the noise: from there on the first order says little: every candidate is fitted, and other modes are tried."""
 TURNED = "turned_pictures"
 UNCOVERED = "no_cover"
-OFF = "the cover was not before the camera: put it back, and take them again"
+FORGOTTEN = "the cover was not before the camera: put it back, and take them again"
 UNKNOWN = "what has changed is none of the causes that are known here"
 
 
@@ -195,7 +195,7 @@ def _uncovered(known: Known, seen: Seen, sigma: float) -> list[Hypothesis]:
     if (posed := _posed(bare, seen.observations)) is None:
         return []
     cost = Equations.of(bare, (), seen.observations, posed[0]).predicted()[0, 0] * (known.sigma / sigma) ** 2
-    return [Hypothesis(UNCOVERED, -float(cost) / 2, missed=posed[1], words=OFF)]
+    return [Hypothesis(UNCOVERED, -float(cost) / 2, missed=posed[1], words=FORGOTTEN)]
 
 
 def _posed(known: Known, observations: Observations) -> tuple[Tensor, Residuals] | None:

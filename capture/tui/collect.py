@@ -3,7 +3,6 @@
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from threading import Lock
 from typing import ClassVar
 
 import numpy as np
@@ -16,15 +15,15 @@ from textual.events import ScreenResume
 from textual.message import Message
 
 from calib.errors import RefracalError
-from capture.coverage import Hint, SeenView, SessionProgress
+from capture.coverage import Hint, SessionProgress
 from capture.errors import CaptureError
 from capture.narrator import waiting
 from capture.recording_loop import Shutter, Step, refusal
-from capture.tui.adviser import Adviser
 from capture.tui.camera import Preview, Task, Watch
 from capture.tui.cells import FOUND, HINT, Mark
 from capture.tui.farewell import fitted
 from capture.tui.fit import FitScreen
+from capture.tui.guided import GuidedPage
 from capture.tui.lacking import NO_LENS, lacking, lens_known, none_found
 from capture.tui.named import played
 from capture.tui.page import DOTS, HELP_AND_QUIT, Line
@@ -39,7 +38,7 @@ MORE = "More views would make it surer: they can come from another source."
 LACKING_S = 6.0  # for which it is said that a fit cannot begin
 
 
-class CollectScreen(StraighteningPage):
+class CollectScreen(GuidedPage, StraighteningPage):
     DEFAULT_CSS = """
     CollectScreen #top { height: 1fr; }
     CollectScreen Picture { width: 1fr; height: 1fr; }
@@ -61,9 +60,6 @@ class CollectScreen(StraighteningPage):
         Binding("escape", "back", "Set-up", key_display="esc"),
         *HELP_AND_QUIT,
     ]
-
-    MAPS: ClassVar = True
-    """Whether these views are for maps, of which the guide computes how sure they would be."""
 
     class Looked(Message):
         """A frame came."""
@@ -115,26 +111,8 @@ class CollectScreen(StraighteningPage):
             self.again = again
             self.ended = ended
 
-    class Advised(Message):
-        """The guide has thought about the views."""
-
-        def __init__(self, count: int, hint: Hint | None, progress: SessionProgress) -> None:
-            super().__init__()
-            self.count = count
-            self.hint = hint
-            self.progress = progress
-
-    class Improved(Message):
-        """A better guide has come, or the last one of these views."""
-
-        def __init__(self, *, done: bool) -> None:
-            super().__init__()
-            self.done = done
-
     def __init__(self, task: Task) -> None:
-        super().__init__()
-        self.plan = task
-        self.kept: list[NDArray[np.float64]] = []
+        super().__init__(task)
         self._shutter = Shutter()
         self._watch: Watch | None = None
         self._seen: Preview | None = None
@@ -143,11 +121,6 @@ class CollectScreen(StraighteningPage):
         self._remarks: Sequence[str] = ()
         self._found: NDArray[np.float64] | None = None
         self._hint: Hint | None = None
-        self._adviser: Adviser | None = None
-        self._turn = Lock()  # of the threads that ask the adviser
-        self._improving = False
-        self._improved_with = -1  # views
-        self._left = False
         self._said_until = 0.0
         self._refusal = ""
         """What the last frame was refused for."""
@@ -226,7 +199,8 @@ class CollectScreen(StraighteningPage):
         if message.watch is self._watch:
             self.kept = list(message.kept)
             self.refresh_bindings()
-            self._think()
+            self._count()
+            self.think()
 
     @on(Judged)
     def _judge(self, message: Judged) -> None:
@@ -243,7 +217,8 @@ class CollectScreen(StraighteningPage):
             self.post_message(self.Heard("taken"))
             self.say(f"TAKEN: view {len(self.kept)}. Move the board to the next place.", TAKEN_S)
             self.refresh_bindings()
-            self._think()
+            self._count()
+            self.think()
         elif time.monotonic() > self._said_until:
             self.say(step.verdict.sentence)
         if refusal(step) != self._refusal:
@@ -279,51 +254,9 @@ class CollectScreen(StraighteningPage):
             onward = "n to go on through the cover, from another source, " if self.plan.bare else "f to fit, "
         return f"{message.sentence} Press {onward}c to try again, esc for the set-up."
 
-    def _think(self) -> None:
-        self._count()
-        if self._preview is None:  # the picture's size is not known yet
-            self.set_timer(0.1, self._think)
-            return
-        self._advise(self._preview.size, self._views())
-
-    def _views(self) -> list[SeenView]:
-        return [SeenView(corners) for corners in self.kept]
-
-    @work(thread=True, group="advice", description="advises")
-    def _advise(self, size: tuple[int, int], views: Sequence[SeenView]) -> None:
-        """One advice after the other; while a better one is computed, the next view gets the best that there is."""
-        with self._turn:
-            if self._adviser is None:
-                self._adviser = Adviser(self.plan, size)
-                if self._left:
-                    self._adviser.close()
-            self.post_message(self.Advised(len(views), *self._adviser.advise(views)))
-
-    @work(thread=True, group="improvement", description="improves the guide")
-    def _improve(self, adviser: Adviser, views: Sequence[SeenView]) -> None:
-        for _ in adviser.improve(views):
-            self.post_message(self.Improved(done=False))
-        self.post_message(self.Improved(done=True))
-
-    @on(Improved)
-    def _improved(self, message: Improved) -> None:
-        if message.done:
-            self._improving = False
-            if len(self.kept) != self._improved_with:
-                self._think()
-        else:
-            self._think()
-
-    @on(Advised)
-    def _guided(self, message: Advised) -> None:
-        if message.count != len(self.kept):
-            return
-        assert self._adviser
-        if self.MAPS and not self._improving and self._improved_with != len(self.kept):
-            self._improving, self._improved_with = True, len(self.kept)
-            self._improve(self._adviser, self._views())
-        self.query_one(Panel).progress = self.told(message.progress)
-        self.point(message.hint, message.progress)
+    def advised(self, hint: Hint | None, progress: SessionProgress) -> None:
+        self.query_one(Panel).progress = self.told(progress)
+        self.point(hint, progress)
         self._note()
 
     def point(self, hint: Hint | None, progress: SessionProgress | None) -> None:
@@ -367,7 +300,7 @@ class CollectScreen(StraighteningPage):
 
     def _note(self) -> None:
         straight = [f"Undistorted for {self.straight.depth:g} m; u shows it as it is."] if self.straight else []
-        doubts = [self._adviser.remark] if self.MAPS and self._adviser and self._adviser.remark else []
+        doubts = [self.doubt] if self.doubt else []
         self.query_one(Panel).say([*self._remarks, *doubts, *straight])
 
     def _count(self) -> None:
@@ -437,8 +370,4 @@ class CollectScreen(StraighteningPage):
             self._watch = None
 
     def on_unmount(self) -> None:
-        self._left = True
         self.rest()
-        self.end_maps()
-        if self._adviser:
-            self._adviser.close()

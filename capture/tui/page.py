@@ -9,10 +9,12 @@ from textual.actions import SkipAction
 from textual.app import ComposeResult
 from textual.binding import Binding
 from textual.events import Key, Resize
+from textual.message import Message
 from textual.screen import Screen
 from textual.widget import Widget
 from textual.widgets import Footer, Input, Static
 
+from capture.tui.child import Child, Event
 from capture.tui.help import HelpScreen
 
 STEPS = ("Set-up", "Without cover", "Through cover", "Fit", "Results")
@@ -53,6 +55,15 @@ class Field(Input):
             event.stop()
             event.prevent_default()
             await self.run_action(action)
+
+
+class Said(Message):
+    """What a process says that a page follows; each kind of page has a subclass of its own."""
+
+    def __init__(self, child: Child, event: Event) -> None:
+        super().__init__()
+        self.child = child
+        self.event = event
 
 
 class Page(Screen[bool]):

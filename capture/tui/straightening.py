@@ -4,11 +4,10 @@ from abc import abstractmethod
 from pathlib import Path
 
 from textual import on, work
-from textual.message import Message
 
-from capture.tui.child import Child, Event
+from capture.tui.child import Child
 from capture.tui.depth import DepthScreen
-from capture.tui.page import Page
+from capture.tui.page import Page, Said
 from capture.tui.straight import Straight, straighten
 
 DEPTH = 1.0  # m, proposed until another was chosen
@@ -16,13 +15,8 @@ SAID_S = 6.0  # for which it is said what becomes of the maps
 
 
 class StraighteningPage(Page):
-    class Straightened(Message):
+    class Straightened(Said):
         """The maps have come, or why they cannot."""
-
-        def __init__(self, child: Child, event: Event) -> None:
-            super().__init__()
-            self.child = child
-            self.event = event
 
     def __init__(self) -> None:
         super().__init__()
@@ -51,7 +45,7 @@ class StraighteningPage(Page):
         if self.straight or self._maps:
             self._use(None)
         else:
-            self.app.push_screen(DepthScreen(self._depth), self._make)
+            self.app.push_screen(DepthScreen(f"{self._depth:g}"), self._make)
 
     def _make(self, depth: float | None) -> None:
         if depth is not None and (place := self.calibration()):
@@ -77,7 +71,7 @@ class StraighteningPage(Page):
                 self.say(sentence, SAID_S)
 
     def _use(self, straight: Straight | None) -> None:
-        self.end_maps()
+        self._end_maps()
         size = self.picture_size()
         if straight and size and straight.size != size:
             wanted, given = (f"{wide}x{high}" for wide, high in (straight.size, size))
@@ -86,7 +80,10 @@ class StraighteningPage(Page):
         self.straight = straight
         self.show_straight()
 
-    def end_maps(self) -> None:
+    def on_unmount(self) -> None:
+        self._end_maps()
+
+    def _end_maps(self) -> None:
         """Nobody waits for them any more."""
         if self._maps:
             self._maps.kill()

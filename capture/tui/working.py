@@ -9,11 +9,10 @@ from textual import on, work
 from textual.app import ComposeResult
 from textual.containers import VerticalScroll
 from textual.events import ScreenResume
-from textual.message import Message
 from textual.widgets import Static
 
 from capture.tui.child import Child, Event, Work
-from capture.tui.page import Page
+from capture.tui.page import Page, Said
 
 BAR = 24  # columns
 LEFT = "The error that is left (root mean square, surer corners weighing more):"
@@ -38,13 +37,8 @@ class WorkingPage(Page):
     AGAIN: ClassVar[str]
     """What to press after a failure."""
 
-    class Said(Message):
+    class Followed(Said):
         """The process says something."""
-
-        def __init__(self, child: Child, event: Event) -> None:
-            super().__init__()
-            self.child = child
-            self.event = event
 
     def __init__(self) -> None:
         super().__init__()
@@ -87,10 +81,10 @@ class WorkingPage(Page):
     @work(thread=True, group="child")
     def _listen(self, child: Child) -> None:
         for event in child.events():
-            self.post_message(self.Said(child, event))
+            self.post_message(self.Followed(child, event))
 
-    @on(Said)
-    def _hear(self, message: Said) -> None:
+    @on(Followed)
+    def _hear(self, message: Followed) -> None:
         if message.child is not self.child:
             return
         match message.event:

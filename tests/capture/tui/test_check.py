@@ -11,7 +11,6 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input
 
-from calib.cli import main
 from calib.progress import Silent
 from capture.tui.camera import Task
 from capture.tui.check_source import calibrated
@@ -20,17 +19,6 @@ from capture.tui.fitting import open_results
 from capture.tui.results import ResultsScreen
 from tests.capture.tui.driving import drive, running, see, shown, write
 from tests.capture.tui.test_session import FIXTURE
-
-
-@pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """With a calibration of eight of its views."""
-    folder = tmp_path_factory.mktemp("session") / "s"
-    shutil.copytree(FIXTURE, folder)
-    for picture in sorted((folder / "frames").glob("*.jpg"))[8:]:
-        picture.unlink()
-    assert main(["fit", str(folder), "--free", "none"]) == 0
-    return folder
 
 
 @pytest.fixture

@@ -175,9 +175,9 @@ async def fit(pilot: Pilot[None], session: Path) -> None:
     child = take_over(screen)
     events = [("Loading torch", 1, 1, ""), ("Corners in session", 12, 12, "12 boards found"), ("Joint fit", 12, 4, "0.121 px")]
     for title, total, done, words in events:
-        screen.post_message(FitScreen.Said(child, {"event": "task", "title": title, "total": total}))
-        screen.post_message(FitScreen.Said(child, {"event": "step", "done": done, "words": words}))
-    screen.post_message(FitScreen.Said(child, {"event": "step", "done": 7, "words": "0.084 px"}))
+        screen.post_message(FitScreen.Followed(child, {"event": "task", "title": title, "total": total}))
+        screen.post_message(FitScreen.Followed(child, {"event": "step", "done": done, "words": words}))
+    screen.post_message(FitScreen.Followed(child, {"event": "step", "done": 7, "words": "0.084 px"}))
     await see(pilot, "0.084 px")
 
 
@@ -225,8 +225,8 @@ async def effects_working(pilot: Pilot[None], session: Path) -> None:
     await pilot.app.push_screen(screen)
     await see(pilot, "esc cancels")
     child = take_over(screen)
-    screen.post_message(EffectsScreen.Said(child, {"event": "task", "title": "Diagnosis", "total": 20}))
-    screen.post_message(EffectsScreen.Said(child, {"event": "step", "done": 4, "words": "fit with board_shape"}))
+    screen.post_message(EffectsScreen.Followed(child, {"event": "task", "title": "Diagnosis", "total": 20}))
+    screen.post_message(EffectsScreen.Followed(child, {"event": "step", "done": 4, "words": "fit with board_shape"}))
     await see(pilot, "fit with board_shape")
     await see(pilot, "esc Back ? Help")
 

@@ -9,7 +9,6 @@ import pytest
 from numpy.typing import NDArray
 
 from calib import Calibration, Undistorter
-from calib.cli import main
 from calib.io.images import read_grey
 from calib.progress import Silent
 from calib.session.board import Board
@@ -24,16 +23,6 @@ from tests.capture.tui.test_session import FIXTURE
 
 BOARD = Board(9, 9, 0.02)
 DEPTH = 0.5
-
-
-@pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("session") / "s"
-    shutil.copytree(FIXTURE, folder)
-    for picture in sorted((folder / "frames").glob("*.jpg"))[8:]:
-        picture.unlink()
-    assert main(["fit", str(folder), "--free", "none"]) == 0
-    return folder
 
 
 @pytest.fixture(scope="module")

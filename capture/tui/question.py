@@ -1,0 +1,75 @@
+"""One question over a page: a field with what is proposed, a button, and why what was typed will not do."""
+
+from abc import abstractmethod
+from typing import ClassVar, TypeVar
+
+from textual import on, work
+from textual.app import ComposeResult
+from textual.binding import Binding
+from textual.containers import Horizontal, Vertical
+from textual.screen import ModalScreen
+from textual.widgets import Button, Footer, Input, Label, Static
+
+from calib.errors import InputError, harmless
+from capture.tui.page import TYPING, Field, onward, typed
+
+Answer = TypeVar("Answer")
+
+
+def keys(label: str) -> list[Binding]:
+    """A question's, of which the first answers it."""
+    return [
+        *TYPING,
+        Binding("ctrl+s", "start", label, key_display="^s", priority=True),
+        Binding("escape", "back", "Back", key_display="esc"),
+    ]
+
+
+class Question(ModalScreen[Answer | None]):
+    """Dismissed with an answer, or with None."""
+
+    DEFAULT_CSS = """
+    Question { align: center middle; }
+    Question #box { width: 76; height: 14; border: round $primary; padding: 0 1; background: $surface; }
+    Question .row { height: 1; margin: 1 0; }
+    Question .row Label { width: 18; }
+    Question .row Input { width: 1fr; height: 1; }
+    Question #said { height: 1fr; }
+    """
+    ABOUT: ClassVar[str]
+    NAME: ClassVar[str]
+    """Of the field, and the words before it."""
+    LABEL: ClassVar[str]
+    START: ClassVar[str]
+    """What the button says."""
+
+    def __init__(self, proposed: str) -> None:
+        super().__init__()
+        self._proposed = proposed
+
+    def compose(self) -> ComposeResult:
+        with Vertical(id="box"):
+            yield Static(self.ABOUT, markup=False)
+            yield Horizontal(Label(self.LABEL), Field(self._proposed, id=self.NAME, compact=True), classes="row")
+            yield Button(self.START, variant="primary", compact=True)
+            yield Static(id="said", markup=False)
+        yield Footer(show_command_palette=False, compact=True)
+
+    @abstractmethod
+    async def answer(self, text: str) -> Answer:
+        """What was typed, as the answer; InputError where it is none."""
+
+    @on(Button.Pressed)
+    @work(exclusive=True, group="question")
+    async def action_start(self) -> None:
+        await typed(self)
+        try:
+            self.dismiss(await self.answer(self.query_one(f"#{self.NAME}", Input).value.strip()))
+        except InputError as error:
+            self.query_one("#said", Static).update(harmless(str(error)))
+
+    def action_onward(self) -> None:
+        onward(self)
+
+    def action_back(self) -> None:
+        self.dismiss(None)

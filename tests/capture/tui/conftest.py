@@ -1,0 +1,20 @@
+"""What several files of these tests begin with."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from calib.cli import main
+from tests.capture.tui.test_session import FIXTURE
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """With a calibration of eight of its views."""
+    folder = tmp_path_factory.mktemp("session") / "s"
+    shutil.copytree(FIXTURE, folder)
+    for picture in sorted((folder / "frames").glob("*.jpg"))[8:]:
+        picture.unlink()
+    assert main(["fit", str(folder), "--free", "none"]) == 0
+    return folder
