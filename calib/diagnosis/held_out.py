@@ -9,10 +9,8 @@ Source: B. Efron, R. Tibshirani, An introduction to the bootstrap (1993), chapte
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -22,10 +20,8 @@ from calib.diagnosis.left_out import without_each
 from calib.diagnosis.score_test import Optimum
 from calib.diagnosis.sign_flips import views_agree, views_gain
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.elimination import eliminated
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
-from calib.estimation.residuals import residuals
 
 Array = NDArray[np.float64]
 
@@ -144,32 +140,18 @@ def hold_out(model: CameraModel, observations: Observations, fitted: JointFit, s
         fitted: to all views; the other fits start there, with its noise and prior.
         half: fit the parameters of a held-out view to every other corner and score the rest, as parameters of single views ask for.
     """
-    rests = without_each(Optimum(model, observations, fitted), split.part)
-    missed, weight = np.full((len(observations.pixels), 2), np.nan), np.full(len(observations.pixels), np.nan)
-
-    def score(part: int) -> None:
-        out = torch.from_numpy(split.part == part)
-        rows, found = out[observations.view].numpy(), rests[part]
-        test = observations.without(~out)
-        scored = torch.arange(len(test.pixels)) % 2 == 1 if half else torch.ones(len(test.pixels), dtype=torch.bool)
-        poses = model.seen(found, test.kept(~scored) if half else test, fitted.poses[out])
-        own = residuals(model.path, found.values, test, poses).image
-        missed[rows] = torch.where(scored[:, None], own.nan_to_num(torch.inf), torch.nan).numpy()
-        weight[rows] = 1 / (1 + predicted_variance(Optimum(model, test, replace(found, poses=poses))))
-
-    with ThreadPoolExecutor(os.cpu_count()) as pool:  # each part keeps to one thread
-        list(pool.map(score, range(len(rests))))
-    return HeldOut(missed, split.pose[observations.view.numpy()], weight, half)
-
-
-def predicted_variance(at: Optimum) -> Array:
-    """(M,) of what the fitted parameters' covariance makes of corners, over the noise's; the views' own parameters are fitted to them."""
-    covariance = at.joint.covariance.numpy()
-    found = []
-    for view in at.equations():
-        left = eliminated(view.own, view.shared)
-        found.append(((left @ covariance) * left).sum(1).reshape(-1, 2).mean(1))
-    return np.asarray(np.nan_to_num(np.concatenate(found), nan=np.inf))
+    scored = torch.ones(len(observations.pixels), dtype=torch.bool)
+    part = torch.from_numpy(split.part)[observations.view]
+    if half:
+        for index in range(int(part.max()) + 1):
+            scored[(part == index).nonzero()[::2]] = False
+    missed, weight = torch.full((len(scored), 2), torch.nan, dtype=torch.float64), torch.zeros(len(scored), dtype=torch.float64)
+    each = without_each(Optimum(model, observations, fitted), split.part, ~scored if half else None)
+    for index, left in enumerate(each):
+        out = part == index
+        missed[out] = torch.where(scored[out, None], left.missed, torch.nan)
+        weight[out] = 1 / (1 + left.spread)
+    return HeldOut(missed.numpy(), split.pose[observations.view.numpy()], weight.numpy(), half)
 
 
 def gain(before: HeldOut, after: HeldOut) -> Gain:

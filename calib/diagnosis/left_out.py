@@ -1,7 +1,8 @@
-"""Fits without some of the views, from the fit to all of them.
+"""Fits without some of the views, from the fit to all of them, and what they leave of these views.
 
 A fit's equations are the sums of its views' own, so what is left without some is known, and one step of Gauss and Newton from the fit to
-all leads where a fit without them ends, to first order. Where that step does not do what it promises, they are fitted.
+all leads where a fit without them ends, to first order. The views that were left out adapt to it by a step of their own. Where such steps
+do not do what they promise, the views are fitted.
 
 Source: K. R. Rad, A. Maleki, A scalable estimate of the out-of-sample prediction error via approximate leave-one-out cross-validation
 (2020).
@@ -9,7 +10,7 @@ Source: K. R. Rad, A. Maleki, A scalable estimate of the out-of-sample predictio
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -18,50 +19,140 @@ from torch import Tensor
 
 from calib.diagnosis.linearised import columns_of, schur_factors
 from calib.diagnosis.score_test import Optimum
-from calib.estimation.elimination import problem_at
+from calib.estimation.elimination import eliminated, problem_at
 from calib.estimation.joint_fit import JointFit, inverse
-from calib.estimation.objective import view_precision
+from calib.estimation.objective import LandingProblem, view_precision
+from calib.estimation.residuals import residuals
 
 AMISS = 0.1
-"""Of the noise's square for each shared parameter, a third of its sigma: a step may do so much more or less than it promises."""
+"""Of the noise's square for each shared parameter, a third of its sigma, and for each view that was left out: a step may do so much more or
+less than it promises."""
 
 
-def without_each(at: Optimum, part: NDArray[np.int64]) -> list[JointFit]:
-    """The fits without each part of the views, with the noise and the prior of the fit to all; the poses of all views stay with them.
+@dataclass(frozen=True, slots=True, eq=False)
+class LeftOut:
+    """The fit without some views."""
+
+    joint: JointFit
+    """With the poses of all views: those that were left out stand where their corners are met best."""
+    missed: Tensor
+    """(m, 2) px, what is left of the corners of the views that were left out; infinite where the model cannot see one."""
+    spread: Tensor
+    """(m,) of what the covariance of the fit's parameters makes of these corners, over the noise's variance."""
+
+
+def without_each(at: Optimum, part: NDArray[np.int64], known: Tensor | None = None) -> list[LeftOut]:
+    """The fits without each part of the views, with the noise and the prior of the fit to all.
 
     Args:
         part: (V,) from 0 on.
+        known: (M,) the corners to which a view's own parameters are fitted when it was left out; None: all.
     """
-    parts, parameters = int(part.max()) + 1, at.model.parameters
-    known = view_precision(at.model.path, at.joint.poses)
-    sums = torch.zeros(parts, parameters.count + 1, parameters.count + 1, dtype=torch.float64)
-    moves = []
-    for one, columns in zip(part, columns_of(at), strict=True):
-        own, others = columns[:, : len(known)], columns[:, len(known) :]
-        through, factor = (found[0] for found in schur_factors((own.mT @ columns)[None], known))
-        sums[one] += others.mT @ others - through.mT @ through
-        moves.append(torch.linalg.solve_triangular(factor.mT, through, upper=True))
-    whole, precision = sums.sum(0), torch.from_numpy(at.prior_precision())
-    here = torch.from_numpy(at.deviation)
-    problem = problem_at(at.model.path, at.parameters(), at.observations, at.joint.poses, at.joint.sigma)
-    before = problem.by_view(torch.zeros_like(here), at.joint.poses)
-    found = []
-    for index in range(parts):
-        left, out = whole - sums[index], torch.from_numpy(part == index)
+    known = torch.ones(len(at.observations.pixels), dtype=torch.bool) if known is None else known
+    steps = _Steps.of(at, known)
+    return [steps.without(torch.from_numpy(part == index)) for index in range(int(part.max()) + 1)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Steps:
+    """What the equations of the fit to all views say."""
+
+    at: Optimum
+    known: Tensor
+    """(M,) as `without_each` has it."""
+    columns: list[Tensor]
+    """(2m, B + S + 1) of each view."""
+    schur: Tensor
+    """(V, S + 1, S + 1) what each view says of the shared parameters, its own eliminated."""
+    moves: Tensor
+    """(V, B, S + 1) by which its own parameters follow the shared ones."""
+    schur_known: Tensor
+    """(V, S + 1, S + 1) the same by the corners that are known of a view that was left out."""
+    moves_known: Tensor
+    problem: LandingProblem
+    losses: Tensor
+    """(M,) where the fit ended."""
+    squares: Tensor
+    """(V,) of the corners that are known of a view that was left out, and of what is known of its own parameters, where the fit ended."""
+
+    @classmethod
+    def of(cls, at: Optimum, known: Tensor) -> _Steps:
+        columns = list(columns_of(at))
+        precision = view_precision(at.model.path, at.joint.poses)
+        schur, moves = _own_eliminated(columns, precision)
+        schur_known, moves_known = schur, moves
+        if not bool(known.all()):
+            rows = at.observations.per_view(known)
+            some = [own[kept.repeat_interleave(2)] for own, kept in zip(columns, rows, strict=True)]
+            schur_known, moves_known = _own_eliminated(some, precision)
+        problem = problem_at(at.model.path, at.parameters(), at.observations, at.joint.poses, at.joint.sigma)
+        losses = problem.losses(*problem.missed(torch.zeros(at.model.parameters.count, dtype=torch.float64), at.joint.poses))
+        there = torch.cat([at.joint.poses * (precision > 0), torch.from_numpy(np.append(at.deviation, 1.0)).expand(len(columns), -1)], 1)
+        left = torch.cat([own @ here for own, here in zip(columns, there, strict=True)]).reshape(-1, 2).square().sum(1)
+        squares = _by_view(at, torch.where(known, left, 0.0)) + problem.prior_of_blocks(at.joint.poses)
+        return cls(at, known, columns, schur, moves, schur_known, moves_known, problem, losses, squares)
+
+    def without(self, out: Tensor) -> LeftOut:
+        """Without (V,) the views."""
+        at, parameters = self.at, self.at.model.parameters
+        precision, here = torch.from_numpy(at.prior_precision()), torch.from_numpy(at.deviation)
+        left = self.schur[~out].sum(0)
         hessian = left[:-1, :-1] + precision
         covariance = inverse(hessian)
         vector = -covariance @ left[:-1, -1]
         values = parameters.values(vector)
         values |= {param.name: values[param.name].clamp_min(param.least) for param in parameters.free}
-        poses = at.joint.poses * (known == 0) - torch.stack(moves) @ torch.cat([vector, vector.new_ones(1)])
-        step = replace(at.joint, values=values, poses=torch.where(out[:, None], at.joint.poses, poses), covariance=covariance)
+        whole = torch.cat([vector, vector.new_ones(1)])
+        stay = at.joint.poses * (view_precision(at.model.path, at.joint.poses) == 0)
+        poses = stay - torch.where(out[:, None, None], self.moves_known, self.moves) @ whole
+        step = replace(at.joint, values=values, poses=poses, covariance=covariance)
         promised = float((vector - here) @ hessian @ (vector - here))
-        gained = float((before - problem.by_view(problem.parameters.vector(values), step.poses))[~out].sum())
-        gained += float(here @ precision @ here - vector @ precision @ vector)
+        residual, lands = self.problem.missed(self.problem.parameters.vector(values), poses)
+        worse = self.problem.losses(residual, lands) - self.losses
+        own = self.problem.prior_of_blocks(poses) - self.problem.prior_of_blocks(at.joint.poses)
+        gained = float(here @ precision @ here - vector @ precision @ vector) - float((_by_view(at, worse) + own)[~out].sum())
         if not abs(gained - promised) <= AMISS * parameters.count:  # true of what is not a number
-            step = _fitted(at, step if gained > 0 else at.joint, out)
-        found.append(step)
-    return found
+            return self._seen(_fitted(at, step if gained > 0 else at.joint, out), out)
+        least = torch.einsum("s,vst,t->v", whole, self.schur_known, whole) - self.squares
+        more = float((_by_view(at, torch.where(self.known, worse, 0.0)) + own - least)[out].sum())
+        if not abs(more) <= AMISS * int(out.sum()):
+            return self._seen(step, out)
+        rows = out[at.observations.view]
+        missed = residual * (at.joint.sigma / at.observations.weight)[:, None]
+        return LeftOut(step, torch.where(lands[:, None], missed, torch.inf).nan_to_num(torch.inf)[rows], self._spread(covariance, out))
+
+    def _seen(self, rest: JointFit, out: Tensor) -> LeftOut:
+        """The views that were left out of a fit, fitted to it."""
+        at = self.at
+        test = at.observations.without(~out)
+        poses = rest.poses.clone()
+        poses[out] = at.model.seen(rest, test.kept(self.known[out[at.observations.view]]), at.joint.poses[out])
+        missed = residuals(at.model.path, rest.values, test, poses[out]).image.nan_to_num(torch.inf)
+        return LeftOut(replace(rest, poses=poses), missed, self._spread(rest.covariance, out))
+
+    def _spread(self, covariance: Tensor, out: Tensor) -> Tensor:
+        own = self.schur.shape[-1] - 1
+        found = []
+        for columns in (columns for columns, there in zip(self.columns, out.tolist(), strict=True) if there):
+            left = torch.from_numpy(eliminated(columns[:, : -own - 1].numpy(), columns[:, -own - 1 : -1].numpy()))
+            found.append(((left @ covariance) * left).sum(1).reshape(-1, 2).mean(1))
+        return torch.cat(found).nan_to_num(torch.inf)
+
+
+def _own_eliminated(columns: list[Tensor], precision: Tensor) -> tuple[Tensor, Tensor]:
+    """(V, S + 1, S + 1) products of the other columns with themselves once each view's own parameters adapt, and (V, B, S + 1) how."""
+    own = len(precision)
+    schur, moves = [], []
+    for each in columns:
+        through, factor = (found[0] for found in schur_factors((each[:, :own].mT @ each)[None], precision))
+        others = each[:, own:]
+        schur.append(others.mT @ others - through.mT @ through)
+        moves.append(torch.linalg.solve_triangular(factor.mT, through, upper=True))
+    return torch.stack(schur), torch.stack(moves)
+
+
+def _by_view(at: Optimum, losses: Tensor) -> Tensor:
+    return torch.stack([view.sum() for view in at.observations.per_view(losses)])
 
 
 def _fitted(at: Optimum, begin: JointFit, out: Tensor) -> JointFit:

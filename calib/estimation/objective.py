@@ -47,10 +47,21 @@ class LandingProblem:
         values = self._possible(shared)
         return math.inf if values is None else sum(float(each.sum()) for each in self._losses(values, blocks))
 
-    def by_view(self, shared: Tensor, blocks: Tensor) -> Tensor:
-        """(V,) of which `cost` is the sum."""
-        each = zip(self.views, self._losses(self.parameters.values(shared), blocks), strict=True)
-        return torch.stack([view.sum() for landing, losses in each for view in landing.observations.per_view(losses)])
+    def missed(self, shared: Tensor, blocks: Tensor) -> tuple[Tensor, Tensor]:
+        """(M, 2) residuals of all corners, and (M,) bool whether each ray lands."""
+        values = self.parameters.values(shared)
+        each = [landing.residual(landing.rays(values), values, poses) for landing, poses in self._split(blocks)]
+        return torch.cat([residual for residual, _ in each]), torch.cat([lands for _, lands in each])
+
+    def losses(self, residual: Tensor, lands: Tensor) -> Tensor:
+        """(m,) of which `cost` is the sum, from what `missed` has; infinite where a ray does not land."""
+        squared = (residual**2).sum(-1)
+        robust = torch.where(squared <= self.huber**2, squared, 2 * self.huber * squared.sqrt() - self.huber**2)
+        return torch.where(lands, robust, torch.inf)
+
+    def prior_of_blocks(self, blocks: Tensor) -> Tensor:
+        """(V,) of the prior on the views' own (V, B) parameters."""
+        return blocks**2 @ self.block_precision
 
     def settled(self, shared: Tensor, blocks: Tensor) -> tuple[Tensor, float]:
         """A Gauss-Newton step of each view by itself, taken where it lowers its own cost: rays do not depend on where boards are, so they
@@ -66,7 +77,7 @@ class LandingProblem:
             after = self._own_cost(landing, *landing.residual(rays, values, moved), moved)
             best = torch.where((after < before)[:, None], moved, own)
             found.append(best)
-            total += float(torch.where(after < before, after, before).sum() - (best**2 @ self.block_precision).sum())
+            total += float(torch.where(after < before, after, before).sum() - self.prior_of_blocks(best).sum())
         return torch.cat(found), total
 
     def _possible(self, shared: Tensor) -> dict[str, Tensor] | None:
@@ -87,18 +98,13 @@ class LandingProblem:
 
     def _own_cost(self, landing: Landing, residual: Tensor, lands: Tensor, own: Tensor) -> Tensor:
         """(V,) of each view's corners and prior; infinite where one does not land."""
-        losses = self._robust(residual, lands)
-        return own.new_zeros(len(own)).index_add(0, landing.observations.view, losses) + own**2 @ self.block_precision
+        losses = self.losses(residual, lands)
+        return own.new_zeros(len(own)).index_add(0, landing.observations.view, losses) + self.prior_of_blocks(own)
 
     def _losses(self, values: Values, blocks: Tensor) -> Iterator[Tensor]:
         """(m,) of the corners of some views after the other."""
         for landing, poses in self._split(blocks):
-            yield self._robust(*landing.residual(landing.rays(values), values, poses))
-
-    def _robust(self, residual: Tensor, lands: Tensor) -> Tensor:
-        squared = (residual**2).sum(-1)
-        robust = torch.where(squared <= self.huber**2, squared, 2 * self.huber * squared.sqrt() - self.huber**2)
-        return torch.where(lands, robust, torch.inf)
+            yield self.losses(*landing.residual(landing.rays(values), values, poses))
 
     def linearise(self, shared: Tensor, blocks: Tensor) -> Iterator[Linearised]:
         values = self.parameters.values(shared)
