@@ -123,8 +123,8 @@ def _by_view(fit: Fit, observations: Observations) -> NDArray[np.float64]:
 
 def _rivals(loop: Loop, effect: Effect) -> list[Rival]:
     """The others that do much of what it does, fitted in its place. What has no cause takes no name's place."""
-    without = loop.base.with_effects(e for e in loop.model.effects if e is not effect)
-    at = Optimum(without, loop.observations, without.fitted(loop.observations, loop.joint.poses, loop.joint.start))
+    fewer = loop.with_only([e for e in loop.model.effects if e is not effect])
+    without, at = fewer.model, Optimum(fewer.model, loop.observations, fewer.joint)
     if not at.joint.finite:
         return []
     present = {e.name for e in loop.model.effects}

@@ -1,9 +1,7 @@
 """Fits without some of the views, from the fit to all of them, and what they leave of these views.
 
 A fit's equations are the sums of its views' own, so what is left without some is known, and one step of Gauss and Newton from the fit to
-all leads where a fit without them ends, to first order. The views that were left out adapt to it by a step of their own. Where such steps
-do not do what they promise, the views are fitted.
-
+all X
 Source: K. R. Rad, A. Maleki, A scalable estimate of the out-of-sample prediction error via approximate leave-one-out cross-validation
 (2020).
 """
@@ -24,6 +22,8 @@ from calib.estimation.joint_fit import JointFit, inverse
 from calib.estimation.objective import LandingProblem, view_precision
 from calib.estimation.residuals import residuals
 
+STEPS = 4
+"""At most, before the others are fitted."""
 AMISS = 0.1
 """Of the noise's square for each shared parameter, a third of its sigma, and for each view that was left out: a step may do so much more or
 less than it promises."""
@@ -55,7 +55,7 @@ def without_each(at: Optimum, part: NDArray[np.int64], known: Tensor | None = No
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Steps:
-    """What the equations of the fit to all views say."""
+    """What the equations say where the fit to all views ended, or where a step from there led."""
 
     at: Optimum
     known: Tensor
@@ -71,9 +71,9 @@ class _Steps:
     moves_known: Tensor
     problem: LandingProblem
     losses: Tensor
-    """(M,) where the fit ended."""
+    """(M,) there."""
     squares: Tensor
-    """(V,) of the corners that are known of a view that was left out, and of what is known of its own parameters, where the fit ended."""
+    """(V,) of the corners that are known of a view that was left out, and of what is known of its own parameters, there."""
 
     @classmethod
     def of(cls, at: Optimum, known: Tensor) -> _Steps:
@@ -92,7 +92,7 @@ class _Steps:
         squares = _by_view(at, torch.where(known, left, 0.0)) + problem.prior_of_blocks(at.joint.poses)
         return cls(at, known, columns, schur, moves, schur_known, moves_known, problem, losses, squares)
 
-    def without(self, out: Tensor) -> LeftOut:
+    def without(self, out: Tensor, steps: int = STEPS) -> LeftOut:
         """Without (V,) the views."""
         at, parameters = self.at, self.at.model.parameters
         precision, here = torch.from_numpy(at.prior_precision()), torch.from_numpy(at.deviation)
@@ -112,7 +112,9 @@ class _Steps:
         own = self.problem.prior_of_blocks(poses) - self.problem.prior_of_blocks(at.joint.poses)
         gained = float(here @ precision @ here - vector @ precision @ vector) - float((_by_view(at, worse) + own)[~out].sum())
         if not abs(gained - promised) <= AMISS * parameters.count:  # true of what is not a number
-            return self._seen(_fitted(at, step if gained > 0 else at.joint, out), out)
+            if gained > 0 and steps > 1:
+                return _Steps.of(replace(at, joint=step), self.known).without(out, steps - 1)
+            return self._seen(_fitted(at, out), out)
         least = torch.einsum("s,vst,t->v", whole, self.schur_known, whole) - self.squares
         more = float((_by_view(at, torch.where(self.known, worse, 0.0)) + own - least)[out].sum())
         if not abs(more) <= AMISS * int(out.sum()):
@@ -155,8 +157,9 @@ def _by_view(at: Optimum, losses: Tensor) -> Tensor:
     return torch.stack([view.sum() for view in at.observations.per_view(losses)])
 
 
-def _fitted(at: Optimum, begin: JointFit, out: Tensor) -> JointFit:
-    rest = at.model.fitted(at.observations.without(out), begin.poses[~out], begin.start)
+def _fitted(at: Optimum, out: Tensor) -> JointFit:
+    close = AMISS * at.model.parameters.count / at.joint.cost
+    rest = at.model.fitted(at.observations.without(out), at.joint.poses[~out], at.joint.start, (close,))
     poses = at.joint.poses.clone()
     poses[~out] = rest.poses
     return replace(rest, poses=poses)

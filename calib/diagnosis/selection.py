@@ -23,6 +23,7 @@ from calib.effects.effect import Effect, Surroundings
 from calib.effects.registry import EFFECTS, FIELDS
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import ROUGH, JointFit
+from calib.estimation.joint_fit import ROUNDS as FIT_ROUNDS
 from calib.estimation.observations import Observations
 from calib.progress import Advance
 from calib.session.board import Board
@@ -67,6 +68,8 @@ class Loop:
     """What the model leaves on held-out views, by `half` and `banded`."""
     alone: HeldOut | None = None
     """What its effects for all views leave by themselves."""
+    reduced: dict[tuple[str, ...], Fit] = field(default_factory=dict)
+    """The model with some of its effects alone, by these, fitted from where it ended."""
     structured: float | None = None
     """By how much structure of no cause beside the model makes the corners more probable: the logarithm."""
 
@@ -86,7 +89,7 @@ class Loop:
     def replace(self, test: ScoreTest, without: CameraModel, model: CameraModel, joint: JointFit) -> None:
         """Go on with another model, whose last effect, scored so, was not there `without`."""
         half = model.path.private
-        before = self._fresh(without, half=half)
+        before = self._left_of(without.effects, half=half)
         self.model, self.joint = model, joint
         self._forget()
         shown = gain(before, self.left(half=half))
@@ -222,16 +225,15 @@ class Loop:
             if effect is newest:
                 continue
             beside = [e for e in self.model.effects if effect.per_view or not e.per_view]
-            fewer = self.base.with_effects(e for e in beside if e is not effect)
             half = any(e.per_view for e in beside)
             left = self.left() if len(beside) == len(self.model.effects) else self._shared_left(beside)
-            lost = gain(self._fresh(fewer, half=half), left)
+            lost = gain(self._left_of([e for e in beside if e is not effect], half=half), left)
             idle = min(lost.p_value, lost.presence) > NEEDED or not worth(lost)
             private = self.model.path.private and not effect.per_view
             if not (idle or private):
                 continue
-            model = self.base.with_effects(e for e in self.model.effects if e is not effect)
-            joint = model.fitted(self.observations, self.joint.poses)
+            fewer = self.with_only([e for e in self.model.effects if e is not effect])
+            model, joint = fewer.model, fewer.model.fitted(self.observations, fewer.joint.poses, fewer.joint.start, FIT_ROUNDS)
             if joint.finite and (idle or joint.log_marginal > self.joint.log_marginal):
                 self.model, self.joint = model, joint
                 self._forget()
@@ -239,14 +241,22 @@ class Loop:
     def _shared_left(self, shared: Sequence[Effect]) -> HeldOut:
         """What the model leaves without what single views have for themselves."""
         if not self.alone:
-            self.alone = self._fresh(self.base.with_effects(shared), half=False)
+            self.alone = self._left_of(shared, half=False)
         return self.alone
 
-    def _fresh(self, model: CameraModel, *, half: bool) -> HeldOut:
-        """What another model leaves on held-out views."""
+    def with_only(self, effects: Sequence[Effect]) -> Fit:
+        """The model with some of its effects alone, fitted from where it ended, with its noise and prior."""
+        names = tuple(effect.name for effect in effects)
+        if names not in self.reduced:
+            model = self.base.with_effects(effects)
+            self.reduced[names] = Fit(model, model.fitted(self.observations, self.joint.poses, self.joint.start))
+        return self.reduced[names]
+
+    def _left_of(self, effects: Sequence[Effect], *, half: bool) -> HeldOut:
+        """What the model leaves on held-out views with some of its effects alone."""
         self._say("what is needed")
-        joint = model.fitted(self.observations, self.joint.poses, self.joint.start)
-        return hold_out(model, self.observations, joint, self.folds, half=half)
+        fit = self.with_only(effects)
+        return hold_out(fit.model, self.observations, fit.joint, self.folds, half=half)
 
     def left(self, *, half: bool | None = None, banded: bool = False) -> HeldOut:
         """What the model leaves on held-out views; whether its views' own parameters ask for half of the corners, it knows itself."""
@@ -270,6 +280,7 @@ class Loop:
         """What was known of another model."""
         self.known.clear()
         self.alone = None
+        self.reduced.clear()
         self.structured = None
 
     def _say(self, words: str) -> None:

@@ -114,11 +114,12 @@ def separation(loop: Loop, effect: Effect, others: Sequence[Effect]) -> str:
 
 def _nearest(loop: Loop, effect: Effect) -> str:
     """The named effects that can do part of what a field does."""
-    without = loop.base.with_effects(e for e in loop.model.effects if e is not effect)
-    joint = without.fitted(loop.observations, loop.joint.poses)
+    without = loop.with_only([e for e in loop.model.effects if e is not effect])
     named = [effect for effect in _asked(loop) if effect.has_cause]
     present = {e.name for e in loop.model.effects}
-    near = nearest_named(Optimum(without, loop.observations, joint), effect, loop.joint.values, [e for e in named if e.name not in present])
+    near = nearest_named(
+        Optimum(without.model, loop.observations, without.joint), effect, loop.joint.values, [e for e in named if e.name not in present]
+    )
     if not near:
         return "No named effect comes near it."
     return "Nearest to it: " + ", ".join(f"{name}, which can do {100 * share:.0f} % of it" for name, share in near) + "."
