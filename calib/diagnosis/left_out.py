@@ -25,8 +25,9 @@ from calib.estimation.residuals import residuals
 STEPS = 4
 """At most, before the others are fitted."""
 AMISS = 0.1
-"""Of the noise's square for each shared parameter, a third of its sigma, and for each view that was left out: a step may do so much more or
-less than it promises."""
+"""Of the noise's square for each shared parameter, a third of its sigma: a step may do so much more or less than it promises."""
+AMISS_OUT = 0.3
+"""The same for each view that was left out: of a hundred numbers and more, a seventh of what is worth an effect, or less."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +118,7 @@ class _Steps:
             return self._seen(_fitted(at, out), out)
         least = torch.einsum("s,vst,t->v", whole, self.schur_known, whole) - self.squares
         more = float((_by_view(at, torch.where(self.known, worse, 0.0)) + own - least)[out].sum())
-        if not abs(more) <= AMISS * int(out.sum()):
+        if not abs(more) <= AMISS_OUT * int(out.sum()):
             return self._seen(step, out)
         rows = out[at.observations.view]
         missed = residual * (at.joint.sigma / at.observations.weight)[:, None]
@@ -128,7 +129,7 @@ class _Steps:
         at = self.at
         test = at.observations.without(~out)
         poses = rest.poses.clone()
-        poses[out] = at.model.seen(rest, test.kept(self.known[out[at.observations.view]]), at.joint.poses[out])
+        poses[out] = at.model.seen(rest, test.kept(self.known[out[at.observations.view]]), rest.poses[out])
         missed = residuals(at.model.path, rest.values, test, poses[out]).image.nan_to_num(torch.inf)
         return LeftOut(replace(rest, poses=poses), missed, self._spread(rest.covariance, out))
 

@@ -7,6 +7,7 @@ S. Woinowsky-Krieger, Theory of plates and shells (1959), section 10: a plate's 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import ClassVar, Self
 
 import numpy as np
@@ -15,11 +16,14 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.effects.effect import Effect, Surroundings, Unknown, most_evident
+from calib.optics.linear_part import sloped, times
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
 from calib.session.tolerances import BOARD_SHAPE
 
 DEGREES = (2, 3, 4)
+ORDERS = DEGREES[-1] + 1
+PROBE = "board_shape.probe"
 RIM = 1.25
 """Of the half: no corner is farther out, where polynomials run away, and the board goes on level."""
 
@@ -67,18 +71,28 @@ class BoardShape(Effect):
         return replace(path, target=replace(path.target, bends=(*path.target.bends, self)))
 
     def height(self, x: Tensor, y: Tensor, values: Values) -> tuple[Tensor, Tensor, Tensor]:
-        """(...) m away from the camera, and its slopes."""
-        u, v = _legendre(x / self.half_x), _legendre(y / self.half_y)
-        up, by_x, by_y = (torch.zeros_like(x) for _ in range(3))
-        for (i, j), unknown in zip(self._terms, self.unknowns, strict=True):
-            size = values[unknown.param.name]
-            if (i == 2 and j == 0) or (i == 0 and j == 2):  # 1 - u^2 is two thirds of 1 - P_2
-                size = -2 / 3 * size
-                up = up - size
-            up = up + size * u[0][i] * v[0][j]
-            by_x = by_x + size * u[1][i] * v[0][j] / self.half_x
-            by_y = by_y + size * u[0][i] * v[1][j] / self.half_y
-        return up, by_x, by_y
+        """(...) m away from the camera, and its slopes, which carry no derivatives."""
+        with torch.no_grad():
+            (u, rise_u), (v, rise_v) = _legendre(x / self.half_x), _legendre(y / self.half_y)
+        sizes = torch.stack([values[unknown.param.name] for unknown in self.unknowns], -1)
+        table = (sizes @ _products(self._terms).to(sizes)).reshape(*sizes.shape[:-1], ORDERS, ORDERS)
+        along = times(u, table)
+        up = (along * v).sum(-1)
+        with torch.no_grad():
+            by_x, by_y = (times(rise_u, table) * v).sum(-1) / self.half_x, (along * rise_v).sum(-1) / self.half_y
+        if PROBE in values:
+            up = up + values[PROBE]
+        return sloped(up, x, y, by_x, by_y), by_x, by_y
+
+    @property
+    def probes(self) -> dict[str, str]:
+        return {unknown.param.name: PROBE for unknown in self.unknowns}
+
+    def weights(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:
+        """As `linear_part` has them."""
+        (u, _), (v, _) = _legendre(x / self.half_x), _legendre(y / self.half_y)
+        each = (u.unsqueeze(-1) * v.unsqueeze(-2)).flatten(-2) @ _products(self._terms).to(u).mT
+        return dict(zip(self.probes, torch.split(each, 1, -1), strict=True))
 
 
 def _unknown(i: int, j: int) -> Unknown:
@@ -86,11 +100,22 @@ def _unknown(i: int, j: int) -> Unknown:
     return replace(whole, sigma=BOARD_SHAPE.sigma * (DEGREES[0] / (i + j)) ** 2)
 
 
-def _legendre(u: Tensor) -> tuple[list[Tensor], list[Tensor]]:
-    """(...) P_0 to P_4 and their derivatives, within the rim."""
-    inside = (u.abs() < RIM).to(u.dtype)
+def _legendre(u: Tensor) -> tuple[Tensor, Tensor]:
+    """(..., ORDERS) P_0 to P_4 and their derivatives, within the rim."""
+    inside = (u.abs() < RIM).to(u.dtype).unsqueeze(-1)
     u = u.clamp(-RIM, RIM)
     square = u * u
     values = [torch.ones_like(u), u, (3 * square - 1) / 2, u * (5 * square - 3) / 2, (square * (35 * square - 30) + 3) / 8]
     slopes = [torch.zeros_like(u), torch.ones_like(u), 3 * u, (15 * square - 3) / 2, u * (35 * square - 15) / 2]
-    return values, [inside * slope for slope in slopes]
+    return torch.stack(values, -1), inside * torch.stack(slopes, -1)
+
+
+@cache
+def _products(terms: tuple[tuple[int, int], ...]) -> Tensor:
+    """(n, ORDERS^2) of each term by the products P_i(u) P_j(v)."""
+    table = torch.zeros(len(terms), ORDERS, ORDERS, dtype=torch.float64)
+    for row, (i, j) in zip(table, terms, strict=True):
+        row[i, j] = 1.0
+        if (i, j) in ((2, 0), (0, 2)):  # 1 - u^2 is two thirds of 1 - P_2
+            row[0, 0], row[i, j] = 2 / 3, -2 / 3
+    return table.flatten(1)

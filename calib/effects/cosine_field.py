@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.effects.effect import Effect, Unknown, linear_evidence
+from calib.optics.linear_part import sloped, times
 from calib.optics.params import Param, Values
 
 WAVES = 9
@@ -67,10 +68,41 @@ class CosineField(Effect):
 
     def shift(self, x: Tensor, y: Tensor, values: Values) -> tuple[Tensor, Tensor]:
         """(...) m or px by which a point is moved."""
-        u, v = ((at - low) / (high - low) for at, low, high in zip((x, y), self.low, self.high, strict=True))
+        slopes = torch.is_grad_enabled() and (x.requires_grad or y.requires_grad)
+        with torch.no_grad():
+            (along, rise_along), (down, rise_down) = self._cosines(x, y, slopes=slopes)
+        falls = self._falls(x.dtype).to(x.device).flatten()
+        found = []
+        for name, probe in self.probes.items():
+            sizes = values[name] * falls
+            table = sizes.reshape(*sizes.shape[:-1], WAVES, WAVES)
+            through = times(along, table)
+            size = (through * down).sum(-1)
+            if probe in values:
+                size = size + values[probe]
+            if slopes:
+                with torch.no_grad():
+                    by_x, by_y = (times(rise_along, table) * down).sum(-1), (through * rise_down).sum(-1)
+                size = sloped(size, x, y, by_x, by_y)
+            found.append(size)
+        return found[0], found[1]
+
+    @property
+    def probes(self) -> dict[str, str]:
+        return {param.name: f"{param.name}.probe" for param in self.params}
+
+    def weights(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:
+        """As `linear_part` has them."""
+        (along, _), (down, _) = self._cosines(x, y, slopes=False)
+        waves = (along.unsqueeze(-1) * down.unsqueeze(-2)).flatten(-2) * self._falls(x.dtype).flatten()
+        return dict.fromkeys(self.probes, waves)
+
+    def _cosines(self, x: Tensor, y: Tensor, *, slopes: bool) -> list[tuple[Tensor, Tensor]]:
+        """(..., WAVES) cosines along each direction, and their derivatives if they are asked for."""
         order = torch.arange(WAVES, dtype=x.dtype, device=x.device) * torch.pi
-        along_x, along_y = (torch.cos(at.unsqueeze(-1) * order) for at in (u, v))  # (..., WAVES)
-        falls = self._falls(x.dtype).to(x.device)
-        waves = ((along_x.unsqueeze(-1) * along_y.unsqueeze(-2)) * falls).flatten(-2)  # (..., WAVES^2)
-        right, down = ((values[param.name] * waves).sum(-1) for param in self.params)
-        return right, down
+        found = []
+        for at, low, high in zip((x, y), self.low, self.high, strict=True):
+            angle = ((at - low) / (high - low)).unsqueeze(-1) * order
+            cosine = torch.cos(angle)
+            found.append((cosine, torch.sin(angle) * (-order / (high - low)) if slopes else cosine))
+        return found

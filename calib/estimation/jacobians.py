@@ -8,11 +8,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.estimation.parameters import Parameters
-from calib.estimation.residual_blocks import joined
+from calib.estimation.probed import Probed, Seen
 from calib.optics.params import Values
 from calib.optics.path import Path, by_row
 from calib.optics.rays import Rays
-from calib.optics.relief import PROBES
 from calib.optics.vector import Vector
 
 Array = NDArray[np.float64]
@@ -26,22 +25,13 @@ def undistorted_jacobian(path: Path, parameters: Parameters, pixels: Array) -> t
         of all rays; (N,) where there is no ray.
     """
     rows, at, values = len(pixels), torch.from_numpy(pixels), parameters.origin
-    names = [param.name for param in parameters.free]
-    free = [values[name].expand(rows, *values[name].shape).clone().requires_grad_() for name in names]
-    probes = [torch.zeros(rows, dtype=torch.float64, requires_grad=True) for _ in PROBES] if parameters.relief else []
+    probed = Probed.of(path, parameters, values, rows, path.adjustments)
     motion = torch.zeros(rows, 6, dtype=torch.float64, requires_grad=True)
-    probed = {**values, **dict(zip(names, free, strict=True)), **dict(zip(PROBES, probes, strict=False))}
     with torch.enable_grad():
-        rays = path.trace(at, probed)
-        by_motion, *rest = by_row(_undistorted(rays, motion, values), [motion, *probes, *free])
-    by_probe, by_free = rest[: len(probes)], rest[len(probes) :]
-    columns = [joined(by_free) * parameters.scales] if free else []
-    if parameters.relief:
-        outer = path.cover[-1]
-        _, adjusted = path.adjusted(at, values)
-        where = outer.surface.chart(outer.frame.enter(rays.origin.detach(), adjusted))
-        columns.insert(0, parameters.relief.spread(torch.stack(by_probe, -1), where))
-    by_shared = torch.cat(columns, -1) if columns else by_motion[..., :0]
+        rays = path.trace(at, probed.values)
+        by_motion, *rest = by_row(_undistorted(rays, motion, values), [motion, *probed.leaves.values()])
+    columns = probed.columns(rest, Seen(at, rays, values, path.linear_parts(at, values)))
+    by_shared = by_motion[..., :0] if columns is None else columns
     jacobian, by_rigid = (part.reshape(rows, 2, 2, part.shape[-1]).numpy() for part in (by_shared, by_motion))
     return jacobian, by_rigid, (rays.failure != 0).numpy()
 

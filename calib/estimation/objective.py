@@ -113,7 +113,8 @@ class LandingProblem:
             size = at.residual.norm(dim=-1)
             if bool((size > self.huber).any()):
                 robust = (self.huber / size.clamp_min(self.huber)).sqrt()[:, None, None]  # the square root of Huber's weight
-                at = Linearised(at.starts, at.residual * robust[..., 0], at.jacobian_block * robust, at.jacobian_shared * robust)
+                for part, factor in ((at.residual, robust[..., 0]), (at.jacobian_block, robust), (at.jacobian_shared, robust)):
+                    part.mul_(factor)  # made for this: a copy of the last would be as large as all else
             yield at
 
     def bent(self, pieces: Iterable[Linearised], shared: Tensor, blocks: Tensor, move: tuple[Tensor, Tensor]) -> Iterator[Tensor]:

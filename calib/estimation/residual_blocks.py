@@ -2,8 +2,7 @@
 
 A corner's residual is W (x_cb(p) - x_true), on the board. With W the inverse of the Jacobian of x_cb by the pixel, negated and over
 the noise, it is the reprojection error to first order, in standard deviations; with W the identity, the paper's equation 2. It depends
-on a relief only through the height and its gradient at the ray's own hit, so these three are differentiated for each ray, and the chain
-rule spreads them over all amplitudes.
+on a relief only through the height and its gradient at the ray's own hit, so these three are differentiated for each ray (`probed`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,12 +15,12 @@ from torch import Tensor
 from calib.estimation.levenberg_marquardt import Linearised
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
+from calib.estimation.probed import Probed, Seen
 from calib.optics import rotation
 from calib.optics.board_target import MOTION, PARTS, Placement
 from calib.optics.params import LINE, Values
 from calib.optics.path import Path, by_row
 from calib.optics.rays import Rays
-from calib.optics.relief import PROBES
 
 ROWS = 8192
 """Corners whose derivatives are in memory at once: 0.1 GB with 16x16 centres."""
@@ -60,33 +59,26 @@ class Landing:
         placed, leaves = self._placed(poses, values)
         with torch.enable_grad():
             landed, failure = self.path.target(rays, _placement(leaves), values)
-            found = by_row(landed, leaves)
-        return self._weighted(landed.detach()), self.weights @ self._joined(found, placed, poses, values), failure == 0
+            missed = self._weighted(landed)
+            found = by_row(missed, leaves)
+        return missed.detach(), self._joined(found, placed, poses, values), failure == 0
 
     def linearise(self, values: Values, poses: Tensor) -> Linearised:
         """Residuals and Jacobian, by the views' own parameters and by the shared ones, at the path's values and (V, B) own ones."""
         seen = self.observations
         values = seen.with_times(values)
-        rows = len(seen.pixels)
         placed, leaves = self._placed(poses, values)
-        names = [param.name for param in self.parameters.free]
-        free = [values[name].expand(rows, *values[name].shape).clone().requires_grad_() for name in names]
-        probes = [torch.zeros_like(seen.weight, requires_grad=True) for _ in PROBES] if self.parameters.relief else []
+        target = self.path.target
+        probed = Probed.of(self.path, self.parameters, values, len(seen.pixels), (*self.path.adjustments, *target.bends, *target.prints))
         with torch.enable_grad():
-            probed = {**values, **dict(zip(names, free, strict=True)), **dict(zip(PROBES, probes, strict=False))}
-            rays = self.rays(probed)
-            landed, _ = self.path.target(rays, _placement(leaves), probed)
-            found = by_row(landed, [*leaves, *probes, *free])
-        by_own, rest = found[: len(leaves)], found[len(leaves) :]
-        columns: list[Tensor] = []
-        by_probe, by_free = rest[: len(probes)], rest[len(probes) :]
-        if probes:
-            columns.append(self._spread(self.weights @ torch.stack(by_probe, -1), rays, values))
-        if free:
-            columns.append(self.weights @ (joined(by_free) * self.parameters.scales))
-        shared = torch.cat(columns, -1) if columns else landed.new_zeros(rows, 2, 0)
-        jacobian_block = self.weights @ self._joined(by_own, placed, poses, values)
-        return Linearised(seen.starts, self._weighted(landed.detach()), jacobian_block, shared)
+            rays = self.rays(probed.values)
+            landed, _ = target(rays, _placement(leaves), probed.values)
+            missed = self._weighted(landed)
+            found = by_row(missed, [*leaves, *probed.leaves.values()])
+        parts = self.path.linear_parts(seen.pixels, values, landed.detach())
+        columns = probed.columns(found[len(leaves) :], Seen(seen.pixels, rays, values, parts))
+        shared = missed.new_zeros(*missed.shape, 0) if columns is None else columns
+        return Linearised(seen.starts, missed.detach(), self._joined(found[: len(leaves)], placed, poses, values), shared)
 
     def _placed(self, poses: Tensor, values: Values) -> tuple[Placement, list[Tensor]]:
         """Where each view's board is, and, to be differentiated by, each ray's: its rotation, its place, and its flex where it has one."""
@@ -115,14 +107,6 @@ class Landing:
 
     def _weighted(self, landed: Tensor) -> Tensor:
         return (self.weights @ (landed - self.observations.corners).unsqueeze(-1)).squeeze(-1)
-
-    def _spread(self, by_probe: Tensor, rays: Rays, values: Values) -> Tensor:
-        """(M, 2, 3) derivatives by the probes to those by every amplitude, (M, 2, n)."""
-        outer = self.path.cover[-1]
-        assert outer.relief
-        _, adjusted = self.path.adjusted(self.observations.pixels, values)
-        where = outer.surface.chart(outer.frame.enter(rays.origin.detach(), adjusted))
-        return outer.relief.spread(by_probe, where)
 
 
 def _placement(leaves: Sequence[Tensor]) -> Placement:
@@ -153,11 +137,6 @@ def _runs(observations: Observations) -> Iterator[range]:
         if view + 1 == len(starts) - 1 or end - starts[begin] >= ROWS:
             yield range(begin, view + 1)
             begin = view + 1
-
-
-def joined(derivatives: Sequence[Tensor]) -> Tensor:
-    """(M, k, n) Jacobian by all entries, from the (M, k, ...) derivatives by each parameter."""
-    return torch.cat([by.flatten(2) if by.ndim > 2 else by.unsqueeze(-1) for by in derivatives], -1)
 
 
 def pixel_weights(path: Path, values: Values, observations: Observations, poses: Tensor, sigma: float) -> Tensor:

@@ -5,7 +5,7 @@ Bends move its surface along the normal; prints move its corners in its plane; a
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from calib.optics import rotation
+from calib.optics.linear_part import LinearPart
 from calib.optics.params import Param, Values
 from calib.optics.rays import MISSED_TARGET, Rays
 from calib.optics.vector import Vector
@@ -87,7 +88,7 @@ class Bend(Protocol):
     def params(self) -> tuple[Param, ...]: ...
 
     def height(self, x: Tensor, y: Tensor, values: Values) -> tuple[Tensor, Tensor, Tensor]:
-        """(...) m board coordinates to (...) m away from the camera, and its slopes by x and by y."""
+        """(...) m board coordinates to (...) m away from the camera, and its slopes by x and by y, of which no derivatives are asked."""
         ...
 
 
@@ -151,8 +152,9 @@ class Target:
         direction = rays.direction.turned(placement.turn, back=True)
         grazing = direction.z.abs() < 1e-6
         distance = -origin.z / torch.where(grazing, torch.ones_like(direction.z), direction.z)
-        for _ in range(STEPS if bends else 0):
-            distance = _closer(bends, origin.detach(), direction.detach(), distance.detach(), values)
+        with torch.no_grad():
+            for _ in range(STEPS if bends else 0):
+                distance = _closer(bends, origin, direction, distance, values)
         if bends:
             distance = _closer(bends, origin, direction, distance, values)
         landed = origin + direction * distance
@@ -167,6 +169,15 @@ class Target:
             x, y = x + across, y + down
         z = sum((bend.height(x, y, values)[0] for bend in self._bends(placement)), torch.zeros_like(x))
         return Vector(x, y, z).turned(placement.turn).stacked() + placement.shift
+
+    def linear_parts(self, landed: Tensor, values: Values) -> Iterator[tuple[LinearPart, Tensor, Tensor]]:
+        """Those of the board's parts that are linear in their parameters, and the (...) coordinates that they are asked at, of rays that
+        landed at (..., 2) m nominal board coordinates."""
+        x, y = landed.unbind(-1)
+        shifts = [part.shift(x, y, values) for part in self.prints]
+        printed = [at + sum(shift[axis] for shift in shifts) for axis, at in enumerate((x, y))]
+        yield from ((bend, printed[0], printed[1]) for bend in self.bends if isinstance(bend, LinearPart))
+        yield from ((part, x, y) for part in self.prints if isinstance(part, LinearPart))
 
     def _bends(self, placement: Placement) -> tuple[Bend, ...]:
         return self.bends if self.flex is None or placement.flex is None else (*self.bends, Flexed(self.flex, placement.flex))

@@ -4,7 +4,7 @@
 that is not flat. Forward tracing is from the camera outwards; `projection` solves the inverse.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -14,6 +14,7 @@ from torch import Tensor
 from calib.optics.board_target import FLEX, MOTION, POSE, Placement, Target
 from calib.optics.interface import Interface
 from calib.optics.lens import Lens
+from calib.optics.linear_part import LinearPart
 from calib.optics.params import LINE, Param, Values
 from calib.optics.rays import Rays
 from calib.optics.relief import Relief
@@ -92,6 +93,16 @@ class Path:
         for adjust in self.adjustments:
             pixels, values = adjust(pixels, values)
         return pixels, values
+
+    def linear_parts(self, pixels: Tensor, values: Values, landed: Tensor | None = None) -> Iterator[tuple[LinearPart, Tensor, Tensor]]:
+        """Its parts that are linear in their parameters, and the (...) coordinates that they are asked at, by rays of (..., 2) px that
+        landed at (..., 2) m nominal board coordinates; None: no board is asked about."""
+        for adjust in self.adjustments:
+            if isinstance(adjust, LinearPart):
+                yield adjust, pixels[..., 0], pixels[..., 1]
+            pixels, values = adjust(pixels, values)
+        if landed is not None:
+            yield from self.target.linear_parts(landed, values)
 
     def onward(self, rays: Rays, values: Values, passed: int) -> Rays:
         """Rays that have passed the lens and `passed` stages in all to the rays that leave the cover; values already adjusted."""

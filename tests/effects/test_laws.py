@@ -206,7 +206,8 @@ def _compare(analytic: Tensor, numeric: Tensor, name: str) -> None:
     size = numeric.abs().max()
     assert size > SMALLEST, f"{name} moves no landing"
     worst = (analytic - numeric).abs().max() / size
-    assert worst < (1e-5 if name.startswith("fine_surface") else 1e-6), f"{name}: off by {worst:.1e} of its own size"
+    loose = name.startswith(("fine_surface", "free_field"))  # two rounds put a field's shift back, its weights are those where they end
+    assert worst < (1e-5 if loose else 1e-6), f"{name}: off by {worst:.1e} of its own size"
 
 
 def _estimated(form: Form, values: dict[str, Tensor]) -> Estimated:
