@@ -19,6 +19,8 @@ from calib.session.lens import NAMES, OPENCV
 
 COEFFICIENTS = NAMES[OPENCV]
 
+PRISM = 12
+"""Coefficients of a lens with a thin prism."""
 NEWTON_STEPS = 40
 CONVERGED = 1e-6
 """Normalised image units: the length of the step after which one more, the differentiable one, leaves rounding alone."""
@@ -64,13 +66,26 @@ class LensModel:
 
 def distort(x: Tensor, y: Tensor, coefficients: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
     """Normalised (...) image coordinates, moved by the lens. The tilted sensor is `tilt`'s."""
-    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = _padded(x, coefficients)
+    _, _, p1, p2, *_ = coefficients
     r2 = x * x + y * y
-    gain = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-    return (
-        x * gain + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + r2 * (s1 + r2 * s2),
-        y * gain + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y + r2 * (s3 + r2 * s4),
-    )
+    gain, _ = _radial(r2, coefficients)
+    moved_x, moved_y = x * gain + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * gain + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    if len(coefficients) < PRISM:
+        return moved_x, moved_y
+    s1, s2, s3, s4 = coefficients[8:PRISM]
+    return moved_x + r2 * (s1 + r2 * s2), moved_y + r2 * (s3 + r2 * s4)
+
+
+def _radial(r2: Tensor, coefficients: Sequence[Tensor]) -> tuple[Tensor, Tensor | None]:
+    """(...) the factor on a point at the squared radius, and what it is divided by, where there is that."""
+    k1, k2, _, _, *more = coefficients
+    inner = k2 + r2 * more[0] if more else k2
+    top = 1 + r2 * (k1 + r2 * inner)
+    if len(more) < 4:
+        return top, None
+    k4, k5, k6 = more[1:4]
+    bottom = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+    return top / bottom, bottom
 
 
 def tilt(x: Tensor, y: Tensor, coefficients: Sequence[Tensor], *, undo: bool = False) -> tuple[Tensor, Tensor]:
@@ -118,33 +133,32 @@ def undistort(x: Tensor, y: Tensor, coefficients: Sequence[Tensor]) -> tuple[Ten
 def _newton_step(u: Tensor, v: Tensor, goal_x: Tensor, goal_y: Tensor, coefficients: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor]:
     """The (...) step in u and v, and (...) bool, true where the lens folds the image over."""
     x, y = distort(u, v, coefficients)
-    a, b, c, d = (entry.detach() for entry in _jacobian(u, v, coefficients))
-    det = a * d - b * c
-    folded = det <= 0
-    safe = torch.where(det.abs() < 1e-9, torch.full_like(det, 1e-9), det)
+    with torch.no_grad():
+        a, b, c, d = _jacobian(u, v, coefficients)
+        det = a * d - b * c
+        folded = det <= 0
+        safe = torch.where(det.abs() < 1e-9, torch.full_like(det, 1e-9), det)
     error_x, error_y = x - goal_x, y - goal_y
     return (d * error_x - b * error_y) / safe, (a * error_y - c * error_x) / safe, folded
 
 
 def _jacobian(x: Tensor, y: Tensor, coefficients: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """dx'/dx, dx'/dy, dy'/dx, dy'/dy of `distort`, (...) each."""
-    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = _padded(x, coefficients)
+    k1, k2, p1, p2, *more = coefficients
     r2 = x * x + y * y
-    top, bottom = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
-    gain = top / bottom
-    rise = (k1 + r2 * (2 * k2 + r2 * 3 * k3) - gain * (k4 + r2 * (2 * k5 + r2 * 3 * k6))) / bottom  # d gain / d r2
-    prism_x, prism_y = s1 + 2 * r2 * s2, s3 + 2 * r2 * s4
-    return (
-        gain + 2 * x * x * rise + 2 * p1 * y + 6 * p2 * x + 2 * x * prism_x,
-        2 * x * y * rise + 2 * p1 * x + 2 * p2 * y + 2 * y * prism_x,
-        2 * x * y * rise + 2 * p1 * x + 2 * p2 * y + 2 * x * prism_y,
-        gain + 2 * y * y * rise + 6 * p1 * y + 2 * p2 * x + 2 * y * prism_y,
-    )
-
-
-def _padded(like: Tensor, coefficients: Sequence[Tensor]) -> list[Tensor]:
-    head = list(coefficients[:12])
-    return head + [torch.zeros((), dtype=like.dtype, device=like.device)] * (12 - len(head))
+    gain, bottom = _radial(r2, coefficients)
+    rise = k1 + r2 * (2 * k2 + r2 * (3 * more[0])) if more else k1 + r2 * (2 * k2)  # d gain / d r2
+    if bottom is not None:
+        k4, k5, k6 = more[1:4]
+        rise = (rise - gain * (k4 + r2 * (2 * k5 + r2 * (3 * k6)))) / bottom
+    px, py = p1 * x, p2 * y
+    mixed = 2 * (x * y * rise + px + py)
+    along_x, along_y = gain + 2 * (x * x * rise + p1 * y + 3 * (p2 * x)), gain + 2 * (y * y * rise + 3 * (p1 * y) + p2 * x)
+    if len(coefficients) < PRISM:
+        return along_x, mixed, mixed, along_y
+    s1, s2, s3, s4 = coefficients[8:PRISM]
+    prism_x, prism_y = 2 * (s1 + 2 * r2 * s2), 2 * (s3 + 2 * r2 * s4)
+    return along_x + x * prism_x, mixed + y * prism_x, mixed + x * prism_y, along_y + y * prism_y
 
 
 def _tilt_matrix(tau_x: Tensor, tau_y: Tensor) -> Tensor:
