@@ -14,7 +14,7 @@ from calib.diagnosis.diagnosed import with_fit
 from calib.diagnosis.families import settle
 from calib.diagnosis.finding import Candidate, Diagnosis, Family, ParameterEstimate, Quality
 from calib.diagnosis.held_out import FOLDS, bands, folds
-from calib.diagnosis.selection import ROUNDS, TRIED, Loop
+from calib.diagnosis.selection import MOST_EFFECTS, TRIED, Loop
 from calib.diagnosis.sentences import formulas_of, remarks, unconfirmed_scores, verdict
 from calib.diagnosis.starting_model import base_model, model_of
 from calib.diagnosis.variance_split import Scene, Share
@@ -58,7 +58,7 @@ def diagnose(calibration: Calibration, progress: Progress = Silent(), holdout: S
             f"A diagnosis holds views out in turn and needs {FEWEST_VIEWS} or more, but the calibration has {count}: take more pictures."
         )
     observations = calibration.observations
-    advance = progress.task("Diagnosis", ROUNDS + 2 * TRIED)
+    advance = progress.task("Diagnosis", MOST_EFFECTS + 2 * TRIED)
     with single_thread():
         model = model_of(calibration)
         advance(1, "fit")
@@ -74,7 +74,7 @@ def diagnose(calibration: Calibration, progress: Progress = Silent(), holdout: S
             base_model(calibration),
             model,
             joint,
-            lambda done, words: advance(min(1 + done, ROUNDS + 2 * TRIED - 1), words),
+            lambda done, words: advance(min(1 + done, MOST_EFFECTS + 2 * TRIED - 1), words),
             lambda model, joint: bool(
                 organising_of(split_of(calibration, model, joint, observations, _missed(model, joint, observations)))
             ),
@@ -85,11 +85,11 @@ def diagnose(calibration: Calibration, progress: Progress = Silent(), holdout: S
             unconfirmed = unconfirmed_scores(loop.scores(EFFECTS), count, CONFIRMING_VIEWS)
         else:
             first = loop.run()
-            advance(ROUNDS + 2 * TRIED - 1, "rivals")
+            advance(MOST_EFFECTS + 2 * TRIED - 1, "rivals")
             families = settle(loop)
             unconfirmed = ()
         last = loop.left()
-        advance(ROUNDS + 2 * TRIED, "")
+        advance(MOST_EFFECTS + 2 * TRIED, "")
         before, after = _missed(model, joint, observations), _missed(loop.model, loop.joint, observations)
         shares = split_of(calibration, model, joint, observations, before)
         organising = organising_of(split_of(calibration, loop.model, loop.joint, observations, after))

@@ -6,7 +6,7 @@ added, if it does so beyond chance (held_out) with all candidates tried so far a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
@@ -19,11 +19,10 @@ from calib.diagnosis.most_probable_form import with_most_probable
 from calib.diagnosis.score_test import Optimum, ScoreTest
 from calib.diagnosis.trial import LEAST_GAIN, Fit, Trial, worth
 from calib.diagnosis.unnamed_structure import gain as gain_of_structure
-from calib.effects.effect import Effect, Surroundings
+from calib.effects.effect import Effect
 from calib.effects.registry import EFFECTS, FIELDS
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.joint_fit import ROUGH, JointFit
-from calib.estimation.joint_fit import ROUNDS as FIT_ROUNDS
+from calib.estimation.joint_fit import ROUGH, ROUNDS, JointFit
 from calib.estimation.observations import Observations
 from calib.progress import Advance
 from calib.session.board import Board
@@ -37,7 +36,8 @@ TRIED = 4
 """Candidates that are fitted in a round, best scores first; those whose neutral point says little of them come on top."""
 HOPELESS = 3.0
 """Times the error without it."""
-ROUNDS = 6
+MOST_EFFECTS = 6
+"""Effects at most. One that turns out idle makes room for another."""
 CONFOUNDED = 0.9
 """Squared correlation from which two effects count as the same to these views."""
 
@@ -63,6 +63,8 @@ class Loop:
     hopeless: set[tuple[str, str]] = field(default_factory=set)
     """Those of which a fit left so much more that they are none of the causes, whatever else there is: they are not asked again."""
     confounded: dict[str, set[str]] = field(default_factory=dict)
+    dropped: set[str] = field(default_factory=set)
+    """Effects that were accepted and that what came after them did without: they are not asked again."""
     done: int = 0
     known: dict[tuple[bool, bool], HeldOut] = field(default_factory=dict)
     """What the model leaves on held-out views, by `half` and `banded`."""
@@ -76,15 +78,18 @@ class Loop:
     def run(self) -> HeldOut:
         """Add what is missing; returns what was left on held-out views before."""
         first = self.left()
-        newest = None
-        for _ in range(ROUNDS):
-            best = self._best()
-            if not best:
-                break
-            self._accept(best)
-            newest = self.model.effects[-1]
-        self.drop_idle(newest)
+        while self._add_what_helps():
+            full = len(self.model.effects) == MOST_EFFECTS
+            if not (self.drop_idle(self.model.effects[-1]) and full):
+                break  # what helps has been asked already
         return first
+
+    def _add_what_helps(self) -> bool:
+        """Effects, one after the other; whether there was any."""
+        before = self.model
+        while len(self.model.effects) < MOST_EFFECTS and (best := self._best()):
+            self._accept(best)
+        return self.model is not before
 
     def replace(self, test: ScoreTest, without: CameraModel, model: CameraModel, joint: JointFit) -> None:
         """Go on with another model, whose last effect, scored so, was not there `without`."""
@@ -128,7 +133,8 @@ class Loop:
         """What the residual says of each effect."""
         at = Optimum(self.model, self.observations, self.joint)
         there = surroundings(at, self.board, self.camera, place=any(kind.needs_place for kind in effects))
-        found = at.candidates(tuple(_proposed(effects, there, self.model.effects)))
+        taken = self.dropped | {effect.name for effect in self.model.effects}
+        found = at.candidates([effect for kind in effects if kind.name not in taken for effect in kind.propose(there)])
         for test in found:
             key = test.effect.name, test.effect.form
             if key not in self.trials or (not self.trials[key].gain and test.p_value < self.trials[key].test.p_value):
@@ -195,6 +201,9 @@ class Loop:
     def _held_out(self, trial: Trial) -> Trial:
         """A trial with its errors on views that no fit has seen."""
         model, joint = trial.fitted.model, trial.fitted.joint
+        if not trial.finished:  # once, or every fold has to
+            joint = model.fitted(self.observations, joint.poses, joint.start)
+            trial = replace(trial, fit=Fit(model, joint))
         half = model.path.private
         held = hold_out(model, self.observations, joint, self.folds, half=half)
         trial = replace(trial, gain=gain(self.left(half=half), held))
@@ -217,10 +226,11 @@ class Loop:
         self._forget()
         self._say(f"found {trial.test.effect.name}")
 
-    def drop_idle(self, newest: Effect | None = None) -> None:
-        """Drop what is no longer needed, the oldest first; the newest has just been asked for. What parameters of every view do as well is
-        not dropped for it: an effect for all views is judged beside its like only, unless the corners are more probable without it, those
-        parameters integrated out."""
+    def drop_idle(self, newest: Effect | None = None) -> bool:
+        """Drop what is no longer needed, the oldest first, and say whether there was any; the newest has just been asked for. What
+        parameters of every view do as well is not dropped for it: an effect for all views is judged beside its like only, unless the
+        corners are more probable without it, those parameters integrated out."""
+        before = self.dropped.copy()
         for effect in self.model.effects:
             if effect is newest:
                 continue
@@ -233,10 +243,12 @@ class Loop:
             if not (idle or private):
                 continue
             fewer = self.with_only([e for e in self.model.effects if e is not effect])
-            model, joint = fewer.model, fewer.model.fitted(self.observations, fewer.joint.poses, fewer.joint.start, FIT_ROUNDS)
+            model, joint = fewer.model, fewer.model.fitted(self.observations, fewer.joint.poses, fewer.joint.start, ROUNDS)
             if joint.finite and (idle or joint.log_marginal > self.joint.log_marginal):
                 self.model, self.joint = model, joint
+                self.dropped.add(effect.name)
                 self._forget()
+        return self.dropped != before
 
     def _shared_left(self, shared: Sequence[Effect]) -> HeldOut:
         """What the model leaves without what single views have for themselves."""
@@ -286,10 +298,3 @@ class Loop:
     def _say(self, words: str) -> None:
         self.done += 1
         self.advance(self.done, words)
-
-
-def _proposed(effects: Sequence[type[Effect]], there: Surroundings, present: Sequence[Effect]) -> Iterator[Effect]:
-    taken = {effect.name for effect in present}
-    for kind in effects:
-        if kind.name not in taken:
-            yield from kind.propose(there)
