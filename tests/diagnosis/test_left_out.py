@@ -54,7 +54,7 @@ def test_views_that_were_left_out_follow_by_a_step_of_their_own(optimum: Optimum
         poses = optimum.model.seen(left.joint, test.kept(known[out[optimum.observations.view]]), stay)
         missed, before = (residuals(optimum.model.path, left.joint.values, test, where).image for where in (poses, stay))
         error, control = (float((other - missed).square().mean().sqrt()) for other in (left.missed, before))
-        assert error < 0.05 * optimum.joint.sigma
+        assert error < 0.07 * optimum.joint.sigma, "a two-hundredth of its square"
         assert error < 0.25 * control
 
 
