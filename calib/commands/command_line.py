@@ -2,7 +2,9 @@
 
 import argparse
 import os
+import re
 import sys
+import textwrap
 import traceback
 from collections.abc import Sequence
 from types import ModuleType
@@ -63,11 +65,17 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _Help(argparse.HelpFormatter):
-    """Paragraphs are as wide as the terminal; one with an indented line, such as a list, stays as it is."""
+    """Paragraphs are as wide as the terminal. One with an indented line, such as a list, keeps its lines: where one is too long, what
+    stands in its last column goes on below itself."""
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         paragraphs = text.strip().split("\n\n")
-        return "\n\n".join(one if "\n " in one else super(_Help, self)._fill_text(one, width, indent) for one in paragraphs)
+        return "\n\n".join(_listed(one, width) if "\n " in one else super(_Help, self)._fill_text(one, width, indent) for one in paragraphs)
+
+
+def _listed(lines: str, width: int) -> str:
+    columns = ((line, re.match(r" *\S.*?  +", line)) for line in lines.split("\n"))
+    return "\n".join(textwrap.fill(line, width, subsequent_indent=" " * (first.end() if first else 0)) for line, first in columns)
 
 
 def _parser(program: str, description: str | None, commands: Sequence[ModuleType]) -> argparse.ArgumentParser:

@@ -9,7 +9,7 @@ EFFECTS = Path(__file__).parents[1] / "effects"
 
 def effects_help() -> str:
     """A line for each effect, in the registry's order: its name, and what it is."""
-    return "\n".join(["effects:", *(f"  {name:<17}{_summary(name)}" for name in effect_names())])
+    return "\n".join(["effects:", *(f"  {name:<18}{_summary(name)}" for name in effect_names())])
 
 
 def effect_names() -> Iterator[str]:

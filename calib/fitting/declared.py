@@ -22,6 +22,12 @@ CORRECTED = 3.0
 """Of the estimate's own standard deviations: nearer, the declared value is as good."""
 
 
+DECLARED, BARE, VIEWS = "declared", "found in bare/", "found by the views alone"
+"""How a number was known before the fit."""
+FROM = {"bare": BARE, "views": VIEWS}
+"""Intrinsics, by `intrinsics_from` of a calibration's settings; all others are declared."""
+
+
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """One number, in the unit that session.yaml writes it in: with an effect that is an increment of it, their sum."""
@@ -37,6 +43,7 @@ class Comparison:
     """The effect that estimates it, or its increment; empty: the fit itself."""
     doubted: bool = False
     """Whether the fit gave up the tolerance, since the views contradict it."""
+    source: str = DECLARED
 
     @property
     def held(self) -> bool:
@@ -60,11 +67,11 @@ class Comparison:
         return not self.held and abs(self.estimate - self.declared) > CORRECTED * self.sigma
 
     def __str__(self) -> str:
-        return f"{self.name} {self.estimated}, declared as {self.stated}"
+        return f"{self.name} {self.estimated}, {self.source} as {self.stated}"
 
     @property
     def stated(self) -> str:
-        """What is declared, for people."""
+        """What was known of it, for people."""
         tolerance = f" ± {self.tolerance:.2g}" if self.tolerance else ""
         return f"{self.declared:.6g}{tolerance} {self.unit}".rstrip()
 
@@ -76,12 +83,10 @@ class Comparison:
     @property
     def summed(self) -> str:
         """The estimate as what is declared and the effect's increment."""
-        value = to_digit_of(self.estimate, self.sigma) if self.sigma > 0 else f"{self.estimate:.5g}"
+        value = f"{to_digit_of(self.estimate, self.sigma) if self.sigma > 0 else f'{self.estimate:.5g}'} {self.unit}".rstrip()
         increment = self.estimate - self.declared
         sign = "-" if increment < 0 else "+"
-        return (
-            f"{self.name} {f'{value} {self.unit}'.rstrip()} = {self.declared:.6g} declared {sign} {with_sigma(abs(increment), self.sigma)}"
-        )
+        return f"{self.name} {value} = {self.declared:.6g} {self.source} {sign} {with_sigma(abs(increment), self.sigma)}"
 
 
 def comparisons(calibration: Calibration) -> Iterator[Comparison]:
@@ -123,6 +128,7 @@ class _Scalar:
             sigma=math.hypot(one.sigma, self.sigma * abs(unit)),
             effect=self.effect,
             doubted=one.doubted,
+            source=one.source,
         )
 
 
@@ -139,16 +145,19 @@ def _declared(calibration: Calibration) -> Iterator[tuple[Comparison, float]]:
     declared, cover, camera = calibration.declared, calibration.cover, calibration.camera.intrinsics
     assert camera
 
-    def compared(quantity: Quantity, name: str, said: Number, found: Number) -> tuple[Comparison, float]:
+    lens = FROM.get(calibration.settings.get("intrinsics_from", ""), DECLARED)
+
+    def compared(quantity: Quantity, name: str, said: Number, found: Number, source: str = DECLARED) -> tuple[Comparison, float]:
         unit, per_si = ("px", 1.0) if quantity in PINHOLE else quantity.unit
         (value, tolerance), (estimate, sigma) = ((number.value * per_si, number.sigma * per_si) for number in (said, found))
-        return Comparison(name, UNITS.get(unit, unit), value, tolerance, estimate, sigma, doubted=name in declared.doubted), per_si
+        unit = UNITS.get(unit, unit)
+        return Comparison(name, unit, value, tolerance, estimate, sigma, doubted=name in declared.doubted, source=source), per_si
 
     for quantity in SHAPES[cover.shape]:
         for name in quantity.names:
             yield compared(quantity, f"cover.{name}", declared.cover.parameters[name], cover.parameters[name])
     for quantity, name in zip(PINHOLE, ("fx", "fy", "cx", "cy"), strict=True):
-        yield compared(quantity, f"camera.{name}", getattr(declared.intrinsics, name), getattr(camera, name))
+        yield compared(quantity, f"camera.{name}", getattr(declared.intrinsics, name), getattr(camera, name), lens)
     for name, number, found in zip(camera.names, declared.intrinsics.distortion, camera.distortion, strict=False):
         if number.value or number.sigma or found.sigma:
-            yield compared(COEFFICIENT, f"camera.{name}", number, found)
+            yield compared(COEFFICIENT, f"camera.{name}", number, found, lens)

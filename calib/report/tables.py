@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from html import escape
 
-from calib.fitting.declared import Comparison, comparisons, own_parameters
+from calib.fitting.declared import DECLARED, Comparison, comparisons, own_parameters
 from calib.report.evidence import Evidence
 
 MEANING = {
@@ -60,7 +60,8 @@ def parameters_html(evidence: Evidence) -> str:
 
 
 def _row(one: Comparison) -> tuple[str, str, str, str]:
+    said = one.stated if one.source == DECLARED else f"{one.stated} <small>{escape(one.source)}</small>"
     if one.held:
-        return escape(one.name), one.stated, "held", ""
+        return escape(one.name), said, "held", ""
     by = f" <small>by {escape(one.effect)}</small>" if one.effect else ""
-    return escape(one.name), one.stated, one.estimated + by, f"{one.apart:.1f} sigma"
+    return escape(one.name), said, one.estimated + by, f"{one.apart:.1f} sigma"

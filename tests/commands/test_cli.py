@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 import shlex
 import subprocess
 import sys
@@ -87,12 +88,17 @@ def test_a_fit_ends_with_what_to_do_next(tmp_path: Path, capsys: pytest.CaptureF
 
 
 @pytest.mark.parametrize("command", ["fit", "diagnose"])
-def test_the_help_lists_every_effect(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_help_lists_every_effect(command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a terminal of 80 columns a long line goes on below its second column."""
+    monkeypatch.setenv("COLUMNS", "80")
     with pytest.raises(SystemExit):
         main([command, "--help"])
-    listed = capsys.readouterr().out.partition("\neffects:\n")[2].splitlines()
-    assert [line.split()[0] for line in listed] == list(NAMES)
-    assert all(len(line.split()) > 2 for line in listed)
+    said = capsys.readouterr().out
+    assert max(map(len, said.splitlines())) <= 80
+    listed = re.findall(r"^  (\w+) +(\S.*(?:\n {20}\S.*)*)$", said.partition("\neffects:\n")[2], re.MULTILINE)
+    assert [name for name, _ in listed] == list(NAMES)
+    assert all(len(words.split()) > 2 for _, words in listed)
+    assert any("\n" in words for _, words in listed)
 
 
 @pytest.mark.usefixtures("without_figures")

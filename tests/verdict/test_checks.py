@@ -135,6 +135,25 @@ def test_a_number_that_is_far_from_what_is_declared(freed: Calibration, off: flo
     assert all("declared as 3 ± 0.1 mm" in reason.sentence and f"{off:.1f} standard" in reason.sentence for reason in reasons)
 
 
+@pytest.mark.parametrize(
+    ("where", "said"),
+    [
+        ("session.yaml", ["declared as 2500 ± 2", "correct session.yaml"]),
+        ("bare", ["found in bare/ as 2500 ± 2", "pictures in bare/ again"]),
+        ("views", []),
+    ],
+)
+def test_a_focal_length_is_held_against_where_it_comes_from(freed: Calibration, where: str, said: list[str]) -> None:
+    """Off by 30 standard deviations: whoever declared nothing has no session.yaml to correct, and views do not contradict themselves."""
+    k = freed.declared.intrinsics
+    told = Declared(replace(k, fx=Number(2500.0, 2.0)), freed.declared.cover)
+    found = replace(freed.camera, intrinsics=replace(k, fx=Number(2560.0, 0.1)))
+    reasons = asked(declared_numbers, replace(freed, camera=found, stated=told, settings=freed.settings | {"intrinsics_from": where}))
+    sentences = [reason.sentence for reason in reasons if reason.suspects == ("camera.fx",)]
+    assert len(sentences) == bool(said)
+    assert all(words in sentence for sentence in sentences for words in said)
+
+
 @pytest.mark.parametrize(("uneven", "doubted"), [(29e-6, False), (31e-6, True)])
 def test_glass_that_is_more_uneven_than_glass(good: Calibration, freed: Calibration, uneven: float, doubted: bool) -> None:
     def bent(calibration: Calibration) -> Calibration:
