@@ -56,7 +56,7 @@ SETTINGS: Mapping[str, Shape] = {
             "farthest_sigmas": number,
         }
     ),
-    "cross_validation": record({"folds": whole, "held_out_px": number, "fitted_px": number}),
+    "cross_validation": record({"folds": whole, "held_out_px": number, "fitted_px": number}, {"held_out_sigma_px": number}),
     "outcome": text,
     "iterations": whole,
     "sigma_px": positive,

@@ -26,6 +26,10 @@ STEPS = 4
 """At most, before the others are fitted."""
 AMISS = 0.1
 """Of the noise's square for each shared parameter, a third of its sigma: a step may do so much more or less than it promises."""
+DAMPINGS = (0.0, 1e-7, 1e-5, 1e-3)
+"""Of the diagonal: a step along what views leave open goes far for nothing, and off the valley's floor."""
+SHORT = 0.15
+"""Of what the first whole step promised, that the last one may leave."""
 AMISS_OUT = 0.3
 """The same for each view that was left out: of a hundred numbers and more, a seventh of what is worth an effect, or less."""
 
@@ -52,6 +56,23 @@ def without_each(at: Optimum, part: NDArray[np.int64], known: Tensor | None = No
     known = torch.ones(len(at.observations.pixels), dtype=torch.bool) if known is None else known
     steps = _Steps.of(at, known)
     return [steps.without(torch.from_numpy(part == index)) for index in range(int(part.max()) + 1)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tried:
+    """A step without some views. All but the first two are squares over the noise's."""
+
+    joint: JointFit
+    """There, with all views' poses."""
+    missed: Tensor
+    """(M, 2) px"""
+    gained: float
+    """Of the views that stay."""
+    promised: float
+    short: float
+    """What the whole step promises beyond this one."""
+    lags: float
+    """What the views that were left out have left there, beyond what their own steps promised."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,36 +114,55 @@ class _Steps:
         squares = _by_view(at, torch.where(known, left, 0.0)) + problem.prior_of_blocks(at.joint.poses)
         return cls(at, known, columns, schur, moves, schur_known, moves_known, problem, losses, squares)
 
-    def without(self, out: Tensor, steps: int = STEPS) -> LeftOut:
-        """Without (V,) the views."""
+    def without(self, out: Tensor, steps: int = STEPS, least: float = 0.0) -> LeftOut:
+        """Without (V,) the views; a last step may leave so much to gain."""
+        at, enough = self.at, AMISS * self.at.model.parameters.count
+        tried = None
+        for damping in DAMPINGS:
+            tried = self._tried(out, damping)
+            least = max(least, SHORT * (tried.short + tried.promised))
+            if not tried.short <= least:
+                break
+            if abs(tried.gained - tried.promised) <= enough:  # not true of what is not a number
+                return self._left(tried, out)
+        if tried and tried.gained > 0 and steps > 1:
+            return _Steps.of(replace(at, joint=tried.joint), self.known).without(out, steps - 1, least)
+        return self._seen(_fitted(at, out), out)
+
+    def _tried(self, out: Tensor, damping: float) -> _Tried:
+        """A step towards the others' optimum, shorter in directions that they say little of."""
         at, parameters = self.at, self.at.model.parameters
         precision, here = torch.from_numpy(at.prior_precision()), torch.from_numpy(at.deviation)
         left = self.schur[~out].sum(0)
         hessian = left[:-1, :-1] + precision
         covariance = inverse(hessian)
-        vector = -covariance @ left[:-1, -1]
+        best = -covariance @ left[:-1, -1]
+        vector = here + inverse(hessian + damping * hessian.diagonal().diag()) @ (hessian @ (best - here)) if damping else best
         values = parameters.values(vector)
         values |= {param.name: values[param.name].clamp_min(param.least) for param in parameters.free}
         whole = torch.cat([vector, vector.new_ones(1)])
         stay = at.joint.poses * (view_precision(at.model.path, at.joint.poses) == 0)
         poses = stay - torch.where(out[:, None, None], self.moves_known, self.moves) @ whole
-        step = replace(at.joint, values=values, poses=poses, covariance=covariance)
-        promised = float((vector - here) @ hessian @ (vector - here))
         residual, lands = self.problem.missed(self.problem.parameters.vector(values), poses)
         worse = self.problem.losses(residual, lands) - self.losses
         own = self.problem.prior_of_blocks(poses) - self.problem.prior_of_blocks(at.joint.poses)
-        gained = float(here @ precision @ here - vector @ precision @ vector) - float((_by_view(at, worse) + own)[~out].sum())
-        if not abs(gained - promised) <= AMISS * parameters.count:  # true of what is not a number
-            if gained > 0 and steps > 1:
-                return _Steps.of(replace(at, joint=step), self.known).without(out, steps - 1)
-            return self._seen(_fitted(at, out), out)
-        least = torch.einsum("s,vst,t->v", whole, self.schur_known, whole) - self.squares
-        more = float((_by_view(at, torch.where(self.known, worse, 0.0)) + own - least)[out].sum())
-        if not abs(more) <= AMISS_OUT * int(out.sum()):
-            return self._seen(step, out)
-        rows = out[at.observations.view]
+        short = float((vector - best) @ hessian @ (vector - best))
         missed = residual * (at.joint.sigma / at.observations.weight)[:, None]
-        return LeftOut(step, torch.where(lands[:, None], missed, torch.inf).nan_to_num(torch.inf)[rows], self._spread(covariance, out))
+        least = torch.einsum("s,vst,t->v", whole, self.schur_known, whole) - self.squares
+        return _Tried(
+            joint=replace(at.joint, values=values, poses=poses, covariance=covariance),
+            missed=torch.where(lands[:, None], missed, torch.inf).nan_to_num(torch.inf),
+            gained=float(here @ precision @ here - vector @ precision @ vector) - float((_by_view(at, worse) + own)[~out].sum()),
+            promised=float((here - best) @ hessian @ (here - best)) - short,
+            short=short,
+            lags=float((_by_view(at, torch.where(self.known, worse, 0.0)) + own - least)[out].sum()),
+        )
+
+    def _left(self, tried: _Tried, out: Tensor) -> LeftOut:
+        """What is left after a step that did what it promised."""
+        if not abs(tried.lags) <= AMISS_OUT * int(out.sum()):
+            return self._seen(tried.joint, out)
+        return LeftOut(tried.joint, tried.missed[out[self.at.observations.view]], self._spread(tried.joint.covariance, out))
 
     def _seen(self, rest: JointFit, out: Tensor) -> LeftOut:
         """The views that were left out of a fit, fitted to it."""

@@ -4,6 +4,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from calib.corners.view import View, board_poses
 from calib.estimation.model_choice import simplest
 from calib.estimation.observations import Observations
@@ -30,6 +32,8 @@ class CrossValidation:
     """Root mean square two-dimensional reprojection error."""
     fitted_px: float
     """The same of the views that were fitted, over all folds."""
+    held_out_sigma_px: float = 0.0
+    """Standard deviation of the former, from how its views differ; 0 where that is not known."""
 
     @property
     def overfits(self) -> bool:
@@ -42,20 +46,27 @@ def cross_validate(setup: Setup, views: Sequence[View], settings: Settings, fold
     Raises:
         NotEnoughDataError: too few views are left to fit.
     """
-    fold_of = board_poses(views) % folds
+    pose = board_poses(views)
+    fold_of = pose % folds
     advance = progress.task(f"{folds} folds" + (f", grid {settings.grid[0]}x{settings.grid[1]}" if settings.grid else ""), folds)
-    held_out, fitted, corners = 0.0, 0.0, 0
+    squares, counts = np.zeros(pose.max() + 1), np.zeros(pose.max() + 1)  # px^2 and corners of each pose
+    fitted, corners = 0.0, 0
     with single_thread():
         for fold in range(folds):
             rest, own = ([view for view, out in zip(views, fold_of == fold, strict=True) if out == held] for held in (False, True))
             found = fit_stages(setup, Observations.of(rest, setup.board), settings, Silent())
             test = Observations.of(own, setup.board)
             missed = refit_poses(found.path, found.values, test, pinhole_poses(test, found.values))[1]
-            held_out += missed.rms_px**2 * len(test.pixels)
+            for number, image in zip(pose[fold_of == fold], test.per_view(missed.image), strict=True):
+                squares[number] += float(image.square().nansum())
+                counts[number] += int(image.isfinite().all(1).sum())
             fitted += found.residuals.rms_px**2 * len(test.pixels)
             corners += len(test.pixels)
             advance(fold + 1, f"{missed.rms_px:.3f} px held out")
-    return CrossValidation(folds, (held_out / corners) ** 0.5, (fitted / corners) ** 0.5)
+    error = float(np.sqrt(squares.sum() / counts.sum()))
+    apart = float(np.sqrt(np.square(squares - error**2 * counts).sum() * len(counts) / max(1, len(counts) - 1)))
+    sigma = apart / counts.sum() / (2 * error) if error else 0.0  # of the mean square, and of its root to first order
+    return CrossValidation(folds, error, (fitted / corners) ** 0.5, float(sigma))
 
 
 def choose_grid(setup: Setup, views: Sequence[View], settings: Settings, progress: Progress) -> tuple[tuple[int, int], dict[str, float]]:

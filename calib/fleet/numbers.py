@@ -54,7 +54,8 @@ def numbers(first: Calibration, last: Calibration, depth: float) -> dict[str, Me
         "sigma_px": map_sigmas(first, (depth,)).get(depth, math.nan),
         "relief_um": 1e6 * height_spread(*first.model(), first.observations) if first.relief else math.nan,
     }
-    found = {name: Measured(value, 0.0, name.rpartition("_")[2].replace("um", "µm")) for name, value in quality.items()}
+    sigma = {"held_out_px": validation.get("held_out_sigma_px", 0.0)}  # a few views that the others hardly predict make most of it
+    found = {name: Measured(value, sigma.get(name, 0.0), name.rpartition("_")[2].replace("um", "µm")) for name, value in quality.items()}
     found |= {name: Measured(value, 0.0, "px") for name, value in zip(EFFECTIVE, effective_focal(last), strict=True)}
     found |= {one.name: Measured(one.estimate, one.sigma, one.unit) for one in comparisons(last) if one.sigma > 0}
     return {name: one for name, one in found.items() if math.isfinite(one.value)}

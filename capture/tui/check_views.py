@@ -53,7 +53,7 @@ class CheckViewsScreen(CollectScreen):
         if message.again or not self.kept:
             return super().ending(message)
         onward = "f to check, " if len(self.kept) >= FEWEST else ""
-        return f"{message.sentence} Press {onward}c to try again, esc for the results."
+        return f"{message.sentence} Press {onward}c to {message.anew}, esc for the results."
 
     def told(self, progress: SessionProgress) -> SessionProgress:
         return replace(progress, sentence=f"A check takes {FEWEST} views, tilted, near and far; {ENOUGH} are enough.")

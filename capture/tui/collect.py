@@ -111,6 +111,11 @@ class CollectScreen(GuidedPage, StraighteningPage):
             self.again = again
             self.ended = ended
 
+        @property
+        def anew(self) -> str:
+            """What beginning once more comes to."""
+            return "look through it again" if self.ended else "try again"
+
     def __init__(self, task: Task) -> None:
         super().__init__(task)
         self._shutter = Shutter()
@@ -252,7 +257,7 @@ class CollectScreen(GuidedPage, StraighteningPage):
         onward = ""
         if self.kept and known:
             onward = "n to go on through the cover, from another source, " if self.plan.bare else "f to fit, "
-        return f"{message.sentence} Press {onward}c to try again, esc for the set-up."
+        return f"{message.sentence} Press {onward}c to {message.anew}, esc for the set-up."
 
     def advised(self, hint: Hint | None, progress: SessionProgress) -> None:
         self.query_one(Panel).progress = self.told(progress)

@@ -73,7 +73,7 @@ def test_a_wrong_number_is_corrected_and_contradicted(session: Path, tmp_path: P
 
 def test_folds_are_said_and_in_the_json(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said = json.loads(fit(session, tmp_path / "out", "--folds", "3", "--json", capsys=capsys))
-    assert set(said["cross_validation"]) == {"folds", "held_out_px", "fitted_px"}
+    assert set(said["cross_validation"]) == {"folds", "held_out_px", "held_out_sigma_px", "fitted_px"}
     assert said["cross_validation"]["folds"] == 3
     fitted, held_out = (said["cross_validation"][key] / (0.05 * 2**0.5) for key in ("fitted_px", "held_out_px"))
     assert 0.95 < fitted < 1.03 < held_out < 1.1  # of the noise: 0.99 and 1.05; of 1944 coordinates, chance is 0.016

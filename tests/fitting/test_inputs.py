@@ -114,6 +114,8 @@ def test_folds_keep_a_burst_together(made: Scene, tmp_path: Path) -> None:
         test = Observations.of(own, made.board)
         squares.append(refit_poses(found.path, found.values, test, pinhole_poses(test, found.values))[1].rms_px ** 2)
     assert result.settings["cross_validation"]["held_out_px"] == pytest.approx(np.mean(squares) ** 0.5, rel=1e-6)  # 81 corners each
+    sigma = np.std(squares, ddof=1) / 3**0.5 / (2 * np.mean(squares) ** 0.5)  # three poses, so three independent squares
+    assert result.settings["cross_validation"]["held_out_sigma_px"] == pytest.approx(sigma, rel=1e-6)
     with pytest.raises(NotEnoughDataError, match=r"4 folds need as many poses .* 6 views of 3 poses"):
         fit(read_session(folder), replace(SHORT, folds=4), Silent())
 

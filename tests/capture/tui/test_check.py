@@ -103,7 +103,7 @@ async def _taken(session: Path, later: Path) -> None:
     async with results(session) as pilot:
         task = Task(next_folder(session), f"folder:{later}?speed=max", calibrated(calibration), bare=False)
         pilot.app.push_screen(CheckViewsScreen(task, calibration, 0.5))
-        await see(pilot, "Press f to check, c to try again, esc for the results.")
+        await see(pilot, "Press f to check, c to look through it again, esc for the results.")
         await pilot.press("n")  # no cover comes on here
         await pilot.press("f")
         await see(pilot, "The calibration is valid.")
@@ -122,7 +122,7 @@ async def _few(session: Path, later: Path, folder: Path) -> None:
     async with results(session) as pilot:
         task = Task(folder, f"folder:{later}?speed=max", calibrated(calibration), bare=False)
         pilot.app.push_screen(CheckViewsScreen(task, calibration, 0.5))
-        await see(pilot, "Press c to try again, esc for the results.")
+        await see(pilot, "Press c to look through it again, esc for the results.")
         await pilot.press("f")
         await see(pilot, "A check takes 3 views at the least")
         await pilot.press("escape")

@@ -94,13 +94,13 @@ async def _pressed(session: Path) -> None:
     async with running(session, f"folder:{session / 'frames'}") as pilot:
         await see(pilot, "continued")
         await pilot.press("ctrl+s")
-        await see(pilot, "no more pictures. Press f to fit")
+        await see(pilot, "no more pictures. Press f to fit, c to look through it again")
         assert "Take now" not in shown(pilot)
         await pilot.press("space", "space")
         await pilot.pause(0.2)
-        await see(pilot, "no more pictures. Press f to fit")
+        await see(pilot, "no more pictures. Press f to fit, c to look through it again")
         before = pilot.app.screen.query_one(Picture).updates
         await pilot.press("c")
         await until(pilot, lambda: pilot.app.screen.query_one(Picture).updates >= before + 2)
-        await see(pilot, "no more pictures. Press f to fit")
+        await see(pilot, "no more pictures. Press f to fit, c to look through it again")
         assert "2 views" in shown(pilot)
