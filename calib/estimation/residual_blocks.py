@@ -18,7 +18,7 @@ from calib.estimation.parameters import Parameters
 from calib.estimation.probed import Probed, Seen
 from calib.optics import rotation
 from calib.optics.board_target import MOTION, PARTS, Placement
-from calib.optics.params import LINE, Values
+from calib.optics.params import LINE, NEAR, Values
 from calib.optics.path import Path, by_row
 from calib.optics.rays import Rays
 
@@ -44,7 +44,15 @@ class Landing:
     def rays(self, values: Values) -> Rays:
         """As they leave the cover: what boards are told by, wherever they are."""
         values = self.observations.with_times(values)
-        return self.path.onward(self.held, values, self.passed) if self.passed else self.path.trace(self.observations.pixels, values)
+        if self.passed:
+            return self.path.onward(self.held, values, self.passed)
+        return self.path.trace(self.observations.pixels, {**values, NEAR: self._near})
+
+    @property
+    def _near(self) -> Tensor:
+        """(M, 2) where the held rays go."""
+        way = self.held.direction
+        return torch.where((self.held.failure == 0)[:, None], torch.stack([way.x, way.y], -1) / way.z[:, None], torch.nan)
 
     def residual(self, rays: Rays, values: Values, poses: Tensor) -> tuple[Tensor, Tensor]:
         """The (M, 2) residuals of rays for (V, B) own parameters of views, and (M,) bool whether each ray lands."""

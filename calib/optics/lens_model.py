@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from calib.optics.lens import PINHOLE, entrance, normalised
-from calib.optics.params import Param, Values
+from calib.optics.params import NEAR, Param, Values
 from calib.optics.rays import LENS, Rays
 from calib.optics.vector import Vector
 from calib.session.lens import NAMES, OPENCV
@@ -48,7 +48,7 @@ class LensModel:
         x, y = normalised(pixels, values)
         failed = torch.zeros_like(x, dtype=torch.bool)
         if self.count:
-            x, y, failed = undistort(x, y, self._coefficients(values))
+            x, y, failed = undistort(x, y, self._coefficients(values), values.get(NEAR))
         start = entrance((x * x + y * y).clamp_min(1e-24).sqrt().atan(), values, self.pupil)
         return Rays(start, Vector(x, y, torch.ones_like(x)).unit(), failed.to(torch.uint8) * LENS)
 
@@ -99,12 +99,13 @@ def tilt(x: Tensor, y: Tensor, coefficients: Sequence[Tensor], *, undo: bool = F
     return u / w, v / w
 
 
-def undistort(x: Tensor, y: Tensor, coefficients: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor]:
+def undistort(x: Tensor, y: Tensor, coefficients: Sequence[Tensor], near: Tensor | None = None) -> tuple[Tensor, Tensor, Tensor]:
     """The inverse of distort and tilt by Newton's method, with exact first derivatives.
 
     Args:
         x, y: (...) distorted normalised image coordinates.
         coefficients: () each, OpenCV's order.
+        near: (..., 2) where to begin, NaN where that is not known.
 
     Returns:
         (...) x and y without distortion, and (...) bool, true where no inverse was found (beyond the fold of a polynomial).
@@ -114,6 +115,9 @@ def undistort(x: Tensor, y: Tensor, coefficients: Sequence[Tensor]) -> tuple[Ten
     still_x, still_y = goal_x.detach(), goal_y.detach()
     fixed = [c.detach() for c in coefficients]
     u, v = still_x, still_y
+    if near is not None:
+        known = near.isfinite().all(-1)
+        u, v = (torch.where(known, begin, still) for begin, still in zip(near.unbind(-1), (u, v), strict=True))
     for _ in range(NEWTON_STEPS):
         step_u, step_v, _ = _newton_step(u, v, still_x, still_y, fixed)
         # A far start can throw Newton beyond the fold: no step is longer than half of what the point itself measures.

@@ -18,6 +18,8 @@ TIME = "seen.time"
 LINE = "seen.line"
 """Optional values, (...) each: when each ray was seen, in the session and during its picture's readout, both from -0.5 to 0.5. Without
 them it was in the middle."""
+NEAR = "lens.near"
+"""Optional, (..., 2): about where each ray goes, x, y at z = 1, NaN where that is not known: a lens that searches for rays begins there."""
 
 
 @dataclass(frozen=True, slots=True)

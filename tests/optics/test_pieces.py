@@ -8,6 +8,7 @@ import torch
 from calib.optics import rotation
 from calib.optics.board_target import Placement, Target
 from calib.optics.lens_model import COEFFICIENTS, LensModel
+from calib.optics.params import NEAR
 from calib.optics.rays import LENS, Rays
 from calib.optics.relief import Relief
 from calib.optics.snell import refract
@@ -36,6 +37,21 @@ def test_lens_undoes_what_opencv_projects(count: int) -> None:
     assert not rays.failure.any()
     assert np.abs(back - points).max() < 1e-9
     assert np.abs(lens.project(torch.from_numpy(points), values).numpy() - pixels).max() < 1e-9
+
+
+def test_lens_finds_the_same_rays_from_a_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From near by, in fewer steps, and from where no start is known."""
+    count = 8
+    pixels = torch.from_numpy(np.random.default_rng(0).uniform((0, 0), (1600, 1200), (200, 2)))
+    found = LensModel(count)(pixels, lens_values(count)).direction
+    near = torch.stack([found.x, found.y], -1) / found.z[:, None] + 1e-3
+    near[::7] = torch.nan
+    again = LensModel(count)(pixels, {**lens_values(count), NEAR: near}).direction
+    assert float((again.stacked() - found.stacked()).abs().max()) < 1e-12
+    monkeypatch.setattr("calib.optics.lens_model.NEWTON_STEPS", 2)
+    few = [LensModel(count)(pixels, {**lens_values(count), **start}).failure != 0 for start in ({}, {NEAR: near})]
+    assert int(few[0].sum()) > 100, "the control: from the pixel, two steps are too few"
+    assert not few[1][near.isfinite().all(1)].any()
 
 
 def test_lens_fails_beyond_the_fold_and_stays_finite() -> None:
