@@ -22,7 +22,6 @@ from calib.optics.path import Path
 from calib.session.tolerances import BOARD_SHAPE
 
 DEGREES = (2, 3, 4)
-ORDERS = DEGREES[-1] + 1
 PROBE = "board_shape.probe"
 RIM = 1.25
 """Of the half: no corner is farther out, where polynomials run away, and the board goes on level."""
@@ -73,9 +72,9 @@ class BoardShape(Effect):
     def height(self, x: Tensor, y: Tensor, values: Values) -> tuple[Tensor, Tensor, Tensor]:
         """(...) m away from the camera, and its slopes, which carry no derivatives."""
         with torch.no_grad():
-            (u, rise_u), (v, rise_v) = _legendre(x / self.half_x), _legendre(y / self.half_y)
+            (u, v), (rise_u, rise_v) = self._polynomials(x, y)
         sizes = torch.stack([values[unknown.param.name] for unknown in self.unknowns], -1)
-        table = (sizes @ _products(self._terms).to(sizes)).reshape(*sizes.shape[:-1], ORDERS, ORDERS)
+        table = (sizes @ _products(self._terms).to(sizes)).reshape(*sizes.shape[:-1], self.degree + 1, self.degree + 1)
         along = times(u, table)
         up = (along * v).sum(-1)
         with torch.no_grad():
@@ -90,9 +89,20 @@ class BoardShape(Effect):
 
     def weights(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:
         """As `linear_part` has them."""
-        (u, _), (v, _) = _legendre(x / self.half_x), _legendre(y / self.half_y)
+        (u, v), _ = self._polynomials(x, y)
         each = (u.unsqueeze(-1) * v.unsqueeze(-2)).flatten(-2) @ _products(self._terms).to(u).mT
         return dict(zip(self.probes, torch.split(each, 1, -1), strict=True))
+
+    def _polynomials(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+        """(2, ..., degree + 1) Legendre's P_0 and on, of both coordinates over their halves, and their derivatives; within the rim."""
+        u = torch.stack([x / self.half_x, y / self.half_y])
+        inside = (u.abs() < RIM).to(u.dtype)
+        u = u.clamp(-RIM, RIM)
+        values, slopes = [torch.ones_like(u), u], [torch.zeros_like(u), inside]
+        for n in range(2, self.degree + 1):
+            values.append(((2 * n - 1) * u * values[-1] - (n - 1) * values[-2]) / n)
+            slopes.append(slopes[-2] + (2 * n - 1) * inside * values[n - 1])
+        return torch.stack(values, -1), torch.stack(slopes, -1)
 
 
 def _unknown(i: int, j: int) -> Unknown:
@@ -100,20 +110,11 @@ def _unknown(i: int, j: int) -> Unknown:
     return replace(whole, sigma=BOARD_SHAPE.sigma * (DEGREES[0] / (i + j)) ** 2)
 
 
-def _legendre(u: Tensor) -> tuple[Tensor, Tensor]:
-    """(..., ORDERS) P_0 to P_4 and their derivatives, within the rim."""
-    inside = (u.abs() < RIM).to(u.dtype).unsqueeze(-1)
-    u = u.clamp(-RIM, RIM)
-    square = u * u
-    values = [torch.ones_like(u), u, (3 * square - 1) / 2, u * (5 * square - 3) / 2, (square * (35 * square - 30) + 3) / 8]
-    slopes = [torch.zeros_like(u), torch.ones_like(u), 3 * u, (15 * square - 3) / 2, u * (35 * square - 15) / 2]
-    return torch.stack(values, -1), inside * torch.stack(slopes, -1)
-
-
 @cache
 def _products(terms: tuple[tuple[int, int], ...]) -> Tensor:
-    """(n, ORDERS^2) of each term by the products P_i(u) P_j(v)."""
-    table = torch.zeros(len(terms), ORDERS, ORDERS, dtype=torch.float64)
+    """(n, orders^2) of each term by the products P_i(u) P_j(v)."""
+    orders = 1 + max(max(term) for term in terms)
+    table = torch.zeros(len(terms), orders, orders, dtype=torch.float64)
     for row, (i, j) in zip(table, terms, strict=True):
         row[i, j] = 1.0
         if (i, j) in ((2, 0), (0, 2)):  # 1 - u^2 is two thirds of 1 - P_2
