@@ -79,7 +79,7 @@ def fit_patches(grey: NDArray, corners: Floats, board: Board, known: Lattice | N
         patches = patches_of(grey, lattice, half_width, MANY)
         few = patches.thinned(FEW)
         start = near.parameters if near else _start(few, lattice)
-        near = _Descent(few, lattice.curvatures, brightest, start, [slice(0, len(few.along))])
+        near = _Descent(few, lattice.curvatures, brightest, start, [slice(0, len(few.places))])
         if np.exp(np.median(near.parameters[:, BLURS])) <= WIDEST_BLUR * half_width:
             break
     assert near is not None
@@ -88,7 +88,7 @@ def fit_patches(grey: NDArray, corners: Floats, board: Board, known: Lattice | N
         moved = corners.copy()
         moved[np.isfinite(corners[:, 0])] += near.parameters[:, PLACE]
         curvatures = Lattice.of(moved, board).curvatures
-    return _Descent(patches, curvatures, brightest, near.parameters, chunks(len(patches.along), edges=2)).result(lattice.heights)
+    return _Descent(patches, curvatures, brightest, near.parameters, chunks(len(patches.places), edges=2)).result(lattice.heights)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -37,29 +37,28 @@ class Patches:
     """(P,) px to the other edge, at least, in any row, from this pixel on outwards."""
     ends: NDArray[np.float64]
     """(2N, 2, 2) px, from the corner to where u is 1, and to where v is."""
-    along: NDArray[np.intp]
-    """(T,) px, along x or y."""
+    places: NDArray[np.intp]
+    """(T,) whole numbers, on one side of the corner and on the other."""
 
     @property
     def across(self) -> int:
         """Pixels at each place."""
-        return int(self.light.shape[1]) // len(self.along)
+        return int(self.light.shape[1]) // len(self.places)
 
     def of_corners(self, corners: NDArray[np.intp]) -> "Patches":
         """Those of a few."""
         rows = np.concatenate([corners, corners + len(self.light) // 2])
         light, used, facing = (part[rows] for part in (self.light, self.used, self.facing))
-        return Patches(light, self.forms[:, rows], used, facing, self.away, self.ends[rows], self.along)
+        return Patches(light, self.forms[:, rows], used, facing, self.away, self.ends[rows], self.places)
 
     def thinned(self, fewest: int) -> "Patches":
         """At equal distances, as far apart as leaves so many places."""
-        step = int(np.abs(self.along[1:2]).sum()) or 1
-        kept = np.flatnonzero(self.along % (max(len(self.along) // fewest, 1) * step) == 0)
+        kept = np.flatnonzero(self.places % max(len(self.places) // fewest, 1) == 0)
         light, forms, used, facing, away = (
             part.reshape(*part.shape[:-1], -1, self.across).take(kept, -2).reshape(*part.shape[:-1], -1)
             for part in (self.light, self.forms, self.used, self.facing, self.away)
         )
-        return Patches(light, forms, used, facing, away, self.ends, self.along[kept])
+        return Patches(light, forms, used, facing, away, self.ends, self.places[kept])
 
 
 def patches_of(grey: NDArray, lattice: Lattice, half_width: int, most: int) -> Patches:
@@ -70,12 +69,14 @@ def patches_of(grey: NDArray, lattice: Lattice, half_width: int, most: int) -> P
     corners = np.concatenate([lattice.corners, lattice.corners])
     whole = np.rint(corners)
     shift = np.where(flat[:, None], whole - corners, (whole - corners)[:, ::-1])
-    farthest = int(np.ceil(np.abs(own[:, 0]).max()))
+    farthest = np.ceil(np.abs(own[:, 0]).reshape(2, -1).max(1)).astype(np.intp)  # of all first edges, and of the second ones
     stride = -(-(2 * farthest + 1) // most)
-    along = np.array(sorted(range(-(farthest // stride), farthest // stride + 1), key=abs), np.intp) * stride
+    last = int((farthest // stride).max())
+    places = np.array(sorted(range(-last, last + 1), key=abs), np.intp)
+    along = places * np.repeat(stride, len(lattice.corners))[:, None]  # (2N, T) whole px
     across = np.arange(-half_width, half_width + 1)
-    run = along + shift[:, :1]  # (2N, T) px from the corner
-    middle = np.rint(run * (own[:, 1] / own[:, 0])[:, None] - shift[:, 1:])  # (2N, T) whole px
+    run = along + shift[:, :1]  # px from the corner
+    middle = np.rint(run * (own[:, 1] / own[:, 0])[:, None] - shift[:, 1:])  # whole px
     forms = _forms(own, other, run, middle + shift[:, 1:], across)
 
     sine = own[:, 0] * other[:, 1] - own[:, 1] * other[:, 0]  # times both lengths
@@ -94,14 +95,14 @@ def patches_of(grey: NDArray, lattice: Lattice, half_width: int, most: int) -> P
     begin = whole[:, 0].astype(np.intp) + width * whole[:, 1].astype(np.intp)
     index = begin[:, None] + steps[:, :1] * along + steps[:, 1:] * middle.astype(np.intp)
     light = np.take(grey, index[..., None] + steps[:, 1:, None] * across, mode="clip").reshape(used.shape)
-    margin = max(farthest, int(np.abs(middle).max()) + half_width)
+    margin = max(int(np.abs(along).max()), int(np.abs(middle).max()) + half_width)
     for row in np.flatnonzero(((whole < margin) | (whole + margin >= (width, height))).any(1)).tolist():
-        ways = along[:, None], middle[row][:, None] + across
+        ways = along[row][:, None], middle[row][:, None] + across
         x, y = (way + of for way, of in zip(ways if flat[row] else ways[::-1], whole[row], strict=True))
         used[row] &= ((x >= 0) & (x < width) & (y >= 0) & (y < height)).ravel()
     turned = np.where(flat, -1, 1) * np.sign(sine * own[:, 0])  # the side of the other edge where the own one ends along its axis
-    facing = turned.astype(np.float32)[:, None] * np.repeat(np.where(along < 0, -1, 1).astype(np.float32), len(across))
-    return Patches(light.astype(np.float32), forms, used.astype(np.float32), facing, away, ends, along)
+    facing = turned.astype(np.float32)[:, None] * np.repeat(np.where(places < 0, -1, 1).astype(np.float32), len(across))
+    return Patches(light.astype(np.float32), forms, used.astype(np.float32), facing, away, ends, places)
 
 
 def _forms(own: NDArray, other: NDArray, run: NDArray, middle: NDArray, across: NDArray) -> Floats:
