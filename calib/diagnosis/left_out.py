@@ -1,7 +1,9 @@
 """Fits without some of the views, from the fit to all of them, and what they leave of these views.
 
 A fit's equations are the sums of its views' own, so what is left without some is known, and one step of Gauss and Newton from the fit to
-all X
+all leads where a fit without them ends, to first order. Where it does not do what it promised, a shorter one may, or another from where it
+led; where that fails, the other views are fitted. The views that were left out adapt by a step of their own.
+
 Source: K. R. Rad, A. Maleki, A scalable estimate of the out-of-sample prediction error via approximate leave-one-out cross-validation
 (2020).
 """
@@ -26,12 +28,12 @@ STEPS = 4
 """At most, before the others are fitted."""
 AMISS = 0.1
 """Of the noise's square for each shared parameter, a third of its sigma: a step may do so much more or less than it promises."""
+AMISS_OUT = 0.3
+"""The same for each view that was left out: of a hundred numbers and more, a seventh of what is worth an effect, or less."""
 DAMPINGS = (0.0, 1e-7, 1e-5, 1e-3)
 """Of the diagonal: a step along what views leave open goes far for nothing, and off the valley's floor."""
 SHORT = 0.15
 """Of what the first whole step promised, that the last one may leave."""
-AMISS_OUT = 0.3
-"""The same for each view that was left out: of a hundred numbers and more, a seventh of what is worth an effect, or less."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
