@@ -19,6 +19,8 @@ from calib.session.lens import NAMES, OPENCV
 
 COEFFICIENTS = NAMES[OPENCV]
 
+FEWEST = 4
+"""Coefficients that a distorted point is computed from: k1, k2, p1, p2."""
 PRISM = 12
 """Coefficients of a lens with a thin prism."""
 NEWTON_STEPS = 40
@@ -61,7 +63,8 @@ class LensModel:
         return torch.stack([values["camera.fx"] * x + values["camera.cx"], values["camera.fy"] * y + values["camera.cy"]], -1)
 
     def _coefficients(self, values: Values) -> list[Tensor]:
-        return [values[f"camera.{name}"] for name in COEFFICIENTS[: self.count]]
+        found = [values[f"camera.{name}"] for name in COEFFICIENTS[: self.count]]
+        return found + [torch.zeros_like(found[0])] * (FEWEST - self.count)
 
 
 def distort(x: Tensor, y: Tensor, coefficients: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
