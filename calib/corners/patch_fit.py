@@ -27,15 +27,15 @@ from calib.session.board import Board
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-HALF_WIDTHS = (3, 5, 9)  # px to both sides of an edge: the first that holds the blur
-FEW, MANY = 14, 96  # places along an edge, where pixels are taken: at least so many to come near, then all but of the largest squares
+HALF_WIDTHS = (3, 5, 9)  # px to both sides of an edge; the first is tried first
+FEW, MANY = 10, 96  # places along an edge, where pixels are taken: a few to come near, then all but of the largest squares
 WIDEST_BLUR = 0.33  # of a half-width, that it can hold
 BLUR = 0.8  # px, to start with
 BLUR_LIMITS = (np.log(0.45), np.log(6.0))  # of px
 STEPS = 10  # at most
 SETTLED = 0.03  # px: after a step this short, the next would be of its square over the blur
 SHAPE, SHAPED = [FIRST_BLUR, SECOND_BLUR, HALO_STRENGTH], 0.3  # likewise, of the logarithms of blurs, and of the halo
-MUCH_CUT, CUT = 0.1, 0.1  # of a corner's pixels; and of the steps that settle it, where so many are cut off
+MUCH_CUT, CUT = 0.1, 0.1  # of the pixels; and of what settles, where so many are cut off
 DAMPING = 1e-3
 OUTLYING = 3.0  # standard deviations of a pixel's noise, from which on it weighs less
 LEAST_NOISE = 0.29  # grey levels: rounding's own
