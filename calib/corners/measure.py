@@ -56,8 +56,7 @@ def _looks_like_corners(fit: Fit, corners: Floats, board: Board) -> NDArray[np.b
     # A board's outer corner is fitted by contrasts that are not there.
     misfit = fit.misfit * np.maximum(np.abs(contrast / usual), 1)
     moved = np.linalg.norm(fit.parameters[:, :2], axis=1)
-    (xx, xy), (_, yy) = np.moveaxis(fit.unit_covariances, 0, -1)
-    spread = fit.inflation * ((xx + yy) / 2 + np.hypot((xx - yy) / 2, xy))  # the larger eigenvalue
+    spread = np.linalg.eigvalsh(fit.unit_covariances * fit.inflation)[:, 1]
     return np.asarray(
         (moved <= np.maximum(FARTHEST * fit.heights.min(1), 1))
         & (contrast * np.sign(usual) >= FAINTEST * abs(usual))
