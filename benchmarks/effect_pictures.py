@@ -144,7 +144,7 @@ def proposed(kinds: tuple[type[Effect], ...], model: CameraModel) -> list[Effect
     if model.path.cover:
         outer = model.path.cover[-1]
         rays = model.path.trace(torch.tensor([[0.35 * WIDTH, 0.5 * HEIGHT]], dtype=torch.float64), model.means)
-        place = torch.cat(outer.surface.chart(outer.frame.enter(rays.origin, model.means)))
+        place = torch.cat(outer.surface.chart(outer.frame.at(model.means).enter(rays.origin)))
     there = Surroundings(BOARD, WIDTH, HEIGHT, model.path, model.means, place=place)
     return [effect for kind in kinds for effect in kind.propose(there)]
 

@@ -72,8 +72,8 @@ class Probed:
             outer = self.path.cover[-1]
             assert outer.relief
             _, adjusted = self.path.adjusted(seen.pixels, seen.values)
-            where = outer.surface.chart(outer.frame.enter(seen.rays.origin.detach(), adjusted))
-            found[..., : self.parameters.amplitudes] = outer.relief.spread(torch.stack([by[name] for name in PROBES], -1), where)
+            where = outer.surface.chart(outer.frame.at(adjusted).enter(seen.rays.origin.detach()))
+            outer.relief.spread(torch.stack([by[name] for name in PROBES], -1), where, found[..., : self.parameters.amplitudes])
         scales, places = {param.name: param.scale for param in self.parameters.free}, self.parameters.slices()
         for name, scale in scales.items():
             if name in by:

@@ -14,5 +14,5 @@ def height_spread(path: Path, values: Values, observations: Observations) -> flo
         return 0.0
     values = observations.with_times(values)
     rays = path.trace(observations.pixels, values)
-    chart = outer[0].surface.chart(outer[0].frame.enter(rays.origin, values))
+    chart = outer[0].surface.chart(outer[0].frame.at(values).enter(rays.origin))
     return float(np.std(path.relief.height(chart, values)[0].numpy()[rays.failure.numpy() == 0]))

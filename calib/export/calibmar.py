@@ -95,10 +95,10 @@ def port_of(calibration: Calibration) -> Port:
     _, told = path.adjusted(torch.zeros((1, 2), dtype=torch.float64), values)
     inner, outer = path.cover
     thickness, glass, outside = (float(told[f"cover.{name}"]) for name in ("thickness", "refractive_index", "outside_index"))
-    at = _numbers(inner.frame.leave(_point(0.0), told))
+    at = _numbers(inner.frame.at(told).leave(_point(0.0)))
     if isinstance(outer.surface, Dome):
         return Port(DOME, at, float(told["cover.inner_radius"]), thickness, glass, outside)
-    normal = _numbers(inner.frame.turn(_point(1.0), told, back=True))
+    normal = _numbers(inner.frame.at(told).turn(_point(1.0), back=True))
     return Port(FLAT, normal, float(np.dot(normal, at)), thickness, glass, outside)
 
 

@@ -16,6 +16,7 @@ from calib.optics import rotation
 from calib.optics.linear_part import LinearPart
 from calib.optics.params import Param, Values
 from calib.optics.rays import MISSED_TARGET, Rays
+from calib.optics.rotation import Rotation
 from calib.optics.vector import Vector
 
 STEPS = 3
@@ -148,8 +149,9 @@ class Target:
             (..., 2) m nominal board coordinates, and (...) uint8 failures.
         """
         bends = self._bends(placement)
-        origin = (rays.origin - Vector.of(placement.shift)).turned(placement.turn, back=True)
-        direction = rays.direction.turned(placement.turn, back=True)
+        turn = Rotation.of(placement.turn)
+        origin = turn.turn(rays.origin - Vector.of(placement.shift), back=True)
+        direction = turn.turn(rays.direction, back=True)
         grazing = direction.z.abs() < 1e-6
         distance = -origin.z / torch.where(grazing, torch.ones_like(direction.z), direction.z)
         with torch.no_grad():
@@ -168,7 +170,7 @@ class Target:
             across, down = part.shift(corners[..., 0], corners[..., 1], values)
             x, y = x + across, y + down
         z = sum((bend.height(x, y, values)[0] for bend in self._bends(placement)), torch.zeros_like(x))
-        return Vector(x, y, z).turned(placement.turn).stacked() + placement.shift
+        return Rotation.of(placement.turn).turn(Vector(x, y, z)).stacked() + placement.shift
 
     def linear_parts(self, landed: Tensor, values: Values) -> Iterator[tuple[LinearPart, Tensor, Tensor]]:
         """Those of the board's parts that are linear in their parameters, and the (...) coordinates that they are asked at, of rays that

@@ -74,7 +74,7 @@ def footprint(path: Path, values: Values, width: int, height: int) -> tuple[tupl
     pixels = torch.cartesian_prod(columns, rows)
     rays = path.trace(pixels, values)
     outer = path.cover[-1]
-    first, second = outer.surface.chart(outer.frame.enter(rays.origin, values))
+    first, second = outer.surface.chart(outer.frame.at(values).enter(rays.origin))
     seen = rays.failure == 0
     if not bool(seen.any()):
         raise InputError("cover: no ray of the camera leaves this cover; check its radius, offset and thickness in session.yaml.")

@@ -1,11 +1,13 @@
 """Where the cover stands in the camera frame."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
-import torch
+from torch import Tensor
 
-from calib.optics import rotation
 from calib.optics.params import Param, Values
+from calib.optics.rotation import Rotation
 from calib.optics.vector import Vector
 
 Names = tuple[str | None, str | None, str | None]
@@ -27,26 +29,36 @@ class CoverFrame:
         turns = (n for names in (self.tilt, *self.more) for n in names if n)
         return (*(Param(n, "m", 1e-3) for n in self.origin if n), *(Param(n, "rad", 1e-2) for n in turns))
 
-    def enter(self, point: Vector, values: Values) -> Vector:
+    def at(self, values: Values) -> Standing:
+        """Where these values put it."""
+        zero = next(iter(values.values())).new_zeros(())
+        turns = (Rotation.by(_named(names, values, zero)) for names in (self.tilt, *self.more) if any(names))
+        return Standing(_named(self.origin, values, zero), tuple(turns))
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """A cover's frame in the camera frame."""
+
+    shift: Vector
+    """m"""
+    turns: tuple[Rotation, ...]
+    """The first turns the cover about its own origin, each of the others on top of that."""
+
+    def enter(self, point: Vector) -> Vector:
         """Points of the camera frame in the cover's frame."""
-        return self.turn(point - self._shift(values, point), values)
+        return self.turn(point - self.shift)
 
-    def leave(self, point: Vector, values: Values) -> Vector:
+    def leave(self, point: Vector) -> Vector:
         """Points of the cover's frame in the camera frame."""
-        return self.turn(point, values, back=True) + self._shift(values, point)
+        return self.turn(point, back=True) + self.shift
 
-    def turn(self, direction: Vector, values: Values, *, back: bool = False) -> Vector:
+    def turn(self, direction: Vector, *, back: bool = False) -> Vector:
         """Directions of the camera frame in the cover's frame, or back."""
-        for names in (self.tilt, *self.more)[:: -1 if back else 1]:
-            if any(names):
-                rotvec = _named(names, values, direction)
-                direction = direction.turned(rotation.matrix(rotvec.stacked()), back=not back)
+        for turn in self.turns[:: -1 if back else 1]:
+            direction = turn.turn(direction, back=not back)
         return direction
 
-    def _shift(self, values: Values, like: Vector) -> Vector:
-        return _named(self.origin, values, like)
 
-
-def _named(names: Names, values: Values, like: Vector) -> Vector:
-    zero = torch.zeros((), dtype=like.z.dtype, device=like.z.device)
+def _named(names: Names, values: Values, zero: Tensor) -> Vector:
     return Vector(*(values[name] if name else zero for name in names))

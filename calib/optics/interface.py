@@ -52,8 +52,8 @@ class Interface:
 
     def __call__(self, rays: Rays, values: Values) -> Rays:
         """Rays before the surface to rays that start on it, bent."""
-        origin = self.frame.enter(rays.origin, values)
-        direction = self.frame.turn(rays.direction, values)
+        frame = self.frame.at(values)
+        origin, direction = frame.enter(rays.origin), frame.turn(rays.direction)
         glass = values["cover.refractive_index"]
         if self.name == "inner":
             height, ratio = torch.zeros_like(glass), 1 / glass
@@ -67,8 +67,8 @@ class Interface:
         point = origin + direction * distance
         bent, reflected = refract(direction, self._outwards(point, values)[0].unit(), ratio)
         return rays.moved(
-            self.frame.leave(point, values),
-            self.frame.turn(bent, values, back=True),
+            frame.leave(point),
+            frame.turn(bent, back=True),
             (missed, missed_code),
             (reflected, reflected_code),
         )

@@ -1,7 +1,48 @@
 """Rotations as rotation vectors: the axis times the angle."""
 
+from __future__ import annotations
+
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
+
+from calib.optics.vector import Vector
+
+
+@dataclass(frozen=True, slots=True)
+class Rotation:
+    """(...) rotation matrices, entry by entry: what many vectors are turned by costs no sums over a last axis of three."""
+
+    rows: tuple[Vector, Vector, Vector]
+
+    @staticmethod
+    def of(matrices: Tensor) -> Rotation:
+        """From (..., 3, 3)."""
+        entries = matrices.flatten(-2).unbind(-1)
+        return Rotation((Vector(*entries[:3]), Vector(*entries[3:6]), Vector(*entries[6:])))
+
+    @staticmethod
+    def by(rotvec: Vector) -> Rotation:
+        """From (...) rotation vectors, rad. Rodrigues' formula, as `matrix` has it."""
+        angle2 = rotvec.dot(rotvec)
+        sine, cosine = _factors(angle2)
+        keep, turned, bent = 1 - cosine * angle2, rotvec * sine, rotvec * cosine
+        xy, yz, zx = bent.x * rotvec.y, bent.y * rotvec.z, bent.z * rotvec.x
+        return Rotation(
+            (
+                Vector(keep + bent.x * rotvec.x, xy - turned.z, zx + turned.y),
+                Vector(xy + turned.z, keep + bent.y * rotvec.y, yz - turned.x),
+                Vector(zx - turned.y, yz + turned.x, keep + bent.z * rotvec.z),
+            )
+        )
+
+    def turn(self, vector: Vector, *, back: bool = False) -> Vector:
+        """Rotated, or rotated by the inverse."""
+        first, second, third = self.rows
+        if back:
+            return first * vector.x + second * vector.y + third * vector.z
+        return Vector(first.dot(vector), second.dot(vector), third.dot(vector))
 
 
 def matrix(rotvec: Tensor) -> Tensor:
@@ -14,18 +55,24 @@ def matrix(rotvec: Tensor) -> Tensor:
         (..., 3, 3) rotation matrices, smooth through zero.
     """
     angle2 = (rotvec**2).sum(-1)  # (...)
-    small = angle2 < 1e-8
-    safe2 = torch.where(small, torch.ones_like(angle2), angle2)  # masked before the root
-    angle = safe2.sqrt()
-    # Taylor to the second order in angle^2: at 1e-8 the next term is below 1e-19.
-    sine = torch.where(small, 1 - angle2 / 6 + angle2**2 / 120, angle.sin() / angle)
-    cosine = torch.where(small, 0.5 - angle2 / 24 + angle2**2 / 720, (1 - angle.cos()) / safe2)
+    sine, cosine = _factors(angle2)
     cross = _cross(rotvec)
     outer = rotvec.unsqueeze(-1) * rotvec.unsqueeze(-2)
     eye = torch.eye(3, dtype=rotvec.dtype, device=rotvec.device)
     # exp(w) = I + s [w] + c [w]^2, and [w]^2 = w w^T - |w|^2 I
     turned: Tensor = (1 - cosine * angle2)[..., None, None] * eye + sine[..., None, None] * cross + cosine[..., None, None] * outer
     return turned
+
+
+def _factors(angle2: Tensor) -> tuple[Tensor, Tensor]:
+    """(...) sin(a) / a and (1 - cos(a)) / a^2 of (...) a^2, smooth through zero."""
+    small = angle2 < 1e-8
+    safe2 = torch.where(small, torch.ones_like(angle2), angle2)  # masked before the root
+    angle = safe2.sqrt()
+    # Taylor to the second order in angle^2: at 1e-8 the next term is below 1e-19.
+    sine = torch.where(small, 1 - angle2 / 6 + angle2**2 / 120, angle.sin() / angle)
+    cosine = torch.where(small, 0.5 - angle2 / 24 + angle2**2 / 720, (1 - angle.cos()) / safe2)
+    return sine, cosine
 
 
 def derivatives(rotvec: Tensor, turn: Tensor) -> Tensor:

@@ -19,7 +19,7 @@ class Vector:
     @staticmethod
     def of(stacked: Tensor) -> Vector:
         """From (..., 3)."""
-        return Vector(stacked[..., 0], stacked[..., 1], stacked[..., 2])
+        return Vector(*stacked.unbind(-1))
 
     def stacked(self) -> Tensor:
         """To (..., 3)."""
@@ -44,11 +44,6 @@ class Vector:
     def unit(self) -> Vector:
         """Scaled to length one. Not for zero vectors."""
         return self * self.dot(self).rsqrt()
-
-    def turned(self, matrix: Tensor, *, back: bool = False) -> Vector:
-        """Rotated by (..., 3, 3), or by its inverse."""
-        rows = [[matrix[..., j, i] if back else matrix[..., i, j] for j in range(3)] for i in range(3)]
-        return Vector(*(row[0] * self.x + row[1] * self.y + row[2] * self.z for row in rows))
 
     def detach(self) -> Vector:
         return Vector(self.x.detach(), self.y.detach(), self.z.detach())

@@ -53,7 +53,7 @@ def on_patch(model: CameraModel, pixels: Array) -> Array:
     outer = model.path.cover[-1]
     assert outer.relief
     rays = model.path.trace(torch.from_numpy(pixels), model.means)
-    at = torch.stack(outer.surface.chart(outer.frame.enter(rays.origin, model.means)), -1).numpy()
+    at = torch.stack(outer.surface.chart(outer.frame.at(model.means).enter(rays.origin)), -1).numpy()
     low, high = np.array(outer.relief.low), np.array(outer.relief.high)
     return np.where((rays.failure != 0).numpy()[:, None], np.nan, (at - low) / (high - low))
 

@@ -270,8 +270,9 @@ def test_the_prior_s_heights_have_the_stated_spread() -> None:
     rows, columns = (torch.linspace(low, high, n, dtype=torch.float64) for low, high, n in zip(*PATCH, (6, 5), strict=True))
     at = torch.cartesian_prod(rows, columns)
     level = torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64).expand(30, 1, 3)
-    heights = relief.spread(level, (at[:, 0], at[:, 1]))[:, 0].numpy()
-    spread = heights @ np.linalg.inv(smoothness.precision(relief)) @ heights.T
+    heights = torch.empty(30, 1, 30, dtype=torch.float64)
+    relief.spread(level, (at[:, 0], at[:, 1]), heights)
+    spread = heights[:, 0].numpy() @ np.linalg.inv(smoothness.precision(relief)) @ heights[:, 0].numpy().T
 
     def figure(one: tuple[float, float], two: tuple[float, float]) -> float:
         def term(i: int, k: int) -> float:

@@ -209,7 +209,7 @@ def test_footprint_holds_every_ray(example: Example) -> None:
     low, high = footprint(path, values, WIDTH, HEIGHT)
     rays = path.trace(some_pixels(500), values)
     outer = path.cover[-1]
-    first, second = outer.surface.chart(outer.frame.enter(rays.origin, values))
+    first, second = outer.surface.chart(outer.frame.at(values).enter(rays.origin))
     assert low[0] <= first.min() <= first.max() <= high[0]
     assert low[1] <= second.min() <= second.max() <= high[1]
 
@@ -218,7 +218,7 @@ def test_the_paper_s_patch_holds_what_its_camera_sees() -> None:
     path, values = nominal(amplitude=0.0)
     outer = path.cover[-1]
     corners = torch.tensor([[x, y] for x in (0.0, WIDTH / 2, WIDTH - 1) for y in (0.0, HEIGHT / 2, HEIGHT - 1)], dtype=torch.float64)
-    height, around = outer.surface.chart(outer.frame.enter(path.trace(corners, values).origin, values))
+    height, around = outer.surface.chart(outer.frame.at(values).enter(path.trace(corners, values).origin))
     assert PATCH[0][0] < height.min() < height.max() < PATCH[1][0], "its 20 mm"
     assert PATCH[0][1] < around.min() < around.max() < PATCH[1][1], "its 30 degrees"
 
