@@ -22,7 +22,7 @@ from calib.corners.measure import measure
 from calib.corners.ordering import canonical_order
 from calib.session.board import Board
 
-VERSION = 5
+VERSION = 6
 """To be raised with every change that moves corners: kept detections are then made again."""
 
 COARSE = 800  # px, longer side of the picture in which the board is looked for

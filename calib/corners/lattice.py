@@ -68,11 +68,12 @@ class Lattice:
     @staticmethod
     def _whole(corners: Floats, board: Board) -> "Lattice":
         grid = corners.reshape(board.rows, board.columns, 2)
-        row_steps, row_bends = _along(grid)
-        column_steps, column_bends = (part.swapaxes(0, 1) for part in _along(grid.swapaxes(0, 1)))
-        steps = np.stack([row_steps, column_steps], 2).reshape(-1, 2, 2)
-        bends = np.stack([row_bends, column_bends], 2).reshape(-1, 2)
-        return Lattice(np.array(corners, np.float64), steps, bends / (steps**2).sum(-1))
+        steps, curvatures = np.empty((*grid.shape[:2], 2, 2)), np.empty(grid.shape)
+        for edge, turned in enumerate((grid, grid.swapaxes(0, 1))):
+            own = (part[:, :, edge] if edge == 0 else part[:, :, edge].swapaxes(0, 1) for part in (steps, curvatures))
+            for part, values in zip(own, _along(turned), strict=True):
+                part[...] = values
+        return Lattice(np.array(corners, np.float64), steps.reshape(-1, 2, 2), curvatures.reshape(-1, 2))
 
     @property
     def angles(self) -> Floats:
@@ -110,21 +111,21 @@ def normals(steps: Floats) -> Floats:
 
 
 def _along(lines: Floats) -> tuple[Floats, Floats]:
-    """(lines, corners, 2) px -> of the same shape, the step at each corner; and (lines, corners) px, the second difference across it, of
-    which the ends take their neighbours'."""
-    second = lines[:, 2:] - 2 * lines[:, 1:-1] + lines[:, :-2]
-    bends = np.concatenate([second[:, :1], second, second[:, -1:]], 1)
-    steps = np.concatenate(
-        [
-            lines[:, 1:2] - lines[:, :1] - bends[:, :1] / 2,
-            (lines[:, 2:] - lines[:, :-2]) / 2,
-            lines[:, -1:] - lines[:, -2:-1] + bends[:, -1:] / 2,
-        ],
-        1,
-    )
-    across = normals(steps)
-    third = ((second[:, 1:] - second[:, :-1]) * across[:, 1:-2]).sum(-1)
-    return steps, _told((bends * across).sum(-1), float((third**2).mean()) if third.size else 0.0)
+    """(lines, corners, 2) px -> of the same shape, the step at each corner; and (lines, corners) 1/px, how the line bends there: what the
+    second difference tells, of which the ends take their neighbours'."""
+    apart = lines[:, 1:] - lines[:, :-1]
+    bends = np.empty_like(lines)
+    bends[:, 1:-1] = apart[:, 1:] - apart[:, :-1]
+    bends[:, 0], bends[:, -1] = bends[:, 1], bends[:, -2]
+    steps = np.empty_like(lines)
+    steps[:, 1:-1] = (apart[:, 1:] + apart[:, :-1]) / 2
+    steps[:, 0], steps[:, -1] = apart[:, 0] - bends[:, 0] / 2, apart[:, -1] + bends[:, -1] / 2
+    squared = steps[..., 0] ** 2 + steps[..., 1] ** 2
+    length = np.sqrt(squared)
+    across = (bends[..., 1] * steps[..., 0] - bends[..., 0] * steps[..., 1]) / length
+    change = bends[:, 2:-1] - bends[:, 1:-2]
+    third = (change[..., 1] * steps[:, 1:-2, 0] - change[..., 0] * steps[:, 1:-2, 1]) / length[:, 1:-2]
+    return steps, _told(across, float((third**2).mean()) if third.size else 0.0) / squared
 
 
 def _told(bends: Floats, third: float) -> Floats:
@@ -138,8 +139,9 @@ def _told(bends: Floats, third: float) -> Floats:
 def _smoothed(bends: Floats) -> Floats:
     """(lines, corners) means of each and its neighbours by the weights 1, 2, 1, both ways: a corner's own error would else come back
     to it, larger by a sixth, in its bend."""
-    for axis in (0, 1):
-        padded = np.concatenate([np.take(bends, [0], axis), bends, np.take(bends, [-1], axis)], axis)
-        before, here, after = (np.take(padded, np.arange(bends.shape[axis]) + shift, axis) for shift in (0, 1, 2))
-        bends = (before + 2 * here + after) / 4
+    for _ in range(2):
+        smooth = np.empty_like(bends)
+        smooth[1:-1] = bends[:-2] + 2 * bends[1:-1] + bends[2:]
+        smooth[0], smooth[-1] = 3 * bends[0] + bends[1], 3 * bends[-1] + bends[-2]
+        bends = smooth.T / 4
     return bends

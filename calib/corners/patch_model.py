@@ -3,13 +3,15 @@
 Two edges meet at the corner, each bent as its neighbours say. Light is an error function of the distance from an edge: a step, blurred by
 the lens and by the pixel's own square, whose standard deviation across an edge is 12^-1/2 px whatever the edge's direction. The product
 of both edges is the checkerboard; where the edges are not perpendicular, a blurred corner differs from it by the correlation of the two
-distances, of which the first three orders are kept. Uneven light multiplies all of it.
+distances, of which the first three orders are kept. Uneven light multiplies all of it. Further from the other edge than its blur and its
+halo reach, that edge is but a sign.
 
 Sharpening, a curve of tones, and the rounder foot of a real blur are not in the model. They all leave a corner's picture the same when it
 is turned by 180 degrees, as the model is: so they can widen what the fit expects of itself, and not move it to a side.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,117 +21,220 @@ from calib.corners.patches import Patches
 
 PARAMETERS = (
     *("x", "y", "first angle", "second angle", "first log blur", "second log blur"),
-    *("middle", "contrast", "light along x", "light along y", "halo"),
+    *("middle", "contrast", "light along the first edge", "light along the second edge", "halo"),
 )
-X, Y, FIRST_ANGLE, SECOND_ANGLE, FIRST_BLUR, SECOND_BLUR, MIDDLE, CONTRAST, LIGHT_X, LIGHT_Y, HALO_STRENGTH = range(len(PARAMETERS))
+"""px from the lattice's corner, rad, logarithms of px, grey levels, and parts of the light over half a patch."""
+X, Y, FIRST_ANGLE, SECOND_ANGLE, FIRST_BLUR, SECOND_BLUR, MIDDLE, CONTRAST, FIRST_LIGHT, SECOND_LIGHT, HALO_STRENGTH = range(
+    len(PARAMETERS)
+)
+PLACE, ANGLES, BLURS, LIGHTS = (slice(begin, begin + 2) for begin in (X, FIRST_ANGLE, FIRST_BLUR, FIRST_LIGHT))
+FIRST_ACROSS, SECOND_ACROSS = X, Y  # where derivatives have, in place of x and y, the px across both edges
+SECOND_FIRST = [1, 0, 3, 2, 5, 4, 6, 7, 9, 8, 10]  # the second edge's parameters before the first one's
 
 Floats = NDArray[np.float32]
+Doubles = NDArray[np.float64]
 
-TOGETHER = 32  # corners: what they need stays in a processor's cache
 HALO = 1.2  # px from an edge, where sharpening's overshoot is largest
+FAR, HALO_ENDS = 4.5, 5.0  # blurs, and px, from an edge: from there on it is a sign, but for 1e-5 of a step, and 7e-4 of a halo
 _PEAK = (2 / math.pi) ** 0.5
-_STEP = (0.254829592, -0.284496736, 1.421413741, -1.453152027, 1.061405429)
-_STEP_AT = 0.3275911 / 2**0.5
+_STEP = (0.7987782, 0.035297989)  # tanh of such an odd polynomial is erf(x / sqrt 2), to 3e-4: a pixel is rounded by ten times that
+_ROWS, _COLUMNS = np.triu_indices(3)
+_HALF = np.where(_ROWS == _COLUMNS, 0.5, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Edge:
-    """One edge of each corner, seen from P pixels."""
+    """One edge of each row, seen from P pixels."""
 
-    along: Floats
-    """(N, P) px from the corner."""
+    back: Floats
+    """(R, P) px along it, towards the corner."""
     beyond: Floats
-    """(N, P) blurs, across the edge."""
+    """(R, P) blurs, across it."""
     side: Floats
-    """(N, P) from -1 to 1."""
-    change: Floats
-    """(N, P) of the blurred step, for each blur across."""
+    """(R, P) from -1 to 1, and a halo more."""
+    falling: Floats
+    """(R, P) how steep the blurred step is, over its peak."""
     halo: Floats
-    """(N, P) what sharpening adds to the step, for a strength of 1."""
-    halo_change: Floats
-    """(N, P) 1/px, of that, across."""
+    """(R, P) what sharpening adds to the step, for a strength of 1."""
+    halo_falling: Floats
+    """(R, P) how steep that is, over its peak."""
     sharpness: Floats
-    """(N, 1) 1/px, of the blur."""
-    cosine: Floats
-    """(N, 1) of the edge's direction."""
-    sine: Floats
+    """(R, 1) 1/px, the step's peak."""
+    halo_sharpness: Floats
+    """(R, 1) 1/px, the halo's."""
 
     @staticmethod
-    def of(x: Floats, y: Floats, angle: Floats, log_blur: Floats, curvature: Floats, halo: Floats) -> "_Edge":
-        cosine, sine, sharpness = np.cos(angle), np.sin(angle), np.exp(-log_blur)
-        along = np.asarray(cosine * x + sine * y, np.float32)
-        distance = np.asarray(cosine * y - sine * x - 0.5 * curvature * along * along, np.float32)
-        beyond, ring = distance * sharpness, distance * (1 / HALO)
-        fading = np.exp(-0.5 * ring * ring)
-        own_halo, steep = ring * fading, np.asarray((1 - ring * ring) * fading * (1 / HALO), np.float32)
-        falling = np.exp(-0.5 * beyond * beyond)
-        side = _blurred_step(beyond, falling) + halo * own_halo
-        return _Edge(along, beyond, side, _PEAK * falling, own_halo, halo * steep, sharpness, cosine, sine)
+    def of(beyond: Floats, ring: Floats, back: Floats, blur: Floats, strength: Floats) -> "_Edge":
+        """`ring` is (R, P) HALO, across it."""
+        squared = beyond * beyond
+        side = squared * _STEP[1]
+        side += _STEP[0]
+        side *= beyond
+        np.tanh(side, out=side)
+        squared *= -0.5
+        falling = np.exp(squared, out=squared)
+        halo_falling = ring * ring
+        halo_falling *= -0.5
+        np.exp(halo_falling, out=halo_falling)
+        halo = ring * halo_falling
+        side += halo * strength
+        ring *= halo
+        halo_falling -= ring
+        return _Edge(back, beyond, side, falling, halo, halo_falling, _PEAK / blur, strength / HALO)
+
+    def some(self, rows: slice = slice(None), pixels: slice = slice(None)) -> "_Edge":
+        """Of a few rows, from some pixels."""
+        seen = (self.back, self.beyond, self.side, self.falling, self.halo, self.halo_falling)
+        back, beyond, side, falling, halo, halo_falling = (part[rows, pixels] for part in seen)
+        return _Edge(back, beyond, side, falling, halo, halo_falling, self.sharpness[rows], self.halo_sharpness[rows])
 
 
-def predicted(
-    parameters: NDArray[np.float64], patches: Patches, curvatures: NDArray[np.float64], clipped: tuple[float, float]
-) -> tuple[Floats, Floats]:
-    """The light of every pixel, and its derivatives.
+@dataclass(frozen=True, slots=True, eq=False)
+class Expected:
+    """What the pixels of R rows of patches should look like."""
 
-    Args:
-        parameters: (N, 11), as in `PARAMETERS`: px from the lattice's corner, rad, logarithms of px, grey levels, and parts of the light
-            over half a patch.
-        patches: the places.
-        curvatures: (N, 2) 1/px, of the two edges.
-        clipped: the grey levels that no pixel can fall below or exceed.
+    light: Floats
+    """(R, P) grey levels."""
+    own: _Edge
+    other: _Edge
+    """From those first pixels that are near it."""
+    facing: Floats
+    """(R, P) from -1 to 1, the side of the other edge."""
+    both: Floats
+    """(R, near), by how much a blurred corner is not the product of its edges, to the first order."""
+    pattern: Floats
+    """(R, P) from -1 to 1."""
+    even: Floats
+    """(R, P) grey levels in even light."""
+    uneven: Floats
+    """(R, P) the light, 1 in the middle."""
+    contrast: Floats
+    """(R, 1) grey levels."""
+    crossing: Floats
+    """(R, 1) the sine of the angle from the own edge to the other."""
+    u: Floats
+    """(R, P) parts of a patch along the own edge."""
+    v: Floats
+    """(R, P) along the other one."""
 
-    Returns:
-        (N, P) grey levels and (N, 11, P). Pixels that are not used, or lie beyond what the sensor can tell, have derivatives of 0.
-    """
-    light = np.empty_like(patches.light)
-    jacobian = np.empty((*parameters.shape, light.shape[1]), np.float32)
-    for begin in range(0, len(light), TOGETHER):
-        some = slice(begin, begin + TOGETHER)
-        own = parameters[some].astype(np.float32)[:, :, None]
-        light[some] = _fill(jacobian[some], own, patches.some(some), curvatures[some].astype(np.float32)[:, :, None], clipped)
-    return light, jacobian
+    @staticmethod
+    def of(parameters: Doubles, patches: Patches, curvatures: Doubles) -> "Expected":
+        """
+        Args:
+            parameters: (R, 11), as in `PARAMETERS`, but the own edge's before the other's.
+            patches: R rows.
+            curvatures: (R, 2) 1/px, of the own edge and the other.
+        """
+        angles, blurs = parameters[:, ANGLES], np.exp(parameters[:, BLURS])
+        beyond, back = _ways(parameters[:, PLACE], angles, curvatures, patches.ends)
+        forms = np.zeros((2, len(parameters), 4, 6), np.float32)  # of the own edge, and of the other
+        forms[:, :, 0], forms[:, :, 1], forms[:, :, 2] = (part.swapaxes(0, 1) for part in (beyond / blurs[..., None], beyond / HALO, back))
+        forms[0, :, 3, 0], forms[0, :, 3, 1:3] = 1, parameters[:, LIGHTS]
+        middle, contrast, strength, own_blur, other_blur = (
+            part.astype(np.float32)[:, None] for part in (*parameters[:, [MIDDLE, CONTRAST, HALO_STRENGTH]].T, *blurs.T)
+        )
+        beyond_own, ring, back_own, uneven = _at(forms[0], patches.forms)
+        own = _Edge.of(beyond_own, ring, back_own, own_blur, strength)
+        near = int(np.searchsorted(patches.away, max(FAR * float(blurs[:, 1].max()), HALO_ENDS)))
+        beyond_other, ring, back_other = _at(forms[1, :, :3], patches.forms[..., :near])
+        other = _Edge.of(beyond_other, ring, back_other, other_blur, strength)
+
+        facing = patches.facing.copy()
+        facing[:, :near] = other.side
+        pattern = own.side * facing
+        turn = angles[:, 1] - angles[:, 0]
+        slant, crossing = (part.astype(np.float32)[:, None] for part in (np.cos(turn), np.sin(turn)))
+        both = own.falling[:, :near] * other.falling
+        both *= _PEAK**2 * slant
+        more = own.beyond[:, :near] * other.beyond
+        more *= slant / 2  # orders of the slant
+        more += 1 + (own.beyond[:, :near] ** 2 - 1) * (other.beyond**2 - 1) * (slant**2 / 6)
+        more *= both
+        pattern[:, :near] += more
+        even = pattern * contrast
+        even += middle
+        u, v = patches.forms[1:3]
+        return Expected(even * uneven, own, other, facing, both, pattern, even, uneven, contrast, crossing, u, v)
+
+    def some(self, rows: slice) -> "Expected":
+        """Of a few rows."""
+        parts = (self.facing, self.both, self.pattern, self.even, self.uneven, self.contrast, self.crossing, self.u, self.v)
+        return Expected(self.light[rows], self.own.some(rows), self.other.some(rows), *(part[rows] for part in parts))
+
+    def derivatives(self, weights: Floats, out: Sequence[Floats]) -> None:
+        """Write the derivatives of the light, times (R, P) weights, into eleven (R, P).
+
+        They are by the parameters, the own edge's before the other's; in place of x and y, by the px across both edges.
+        """
+        own, other = self.own, self.other
+        near = other.side.shape[1]
+        np.multiply(weights, self.uneven, out=out[MIDDLE])
+        np.multiply(out[MIDDLE], self.pattern, out=out[CONTRAST])
+        lit = weights * self.even
+        np.multiply(lit, self.u, out=out[FIRST_LIGHT])
+        np.multiply(lit, self.v, out=out[SECOND_LIGHT])
+        np.multiply(out[MIDDLE], self.contrast, out=lit)
+        facing = lit * self.facing
+        np.multiply(facing, own.halo, out=out[HALO_STRENGTH])
+        step = facing * own.falling
+        np.multiply(step, own.beyond, out=out[FIRST_BLUR])
+        out[FIRST_BLUR] *= -_PEAK
+        np.multiply(step, own.sharpness, out=out[FIRST_ACROSS])
+        facing *= own.halo_falling
+        facing *= own.halo_sharpness
+        out[FIRST_ACROSS] += facing
+        for of_other in (SECOND_ACROSS, SECOND_ANGLE, SECOND_BLUR):
+            out[of_other][:, near:] = 0
+        self._near(lit[:, :near], own.some(pixels=slice(near)), [one[:, :near] for one in out])
+        np.multiply(out[FIRST_ACROSS], own.back, out=out[FIRST_ANGLE])
+        closing = lit[:, :near] * own.falling[:, :near]
+        closing *= other.falling
+        closing *= _PEAK**2 * self.crossing  # of the angle between them
+        out[FIRST_ANGLE][:, :near] += closing
+        np.multiply(out[SECOND_ACROSS][:, :near], other.back, out=out[SECOND_ANGLE][:, :near])
+        out[SECOND_ANGLE][:, :near] -= closing
+
+    def _near(self, lit: Floats, own: _Edge, out: Sequence[Floats]) -> None:
+        """Of those pixels that are near both edges, what both change; of the slant, the first order."""
+        other = self.other
+        both = lit * self.both
+        bent = both * own.beyond
+        out[FIRST_ACROSS] -= bent * (own.sharpness / _PEAK)
+        bent *= own.beyond
+        out[FIRST_BLUR] += bent
+        lit = lit * own.side
+        out[HALO_STRENGTH] += lit * other.halo
+        step = lit * other.falling
+        step *= _PEAK
+        both *= other.beyond
+        step -= both
+        np.multiply(step, -other.beyond, out=out[SECOND_BLUR])
+        np.multiply(step, other.sharpness / _PEAK, out=out[SECOND_ACROSS])
+        lit *= other.halo_falling
+        lit *= other.halo_sharpness
+        out[SECOND_ACROSS] += lit
 
 
-def _fill(jacobian: Floats, own: Floats, patches: Patches, bent: Floats, clipped: tuple[float, float]) -> Floats:
-    """Write the (N, 11, P) derivatives of a few corners into a Jacobian, and return their (N, P) light."""
-    x, y = patches.x - own[:, X], patches.y - own[:, Y]
-    one = _Edge.of(x, y, own[:, FIRST_ANGLE], own[:, FIRST_BLUR], bent[:, 0], own[:, HALO_STRENGTH])
-    two = _Edge.of(x, y, own[:, SECOND_ANGLE], own[:, SECOND_BLUR], bent[:, 1], own[:, HALO_STRENGTH])
-    along_x, along_y = patches.x / patches.size, patches.y / patches.size
-
-    slant = one.cosine * two.cosine + one.sine * two.sine
-    both = one.change * two.change * slant
-    cross = slant * one.beyond * two.beyond
-    cubic = slant**2 / 6 * (one.beyond**2 - 1) * (two.beyond**2 - 1)
-    pattern = one.side * two.side + both * (1 + cross / 2 + cubic)
-    even = own[:, MIDDLE] + own[:, CONTRAST] * pattern
-    uneven = 1 + own[:, LIGHT_X] * along_x + own[:, LIGHT_Y] * along_y
-    light = uneven * even
-
-    seen = patches.used * ((light > clipped[0]) & (light < clipped[1]))
-    lit = seen * own[:, CONTRAST] * uneven
-    by_one = lit * (one.change * two.side - both * one.beyond)  # for each blur across; of the slant, the first order
-    by_two = lit * (two.change * one.side - both * two.beyond)
-    by_px_one = by_one * one.sharpness + lit * one.halo_change * two.side
-    by_px_two = by_two * two.sharpness + lit * two.halo_change * one.side
-    jacobian[:, X] = one.sine * by_px_one + two.sine * by_px_two
-    jacobian[:, Y] = -one.cosine * by_px_one - two.cosine * by_px_two
-    closing = lit * one.change * two.change * (one.cosine * two.sine - one.sine * two.cosine)  # of the angle between them
-    jacobian[:, FIRST_ANGLE] = closing - one.along * by_px_one
-    jacobian[:, SECOND_ANGLE] = -closing - two.along * by_px_two
-    jacobian[:, FIRST_BLUR] = -one.beyond * by_one
-    jacobian[:, SECOND_BLUR] = -two.beyond * by_two
-    jacobian[:, MIDDLE] = seen * uneven
-    jacobian[:, CONTRAST] = jacobian[:, MIDDLE] * pattern
-    jacobian[:, LIGHT_X] = seen * even * along_x
-    jacobian[:, LIGHT_Y] = seen * even * along_y
-    jacobian[:, HALO_STRENGTH] = lit * (one.halo * two.side + two.halo * one.side)
-    return np.clip(light, *clipped)
+def by_distances(parameters: Doubles) -> Doubles:
+    """(N, 2, 2) px along x and y that the corner moves, for each px that its pixels move across the first edge, and the second."""
+    (first, second) = parameters[:, ANGLES].T
+    rows = np.stack([-np.cos(second), np.cos(first), -np.sin(second), np.sin(first)], -1) / np.sin(second - first)[:, None]
+    return np.asarray(rows.reshape(-1, 2, 2))
 
 
-def _blurred_step(beyond: Floats, falling: Floats) -> Floats:
-    """erf(beyond / sqrt 2), to 2e-7 (Abramowitz and Stegun 7.1.26), by the exponential that is known already."""
-    near = np.reciprocal(1 + _STEP_AT * np.abs(beyond))
-    rest = near * (_STEP[0] + near * (_STEP[1] + near * (_STEP[2] + near * (_STEP[3] + near * _STEP[4]))))
-    return np.asarray(np.copysign(1 - rest * falling, beyond))
+def _at(forms: Floats, places: Floats) -> Floats:
+    """(k, R, P) values of (R, k, 6) forms at (6, R, P)."""
+    values = np.empty((forms.shape[1], *places.shape[1:]), np.float32)
+    np.matmul(forms, places.swapaxes(0, 1), out=values.swapaxes(0, 1))
+    return values
+
+
+def _ways(place: Doubles, angles: Doubles, curvatures: Doubles, ends: Doubles) -> tuple[Doubles, Doubles]:
+    """(R, 2 edges, 6) px across each edge, and px along it towards the corner, as forms."""
+    cosine, sine = np.cos(angles), np.sin(angles)
+    towards = np.stack([-place, ends[:, 0], ends[:, 1]], -1)  # (R, 2, 3) px for 1, u, v
+    along = np.stack([cosine, sine], -1) @ towards
+    beyond, back = np.zeros((*angles.shape, 6)), np.zeros((*angles.shape, 6))
+    back[..., :3], beyond[..., :3] = -along, np.stack([-sine, cosine], -1) @ towards
+    beyond -= (along[..., _ROWS] * along[..., _COLUMNS]) * (curvatures[..., None] * _HALF)
+    return beyond, back

@@ -9,26 +9,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 CHUNK = 12  # places along an edge, half of them to either side of the corner
-FEWEST = 6  # chunks: what is summed over a whole patch, the fit has made zero
+FEWEST = 6  # chunks: what is summed over all that was fitted, the fit has made zero
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
 
 
-def inflation(jacobian: NDArray[np.float32], residuals: NDArray[np.float32], inverse: NDArray[np.float64], half_width: int) -> float:
+def chunks(places: int, edges: int = 1) -> list[slice]:
+    """Of so many places along each of the edges that are fitted together, from the corner outwards."""
+    size = min(CHUNK, -(-places * edges // FEWEST))
+    return [slice(begin, begin + size) for begin in range(0, places, size)]
+
+
+def inflation(normals: Singles, gradients: Singles, inverse: Floats, moved: Floats | None = None) -> float:
     """Grey levels^2, by which the unit covariances of a picture's corners are to be multiplied.
 
     Args:
-        jacobian: (N, k, P) of the light; the first two parameters are the place.
-        residuals: (N, P) grey levels, in the order along the edges.
-        inverse: (N, k, k) of the normal matrices.
-        half_width: px to both sides of an edge.
+        normals: (C, N, k, k) of C chunks of each corner's pixels.
+        gradients: (C, N, k) of their residuals in grey levels.
+        inverse: (N, k, k) of all chunks' normal matrix.
+        moved: (N, 2, 2) px of the place, for each of the first two parameters. None: they are the place.
     """
-    pixels = jacobian.shape[2]
-    size = min(CHUNK * (2 * half_width + 1), -(-pixels // FEWEST))
-    by_pixel = np.matmul(inverse[:, :2].astype(np.float32), jacobian)  # (N, 2, P) px for each grey level
-    moved = by_pixel * residuals[:, None]
-    found, white, absorbed = 0.0, float((by_pixel.astype(np.float64) ** 2).sum()), 0.0
-    for begin in range(0, pixels, size):
-        chunk = slice(begin, begin + size)
-        found += float((moved[..., chunk].sum(-1, dtype=np.float64) ** 2).sum())
-        carried = np.matmul(by_pixel[..., chunk], jacobian[..., chunk].swapaxes(1, 2)).astype(np.float64)  # (N, 2, k)
-        absorbed += float((np.matmul(carried, inverse) * carried).sum())
-    return found / (white - absorbed)
+    rows = (inverse[:, :2] if moved is None else moved @ inverse[:, :2]).astype(np.float32)  # (N, 2, k)
+    found = rows @ gradients[..., None]
+    carried = rows @ normals  # (C, N, 2, k)
+    white = carried.sum(0) * rows
+    absorbed = (carried @ inverse.astype(np.float32)) * carried
+    return float((found**2).sum(dtype=np.float64) / (white.sum(dtype=np.float64) - absorbed.sum(dtype=np.float64)))

@@ -2,6 +2,9 @@
 
 Every pixel belongs to one corner alone, so that the errors of two corners are independent. Pixels far from both edges say nothing of the
 place. Where squares are large, only every second, third ... pixel along an edge is taken, so that a corner costs no more than so much.
+
+Pixels are known by where they lie between the neighbouring corners: the distances from both edges, bent as they may be, the way along them,
+and the light are forms of that, of the first or second degree, and one product of small matrices gives them for all pixels.
 """
 
 from dataclasses import dataclass
@@ -18,94 +21,99 @@ Floats = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patches:
-    """P pixels around each of N corners: those about one edge, then the other's, each from the corner outwards, to both sides alike. The
-    fullest patch sets P."""
+    """P pixels along each edge of N corners: T places from the corner outwards, to both sides alike, and at each the pixels across. An edge
+    is a row: the first edges of all corners stand before the second ones. What is a row's `own` is along or across its edge, the `other`
+    edge is the corner's other one."""
 
     light: Floats
-    """(N, P) grey levels."""
-    x: Floats
-    """(N, P) px, from the corner as the lattice has it."""
-    y: Floats
-    """(N, P) px."""
+    """(2N, P) grey levels."""
+    forms: Floats
+    """(6, 2N, P) 1, u, v, u^2, u v, v^2: u goes along the own edge and v along the other, both from -1 to 1 over the patch."""
     used: Floats
-    """(N, P) 1, or 0 where there is no such pixel."""
-    size: Floats
-    """(N, 1) px, half the patch's extent."""
-    half_width: int
-    """px to both sides of an edge."""
+    """(2N, P) 1, or 0 where there is no such pixel, or it is the other row's."""
+    facing: Floats
+    """(2N, P) -1 or 1, the side of the other edge."""
+    away: Floats
+    """(P,) px to the other edge, at least, in any row, from this pixel on outwards."""
+    ends: NDArray[np.float64]
+    """(2N, 2, 2) px, from the corner to where u is 1, and to where v is."""
+    places: NDArray[np.intp]
+    """(T,) whole numbers, on one side of the corner and on the other."""
 
-    @staticmethod
-    def of(grey: NDArray, lattice: Lattice, half_width: int, most: int) -> "Patches":
-        """From a (H, W) picture, at no more than `most` places along an edge."""
-        whole = np.rint(lattice.corners)
-        shift = (whole - lattice.corners).astype(np.float32)
-        first, second = (_Band.of(lattice.steps[:, edge], shift, half_width, most) for edge in (0, 1))
-        first_pixels, second_pixels = first.pixels(), second.pixels()
-        again = np.concatenate([np.zeros(first_pixels[0].shape, bool), first.holds(*second_pixels)], 1)
-        across, down = (np.concatenate(both, 1) for both in zip(first_pixels, second_pixels, strict=True))
-        x, y = across + shift[:, :1], down + shift[:, 1:]
-        along_row, along_column = np.moveaxis(np.linalg.inv(lattice.steps).astype(np.float32)[:, :, None], -1, 0)  # (N, 2, 1) each
-        by_row, by_column = (np.abs(x * along[:, 0] + y * along[:, 1]) for along in (along_row, along_column))
-        near = (np.maximum(by_row, by_column) <= REACH) & (np.minimum(by_row, by_column) <= lattice.clear)
-        column, row = (pixels.astype(np.int32) + own.astype(np.int32)[:, None] for pixels, own in zip((across, down), whole.T, strict=True))
-        used = near & ~again & (column >= 0) & (column < grey.shape[1]) & (row >= 0) & (row < grey.shape[0])
-        places = np.flatnonzero(used)
-        counts = used.sum(1)
-        fullest = max(int(counts.max()), 1)
-        shifts = np.arange(len(counts)) * fullest - np.concatenate([[0], np.cumsum(counts)[:-1]])
-        packed = np.arange(len(places)) + np.repeat(shifts, counts)
-        pixels = np.zeros((4, len(counts), fullest), np.float32)
-        seen = grey[row.ravel()[places], column.ravel()[places]]
-        for part, values in zip(pixels, (seen, x.ravel()[places], y.ravel()[places], 1), strict=True):
-            part.ravel()[packed] = values
-        size = REACH * np.linalg.norm(lattice.steps, axis=-1).mean(-1, keepdims=True)
-        return Patches(pixels[0], pixels[1], pixels[2], pixels[3], size.astype(np.float32), half_width)
+    @property
+    def across(self) -> int:
+        """Pixels at each place."""
+        return int(self.light.shape[1]) // len(self.places)
 
-    def some(self, corners: slice) -> "Patches":
-        """Those of a few corners."""
-        light, x, y, used, size = (part[corners] for part in (self.light, self.x, self.y, self.used, self.size))
-        return Patches(light, x, y, used, size, self.half_width)
+    def of_corners(self, corners: NDArray[np.intp]) -> "Patches":
+        """Those of a few."""
+        rows = np.concatenate([corners, corners + len(self.light) // 2])
+        light, used, facing = (part[rows] for part in (self.light, self.used, self.facing))
+        return Patches(light, self.forms[:, rows], used, facing, self.away, self.ends[rows], self.places)
+
+    def thinned(self, fewest: int) -> "Patches":
+        """At equal distances, as far apart as leaves so many places."""
+        kept = np.flatnonzero(self.places % max(len(self.places) // fewest, 1) == 0)
+        light, forms, used, facing, away = (
+            part.reshape(*part.shape[:-1], -1, self.across).take(kept, -2).reshape(*part.shape[:-1], -1)
+            for part in (self.light, self.forms, self.used, self.facing, self.away)
+        )
+        return Patches(light, forms, used, facing, away, self.ends, self.places[kept])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Band:
-    """The pixels about one edge of each corner, counted from the pixel that the corner is in."""
+def patches_of(grey: NDArray, lattice: Lattice, half_width: int, most: int) -> Patches:
+    """From a (H, W) picture, at no more than `most` places along an edge, so many px to both sides."""
+    ends = REACH * np.concatenate([lattice.steps, lattice.steps[:, ::-1]])
+    flat = np.abs(ends[:, 0, 0]) >= np.abs(ends[:, 0, 1])  # the edge runs more along x than along y
+    own, other = np.where(flat[:, None, None], ends, ends[..., ::-1]).swapaxes(0, 1)  # px along that axis and across it
+    corners = np.concatenate([lattice.corners, lattice.corners])
+    whole = np.rint(corners)
+    shift = np.where(flat[:, None], whole - corners, (whole - corners)[:, ::-1])
+    farthest = np.ceil(np.abs(own[:, 0]).reshape(2, -1).max(1)).astype(np.intp)  # of all first edges, and of the second ones
+    stride = -(-(2 * farthest + 1) // most)
+    last = int((farthest // stride).max())
+    places = np.array(sorted(range(-last, last + 1), key=abs), np.intp)
+    along = places * np.repeat(stride, len(lattice.corners))[:, None]  # (2N, T) whole px
+    across = np.arange(-half_width, half_width + 1)
+    run = along + shift[:, :1]  # px from the corner
+    middle = np.rint(run * (own[:, 1] / own[:, 0])[:, None] - shift[:, 1:])  # whole px
+    forms = _forms(own, other, run, middle + shift[:, 1:], across)
 
-    flat: NDArray[np.bool_]
-    """(N,) whether the edge runs more along x than along y."""
-    rise: Floats
-    """(N,) px along the other axis for each along that one."""
-    shift: Floats
-    """(N, 2) px, from the corner to its pixel; along the edge's axis first."""
-    along: Floats
-    """(T,) px."""
-    half_width: int
+    sine = own[:, 0] * other[:, 1] - own[:, 1] * other[:, 0]  # times both lengths
+    beside, beyond = np.abs(forms[1]), np.abs(forms[2])
+    used = np.maximum(beside, beyond) <= 1
+    if np.isfinite(lattice.clear):
+        used &= np.minimum(beside, beyond) <= lattice.clear / REACH
+    second = slice(len(lattice.corners), None)
+    other_band = (half_width + 0.5) * np.abs(other[second]).max(1) / np.abs(sine[second])  # how far the other edge's pixels go
+    used[second] &= beside[second] > other_band.astype(np.float32)[:, None]
+    beside *= (np.abs(sine) / np.linalg.norm(other, axis=1)).astype(np.float32)[:, None]
+    away = np.minimum.accumulate(beside.min(0)[::-1])[::-1]
 
-    @staticmethod
-    def of(steps: NDArray[np.float64], shift: Floats, half_width: int, most: int) -> "_Band":
-        flat = np.abs(steps[:, 0]) >= np.abs(steps[:, 1])
-        run, climb = np.where(flat, steps.T, steps.T[::-1])
-        ends = int(np.ceil(REACH * np.abs(run).max()))
-        stride = -(-(2 * ends + 1) // most)
-        along = np.array(sorted(range(-(ends // stride), ends // stride + 1), key=abs)) * stride
-        own = np.where(flat[:, None], shift, shift[:, ::-1])
-        return _Band(flat, (climb / run).astype(np.float32), own, along.astype(np.float32), half_width)
+    height, width = grey.shape
+    steps = np.where(flat[:, None], (1, width), (width, 1))  # from pixel to pixel along the edge, and across
+    begin = whole[:, 0].astype(np.intp) + width * whole[:, 1].astype(np.intp)
+    index = begin[:, None] + steps[:, :1] * along + steps[:, 1:] * middle.astype(np.intp)
+    light = np.take(grey, index[..., None] + steps[:, 1:, None] * across, mode="clip").reshape(used.shape)
+    margin = max(int(np.abs(along).max()), int(np.abs(middle).max()) + half_width)
+    for row in np.flatnonzero(((whole < margin) | (whole + margin >= (width, height))).any(1)).tolist():
+        ways = along[row][:, None], middle[row][:, None] + across
+        x, y = (way + of for way, of in zip(ways if flat[row] else ways[::-1], whole[row], strict=True))
+        used[row] &= ((x >= 0) & (x < width) & (y >= 0) & (y < height)).ravel()
+    turned = np.where(flat, -1, 1) * np.sign(sine * own[:, 0])  # the side of the other edge where the own one ends along its axis
+    facing = turned.astype(np.float32)[:, None] * np.repeat(np.where(places < 0, -1, 1).astype(np.float32), len(across))
+    return Patches(light.astype(np.float32), forms, used.astype(np.float32), facing, away, ends, places)
 
-    def pixels(self) -> tuple[Floats, Floats]:
-        """(N, T * width) whole px along x, and along y."""
-        across = np.arange(-self.half_width, self.half_width + 1, dtype=np.float32)
-        other = self._middle(self.along[None])[..., None] + across  # (N, T, width)
-        along = np.broadcast_to(self.along[:, None], other.shape)
-        flat = self.flat[:, None]
-        along, other = (part.reshape(len(flat), -1) for part in (along, other))
-        return np.where(flat, along, other), np.where(flat, other, along)
 
-    def holds(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
-        """(N, P) whether (N, P) whole px are in it."""
-        flat = self.flat[:, None]
-        along, other = np.where(flat, x, y), np.where(flat, y, x)
-        return np.asarray(np.abs(other - self._middle(along)) <= self.half_width)
-
-    def _middle(self, along: Floats) -> Floats:
-        """(N, P) whole px, where the edge is across its axis, of (N or 1, P) px."""
-        return np.asarray(np.rint((along + self.shift[:, :1]) * self.rise[:, None] - self.shift[:, 1:]))
+def _forms(own: NDArray, other: NDArray, run: NDArray, middle: NDArray, across: NDArray) -> Floats:
+    """(6, R, P), of (R, 2) ends along an edge's axis and across it, and (R, T) px along and across, around which pixels are taken."""
+    from_px = np.linalg.inv(np.stack([own, other], -1)).swapaxes(0, 1)[..., None]  # (u and v, R, axes, 1)
+    places = np.empty((2, *run.shape, 2), np.float32)  # of the pixel in the middle, and for each px across
+    places[..., 0] = from_px[:, :, 0] * run + from_px[:, :, 1] * middle
+    places[..., 1] = from_px[:, :, 1]
+    forms = np.empty((6, *run.shape, len(across)), np.float32)
+    forms[0] = 1
+    np.matmul(places, np.stack([np.ones_like(across), across]).astype(np.float32), out=forms[1:3])
+    for at, (one, two) in enumerate(((1, 1), (1, 2), (2, 2)), 3):
+        np.multiply(forms[one], forms[two], out=forms[at])
+    return forms.reshape(6, len(run), -1)

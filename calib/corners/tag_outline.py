@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from calib.corners.patch_fit import SIGMA
-from calib.corners.patch_noise import inflation
+from calib.corners.patch_noise import chunks, inflation
 
 Floats = NDArray[np.float64]
 
@@ -200,11 +200,10 @@ def _cost(residuals: Floats, bound: float) -> float:
 
 def _inflation(edges: list[Edge]) -> float:
     """Grey levels^2: what the picture's own noise makes of the unit covariances."""
-    most = max(edge.residuals.size for edge in edges)
-    jacobian = np.zeros((len(edges), 6, most), np.float32)
-    residuals = np.zeros((len(edges), most), np.float32)
-    for at, edge in enumerate(edges):
-        jacobian[at, :, : edge.residuals.size], residuals[at, : edge.residuals.size] = edge.jacobian, edge.residuals
-    width = max(1, round(float(np.median([edge.half_width for edge in edges]))))
-    grown = inflation(jacobian, residuals, np.array([edge.inverse for edge in edges]), width)
+    width = max(1, round(float(np.median([edge.half_width for edge in edges])))) * 2 + 1
+    places = -(-max(edge.residuals.size for edge in edges) // width)
+    parts = [slice(part.start * width, part.stop * width) for part in chunks(places)]
+    rows = [np.vstack([edge.jacobian, edge.residuals]).astype(np.float32) for edge in edges]
+    sums = np.array([[own[:-1, part] @ own[:, part].T for own in rows] for part in parts])
+    grown = inflation(sums[..., :-1], sums[..., -1], np.array([edge.inverse for edge in edges]))
     return grown if grown > NOISE**2 else NOISE**2  # a picture without any noise, too, is rounded

@@ -6,11 +6,12 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.special import erf
 
 from calib.corners.lattice import Lattice
 from calib.corners.measure import measure
-from calib.corners.patch_model import PARAMETERS, predicted
-from calib.corners.patches import Patches
+from calib.corners.patch_model import ANGLES, PARAMETERS, Expected, by_distances
+from calib.corners.patches import patches_of
 from calib.session.board import Board
 from fixtures.corner_pictures import Scene, draw
 from fixtures.corner_scores import drawn, ours
@@ -53,33 +54,58 @@ def test_derivatives_are_central_differences() -> None:
     rng = np.random.default_rng(0)
     board = Board(3, 3, 1.0)
     lattice = Lattice.of(board.points() * 20 + 60 + rng.uniform(-0.3, 0.3, 2), board)
-    patches = Patches.of(np.zeros((120, 120), np.uint8), lattice, 3, 96)
-    parameters = np.tile([0.1, -0.2, 0.1, np.pi / 2 + 0.1, -0.2, 0.1, 120, 60, 0.05, -0.1, 0.3], (9, 1))
-    curvatures = np.full((9, 2), 1e-3)
+    patches = patches_of(np.zeros((120, 120), np.uint8), lattice, 3, 96)
+    parameters = np.tile([0.1, -0.2, 0.1, np.pi / 2 + 0.1, -0.2, 0.1, 120, 60, 0.05, -0.1, 0.3], (18, 1))
+    parameters[9:, ANGLES] = np.pi / 2 + 0.1, 0.1  # a row has its own edge first
+    curvatures = np.full((18, 2), 1e-3)
+    analytic = np.empty((len(PARAMETERS), *patches.light.shape), np.float32)
+    Expected.of(parameters, patches, curvatures).derivatives(patches.used, list(analytic))
+    # in place of x and y, how far the pixels are across both edges
+    moved = np.linalg.inv(by_distances(parameters))
+    analytic[:2] = np.einsum("rep,erk->prk", moved, analytic[:2])
     for index in range(len(PARAMETERS)):
         step = 1e-2 * max(1, abs(parameters[0, index]) * 0.1)
         ends = []
         for sign in (-1, 1):
-            moved = parameters.copy()
-            moved[:, index] += sign * step
-            ends.append(predicted(moved, patches, curvatures, (0, 255))[0].astype(float))
+            shifted = parameters.copy()
+            shifted[:, index] += sign * step
+            ends.append(Expected.of(shifted, patches, curvatures).light.astype(float))
         numeric = (ends[1] - ends[0]) / (2 * step) * patches.used
-        analytic = predicted(parameters, patches, curvatures, (0, 255))[1][:, index]
         size = float(np.abs(numeric).max())
         assert size > 0, PARAMETERS[index]
         # an edge's bend turns with it, a part of 1e-3 * 10 px that the derivatives by the place and the angles leave out
-        assert np.abs(numeric - analytic).max() < 0.03 * size, PARAMETERS[index]
+        assert np.abs(numeric - analytic[index]).max() < 0.03 * size, PARAMETERS[index]
+
+
+def test_blurred_edges_are_error_functions() -> None:
+    """And a corner is the product of two; what hyperbolic tangents make of both is off by twice 3e-4 of the contrast."""
+    board = Board(3, 3, 1.0)
+    lattice = Lattice.of(board.points() * 40 + 100, board)
+    patches = patches_of(np.zeros((200, 200), np.uint8), lattice, 3, 96)
+    parameters = np.tile([0.0, 0, 0, np.pi / 2, np.log(0.8), np.log(0.8), 120, 90, 0, 0, 0], (18, 1))
+    parameters[9:, ANGLES] = np.pi / 2, 0
+    light = Expected.of(parameters, patches, np.zeros((18, 2))).light[4].astype(float)
+    x, y = (20 * form[4].astype(float) for form in patches.forms[1:3])
+    exact = 120 + 90 * erf(x / 0.8 / 2**0.5) * erf(y / 0.8 / 2**0.5)
+    assert np.abs(exact - 120).max() > 89
+    assert min(np.abs(light - exact).max(), np.abs(light - (240 - exact)).max()) < 0.06
 
 
 def test_saturated_white_and_black_do_not_move_corners() -> None:
-    """Three grey levels in four are cut off: only the edges are left."""
-    scene = replace(REFERENCE, contrast=175.0)
-    made = draw(scene, np.random.default_rng(3))
-    hard = np.clip((made.picture.astype(float) - 112) * 2.5 + 128, 0, 255).astype(np.uint8)
-    assert ((hard == 0) | (hard == 255)).mean() > 0.75
-    off = measure(hard, made.corners + 0.1, scene.board).corners - made.corners
-    assert np.sqrt((off**2).sum(1).mean()) < 0.02
-    assert np.abs(off.mean(0)).max() < 0.01
+    """Three grey levels in four are cut off: only the edges are left, and what they tell is as sure as it says."""
+    scene, errors, squared = replace(REFERENCE, contrast=175.0), [], []
+    for seed in range(3, 7):
+        made = draw(scene, np.random.default_rng(seed))
+        hard = np.clip((made.picture.astype(float) - 112) * 2.5 + 128, 0, 255).astype(np.uint8)
+        assert ((hard == 0) | (hard == 255)).mean() > 0.75
+        measured = measure(hard, made.corners + 0.1, scene.board)
+        off = measured.corners - made.corners
+        errors.append(off)
+        squared.append(np.einsum("ni,nij,nj->n", off, np.linalg.inv(measured.covariances), off) / 2)
+    off = np.concatenate(errors)
+    assert np.median(np.hypot(*off.T)) < 0.01
+    assert np.abs(off.mean(0)).max() < 0.005
+    assert 0.75 < np.mean(squared) < 1.35  # 168 corners: 1 within 0.11
 
 
 def test_a_lens_that_bends_edges_leaves_no_bias() -> None:

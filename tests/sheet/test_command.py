@@ -19,10 +19,11 @@ from calib.session.camera import Camera
 from calib.session.coding import AprilGrid, Charuco
 from calib.session.cover import SHAPES
 from calib.session.session import session_from_mapping
-from tests.sheet.reading import made, pdf_polygons, rasterise, svg_polygons
+from tests.sheet.reading import exposed, made, pdf_polygons, rasterise, svg_polygons
 
 FOCAL = 900.0  # px, of the camera that sees the print
 SIZE = 800, 600
+BLUR = 0.5  # px, of its lens
 
 
 def run(folder: Path, *options: str) -> int:
@@ -82,14 +83,15 @@ def test_pictures_of_the_print_become_a_calibration(printed: Path, capsys: pytes
     metres = np.diag([*raster.mm / 1000, 1.0])  # from px of the page to the board's own
     metres[:2, 2] = (raster.mm / 2 - middle) / 1000
     camera = np.array([[FOCAL, 0, (SIZE[0] - 1) / 2], [0, FOCAL, (SIZE[1] - 1) / 2], [0, 0, 1]])
-    finer = np.array([[3.0, 0, 1], [0, 3, 1], [0, 0, 1]])  # pixel centres stay centres
+    finer = np.array([[6.0, 0, 2.5], [0, 6, 2.5], [0, 0, 1]])  # than the page's pixels; pixel centres stay centres
     rng = np.random.default_rng(3)
     (printed / "frames").mkdir()
     shifts = rng.uniform([-0.03, -0.03, 0.42], [0.03, 0.03, 0.6], (8, 3))
     for number, shift in enumerate(shifts):
         onto = finer @ camera @ np.column_stack([cv2.Rodrigues(rng.uniform(-0.5, 0.5, 3))[0][:, :2], shift]) @ metres
-        large = cv2.warpPerspective(raster.grey, onto, (3 * SIZE[0], 3 * SIZE[1]), flags=cv2.INTER_LINEAR, borderValue=90)
-        cv2.imwrite(str(printed / "frames" / f"{number}.png"), cv2.resize(large, SIZE, interpolation=cv2.INTER_AREA))
+        large = cv2.warpPerspective(raster.grey, onto, (6 * SIZE[0], 6 * SIZE[1]), flags=cv2.INTER_LINEAR, borderValue=90)
+        taken = cv2.resize(cv2.GaussianBlur(large, (0, 0), 6 * BLUR), SIZE, interpolation=cv2.INTER_AREA)
+        cv2.imwrite(str(printed / "frames" / f"{number}.png"), exposed(np.asarray(taken, np.uint8)))
     capsys.readouterr()
     assert main(["fit", str(printed), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["frames_used"] == 8
