@@ -10,10 +10,12 @@ from calib.corners.patch_model import (
     ANGLES,
     BLURS,
     CONTRAST,
+    FIRST_BLUR,
     HALO_STRENGTH,
     MIDDLE,
     PARAMETERS,
     PLACE,
+    SECOND_BLUR,
     SECOND_FIRST,
     Expected,
     by_distances,
@@ -30,6 +32,7 @@ FEW, MANY = 14, 96  # places along an edge, where pixels are taken: at least so 
 WIDEST_BLUR = 0.33  # of a half-width, that it can hold
 BLUR = 0.8  # px, to start with
 BLUR_LIMITS = (np.log(0.3), np.log(6.0))  # of px
+LIMITS = {FIRST_BLUR: BLUR_LIMITS, SECOND_BLUR: BLUR_LIMITS, HALO_STRENGTH: (0.0, np.inf)}  # where a step would leave them, they stay
 STEPS = 10  # at most
 SETTLED = 0.03  # px: after a step this short, the next would be of its square over the blur
 SHAPED = 0.3  # likewise, of the logarithms of blurs, and of the halo
@@ -111,8 +114,10 @@ class _Equations:
     def step(self, parameters: Floats, damping: Floats) -> Floats:
         """(N, 11), from these parameters, with (N,) dampings."""
         normal, gradient = self.normals.copy(), self.gradients.copy()
-        blurring = (parameters[:, HALO_STRENGTH] <= 0) & (gradient[:, HALO_STRENGTH] <= 0)  # the blur has parameters of its own
-        normal[blurring, HALO_STRENGTH], normal[blurring, :, HALO_STRENGTH], gradient[blurring, HALO_STRENGTH] = 0, 0, 0
+        for shape, (least, most) in LIMITS.items():
+            value, pull = parameters[:, shape], gradient[:, shape]
+            stopped = ((value <= least) & (pull <= 0)) | ((value >= most) & (pull >= 0))
+            normal[stopped, shape], normal[stopped, :, shape], gradient[stopped, shape] = 0, 0, 0
         diagonal = np.einsum("nkk->nk", normal)
         diagonal *= 1 + damping[:, None]
         diagonal += LEAST
@@ -210,7 +215,7 @@ class _Descent:
             step = equations.step(here, damping)
             moved = (by_distances(here) @ step[:, PLACE, None])[..., 0]
             tried = here + np.concatenate([moved, step[:, 2:]], 1)
-            far = np.maximum(np.abs(moved).max(1) / SETTLED, _reshaped(here, step) / SHAPED) >= compared.trust()
+            far = np.maximum(np.abs(moved).max(1) / SETTLED, np.abs(step[:, list(LIMITS)]).max(1) / SHAPED) >= compared.trust()
             far |= (equations.gradients * step).sum(1) > GAINED * equations.squared
             self._keep(corners, np.where(far[:, None], here, tried), np.where(far[:, None], 0, step), equations)
             if not far.any():
@@ -219,8 +224,8 @@ class _Descent:
             if not far.all():
                 patches, corners = patches.of_corners(np.flatnonzero(far)), corners[far]
                 here, tried, damping, cost, curvatures = (part[far] for part in (here, tried, damping, cost, curvatures))
-            tried[:, BLURS] = np.clip(tried[:, BLURS], *BLUR_LIMITS)
-            tried[:, HALO_STRENGTH] = np.maximum(tried[:, HALO_STRENGTH], 0)
+            for shape, limits in LIMITS.items():
+                tried[:, shape] = np.clip(tried[:, shape], *limits)
             compared = _Compared.of(tried, patches, curvatures, self._brightest)
             better = compared.cost(OUTLYING * noise) <= cost * (1 + 1e-6)
             damping = np.where(better, damping / 10, damping * 10)
@@ -247,13 +252,6 @@ class _Descent:
         pixels = np.maximum(_by_corner(self._patches.used.sum(1)), 1)
         misfit = np.sqrt(np.maximum(squared, 0) / pixels) / np.maximum(np.abs(self.parameters[:, CONTRAST]), 1e-6)
         return Fit(self.parameters, places @ inverse[:, PLACE, PLACE] @ places.swapaxes(1, 2), grown, misfit, heights)
-
-
-def _reshaped(parameters: Floats, step: Floats) -> Floats:
-    """(N,) by how much a step changes the blurs, as far as they may, or the halo."""
-    before, after = parameters[:, BLURS], (parameters + step)[:, BLURS]
-    blurred: Floats = np.abs(np.clip(after, *BLUR_LIMITS) - np.clip(before, *BLUR_LIMITS)).max(1)
-    return np.maximum(blurred, np.abs(step[:, HALO_STRENGTH]))
 
 
 def _start(patches: Patches, lattice: Lattice) -> Floats:
