@@ -197,7 +197,7 @@ def _own_eliminated(columns: list[Tensor], precision: Tensor) -> tuple[Tensor, T
 
 
 def _by_view(at: Optimum, losses: Tensor) -> Tensor:
-    return torch.stack([view.sum() for view in at.observations.per_view(losses)])
+    return losses.new_zeros(len(at.joint.poses)).index_add(0, at.observations.view, losses)
 
 
 def _fitted(at: Optimum, out: Tensor) -> JointFit:

@@ -12,6 +12,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 import torch
+from numpy.polynomial.legendre import leg2poly
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -72,13 +73,15 @@ class BoardShape(Effect):
     def height(self, x: Tensor, y: Tensor, values: Values) -> tuple[Tensor, Tensor, Tensor]:
         """(...) m away from the camera, and its slopes, which carry no derivatives."""
         with torch.no_grad():
-            (u, v), (rise_u, rise_v) = self._polynomials(x, y)
-        sizes = torch.stack([values[unknown.param.name] for unknown in self.unknowns], -1)
-        table = (sizes @ _products(self._terms).to(sizes)).reshape(*sizes.shape[:-1], self.degree + 1, self.degree + 1)
+            (u, v), (inside_u, inside_v) = self._powers(x, y)
+        sizes = torch.stack([values[name] for name in self.probes], -1)
+        table = (sizes @ _monomials(self._terms).to(sizes)).reshape(*sizes.shape[:-1], self.degree + 1, self.degree + 1)
         along = times(u, table)
-        up = (along * v).sum(-1)
+        up = (along * v).sum(0)
         with torch.no_grad():
-            by_x, by_y = (times(rise_u, table) * v).sum(-1) / self.half_x, (along * rise_v).sum(-1) / self.half_y
+            rises = torch.arange(1, self.degree + 1).to(u).reshape(-1, *[1] * x.ndim)
+            by_x = (times(u[:-1] * rises, table[..., 1:, :]) * v).sum(0) * inside_u / self.half_x
+            by_y = (along[1:] * v[:-1] * rises).sum(0) * inside_v / self.half_y
         if PROBE in values:
             up = up + values[PROBE]
         return sloped(up, x, y, by_x, by_y), by_x, by_y
@@ -89,34 +92,35 @@ class BoardShape(Effect):
 
     def weights(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:
         """As `linear_part` has them."""
-        (u, v), _ = self._polynomials(x, y)
-        each = (u.unsqueeze(-1) * v.unsqueeze(-2)).flatten(-2) @ _products(self._terms).to(u).mT
+        (u, v), _ = self._powers(x, y)
+        each = (u.unsqueeze(1) * v).flatten(0, 1).movedim(0, -1) @ _monomials(self._terms).to(u).mT
         return dict(zip(self.probes, torch.split(each, 1, -1), strict=True))
 
-    def _polynomials(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
-        """(2, ..., degree + 1) Legendre's P_0 and on, of both coordinates over their halves, and their derivatives; within the rim."""
-        u = torch.stack([x / self.half_x, y / self.half_y])
-        inside = (u.abs() < RIM).to(u.dtype)
-        u = u.clamp(-RIM, RIM)
-        values, slopes = [torch.ones_like(u), u], [torch.zeros_like(u), inside]
-        for n in range(2, self.degree + 1):
-            values.append(((2 * n - 1) * u * values[-1] - (n - 1) * values[-2]) / n)
-            slopes.append(slopes[-2] + (2 * n - 1) * inside * values[n - 1])
-        return torch.stack(values, -1), torch.stack(slopes, -1)
+    def _powers(self, x: Tensor, y: Tensor) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
+        """(degree + 1, ...) of either coordinate over its half, kept within the rim, and (...) 1 inside of it, else 0."""
+        u, v = x / self.half_x, y / self.half_y
+        inside_u, inside_v = ((at.abs() < RIM).to(at.dtype) for at in (u, v))
+        return (_powers(u.clamp(-RIM, RIM), self.degree), _powers(v.clamp(-RIM, RIM), self.degree)), (inside_u, inside_v)
 
 
+def _powers(at: Tensor, degree: int) -> Tensor:
+    return torch.stack([torch.ones_like(at), *at.expand(degree, *at.shape).cumprod(0)])
+
+
+@cache
 def _unknown(i: int, j: int) -> Unknown:
     whole = Unknown.of(f"board_shape.{'x' * i}{'y' * j}", BOARD_SHAPE)
     return replace(whole, sigma=BOARD_SHAPE.sigma * (DEGREES[0] / (i + j)) ** 2)
 
 
 @cache
-def _products(terms: tuple[tuple[int, int], ...]) -> Tensor:
-    """(n, orders^2) of each term by the products P_i(u) P_j(v)."""
+def _monomials(terms: tuple[tuple[int, int], ...]) -> Tensor:
+    """(n, orders^2) of each term by the products u^a v^b."""
     orders = 1 + max(max(term) for term in terms)
-    table = torch.zeros(len(terms), orders, orders, dtype=torch.float64)
+    table = np.zeros((len(terms), orders, orders))
     for row, (i, j) in zip(table, terms, strict=True):
-        row[i, j] = 1.0
-        if (i, j) in ((2, 0), (0, 2)):  # 1 - u^2 is two thirds of 1 - P_2
-            row[0, 0], row[i, j] = 2 / 3, -2 / 3
-    return table.flatten(1)
+        if (i, j) in ((2, 0), (0, 2)):
+            row[0, 0], row[i, j] = 1.0, -1.0
+        else:
+            row[: i + 1, : j + 1] = np.outer(leg2poly([0] * i + [1]), leg2poly([0] * j + [1]))
+    return torch.from_numpy(table).flatten(1)

@@ -77,12 +77,12 @@ class CosineField(Effect):
             sizes = values[name] * falls
             table = sizes.reshape(*sizes.shape[:-1], WAVES, WAVES)
             through = times(along, table)
-            size = (through * down).sum(-1)
+            size = (through * down).sum(0)
             if probe in values:
                 size = size + values[probe]
             if slopes:
                 with torch.no_grad():
-                    by_x, by_y = (times(rise_along, table) * down).sum(-1), (through * rise_down).sum(-1)
+                    by_x, by_y = (times(rise_along, table) * down).sum(0), (through * rise_down).sum(0)
                 size = sloped(size, x, y, by_x, by_y)
             found.append(size)
         return found[0], found[1]
@@ -94,15 +94,15 @@ class CosineField(Effect):
     def weights(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:
         """As `linear_part` has them."""
         (along, _), (down, _) = self._cosines(x, y, slopes=False)
-        waves = (along.unsqueeze(-1) * down.unsqueeze(-2)).flatten(-2) * self._falls(x.dtype).flatten()
+        waves = (along.unsqueeze(1) * down).flatten(0, 1).movedim(0, -1) * self._falls(x.dtype).flatten()
         return dict.fromkeys(self.probes, waves)
 
     def _cosines(self, x: Tensor, y: Tensor, *, slopes: bool) -> list[tuple[Tensor, Tensor]]:
-        """(..., WAVES) cosines along each direction, and their derivatives if they are asked for."""
-        order = torch.arange(WAVES, dtype=x.dtype, device=x.device) * torch.pi
+        """(WAVES, ...) cosines along each direction, and their derivatives if they are asked for."""
+        order = torch.arange(WAVES, dtype=x.dtype, device=x.device).reshape(-1, *[1] * x.ndim) * torch.pi
         found = []
         for at, low, high in zip((x, y), self.low, self.high, strict=True):
-            angle = ((at - low) / (high - low)).unsqueeze(-1) * order
+            angle = (at - low) / (high - low) * order
             cosine = torch.cos(angle)
             found.append((cosine, torch.sin(angle) * (-order / (high - low)) if slopes else cosine))
         return found

@@ -20,7 +20,9 @@ from calib.optics.rotation import Rotation
 from calib.optics.vector import Vector
 
 STEPS = 3
-"""Newton steps onto a board that is not flat, before the differentiable one: bends of millimetres over a board need two."""
+"""Newton steps onto a board that is not flat, before the differentiable one, at most: bends of millimetres over a board need two."""
+CLOSE = 1e-6
+"""m: after steps no longer, one more is exact, as it leaves half the board's curvature times their square."""
 
 
 POSE, MOTION, FLEX = "pose", "motion", "flex"
@@ -156,7 +158,9 @@ class Target:
         distance = -origin.z / torch.where(grazing, torch.ones_like(direction.z), direction.z)
         with torch.no_grad():
             for _ in range(STEPS if bends else 0):
-                distance = _closer(bends, origin, direction, distance, values)
+                before, distance = distance, _closer(bends, origin, direction, distance, values)
+                if bool(((distance - before).abs() < CLOSE).all()):
+                    break
         if bends:
             distance = _closer(bends, origin, direction, distance, values)
         landed = origin + direction * distance

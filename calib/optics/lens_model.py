@@ -69,9 +69,13 @@ class LensModel:
 
 def distort(x: Tensor, y: Tensor, coefficients: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
     """Normalised (...) image coordinates, moved by the lens. The tilted sensor is `tilt`'s."""
-    _, _, p1, p2, *_ = coefficients
     r2 = x * x + y * y
-    gain, _ = _radial(r2, coefficients)
+    return _moved(x, y, r2, _radial(r2, coefficients)[0], coefficients)
+
+
+def _moved(x: Tensor, y: Tensor, r2: Tensor, gain: Tensor, coefficients: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
+    """`distort`, from the squared radius and the radial factor."""
+    p1, p2 = coefficients[2:FEWEST]
     moved_x, moved_y = x * gain + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * gain + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
     if len(coefficients) < PRISM:
         return moved_x, moved_y
@@ -139,9 +143,11 @@ def undistort(x: Tensor, y: Tensor, coefficients: Sequence[Tensor], near: Tensor
 
 def _newton_step(u: Tensor, v: Tensor, goal_x: Tensor, goal_y: Tensor, coefficients: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor]:
     """The (...) step in u and v, and (...) bool, true where the lens folds the image over."""
-    x, y = distort(u, v, coefficients)
+    r2 = u * u + v * v
+    gain, bottom = _radial(r2, coefficients)
+    x, y = _moved(u, v, r2, gain, coefficients)
     with torch.no_grad():
-        a, b, c, d = _jacobian(u, v, coefficients)
+        a, b, c, d = _jacobian(u, v, r2, gain, bottom, coefficients)
         det = a * d - b * c
         folded = det <= 0
         safe = torch.where(det.abs() < 1e-9, torch.full_like(det, 1e-9), det)
@@ -149,11 +155,11 @@ def _newton_step(u: Tensor, v: Tensor, goal_x: Tensor, goal_y: Tensor, coefficie
     return (d * error_x - b * error_y) / safe, (a * error_y - c * error_x) / safe, folded
 
 
-def _jacobian(x: Tensor, y: Tensor, coefficients: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """dx'/dx, dx'/dy, dy'/dx, dy'/dy of `distort`, (...) each."""
+def _jacobian(
+    x: Tensor, y: Tensor, r2: Tensor, gain: Tensor, bottom: Tensor | None, coefficients: Sequence[Tensor]
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """dx'/dx, dx'/dy, dy'/dx, dy'/dy of `distort`, (...) each, from the squared radius and what `_radial` makes of it."""
     k1, k2, p1, p2, *more = coefficients
-    r2 = x * x + y * y
-    gain, bottom = _radial(r2, coefficients)
     rise = k1 + r2 * (2 * k2 + r2 * (3 * more[0])) if more else k1 + r2 * (2 * k2)  # d gain / d r2
     if bottom is not None:
         k4, k5, k6 = more[1:4]

@@ -35,5 +35,5 @@ def sloped(value: Tensor, x: Tensor, y: Tensor, by_x: Tensor, by_y: Tensor) -> T
 
 
 def times(along: Tensor, table: Tensor) -> Tensor:
-    """(..., n) times (n, k), one for all rows or (..., n, k) one for each."""
-    return along @ table if table.ndim == 2 else (along.unsqueeze(-2) @ table).squeeze(-2)
+    """(n, ...) times (n, k), one for all or (..., n, k) one for each: (k, ...)."""
+    return torch.tensordot(table, along, ([0], [0])) if table.ndim == 2 else torch.einsum("...ij,i...->j...", table, along)
