@@ -119,16 +119,18 @@ class _Steps:
     def without(self, out: Tensor, steps: int = STEPS, least: float = 0.0) -> LeftOut:
         """Without (V,) the views; a last step may leave so much to gain."""
         at, enough = self.at, AMISS * self.at.model.parameters.count
-        tried = None
+        best = None
         for damping in DAMPINGS:
             tried = self._tried(out, damping)
             least = max(least, SHORT * (tried.short + tried.promised))
-            if not tried.short <= least:
-                break
-            if abs(tried.gained - tried.promised) <= enough:  # not true of what is not a number
+            if tried.short <= least and abs(tried.gained - tried.promised) <= enough:  # not true of what is not a number
                 return self._left(tried, out)
-        if tried and tried.gained > 0 and steps > 1:
-            return _Steps.of(replace(at, joint=tried.joint), self.known).without(out, steps - 1, least)
+            if tried.gained > (best.gained if best else 0):
+                best = tried
+            if not tried.short <= least or tried.gained > tried.promised:  # a shorter one would not gain more
+                break
+        if best and steps > 1:
+            return _Steps.of(replace(at, joint=best.joint), self.known).without(out, steps - 1, least)
         return self._seen(_fitted(at, out), out)
 
     def _tried(self, out: Tensor, damping: float) -> _Tried:
