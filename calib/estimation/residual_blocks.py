@@ -62,14 +62,13 @@ class Landing:
         return self._weighted(landed), failure == 0
 
     def by_own(self, rays: Rays, values: Values, poses: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """The residuals, their (M, 2, B) Jacobian by the views' own parameters, and (M,) bool whether each ray lands."""
+        """The residuals, their (M, 2, B) Jacobian by the views' own parameters, nearly (`Target.adapting`), and (M,) bool whether each ray
+        lands."""
         values = self.observations.with_times(values)
-        placed, leaves = self._placed(poses, values)
-        with torch.enable_grad():
-            landed, failure = self.path.target(rays, _placement(leaves), values)
-            missed = self._weighted(landed)
-            found = by_row(missed, leaves)
-        return missed.detach(), self._joined(found, placed, poses, values), failure == 0
+        placed = Placement.of(poses)
+        landed, failure, changes = self.path.target.adapting(rays, placed[self.observations.view].during(values.get(LINE)), values)
+        by = [(self.weights @ change.flatten(2)).reshape(change.shape) for change in changes]
+        return self._weighted(landed), self._joined(by, placed, poses, values), failure == 0
 
     def linearise(self, values: Values, poses: Tensor) -> Linearised:
         """Residuals and Jacobian, by the views' own parameters and by the shared ones, at the path's values and (V, B) own ones."""

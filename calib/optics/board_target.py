@@ -114,6 +114,11 @@ class Flexed:
         u, v = x / a, y / b
         return xx * (1 - u * u) + xy * u * v + yy * (1 - v * v), (xy * v - 2 * xx * u) / a, (xy * u - 2 * yy * v) / b
 
+    def weights(self, x: Tensor, y: Tensor) -> Tensor:
+        """(..., 3) of the height by each size."""
+        u, v = x / self.half[0], y / self.half[1]
+        return torch.stack([1 - u * u, u * v, 1 - v * v], -1)
+
 
 class Print(Protocol):
     """What puts printed corners elsewhere than the board's description says."""
@@ -150,6 +155,32 @@ class Target:
         Returns:
             (..., 2) m nominal board coordinates, and (...) uint8 failures.
         """
+        landed, _, failure = self._met(rays, placement, values)
+        return torch.stack(self._nominal(landed.x, landed.y, values), -1), failure
+
+    def adapting(self, rays: Rays, placement: Placement, values: Values) -> tuple[Tensor, Tensor, list[Tensor]]:
+        """Where rays meet the board, and how that changes with where the board is: in closed form, as an implicit function's.
+
+        Returns:
+            (..., 2) m and (...) failures, as when called; (..., 2, 3, 3) by the entries of the board's rotation, (..., 2, 3) by its place,
+            and, where it bends otherwise in each view, (..., 2, 3) by how. The prints' slopes, thousandths, are left out of these.
+        """
+        landed, direction, failure = self._met(rays, placement, values)
+        by_x, by_y = torch.zeros_like(landed.x), torch.zeros_like(landed.x)
+        for bend in self._bends(placement):
+            _, more_x, more_y = bend.height(landed.x, landed.y, values)
+            by_x, by_y = by_x + more_x, by_y + more_y
+        across = torch.stack([direction.x, direction.y], -1) / (direction.z - by_x * direction.x - by_y * direction.y).unsqueeze(-1)
+        normal = torch.stack([-by_x, -by_y, torch.ones_like(by_x)], -1)
+        along = torch.eye(3).to(normal)[:2] - across.unsqueeze(-1) * normal.unsqueeze(-2)  # the board, as rays glide over it
+        reach = (placement.turn @ landed.stacked().unsqueeze(-1)).squeeze(-1)
+        changes = [along.unsqueeze(-2) * reach[..., None, :, None], -along @ placement.turn.mT]
+        if self.flex and placement.flex is not None:
+            changes.append(across.unsqueeze(-1) * Flexed(self.flex, placement.flex).weights(landed.x, landed.y).unsqueeze(-2))
+        return torch.stack(self._nominal(landed.x, landed.y, values), -1), failure, changes
+
+    def _met(self, rays: Rays, placement: Placement, values: Values) -> tuple[Vector, Vector, Tensor]:
+        """(...) m where rays meet the printed board, in its frame, their directions there, and the failures."""
         bends = self._bends(placement)
         turn = Rotation.of(placement.turn)
         origin = turn.turn(rays.origin - Vector.of(placement.shift), back=True)
@@ -164,8 +195,7 @@ class Target:
         if bends:
             distance = _closer(bends, origin, direction, distance, values)
         landed = origin + direction * distance
-        failed = rays.moved(landed, direction, (grazing | (distance <= 0), MISSED_TARGET))
-        return torch.stack(self._nominal(landed.x, landed.y, values), -1), failed.failure
+        return landed, direction, rays.moved(landed, direction, (grazing | (distance <= 0), MISSED_TARGET)).failure
 
     def place(self, corners: Tensor, placement: Placement, values: Values) -> Tensor:
         """(..., 2) m nominal board coordinates on (...) boards to (..., 3) m in the camera frame."""

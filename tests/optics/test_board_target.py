@@ -1,0 +1,46 @@
+"""How a board's own place and shape move what rays meet on it."""
+
+import pytest
+import torch
+from torch import Tensor
+
+from calib.effects.board_shape import BoardShape
+from calib.optics import rotation
+from calib.optics.board_target import Bend, Placement, Target
+from calib.optics.path import by_row
+from calib.optics.rays import Rays
+from calib.optics.vector import Vector
+
+HALF = 0.1, 0.08
+BOWED = BoardShape(*HALF, degree=4)
+
+
+def seen() -> tuple[Rays, list[Tensor], dict[str, Tensor]]:
+    """Rays to a tilted board, its rotation, place and flex for each ray, and the parameters of its shape."""
+    generator = torch.Generator().manual_seed(3)
+    along = torch.cat([torch.rand(40, 2, generator=generator, dtype=torch.float64) * 0.3 - 0.15, torch.ones(40, 1, dtype=torch.float64)], 1)
+    start = torch.rand(40, 3, generator=generator, dtype=torch.float64) * 1e-3
+    rays = Rays(Vector.of(start), Vector.of(along).unit(), torch.zeros(40, dtype=torch.uint8))
+    turn = rotation.matrix(torch.tensor([0.5, -0.4, 0.2], dtype=torch.float64)).expand(40, 3, 3)
+    shift = torch.tensor([0.01, -0.02, 0.5], dtype=torch.float64).expand(40, 3)
+    flex = torch.tensor([8e-4, -5e-4, 3e-4], dtype=torch.float64).expand(40, 3)
+    sizes = {unknown.param.name: torch.tensor(1e-3 / (1 + at), dtype=torch.float64) for at, unknown in enumerate(BOWED.unknowns)}
+    return rays, [part.clone().requires_grad_() for part in (turn, shift, flex)], sizes
+
+
+@pytest.mark.parametrize("bends", [(), (BOWED,)], ids=["flat", "bowed"])
+@pytest.mark.parametrize("flexed", [False, True])
+def test_changes_are_those_of_reverse_passes(bends: tuple[Bend, ...], flexed: bool) -> None:
+    rays, leaves, sizes = seen()
+    target = Target(bends, flex=HALF if flexed else None)
+    leaves = leaves if flexed else leaves[:2]
+    placement = Placement(leaves[0], leaves[1], flex=leaves[2] if flexed else None)
+    landed, failure = target(rays, placement, sizes)
+    expected = by_row(landed, leaves)
+    with torch.no_grad():
+        again, failed, changes = target.adapting(rays, placement, sizes)
+    assert torch.equal(again, landed.detach())
+    assert torch.equal(failed, failure)
+    assert len(changes) == len(expected)
+    for found, wanted in zip(changes, expected, strict=True):
+        assert torch.allclose(found, wanted, rtol=1e-9, atol=1e-12)
