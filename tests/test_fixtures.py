@@ -190,6 +190,7 @@ def test_pi_wide_is_calibrated_as_by_opencv(tmp_path: Path) -> None:
     assert result.stages[0].rms_px < 0.094  # measured: 0.084
 
 
+@pytest.mark.slow
 def test_alpha7_asks_for_eight_coefficients(tmp_path: Path) -> None:
     result = fit(read_session(copied(MEASURED / "alpha7-bare", tmp_path / "s")), Settings(), Silent())
     assert result.camera.intrinsics

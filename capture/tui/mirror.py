@@ -17,6 +17,7 @@ from textual.widgets._toast import ToastRack
 from capture.tui.help import Prose
 from capture.tui.page import STEPS, Page
 from capture.tui.picture import Picture
+from capture.tui.touch_words import worded
 from capture.tui.working import Bar, WorkingPage
 
 Block = dict[str, object]
@@ -37,16 +38,21 @@ def described(app: App[Any]) -> dict[str, object]:
     """The screen in front; `focus` is the name of the field that it looks at."""
     screen = app.screen
     pages = [each for each in app.screen_stack if isinstance(each, Page)]
-    focused = screen.focused
+    focused, bindings = screen.focused, keys(screen)
+    labels = {key: each.description for each in bindings for key in (each.key, app.get_key_display(each))}
+    blocks = list(_blocks(screen))
+    for block in blocks:
+        if block["kind"] == "text" and not block["columns"]:
+            block["text"] = worded(str(block["text"]), labels)
     return {
         "screen": handle(screen),
         "step": pages[-1].step() if pages else "",
         "steps": list(STEPS),
-        "blocks": list(_blocks(screen)),
+        "blocks": blocks,
         "picture": bool(screen.query(Picture)),
         "focus": name_of(focused) if isinstance(focused, Input) else "",
-        "keys": _buttons(app, keys(screen)),
-        "notices": [each.message for each in app._notifications],
+        "keys": _buttons(app, bindings),
+        "notices": [worded(each.message, labels) for each in app._notifications],
     }
 
 

@@ -40,6 +40,7 @@ def test_errors_are_the_bound_s_and_the_covariances_true(scene: Scene, over: flo
     assert 0.8 < score.over_predicted < 1.25
 
 
+@pytest.mark.slow
 def test_few_corners_of_large_squares_are_as_sure_as_they_say() -> None:
     """160 corners, whose own errors would come back to them in the bends of straight edges: 1.4 times as large as predicted, then."""
     scene = replace(REFERENCE, square=80.0, board=Board(4, 4, 1.0))

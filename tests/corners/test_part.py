@@ -99,6 +99,7 @@ def test_a_larger_board_is_no_part_either() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.slow
 def test_whatever_is_covered_no_corner_is_taken_for_another() -> None:
     """Discs and bands of any grey anywhere, bands along the squares among them, white ones too."""
     rng = np.random.default_rng(4)

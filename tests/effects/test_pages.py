@@ -60,6 +60,7 @@ def test_there_are_no_pages_of_effects_that_do_not_exist() -> None:
     assert {page.stem for page in PAGES.iterdir()} == {"README", *(kind.name for kind in KINDS)}
 
 
+@pytest.mark.slow
 def test_the_steps_for_a_new_effect_work_as_written(tmp_path: Path) -> None:
     """One file and one line, pasted from the page into a copy of the project: the laws hold, and a diagnosis finds it."""
     steps = (PAGES / "README.md").read_text(encoding="utf-8")
