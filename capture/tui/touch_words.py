@@ -17,7 +17,8 @@ def worded(text: str, labels: Mapping[str, str]) -> str:
     """
     pressed = re.sub(rf"\b(P|p)ress ({_any(labels)})(?!\w)", lambda found: f"{_like(found[1])} {labels[found[2]]}", text)
     bare = [key for key in labels if key not in ARTICLES]
-    return re.sub(rf"(^|, | or |; |\. )({_any(bare)}){ELSEWHERE}", lambda found: found[1] + labels[found[2]], pressed)
+    beside = re.sub(rf"\(({_any(bare)})\)", lambda found: f"({labels[found[1]]})", pressed)
+    return re.sub(rf"(^|, | or |; |\. )({_any(bare)}){ELSEWHERE}", lambda found: found[1] + labels[found[2]], beside)
 
 
 def _any(keys: Mapping[str, str] | list[str]) -> str:

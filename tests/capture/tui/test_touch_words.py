@@ -15,6 +15,7 @@ LABELS = {"f": "Fit", "u": "Take back", "x": "Export", "escape": "Back", "esc": 
         ("esc, for the lens is not known yet", "Back, for the lens is not known yet"),
         ("Press f to fit without it, u to have it again.", "Touch Fit to fit without it, Take back to have it again."),
         ("press ^s again, or esc goes back.", "touch Write again, or Back goes back."),
+        ("From 10 views on you may go on (f).", "From 10 views on you may go on (Fit)."),
         ("Press a to add one.", "Touch Add to add one."),
         ("Hold a board, a large one, or a to b.", "Hold a board, a large one, or a to b."),
         ("Press n, then put the cover on.", "Press n, then put the cover on."),
