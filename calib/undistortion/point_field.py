@@ -55,11 +55,15 @@ class PointField:
     def rays(self, pixels: Array) -> tuple[Array, Array, Mask]:
         """(N, 2) px to (N, 3) m where each ray leaves the cover, (N, 3) unit where it goes, and (N,) whether the field holds it."""
         held = self._holds(pixels)
-        found = self.forward.values(np.where(held[:, None], pixels, self.principal))
-        tangent, ahead = (found[:, :2] - self.principal) / self.focal, found[:, 4:]
-        origins = np.concatenate([tangent * ahead + found[:, 2:4] / self.focal, ahead], 1)
-        size = np.sqrt(1 + (tangent**2).sum(1, keepdims=True))
-        return origins, np.concatenate([tangent, np.ones_like(ahead)], 1) / size, held
+        found = self.forward.values(pixels if held.all() else np.where(held[:, None], pixels, self.principal))
+        origins, directions = np.empty((2, len(pixels), 3))
+        (x, y), ahead = ((found[:, axis] - self.principal[axis]) / self.focal[axis] for axis in (0, 1)), found[:, 4]
+        length = np.sqrt(1 + x * x + y * y)
+        for axis, tangent in enumerate((x, y)):
+            origins[:, axis] = tangent * ahead + found[:, 2 + axis] / self.focal[axis]
+            directions[:, axis] = tangent / length
+        origins[:, 2], directions[:, 2] = ahead, 1 / length
+        return origins, directions, held
 
     def pixels(self, points: Array) -> tuple[Array, Mask]:
         """(N, 3) m in the camera frame to (N, 2) px, and (N,) whether the field holds them."""
