@@ -107,7 +107,10 @@ class ResultsScreen(Page):
         self.session = session
         self.result = {**result, "before": {"stages": before["stages"]}} if before else result
         """With what it is compared with."""
-        self._before = before
+        # a diagnosis goes on from the fit itself: beside its numbers the same ones would stand
+        fitted = before["stages"] if before else []
+        diagnosed = len(result["stages"]) > len(fitted) and result["stages"][: len(fitted)] == fitted
+        self._before = None if diagnosed else before
         self._dropped: list[Dropped] = dropped(session, (view["file"] for view in result["views"]))
 
     def step(self) -> str:

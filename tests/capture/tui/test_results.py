@@ -224,3 +224,18 @@ async def _behind_help(session: Path) -> None:
         await pilot.press("escape")
         await see(pilot, "[RESULTS]", SOON_S)
         assert fitting not in pilot.app.screen_stack
+
+
+@pytest.mark.parametrize("of_an_effect", [True, False])
+def test_beside_what_a_diagnosis_found_no_same_numbers_stand(session: Path, of_an_effect: bool) -> None:
+    """Effects go on from the fit that was diagnosed, so its stages are theirs; another fit is compared with."""
+    stages = list(RESULT["stages"])  # type: ignore[call-overload]
+    before = {**RESULT, "stages": stages[:-1] if of_an_effect else stages}
+    drive(_compare(session, before, of_an_effect))
+
+
+async def _compare(session: Path, before: dict[str, object], alone: bool) -> None:
+    async with running(session) as pilot:
+        pilot.app.push_screen(ResultsScreen(session, RESULT, before))
+        await see(pilot, "x to export maps", SOON_S)
+        assert ("last fit" not in shown(pilot)) == alone
