@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -150,7 +151,7 @@ def split_of(calibration: Calibration, model: CameraModel, joint: JointFit, obse
     return scene.split()
 
 
-def organising_of(shares: list[Share]) -> list[Share]:
+def organising_of(shares: Sequence[Share]) -> list[Share]:
     """Those that explain more than noise would."""
     return [s for s in shares if s.p_value < ORGANISED / len(shares) and s.fraction - s.chance > NOTICEABLE]
 

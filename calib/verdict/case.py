@@ -91,7 +91,7 @@ class Case:
     @property
     def optimum(self) -> Optimum:
         """The fit where it ended."""
-        return _optimum(self.calibration)
+        return optimum_of(self.calibration)
 
     @property
     def scores(self) -> tuple[ScoreTest, ...]:
@@ -125,7 +125,8 @@ class Case:
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge
-def _optimum(calibration: Calibration) -> Optimum:
+def optimum_of(calibration: Calibration) -> Optimum:
+    """The fit where it ended."""
     model, prior = model_of(calibration), calibration.settings.get("relief_prior")
     joint = JointFit(
         values=calibration.model()[1],
@@ -145,7 +146,7 @@ def _optimum(calibration: Calibration) -> Optimum:
 
 @lru_cache(maxsize=1)
 def _scores(calibration: Calibration) -> tuple[ScoreTest, ...]:
-    at = _optimum(calibration)
+    at = optimum_of(calibration)
     there = surroundings(at, calibration.board, calibration.camera, place=False)
     present = {effect.name for effect in at.model.effects}
     asked = [(*effect.alternatives(), effect)[0] for kind in ASKED if kind.name not in present for effect in kind.propose(there)]

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 
 import numpy as np
 from scipy.special import chdtrc
 
+from calib.calibration import Calibration
 from calib.diagnosis.diagnose import organising_of, split_of
 from calib.diagnosis.score_test import ScoreTest
 from calib.diagnosis.variance_split import Share
 from calib.effects.cover_effect import CoverEffect
 from calib.effects.effect import Effect
 from calib.estimation.residuals import residuals
-from calib.verdict.case import Case
+from calib.verdict.case import Case, optimum_of
 from calib.verdict.thresholds import AGREED, BEYOND_NOISE, MOST_NAMED, NAMED_BESIDE, SCORED, WORTH_NAMING
 from calib.verdict.verdict import Reason
 
@@ -23,7 +25,7 @@ NUMBERS = {"focal": ("camera.fx", "camera.fy"), "principal_point": ("camera.cx",
 
 def residual(case: Case) -> Iterator[Reason]:
     likely = likely_effects(case)
-    noise, organised = case.calibration.noise_px, organising_of(_shares(case))
+    noise, organised = case.calibration.noise_px, organising_of(_shares(case.calibration))
     large = case.left_px > BEYOND_NOISE * noise
     if not (large or organised or likely):
         return
@@ -68,11 +70,12 @@ def likely_effects(case: Case) -> list[tuple[Effect, float]]:
     return [(test.effect, gains[test]) for test in likely[:MOST_NAMED]]
 
 
-def _shares(case: Case) -> list[Share]:
-    at = case.optimum
-    path, values = case.calibration.model()
-    missed = residuals(path, values, case.observations, at.joint.poses)
-    return split_of(case.calibration, at.model, at.joint, case.observations, missed)
+@lru_cache(maxsize=1)  # a report and the command that writes it both judge
+def _shares(calibration: Calibration) -> tuple[Share, ...]:
+    at = optimum_of(calibration)
+    path, values = calibration.model()
+    missed = residuals(path, values, at.observations, at.joint.poses)
+    return tuple(split_of(calibration, at.model, at.joint, at.observations, missed))
 
 
 def suspects_of(effect: Effect) -> tuple[str, ...]:
