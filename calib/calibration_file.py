@@ -43,6 +43,7 @@ SETTINGS: Mapping[str, Shape] = {
     "exact_hit": flag,
     "intrinsics_from": text,
     "lens_held_out_px": table(number),
+    "view_noise": table(positive),
     "second_look": many(record({"file": text, "found": whole, "refused": whole, "dropped": whole})),
     "made_by": table(text),
     "fleet_prior": record(

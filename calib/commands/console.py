@@ -14,6 +14,7 @@ from calib.fitting.declared import comparisons, own_parameters
 from calib.fitting.evaluate import Evaluation
 from calib.fitting.fleet_expectation import KEY as PRIOR
 from calib.fitting.second_look import LOOKS, SecondLook, summed
+from calib.fitting.view_noise import VIEW_NOISE, noisier
 from calib.progress import Advance
 from calib.session.lens import NAMES
 
@@ -59,7 +60,8 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
         f"{len(calibration.views)} views with {corners} corners, noise of the corners about {calibration.noise_px:.3f} px, {seconds:.1f} s."
     )
     looks = summed([SecondLook(**look) for look in calibration.settings.get(LOOKS, [])])
-    for line in (*([looks] if looks else []), *_lens(calibration), *_prior(calibration), *_estimates(calibration)):
+    of_views = filter(None, (looks, noisier(calibration.settings.get(VIEW_NOISE, {}))))
+    for line in (*of_views, *_lens(calibration), *_prior(calibration), *_estimates(calibration)):
         console.print(harmless(line), markup=False, highlight=False, soft_wrap=True)
     if validation := calibration.settings.get("cross_validation"):
         console.print(

@@ -87,6 +87,7 @@ def run(args: argparse.Namespace) -> None:
 def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
     """The contract's JSON object."""
     from calib.fitting.second_look import LOOKS
+    from calib.fitting.view_noise import VIEW_NOISE
 
     intrinsics, held_out = calibration.camera.intrinsics, calibration.settings.get("lens_held_out_px", {})
     assert intrinsics
@@ -95,6 +96,7 @@ def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
         "frames_rejected": [{"file": r.name, "reason": r.reason} for r in calibration.rejected],
         "corners": sum(view.count for view in calibration.views),
         LOOKS: calibration.settings.get(LOOKS, []),
+        VIEW_NOISE: calibration.settings.get(VIEW_NOISE, {}),
         "noise_px": calibration.noise_px,
         "seconds": seconds,
         "stages": [{"name": s.name, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in calibration.stages],

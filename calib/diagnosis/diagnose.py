@@ -28,6 +28,7 @@ from calib.estimation.noise import burst_noise, on_board, short_scale_noise
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
 from calib.fitting.evaluate import evaluate
+from calib.fitting.view_noise import VIEW_NOISE, noisier
 from calib.progress import Progress, Silent
 from calib.session.session import Session
 from calib.threads import single_thread
@@ -95,7 +96,8 @@ def diagnose(calibration: Calibration, progress: Progress = Silent(), holdout: S
         shares = split_of(calibration, model, joint, observations, before)
         organising = organising_of(split_of(calibration, loop.model, loop.joint, observations, after))
         formulas = tuple(formulas_of(loop))
-        said = (*unconfirmed, *remarks(loop, families, formulas, organising, timed=are_timed(calibration.views)))
+        worse = filter(None, [noisier(calibration.settings.get(VIEW_NOISE, {}))])
+        said = (*unconfirmed, *worse, *remarks(loop, families, formulas, organising, timed=are_timed(calibration.views)))
     accepted = tuple(effect.name for effect in loop.model.effects)
     found = with_fit(calibration, loop.model, loop.joint, observations)
     held = first.rms, last.rms

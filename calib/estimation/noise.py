@@ -10,6 +10,8 @@ from calib.corners.view import View
 from calib.estimation.robust import SIGMA
 from calib.session.board import Board
 
+FEWEST_BENDS = 20
+
 
 def short_scale_noise(residuals: NDArray[np.float64], board: Board) -> float:
     """The noise floor of a fit from its own residuals.
@@ -24,13 +26,31 @@ def short_scale_noise(residuals: NDArray[np.float64], board: Board) -> float:
     Returns:
         px, root mean square of the two-dimensional error that noise alone would leave; NaN with too few corners.
     """
+    return _typical(_off_neighbours(residuals, board).ravel())
+
+
+def noise_of_views(residuals: NDArray[np.float64], board: Board) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The same of each view by itself, (V,) px, NaN with too few corners, and its standard deviation over itself, (V,).
+
+    The latter is measured: 1.5 over the root of the number of a view's bends where all of a board of 4x3 to 10x10 is seen, and 1.2 where
+    half of its corners are missing here and there.
+    """
+    views = _off_neighbours(residuals, board)
+    noise = np.array([_typical(view) for view in views])
+    return noise, 1.5 / np.sqrt(np.maximum(np.isfinite(views).sum(1), 1))
+
+
+def _off_neighbours(residuals: NDArray[np.float64], board: Board) -> NDArray[np.float64]:
+    """(V, bends) px per axis."""
     grid = residuals.reshape(-1, board.rows, board.columns, 2)
     places = board.points().reshape(board.rows, board.columns, 2)
-    bends = np.concatenate([_bends(grid, places[0, :, 0]).ravel(), _bends(grid.swapaxes(1, 2), places[:, 0, 1]).ravel()])
+    bends = _bends(grid, places[0, :, 0]), _bends(grid.swapaxes(1, 2), places[:, 0, 1])
+    return np.concatenate([bend.reshape(len(grid), -1) for bend in bends], axis=1)
+
+
+def _typical(bends: NDArray[np.float64]) -> float:
     bends = bends[np.isfinite(bends)]
-    if bends.size < 20:
-        return float("nan")
-    return float(2**0.5 * SIGMA * np.median(np.abs(bends)))
+    return float(2**0.5 * SIGMA * np.median(np.abs(bends))) if bends.size >= FEWEST_BENDS else float("nan")
 
 
 def _bends(lines: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:

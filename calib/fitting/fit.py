@@ -21,6 +21,7 @@ from calib.fitting.inputs import gather, recalibrated
 from calib.fitting.provenance import KEY, provenance
 from calib.fitting.second_look import LOOKS, SecondLook, look_again
 from calib.fitting.stages import Fitted, Settings, Setup, fit_stages
+from calib.fitting.view_noise import VIEW_NOISE, with_own_noise
 from calib.progress import Progress, Silent
 from calib.session.session import Session
 from calib.threads import single_thread
@@ -83,6 +84,12 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
         else:
             earlier = fitted
     with single_thread():
+        worse: dict[str, float] = {}
+        if settings.method == "joint":  # the paper's weighs all views alike
+            views, worse = with_own_noise(views, observations, fitted.residuals, session.board)
+        if worse:
+            observations = Observations.of(views, session.board)
+            fitted = fit_stages(setup, observations, settings, progress, earlier=fitted, purpose="with noisier views weighing less")
         if expectation:
             believed, prior = expectation.believed(fitted, views, settings, progress)
         else:
@@ -117,6 +124,7 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
             "intrinsics_from": start.intrinsics_from,
             "lens_held_out_px": start.lens_held_out_px,
             LOOKS: [asdict(look) for look in looks],
+            VIEW_NOISE: worse,
             KEY: provenance(session),
         }
         | ({"cross_validation": asdict(validation)} if validation else {})

@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from calib.fitting.view_noise import VIEW_NOISE
 from calib.report.evidence import Evidence
 from calib.report.ink import hues
 from calib.report.pictures import data_url, picture_of, read_small
@@ -59,13 +60,15 @@ def _card(evidence: Evidence, view: int, picture: str | None, magnified: float) 
     lines = "".join(_lines(evidence, own, magnified))
     image = f'<img src="{picture}" alt="">' if picture else ""
     name = escape(seen.name)
+    times = evidence.calibration.settings.get(VIEW_NOISE, {}).get(seen.name)
+    noisier = f"<br>noisier by {times:.1f} times, so it weighs less" if times else ""
     size = camera.width, camera.height
     overlay = f'<svg viewBox="0 0 {size[0]} {size[1]}" role="img" aria-label="errors of {name}"><path d="{lines}"/></svg>'
     return (
         f'<div class="view" style="--own: rgb({red} {green} {blue})">'
         f'<div class="shot" style="aspect-ratio: {size[0]}/{size[1]}">{image}{overlay}</div>'
         f'<p><i class="dot"></i><b>{name}</b> <span class="number">{evidence.rms_by_view[view]:.3f} px</span><br>'
-        f"<small>{seen.count} corners, {depth.mean():.2f} m, tilted {tilt:.0f}°</small></p></div>"
+        f"<small>{seen.count} corners, {depth.mean():.2f} m, tilted {tilt:.0f}°{noisier}</small></p></div>"
     )
 
 

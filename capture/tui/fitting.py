@@ -52,6 +52,7 @@ def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
     from torch import from_numpy
 
     from calib.estimation.residuals import residuals
+    from calib.fitting.view_noise import VIEW_NOISE, noisier
     from calib.verdict.judge import judge
     from calib.verdict.sureness import map_sigmas
 
@@ -70,6 +71,7 @@ def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
         "stages": [{"name": s.name, "title": s.title, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in calibration.stages],
         "noise_px": calibration.noise_px,
         "views": sorted(views, key=lambda view: -float(str(view["rms_px"]))),
+        "noisier": noisier(calibration.settings.get(VIEW_NOISE, {})),
         "rejected": [{"file": r.name, "reason": r.reason} for r in calibration.rejected],
         "verdict": {"word": verdict.word.value, "sentences": verdict.sentences},
         "sigma_px": [{"depth_m": depth, "px": px} for depth, px in map_sigmas(calibration, (near, usual, far)).items()],

@@ -165,6 +165,7 @@ class ResultsScreen(Page):
         more = len(reasons) - SHOWN
         told = [*reasons[:SHOWN], *([f"And {more} more reasons, which the report shows."] if more > 0 else [])]
         said = [*self._aside(), word, *told, *said]
+        said += [self.result["noisier"]] if self.result.get("noisier") else []
         if rejected := self.result["rejected"]:
             others = f" and {len(rejected) - 1} more" if len(rejected) > 1 else ""
             said.append(f"Not used: {rejected[0]['file']} ({rejected[0]['reason']}){others}.")

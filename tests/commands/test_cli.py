@@ -37,7 +37,7 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, ob
 def test_fit_json_keeps_the_contract(fitted: tuple[Path, dict[str, object]]) -> None:
     _, said = fitted
     contract = {"frames_used", "frames_rejected", "corners", "noise_px", "seconds", "stages", "effects", "verdict", "written"}
-    assert set(said) == contract | {"second_look", "lens"}
+    assert set(said) == contract | {"second_look", "view_noise", "lens"}
     assert said["frames_used"] == 6
     assert said["frames_rejected"] == []
     assert said["corners"] == 6 * 81

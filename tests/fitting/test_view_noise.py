@@ -1,0 +1,125 @@
+"""Views whose corners scatter more than the others': told from those that are off as a whole, and given less weight."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from calib.calibration import Calibration
+from calib.cli import main
+from calib.corners.view import View
+from calib.estimation.noise import noise_of_views
+from calib.estimation.residuals import Residuals
+from calib.fitting.stages import Settings
+from calib.fitting.view_noise import VIEW_NOISE, noisier, with_own_noise
+from calib.session.board import Board
+from fixtures.calibrated import GLASS, calibrate
+from fixtures.map_errors import errors
+from fixtures.synthetic import Scene, scene
+from tests.test_calibration import write_session
+
+NOISE = 0.1  # px
+
+
+def worse(made: Scene, times: float, which: Sequence[int]) -> Scene:
+    """The same, some of its views with so many times the noise."""
+    rng = np.random.default_rng(4)
+    more = NOISE * np.sqrt(times**2 - 1)
+    views = (
+        replace(view, corners=view.corners + rng.normal(0, more, view.corners.shape)) if index in which else view
+        for index, view in enumerate(made.views)
+    )
+    return replace(made, views=tuple(views))
+
+
+def left(made: Scene, errors: np.ndarray) -> tuple[tuple[View, ...], dict[str, float]]:
+    """Of a fit that leaves these (V, corners, 2) px."""
+    image = torch.from_numpy(errors.reshape(-1, 2))
+    return with_own_noise(made.views, made.observations, Residuals(image, image), made.board)
+
+
+@pytest.mark.parametrize("board", [Board(9, 9, 0.02), Board(7, 5, 0.02), Board(4, 3, 0.02)])
+def test_a_views_noise_and_its_spread_are_those_of_what_was_put_in(board: Board) -> None:
+    drawn = np.random.default_rng(1).normal(0, NOISE, (3000, board.count, 2))
+    noise, spread = noise_of_views(drawn, board)
+    assert np.median(noise) == pytest.approx(2**0.5 * NOISE, rel=0.03)
+    assert noise.std() / np.median(noise) == pytest.approx(spread[0], rel=0.15)  # the constant is one for all boards
+
+
+def test_among_views_alike_none_is_worse() -> None:
+    made = scene(1, 20, noise=0.0)
+    for seed in range(50):  # a thousand views
+        drawn = np.random.default_rng(seed).normal(0, NOISE, (20, 81, 2))
+        views, said = left(made, drawn)
+        assert not said
+        assert views == made.views
+
+
+def test_a_view_that_is_off_as_a_whole_is_not_worse() -> None:
+    """A board that bends otherwise in one view leaves ten times the noise there, and its corners scatter as all others do."""
+    made = scene(1, 20, noise=0.0)
+    drawn = np.random.default_rng(2).normal(0, NOISE, (20, 81, 2))
+    x, y = made.board.points().T / 0.08
+    drawn[3] += 10 * NOISE * np.column_stack([x**2 - y**2, x * y])
+    assert not left(made, drawn)[1]
+    drawn[5] *= 3
+    assert left(made, drawn)[1] == {"0005.png": pytest.approx(3, rel=0.2)}
+
+
+def test_what_already_weighs_less_is_not_counted_twice() -> None:
+    made = scene(1, 20, noise=0.0)
+    views = [replace(view, weight=view.weight / 3) if index == 5 else view for index, view in enumerate(made.views)]
+    drawn = np.random.default_rng(2).normal(0, NOISE, (20, 81, 2))
+    drawn[5] *= 3
+    assert not left(replace(made, views=tuple(views)), drawn)[1]
+
+
+def test_maps_are_better_and_surer_where_worse_views_weigh_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Eight of twenty views are six times worse: with equal weights these decide."""
+    made = worse(scene(72_001, 20, amplitude=1e-5, noise=NOISE, cover=GLASS), 6, range(8))
+
+    def far_off(calibration: Calibration) -> tuple[float, float]:
+        off, sigma = map(np.concatenate, zip(*errors(made, calibration), strict=True))
+        return float(np.sqrt((off**2).mean())), float(np.sqrt((sigma**2).mean()))
+
+    own = calibrate(made, Settings())
+    assert set(own.settings[VIEW_NOISE]) == {f"{index:04}.png" for index in range(8)}
+    monkeypatch.setattr("fixtures.calibrated.with_own_noise", lambda views, *_: (views, {}))
+    alike = calibrate(made, Settings())
+    assert not alike.settings[VIEW_NOISE]
+    (better, sure), (poor, unsure) = far_off(own), far_off(alike)
+    assert better < 0.6 * poor
+    assert sure < 0.6 * unsure
+    assert better < 2 * sure
+
+
+def test_a_fit_says_which_views_weigh_less_and_keeps_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = worse(scene(8, 12, noise=NOISE), 4, [2, 7])
+    place = write_session(tmp_path / "s", made)
+    assert main(["fit", str(place), "--free", "none", "--grid", "5x4", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)[VIEW_NOISE]
+    assert said.keys() == {"0002.png", "0007.png"}
+    assert all(times == pytest.approx(4, rel=0.25) for times in said.values())
+    back = Calibration.load(place / "calibration")
+    assert back.settings[VIEW_NOISE] == said
+    weights = {view.name: float(view.weight.max()) for view in back.views}
+    assert {name for name, weight in weights.items() if weight < 1} == said.keys()
+    assert "noisier by" in (place / "calibration" / "report.html").read_text()
+    assert main(["fit", str(place), "--free", "none", "--grid", "5x4"]) == 0
+    assert "2 views are noisier than the others, and weigh less: 000" in capsys.readouterr().out
+
+
+def test_the_papers_procedure_weighs_all_views_alike(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    place = write_session(tmp_path / "s", worse(scene(8, 12, noise=NOISE), 4, [2, 7]))
+    assert main(["fit", str(place), "--method", "paper", "--steps", "20", "--grid", "5x4", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)[VIEW_NOISE] == {}
+
+
+def test_the_sentence() -> None:
+    assert not noisier({})
+    assert noisier({"a": 2.04}) == "1 view is noisier than the others, and weighs less: a (2.0 times)."
+    assert noisier(dict.fromkeys("abcde", 2.0)).endswith(" weigh less: a (2.0 times), b (2.0 times), c (2.0 times) and 2 more.")
