@@ -75,6 +75,8 @@ def changes_of(calibration: Calibration) -> tuple[Effect, ...]:
             found.append(own[kind.name])
         elif kind is BoardShape:  # a board that is bent anew bends like a dish
             found.append(BoardShape(*calibration.board.half, DEGREES[0]))
+        elif kind is BoardScale:  # as its words have it
+            found.append(BoardScale())
         elif possible(kind, path):
             found += kind.propose(there)
     return tuple(found)

@@ -113,6 +113,16 @@ def test_board_scale_is_opencv_s_view_of_stretched_points() -> None:
     assert np.abs(land(proposed(BoardScale), pixels, {}) - BOARD.points()).max() > 1e-4
 
 
+def test_a_sheared_print_is_opencv_s_view_of_sheared_points() -> None:
+    stretch, shear = 4e-3, 6e-3
+    points = BOARD.points() @ [[1 + stretch / 2, shear / 2], [shear / 2, 1 - stretch / 2]]
+    pixels = projected(np.column_stack([points, np.zeros(BOARD.count)]), POSE)
+    numbers: dict[str, float | Array] = {"board_scale.x_over_y": stretch, "board_scale.shear": shear}
+    found = land(BoardScale(sheared=True), pixels, numbers)
+    assert np.abs(found - BOARD.points()).max() < 0.114 * (np.hypot(stretch, shear) / 2) ** 3 * 1.01  # two rounds of putting the shift back
+    assert np.abs(land(BoardScale(), pixels, {"board_scale.x_over_y": stretch}) - BOARD.points()).max() > 1e-4
+
+
 def test_free_field_over_the_board_is_a_cosine_transform_of_shifts() -> None:
     """Oracle: scipy's DCT gives the shifts of 9 x 9 points, OpenCV shows the shifted points."""
     effect = proposed(FreeField)
