@@ -22,7 +22,8 @@ VIEW_NOISE = "view_noise"
 """Of a calibration's settings: how many times noisier than the median view each of the worse ones is, by its file."""
 WORSE = 1.5
 """Times the median view's noise, from which a view weighs less: pictures of one session differ by less. On the four measured sets whose
-corners come with no covariances this lowers the held-out error of the other views by 0 to 3 %, and a lower limit by no more."""
+corners come with no covariances the held-out error of the other views falls by 0 to 0.5 %, and no further where every view has a weight by
+its own noise."""
 SURE = 5.0
 """Standard deviations of a view's noise that this must be beyond the median's."""
 SHOWN = 3
