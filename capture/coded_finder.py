@@ -15,12 +15,13 @@ from calib.corners.coded import find_coded, live_corners
 from calib.corners.detection import NotFound
 from calib.corners.markers import WINDOWS_TRIED, marker_cells
 from calib.corners.other_coding import other_coding
+from calib.corners.reduced import enlarged, live_factor, reduced
 from calib.corners.usable import no_pose
 from calib.session.board import Board
 from calib.session.coding import Charuco
 from capture.coded_light import measure_light
 from capture.frames import Frame
-from capture.sighting import Sighting, enlarged, grey_of, live_factor, reduced, side
+from capture.sighting import Sighting, grey_of, side
 
 QUICK = (13,)  # px, the threshold that finds a ChArUco's markers of 9 to 130 px as three do
 CELL = 2.2  # px of the reduced picture: markers of smaller cells are missed

@@ -12,15 +12,13 @@ from numpy.typing import NDArray
 
 from calib.corners.detect import half_window, is_regular, refine
 from calib.corners.ordering import canonical_order
+from calib.corners.reduced import enlarged, live_factor, reduced
+from calib.corners.saddle_grid import SaddleGrid, find_grid
 from calib.session.board import Board
 from capture.exposure import measure_exposure
 from capture.frames import Frame
-from capture.lattice import Lattice, find_lattice
-from capture.saddles import find_saddles
 from capture.sharpness import measure_blur
-from capture.sighting import Sighting, enlarged, grey_of, live_factor, reduced, side
-
-CLUTTER = 300  # saddles besides the board's, stronger than the weakest of its corners
+from capture.sighting import Sighting, grey_of, side
 
 
 class Finder:
@@ -36,15 +34,15 @@ class Finder:
         partial = Sighting(None, width, height, frame.time_s)
         for coarser in (factor, min(2 * factor, height, width)):  # the second sees boards that are out of focus
             small = reduced(grey, coarser)
-            lattice = find_lattice(find_saddles(small, CLUTTER + self._board.count))
-            if lattice is None:
+            grid = find_grid(small, self._board)
+            if grid is None:
                 continue
-            corners = self._whole(lattice, small)
+            corners = self._whole(grid, small)
             if corners is not None:
                 return self._measured(grey, enlarged(corners, coarser), frame.time_s)
             if partial.part is None:
-                part, larger = enlarged(lattice.points[lattice.seen], coarser), self._is_larger(lattice)
-                partial = replace(partial, part=part, too_large=larger, square=side(lattice.points) * coarser)
+                part, larger = enlarged(grid.points[grid.seen], coarser), self._is_larger(grid)
+                partial = replace(partial, part=part, too_large=larger, square=side(grid.points) * coarser)
         return partial
 
     def refine(self, frame: Frame, sighting: Sighting) -> NDArray[np.float64] | None:
@@ -59,14 +57,12 @@ class Finder:
         corners = refine(area, sighting.corners - low, self._board)
         return canonical_order(area, corners, self._board) + low if is_regular(corners, self._board, area.shape) else None
 
-    def _whole(self, lattice: Lattice, small: NDArray[np.uint8]) -> NDArray[np.float64] | None:
-        """(count, 2) px of the reduced picture, if the lattice is the board: a stray saddle at its rim does not matter."""
-        for points in (lattice.points, lattice.points.swapaxes(0, 1)):
-            grid = _complete(points, self._board)
-            if grid is not None:
-                corners = refine(small, grid.reshape(-1, 2), self._board)
-                if is_regular(corners, self._board, small.shape):
-                    return canonical_order(small, corners, self._board)
+    def _whole(self, grid: SaddleGrid, small: NDArray[np.uint8]) -> NDArray[np.float64] | None:
+        """(count, 2) px of the reduced picture, if the grid is the board."""
+        for whole in grid.whole(self._board):
+            corners = refine(small, whole, self._board)
+            if is_regular(corners, self._board, small.shape):
+                return canonical_order(small, corners, self._board)
         return None
 
     def _measured(self, grey: NDArray[np.uint8], corners: NDArray[np.float64], time_s: float) -> Sighting:
@@ -82,19 +78,9 @@ class Finder:
             exposure=measure_exposure(grey, corners, self._board),
         )
 
-    def _is_larger(self, lattice: Lattice) -> bool:
+    def _is_larger(self, grid: SaddleGrid) -> bool:
         """Only lines that are at least half there count: a saddle or two at the rim are chance."""
-        columns, rows = (int((lattice.seen.mean(axis) > 0.5).sum()) for axis in (0, 1))
+        columns, rows = (int((grid.seen.mean(axis) > 0.5).sum()) for axis in (0, 1))
         return max(columns, rows) > max(self._board.columns, self._board.rows) or min(columns, rows) > min(
             self._board.columns, self._board.rows
         )
-
-
-def _complete(points: NDArray, board: Board) -> NDArray[np.float64] | None:
-    """The (rows, columns, 2) window in which every corner was found, if there is one, with few saddles beside it."""
-    seen = np.isfinite(points[..., 0])
-    if seen.shape[0] < board.rows or seen.shape[1] < board.columns or seen.sum() - board.count > 0.5 * min(board.rows, board.columns):
-        return None
-    windows = np.lib.stride_tricks.sliding_window_view(seen, (board.rows, board.columns)).all((-1, -2))
-    row, column = np.unravel_index(windows.argmax(), windows.shape)
-    return np.asarray(points[row : row + board.rows, column : column + board.columns]) if windows.any() else None

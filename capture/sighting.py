@@ -11,8 +11,6 @@ from capture.exposure import Exposure
 from capture.frames import Frame
 from capture.sharpness import Blur
 
-LIVE = 960  # px, the longer side of the picture searched, at most
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sighting:
@@ -52,26 +50,6 @@ def grey_of(frame: Frame) -> NDArray[np.uint8]:
     """(H, W)"""
     pixels = frame.pixels
     return pixels if pixels.ndim == 2 else np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), np.uint8)
-
-
-def live_factor(grey: NDArray[np.uint8]) -> int:
-    """By how much a picture is to be reduced, so that it is no longer than LIVE."""
-    height, width = grey.shape
-    return int(min(-(-max(height, width) // LIVE), height, width))
-
-
-def reduced(picture: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
-    """A picture, grey or in colours, in blocks of factor x factor px, which is ten times faster than any other ratio; what is left at the
-    end is dropped."""
-    if factor == 1:
-        return np.ascontiguousarray(picture)
-    height, width = (size // factor for size in picture.shape[:2])
-    return np.asarray(cv2.resize(picture[: height * factor, : width * factor], (width, height), interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def enlarged(corners: NDArray, factor: int) -> NDArray[np.float64]:
-    """(..., 2) px of the whole picture from those of the reduced one."""
-    return np.asarray((corners + 0.5) * factor - 0.5)
 
 
 def side(grid: NDArray) -> float:

@@ -38,8 +38,8 @@ LAYERS = {
     ),
     "capture": (
         ("typed_path",),
-        ("errors", "frames", "exposure", "saddles", "sharpness", "settings_drift", "sensors", "interrupt", "orphan", "process"),
-        ("disk", "lattice", "reader", "sources"),
+        ("errors", "frames", "exposure", "sharpness", "settings_drift", "sensors", "interrupt", "orphan", "process"),
+        ("disk", "reader", "sources"),
         ("sighting", "coded_light", "session_file"),
         ("finder", "coded_finder", "wrong_folder"),
         ("find", "gate", "recorder"),

@@ -212,7 +212,7 @@ def _recalled(entry: Any, digest: str, board: Board) -> tuple[Detection | NotFou
         return NotFound(str(entry["reason"])), (width, height)
     seen = np.array([row is not None for row in entry["corners"]])
     corners, variances = (_rows(entry[key], seen, width) for key, width in (("corners", 2), ("covariances", 3)))
-    if len(seen) != board.count or entry["detector"] not in ("sb", "classic", "part", "coded"):
+    if len(seen) != board.count or entry["detector"] not in ("saddles", "sb", "classic", "part", "coded"):
         raise ValueError("not a detection")
     return Detection(corners, variances[:, [0, 1, 1, 2]].reshape(-1, 2, 2), entry["detector"]), (width, height)
 

@@ -16,7 +16,7 @@ class Detection:
     cannot be measured."""
     covariances: NDArray[np.float64]
     """(count, 2, 2) px^2, NaN likewise."""
-    detector: Literal["sb", "classic", "part", "coded"]
+    detector: Literal["saddles", "sb", "classic", "part", "coded"]
 
 
 @dataclass(frozen=True, slots=True)

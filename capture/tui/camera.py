@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.corners.reduced import reduced
 from calib.session.shutter import Shutter as SensorShutter
 from capture.find import finder_of
 from capture.frames import Frame, FrameSource
@@ -17,7 +18,6 @@ from capture.reader import Reader
 from capture.recorder import Recorder
 from capture.recording_loop import Plan, Shutter, Step, corners_of, record
 from capture.session_file import Setup, board_of
-from capture.sighting import reduced
 from capture.sources.registry import open_source
 
 PREVIEW = 192  # px, the longer side of what the screen is given: as much as a terminal shows

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from calib.corners import detect
 from calib.corners.detect import eight_bits, find_corners, half_window, is_regular, largest_grid, refine
 from calib.session.board import Board
 
@@ -69,12 +70,18 @@ SCENES = {
 }
 
 
+@pytest.fixture
+def no_saddles(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where the squares are too few pixels wide."""
+    monkeypatch.setattr(detect, "SEARCHES", detect.SEARCHES[1:])
+
+
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES.keys())
 def test_corners_are_where_they_were_drawn(scene: Scene) -> None:
     picture, truth = scene.draw()
     found = find_corners(picture, scene.board)
     assert found is not None
-    assert found.detector == "sb"
+    assert found.detector == "saddles"
     assert found.corners.shape == (54, 2)
     assert found.corners.dtype == np.float64
     assert rms(found.corners, truth) < 0.08
@@ -93,7 +100,17 @@ def test_sixteen_bits_of_one_grey_are_eight_bits_of_one_grey() -> None:
     assert not eight_bits(np.full((20, 30), 5000, np.uint16)).any()
 
 
-def test_a_board_that_the_sector_detector_misses_is_left_to_the_classic_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_board_whose_saddles_are_no_grid_is_left_to_the_sector_detector(no_saddles: None) -> None:
+    del no_saddles
+    picture, truth = Scene().draw()
+    found = find_corners(picture, BOARD)
+    assert found is not None
+    assert found.detector == "sb"
+    assert rms(found.corners, truth) < 0.08
+
+
+def test_a_board_that_the_sector_detector_misses_is_left_to_the_classic_one(monkeypatch: pytest.MonkeyPatch, no_saddles: None) -> None:
+    del no_saddles
     picture, truth = Scene().draw()
     monkeypatch.setattr(cv2, "findChessboardCornersSB", lambda *_, **__: (False, None))
     monkeypatch.setattr(cv2, "findChessboardCornersSBWithMeta", lambda *_, **__: (False, None, None))
@@ -111,7 +128,8 @@ def test_a_board_without_a_white_margin_is_found(ground: int) -> None:
     assert rms(found.corners, truth) < 0.08
 
 
-def test_wrong_corners_of_the_sector_detector_are_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wrong_corners_of_the_sector_detector_are_replaced(monkeypatch: pytest.MonkeyPatch, no_saddles: None) -> None:
+    del no_saddles
     picture, truth = Scene().draw()
 
     def astray(search: Callable[..., tuple]) -> Callable[..., tuple]:
@@ -130,8 +148,26 @@ def test_wrong_corners_of_the_sector_detector_are_replaced(monkeypatch: pytest.M
     assert rms(found.corners, truth) < 0.08
 
 
-def test_corners_that_are_found_some_pixels_off_are_mended(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wrong_corners_of_the_saddles_are_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    picture, truth = Scene().draw()
+    search = detect._by_saddles
+
+    def astray(grey: NDArray[np.uint8], board: Board) -> NDArray[np.float64]:
+        corners = search(grey, board)
+        assert corners is not None
+        corners[20] += 25.0
+        return corners
+
+    monkeypatch.setattr(detect, "SEARCHES", (("saddles", astray), *detect.SEARCHES[1:]))
+    found = find_corners(picture, BOARD)
+    assert found is not None
+    assert found.detector == "sb"
+    assert rms(found.corners, truth) < 0.08
+
+
+def test_corners_that_are_found_some_pixels_off_are_mended(monkeypatch: pytest.MonkeyPatch, no_saddles: None) -> None:
     """SB does so where the board is strongly tilted."""
+    del no_saddles
     picture, truth = Scene().draw()
     search = cv2.findChessboardCornersSBWithMeta
 

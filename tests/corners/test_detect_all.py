@@ -147,7 +147,7 @@ CORRUPTIONS: dict[str, Callable[[bytes], bytes]] = {
     "an endless number": lambda data: data.replace(b'"corners": [[', b'"corners": [[1' + b"0" * 400 + b", 1.0], ["),
     "no covariances": lambda data: data.replace(b'"covariances"', b'"variances"'),
     "undefined covariances": lambda data: data.replace(b'"covariances": [[', b'"covariances": [[NaN, '),
-    "no detector": lambda data: data.replace(b'"sb"', b'"guess"'),
+    "no detector": lambda data: data.replace(b'"saddles"', b'"guess"'),
 }
 
 

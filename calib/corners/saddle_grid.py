@@ -6,21 +6,25 @@ glare or a finger hides does not stop the count: it goes round.
 """
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.saddles import Saddles
+from calib.corners.saddles import Saddles, find_saddles
+from calib.session.board import Board
 
 OPPOSITE = -0.6  # cosine between second derivatives: perspective and uneven light keep those of neighbours below -0.8
 AHEAD = 0.96  # cosine between an edge and the way to its other end: 16 degrees, for bent edges and the grain of pixels
 NEARBY = 24  # saddles, among which a neighbour is looked for: twelve are as near as that in a board tilted to a third of its height
 LEAST = 9  # saddles: texture makes smaller groups by chance
+CLUTTER = 300  # saddles besides the board's, stronger than the weakest of its corners
+AT_ONCE = 256  # saddles, whose distances to all others are held
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lattice:
+class SaddleGrid:
     """Saddles in columns and rows."""
 
     points: NDArray[np.float64]
@@ -31,8 +35,28 @@ class Lattice:
         """(rows, columns)."""
         return np.isfinite(self.points[..., 0])
 
+    def whole(self, board: Board) -> Iterator[NDArray[np.float64]]:
+        """(count, 2) px, row by row, for each way in which the board may lie in it.
 
-def find_lattice(saddles: Saddles) -> Lattice | None:
+        A stray saddle at its rim does not matter; a line of them does, for then it is a part of another board.
+        """
+        for points in (self.points, self.points.swapaxes(0, 1)):
+            seen = np.isfinite(points[..., 0])
+            spare = seen.sum() - board.count
+            if seen.shape[0] < board.rows or seen.shape[1] < board.columns or spare > 0.5 * min(board.rows, board.columns):
+                continue
+            windows = np.lib.stride_tricks.sliding_window_view(seen, (board.rows, board.columns)).all((-1, -2))
+            row, column = np.unravel_index(windows.argmax(), windows.shape)
+            if windows.any():
+                yield points[row : row + board.rows, column : column + board.columns].reshape(-1, 2)
+
+
+def find_grid(grey: NDArray[np.uint8], board: Board) -> SaddleGrid | None:
+    """The largest in a (H, W) picture, if that is cluttered no more than where this board is shown."""
+    return grid_of(find_saddles(grey, CLUTTER + board.count))
+
+
+def grid_of(saddles: Saddles) -> SaddleGrid | None:
     """The largest there is, with at least LEAST saddles."""
     if len(saddles.points) < LEAST:
         return None
@@ -50,26 +74,33 @@ def find_lattice(saddles: Saddles) -> Lattice | None:
     cells -= cells.min(0)
     points = np.full((*cells.max(0) + 1, 2), np.nan)
     points[cells[:, 0], cells[:, 1]] = saddles.points[list(best)]
-    return Lattice(points)
+    return SaddleGrid(points)
 
 
 def _neighbours(saddles: Saddles) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """(n, 4) each, by saddle and edge: the neighbour, -1 for none; and by how many of its edges the neighbour's count is turned."""
-    points, edges = saddles.points, saddles.edges
+    count, edges = len(saddles.points), saddles.edges
+    nearest = np.concatenate([_ahead(saddles, slice(first, first + AT_ONCE)) for first in range(0, count, AT_ONCE)])
+    arriving = np.einsum("ikx,ikmx->ikm", edges, edges[nearest]).argmax(-1)  # the neighbour's edge that goes on in the same direction
+    back = nearest[nearest, (arriving + 2) % 4]
+    mutual = (nearest >= 0) & (back == np.arange(count)[:, None])
+    return np.where(mutual, nearest, -1), (arriving - np.arange(4)) % 4
+
+
+def _ahead(saddles: Saddles, some: slice) -> NDArray[np.intp]:
+    """(m, 4) of m saddles, by edge: the nearest opposite one along it, -1 for none."""
+    points = saddles.points
     x, y = points.T.astype(np.float32)
-    squared = np.square(x[:, None] - x) + np.square(y[:, None] - y)
+    squared = np.square(x[some, None] - x) + np.square(y[some, None] - y)
     other = np.argpartition(squared, min(NEARBY, len(points) - 1), axis=1)[:, : NEARBY + 1]  # itself among them
     far = np.sqrt(np.take_along_axis(squared, other, 1))[..., None]
-    way = points[other] - points[:, None]  # (i, j, 2)
-    opposite = saddles.bends[other] @ saddles.bends[..., None] < OPPOSITE  # (i, j, 1)
-    ahead = way @ edges.swapaxes(1, 2) > AHEAD * far  # (i, j, edge)
+    way = points[other] - points[some, None]  # (i, j, 2)
+    opposite = saddles.bends[other] @ saddles.bends[some, :, None] < OPPOSITE  # (i, j, 1)
+    ahead = way @ saddles.edges[some].swapaxes(1, 2) > AHEAD * far  # (i, j, edge)
     distance = np.where(ahead & opposite, far, np.inf)
     nearest = np.take_along_axis(other, distance.argmin(1), 1)  # (i, edge)
     nearest[~np.isfinite(distance.min(1))] = -1
-    arriving = np.einsum("ikx,ikmx->ikm", edges, edges[nearest]).argmax(-1)  # the neighbour's edge that goes on in the same direction
-    back = nearest[nearest, (arriving + 2) % 4]
-    mutual = (nearest >= 0) & (back == np.arange(len(points))[:, None])
-    return np.where(mutual, nearest, -1), (arriving - np.arange(4)) % 4
+    return nearest
 
 
 def _of_squares(neighbour: NDArray[np.intp], turned: NDArray[np.intp]) -> NDArray[np.intp]:
