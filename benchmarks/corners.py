@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 from statistics import median
 
 import cv2
@@ -18,9 +19,11 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from calib.corners.detect import refine
+from calib.corners.detect import SEARCHES, eight_bits, refine
 from calib.corners.measure import measure
+from calib.io.images import read_grey
 from calib.session.board import Board
+from calib.session.session import read_session
 from fixtures.corner_pictures import Drawn, Scene
 from fixtures.corner_scores import drawn, ours, score
 
@@ -41,6 +44,7 @@ GRID: dict[str, Scene] = {
     "sharpened by 1, JPEG 90": replace(REFERENCE, sharpening=1.0, jpeg=90),
     **{f"light uneven by {part:g}": replace(REFERENCE, contrast=120.0, uneven=part) for part in (0.2, 0.4)},
 }
+BUMPS = Path(__file__).parents[1] / "fixtures" / "bumps"
 WINDOWS = (3, 6, 11)  # px, cornerSubPix's half-sizes
 LIMIT = 3.0  # px: a corner further off is none
 
@@ -100,21 +104,25 @@ def _scored(measured: Callable[[Drawn, Floats], Floats | None], shown: list[tupl
 
 
 def _speed() -> None:
-    """Of 81 corners: as until now, and as the patch fit takes on top of it."""
-    scene = replace(REFERENCE, board=Board(9, 9, 1.0))
-    ((one, start),) = drawn(scene, 1, 0)
-    near = refine(one.picture, start, scene.board)
-    steps: dict[str, Callable[[], object]] = {
-        "refined": lambda: refine(one.picture, start, scene.board),
-        "patches": lambda: measure(one.picture, near, scene.board),
+    """Of views through a cover: how a board is found, now and until now (SB), and what is done to its corners then."""
+    session = read_session(BUMPS)
+    board, (saddles, sectors) = session.board, [search for _, search in SEARCHES[:2]]
+    pictures = [eight_bits(read_grey(path)) for path in session.frames]
+    shown = [(picture, corners) for picture in pictures if (corners := saddles(picture, board)) is not None]
+    steps: dict[str, Callable[[NDArray[np.uint8], Floats], object]] = {
+        "found by saddles": lambda picture, _: saddles(picture, board),
+        "found by SB": lambda picture, _: sectors(picture, board),
+        "refined": lambda picture, corners: refine(picture, corners, board),
+        "measured": lambda picture, corners: measure(picture, corners, board),
     }
     for name, work in steps.items():
         spent = []
-        for _ in range(20):
+        for picture, corners in shown:
+            near = refine(picture, corners, board) if name == "measured" else corners
             begun = time.perf_counter()
-            work()
+            work(picture, near)
             spent.append(1e3 * (time.perf_counter() - begun))
-        print(f"81 corners of {scene.square:g} px, {name}: {median(spent):.1f} ms")
+        print(f"{len(shown)} views of fixtures/bumps, {name}: {median(spent):.1f} ms a view")
 
 
 if __name__ == "__main__":

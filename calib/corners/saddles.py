@@ -15,6 +15,7 @@ FAINT = 0.04  # of the strongest saddles, whose strength is the square of their 
 RING = 3.0  # px, radius of the ring on which it must be dark, light, dark, light
 SAMPLES = 16  # on the ring
 RING_CONTRAST = 8.0  # grey levels between dark and light: four times a small sensor's noise
+AT_ONCE = 10_000  # saddles, around which is looked
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,6 +52,13 @@ def _edges(smooth: NDArray, points: NDArray) -> tuple[NDArray[np.float64], NDArr
 
     The second derivative's own directions are drawn towards a right angle where a board is tilted.
     """
+    parts = np.split(points, range(AT_ONCE, len(points), AT_ONCE))
+    edges, crossed = zip(*(_some_edges(smooth, part) for part in parts), strict=True)
+    return np.concatenate(edges), np.concatenate(crossed)
+
+
+def _some_edges(smooth: NDArray, points: NDArray) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Of fewer than 32,767, which is what one call of OpenCV bears."""
     if not len(points):
         return np.empty((0, 4, 2)), np.empty(0, np.bool_)
     angles = np.arange(SAMPLES) * 2 * np.pi / SAMPLES
