@@ -139,7 +139,7 @@ def _rivals(loop: Loop, effect: Effect) -> list[Rival]:
         if done < MUCH or (test.effect.name, test.effect.form) in loop.hopeless:
             continue
         model, joint = with_most_probable(without, test.effect, loop.observations, at.joint)
-        if joint.finite:
+        if joint.finite and joint.log_marginal > at.joint.log_marginal:  # else its fit did not come down, or it does nothing
             rivals.append(Rival(replace(test, effect=model.effects[-1]), without, model, joint))
     return rivals
 

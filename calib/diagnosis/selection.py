@@ -16,6 +16,7 @@ from calib.diagnosis.far_start import begun
 from calib.diagnosis.fine_surface_search import surroundings
 from calib.diagnosis.held_out import HeldOut, Split, gain, hold_out
 from calib.diagnosis.most_probable_form import with_most_probable
+from calib.diagnosis.near_start import start_without
 from calib.diagnosis.score_test import Optimum, ScoreTest
 from calib.diagnosis.trial import LEAST_GAIN, Fit, Trial, worth
 from calib.diagnosis.unnamed_structure import gain as gain_of_structure
@@ -78,10 +79,10 @@ class Loop:
     def run(self) -> HeldOut:
         """Add what is missing; returns what was left on held-out views before."""
         first = self.left()
-        while self._add_what_helps():
+        added = self._add_what_helps()  # if nothing, what was added before may still be idle
+        full = len(self.model.effects) == MOST_EFFECTS
+        while self.drop_idle(self.model.effects[-1] if added else None) and full and (added := self._add_what_helps()):
             full = len(self.model.effects) == MOST_EFFECTS
-            if not (self.drop_idle(self.model.effects[-1]) and full):
-                break  # what helps has been asked already
         return first
 
     def _add_what_helps(self) -> bool:
@@ -261,7 +262,9 @@ class Loop:
         names = tuple(effect.name for effect in effects)
         if names not in self.reduced:
             model = self.base.with_effects(effects)
-            self.reduced[names] = Fit(model, model.fitted(self.observations, self.joint.poses, self.joint.start))
+            gone = [effect for effect in self.model.effects if effect.name not in names]
+            start = start_without(gone, model, self.model, self.joint, self.observations) if gone else self.joint.start
+            self.reduced[names] = Fit(model, model.fitted(self.observations, self.joint.poses, start))
         return self.reduced[names]
 
     def _left_of(self, effects: Sequence[Effect], *, half: bool) -> HeldOut:

@@ -82,8 +82,8 @@ def formulas_of(loop: Loop) -> list[ClosedForm]:
     fields = [effect for effect in loop.model.effects if isinstance(effect, FreeField)]
     points = loop.board.points()
     x, y = torch.from_numpy(points).unbind(-1)
-    shifts = [field.shift(x, y, loop.joint.values) for field in fields]
-    near = [closed_forms(points, torch.stack(one, -1).numpy(), loop.board.square) for one in shifts]
+    moved = [field.printed(x, y, loop.joint.values) for field in fields]
+    near = [closed_forms(points, torch.stack([one.across, one.down], -1).numpy(), loop.board.square) for one in moved]
     return [form for forms in near for form in forms if form.explains > MUCH]
 
 

@@ -12,11 +12,11 @@ from typing import ClassVar, Self
 
 import numpy as np
 import torch
-from numpy.polynomial.legendre import leg2poly
 from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.effects.effect import Effect, Surroundings, Unknown, most_evident
+from calib.effects.over_board import Term, called, monomials, powers, terms_of
 from calib.optics.linear_part import sloped, times
 from calib.optics.params import Param, Values
 from calib.optics.path import Path
@@ -24,15 +24,13 @@ from calib.session.tolerances import BOARD_SHAPE
 
 DEGREES = (2, 3, 4)
 PROBE = "board_shape.probe"
-RIM = 1.25
-"""Of the half: no corner is farther out, where polynomials run away, and the board goes on level."""
 
 
 @dataclass(frozen=True, slots=True)
 class BoardShape(Effect):
     """The sum of its terms, by degree: xx (1 - u^2) + xy u v + yy (1 - v^2), by how much the middle is farther from the camera than the
     edges, and by how much two corners are than the others; then Legendre's P_i(u) P_j(v), i + j = 3, 4, called by i times x, j times y.
-    What a pose does as well, degrees 0 and 1, is left out."""
+    What a pose does as well, degrees 0 and 1, is left out. Beyond the rim the board goes on level."""
 
     half_x: float
     """m, half the distance between the outermost corners along x: there u = 1."""
@@ -50,15 +48,15 @@ class BoardShape(Effect):
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        return tuple(_unknown(i, j) for i, j in self._terms)
+        return tuple(_unknown(term) for term in self._terms)
 
     @property
     def params(self) -> tuple[Param, ...]:
         return tuple(unknown.param for unknown in self.unknowns)
 
     @property
-    def _terms(self) -> tuple[tuple[int, int], ...]:
-        return tuple((degree - j, j) for degree in DEGREES if degree <= self.degree for j in range(degree + 1))
+    def _terms(self) -> tuple[Term, ...]:
+        return terms_of(degree for degree in DEGREES if degree <= self.degree)
 
     def alternatives(self) -> tuple[Self, ...]:
         return tuple(replace(self, degree=degree) for degree in DEGREES)
@@ -97,30 +95,23 @@ class BoardShape(Effect):
         return dict(zip(self.probes, torch.split(each, 1, -1), strict=True))
 
     def _powers(self, x: Tensor, y: Tensor) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
-        """(degree + 1, ...) of either coordinate over its half, kept within the rim, and (...) 1 inside of it, else 0."""
-        u, v = x / self.half_x, y / self.half_y
-        inside_u, inside_v = ((at.abs() < RIM).to(at.dtype) for at in (u, v))
-        return (_powers(u.clamp(-RIM, RIM), self.degree), _powers(v.clamp(-RIM, RIM), self.degree)), (inside_u, inside_v)
-
-
-def _powers(at: Tensor, degree: int) -> Tensor:
-    return torch.stack([torch.ones_like(at), *at.expand(degree, *at.shape).cumprod(0)])
+        """(degree + 1, ...) of either coordinate over its half, and (...) whether it is within the rim."""
+        (u, inside_u), (v, inside_v) = powers(x, self.half_x, self.degree), powers(y, self.half_y, self.degree)
+        return (u, v), (inside_u, inside_v)
 
 
 @cache
-def _unknown(i: int, j: int) -> Unknown:
-    whole = Unknown.of(f"board_shape.{'x' * i}{'y' * j}", BOARD_SHAPE)
-    return replace(whole, sigma=BOARD_SHAPE.sigma * (DEGREES[0] / (i + j)) ** 2)
+def _unknown(term: Term) -> Unknown:
+    whole = Unknown.of(f"board_shape.{called(term)}", BOARD_SHAPE)
+    return replace(whole, sigma=BOARD_SHAPE.sigma * (DEGREES[0] / sum(term)) ** 2)
 
 
 @cache
-def _monomials(terms: tuple[tuple[int, int], ...]) -> Tensor:
-    """(n, orders^2) of each term by the products u^a v^b."""
-    orders = 1 + max(max(term) for term in terms)
-    table = np.zeros((len(terms), orders, orders))
-    for row, (i, j) in zip(table, terms, strict=True):
-        if (i, j) in ((2, 0), (0, 2)):
-            row[0, 0], row[i, j] = 1.0, -1.0
-        else:
-            row[: i + 1, : j + 1] = np.outer(leg2poly([0] * i + [1]), leg2poly([0] * j + [1]))
+def _monomials(terms: tuple[Term, ...]) -> Tensor:
+    """(n, orders^2) of each term by the products u^a v^b: a dish is 0 at the edges, and not on average."""
+    table = monomials(terms)
+    for row, term in zip(table, terms, strict=True):
+        if term in ((2, 0), (0, 2)):
+            row[:] = 0.0
+            row[0, 0], row[term] = 1.0, -1.0
     return torch.from_numpy(table).flatten(1)

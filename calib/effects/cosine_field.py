@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.effects.effect import Effect, Unknown, linear_evidence
-from calib.optics.linear_part import sloped, times
+from calib.optics.linear_part import times
 from calib.optics.params import Param, Values
 
 WAVES = 9
@@ -66,11 +66,10 @@ class CosineField(Effect):
         order = torch.arange(WAVES, dtype=dtype)
         return 1 / (1 + (order[:, None] ** 2 + order**2) / self.knee**2)
 
-    def shift(self, x: Tensor, y: Tensor, values: Values) -> tuple[Tensor, Tensor]:
-        """(...) m or px by which a point is moved."""
-        slopes = torch.is_grad_enabled() and (x.requires_grad or y.requires_grad)
+    def shift(self, x: Tensor, y: Tensor, values: Values) -> list[tuple[Tensor, Tensor, Tensor]]:
+        """(...) m or px by which a point is moved along x and along y, each with its slopes by x and by y, which carry no derivatives."""
         with torch.no_grad():
-            (along, rise_along), (down, rise_down) = self._cosines(x, y, slopes=slopes)
+            (along, rise_along), (down, rise_down) = self._cosines(x, y)
         falls = self._falls(x.dtype).to(x.device).flatten()
         found = []
         for name, probe in self.probes.items():
@@ -78,14 +77,10 @@ class CosineField(Effect):
             table = sizes.reshape(*sizes.shape[:-1], WAVES, WAVES)
             through = times(along, table)
             size = (through * down).sum(0)
-            if probe in values:
-                size = size + values[probe]
-            if slopes:
-                with torch.no_grad():
-                    by_x, by_y = (times(rise_along, table) * down).sum(0), (through * rise_down).sum(0)
-                size = sloped(size, x, y, by_x, by_y)
-            found.append(size)
-        return found[0], found[1]
+            with torch.no_grad():
+                by_x, by_y = (times(rise_along, table) * down).sum(0), (through * rise_down).sum(0)
+            found.append((size + values[probe] if probe in values else size, by_x, by_y))
+        return found
 
     @property
     def probes(self) -> dict[str, str]:
@@ -93,16 +88,15 @@ class CosineField(Effect):
 
     def weights(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:
         """As `linear_part` has them."""
-        (along, _), (down, _) = self._cosines(x, y, slopes=False)
+        (along, _), (down, _) = self._cosines(x, y)
         waves = (along.unsqueeze(1) * down).flatten(0, 1).movedim(0, -1) * self._falls(x.dtype).flatten()
         return dict.fromkeys(self.probes, waves)
 
-    def _cosines(self, x: Tensor, y: Tensor, *, slopes: bool) -> list[tuple[Tensor, Tensor]]:
-        """(WAVES, ...) cosines along each direction, and their derivatives if they are asked for."""
+    def _cosines(self, x: Tensor, y: Tensor) -> list[tuple[Tensor, Tensor]]:
+        """(WAVES, ...) cosines along each direction, and their derivatives."""
         order = torch.arange(WAVES, dtype=x.dtype, device=x.device).reshape(-1, *[1] * x.ndim) * torch.pi
         found = []
         for at, low, high in zip((x, y), self.low, self.high, strict=True):
             angle = (at - low) / (high - low) * order
-            cosine = torch.cos(angle)
-            found.append((cosine, torch.sin(angle) * (-order / (high - low)) if slopes else cosine))
+            found.append((torch.cos(angle), torch.sin(angle) * (-order / (high - low))))
         return found

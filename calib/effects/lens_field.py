@@ -10,6 +10,7 @@ from torch import Tensor
 
 from calib.effects.cosine_field import FIRST_KNEE, CosineField
 from calib.effects.effect import Surroundings
+from calib.optics.linear_part import sloped
 from calib.optics.params import Values
 from calib.optics.path import Path
 
@@ -34,4 +35,6 @@ class LensField(CosineField):
         return replace(path, adjustments=(*path.adjustments, self))
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
-        return pixels + torch.stack(self.shift(pixels[..., 0], pixels[..., 1], values), -1), values
+        x, y = pixels.unbind(-1)
+        moved = [sloped(size, x, y, by_x, by_y) for size, by_x, by_y in self.shift(x, y, values)]
+        return pixels + torch.stack(moved, -1), values

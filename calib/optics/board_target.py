@@ -126,9 +126,20 @@ class Print(Protocol):
     @property
     def params(self) -> tuple[Param, ...]: ...
 
-    def shift(self, x: Tensor, y: Tensor, values: Values) -> tuple[Tensor, Tensor]:
-        """(...) m nominal board coordinates to the (...) m by which they are moved."""
+    def printed(self, x: Tensor, y: Tensor, values: Values) -> Printed:
+        """Where (...) m nominal board coordinates are."""
         ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Printed:
+    """By how much corners are moved."""
+
+    across: Tensor
+    """(...) m, along x."""
+    down: Tensor
+    slopes: tuple[tuple[Tensor | float, Tensor | float], tuple[Tensor | float, Tensor | float]]
+    """Of `across` by x and by y, and of `down`; (...) each, of which no derivatives are asked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,8 +212,8 @@ class Target:
         """(..., 2) m nominal board coordinates on (...) boards to (..., 3) m in the camera frame."""
         x, y = corners.unbind(-1)
         for part in self.prints:
-            across, down = part.shift(corners[..., 0], corners[..., 1], values)
-            x, y = x + across, y + down
+            moved = part.printed(corners[..., 0], corners[..., 1], values)
+            x, y = x + moved.across, y + moved.down
         z = sum((bend.height(x, y, values)[0] for bend in self._bends(placement)), torch.zeros_like(x))
         return Rotation.of(placement.turn).turn(Vector(x, y, z)).stacked() + placement.shift
 
@@ -210,21 +221,31 @@ class Target:
         """Those of the board's parts that are linear in their parameters, and the (...) coordinates that they are asked at, of rays that
         landed at (..., 2) m nominal board coordinates."""
         x, y = landed.unbind(-1)
-        shifts = [part.shift(x, y, values) for part in self.prints]
-        printed = [at + sum(shift[axis] for shift in shifts) for axis, at in enumerate((x, y))]
-        yield from ((bend, printed[0], printed[1]) for bend in self.bends if isinstance(bend, LinearPart))
+        moved = [part.printed(x, y, values) for part in self.prints]
+        across, down = x + sum(each.across for each in moved), y + sum(each.down for each in moved)
+        yield from ((bend, across, down) for bend in self.bends if isinstance(bend, LinearPart))
         yield from ((part, x, y) for part in self.prints if isinstance(part, LinearPart))
 
     def _bends(self, placement: Placement) -> tuple[Bend, ...]:
         return self.bends if self.flex is None or placement.flex is None else (*self.bends, Flexed(self.flex, placement.flex))
 
     def _nominal(self, x: Tensor, y: Tensor, values: Values) -> tuple[Tensor, Tensor]:
-        """Printed to nominal board coordinates: two rounds of putting the shift back, each a hundredth of the one before."""
-        back_x, back_y = x, y
-        for _ in range(2 if self.prints else 0):
-            shifts = [part.shift(back_x, back_y, values) for part in self.prints]
-            back_x, back_y = x - sum(s[0] for s in shifts), y - sum(s[1] for s in shifts)
-        return back_x, back_y
+        """Printed to nominal board coordinates: a step towards these, and a differentiable one from where it led. What is left then goes
+        with the fourth power of the shift."""
+        if not self.prints:
+            return x, y
+        with torch.no_grad():
+            near = self._unprinted(x, y, (x, y), values)
+        return self._unprinted(x, y, near, values)
+
+    def _unprinted(self, x: Tensor, y: Tensor, near: tuple[Tensor, Tensor], values: Values) -> tuple[Tensor, Tensor]:
+        """Newton's step from near the (...) m nominal coordinates of what is printed at (x, y)."""
+        at_x, at_y = (at.detach() for at in near)
+        moved = [part.printed(at_x, at_y, values) for part in self.prints]
+        off_x, off_y = at_x + sum(each.across for each in moved) - x, at_y + sum(each.down for each in moved) - y
+        (xx, xy), (yx, yy) = ([sum(each.slopes[axis][by] for each in moved) + (axis == by) for by in (0, 1)] for axis in (0, 1))
+        size = xx * yy - xy * yx
+        return at_x - (yy * off_x - xy * off_y) / size, at_y - (xx * off_y - yx * off_x) / size
 
 
 def _closer(bends: Iterable[Bend], origin: Vector, direction: Vector, distance: Tensor, values: Values) -> Tensor:

@@ -42,6 +42,7 @@ BOARD_SHAPE = Tolerance(3e-3, "m", 1e-3, "boards of makers are bent by 0.3 to 2.
 SQUARE_SIDE = Tolerance(2e-3, "", 1e-3, "of the side: a ruler's half millimetre over a board of 25 cm")
 PRINT_STRETCH = Tolerance(0.01, "", 1e-3, "desktop printers stretch paper by some tenths of a per cent along its feed")
 PRINT_SHEAR = Tolerance(5e-3, "rad", 1e-3, "paper that is drawn in askew: a millimetre over the length of a sheet")
+PRINT_UNEVEN = Tolerance(1e-3, "", 1e-4, "of the board's half: paper that swells, shrinks or is drawn on unevenly")
 DETECTOR = Tolerance(0.1, "px", 0.01, "the largest pull towards pixels' middles that corner detectors are known for")
 BOARD_SPIN = Tolerance(0.05, "rad", 1e-2, "a board that a hand turns at 1.5 rad/s, over a readout of 33 ms")
 BOARD_FLEX = Tolerance(5e-4, "m", 1e-3, "what a hand that holds it adds to the bend of a board of foam, card or plywood")

@@ -109,7 +109,7 @@ def test_board_scale_is_opencv_s_view_of_stretched_points() -> None:
     points = BOARD.points() * [1 + stretch / 2, 1 - stretch / 2]
     pixels = projected(np.column_stack([points, np.zeros(BOARD.count)]), POSE)
     found = land(proposed(BoardScale), pixels, {"board_scale.x_over_y": stretch})
-    assert np.abs(found - BOARD.points()).max() < 0.08 * (stretch / 2) ** 3 * 1.01  # two rounds of putting the shift back
+    assert np.abs(found - BOARD.points()).max() < 1e-13
     assert np.abs(land(proposed(BoardScale), pixels, {}) - BOARD.points()).max() > 1e-4
 
 
@@ -119,8 +119,42 @@ def test_a_sheared_print_is_opencv_s_view_of_sheared_points() -> None:
     pixels = projected(np.column_stack([points, np.zeros(BOARD.count)]), POSE)
     numbers: dict[str, float | Array] = {"board_scale.x_over_y": stretch, "board_scale.shear": shear}
     found = land(BoardScale(sheared=True), pixels, numbers)
-    assert np.abs(found - BOARD.points()).max() < 0.114 * (np.hypot(stretch, shear) / 2) ** 3 * 1.01  # two rounds of putting the shift back
+    assert np.abs(found - BOARD.points()).max() < 1e-13
     assert np.abs(land(BoardScale(), pixels, {"board_scale.x_over_y": stretch}) - BOARD.points()).max() > 1e-4
+
+
+def test_an_uneven_print_is_opencv_s_view_of_points_moved_by_legendre_series() -> None:
+    """Oracle: numpy's Legendre series move the points, OpenCV shows them."""
+    effect = proposed(BoardScale)
+    rng = np.random.default_rng(4)
+    sizes = {unknown.param.name: float(rng.normal(0, unknown.sigma)) for unknown in effect.unknowns}
+    assert len(sizes) == 16
+    series = np.zeros((2, 4, 4))
+    for name, size in sizes.items():
+        if name.count(".") == 2:
+            _, axis, term = name.split(".")
+            series["xy".index(axis), term.count("x"), term.count("y")] = size
+    points = BOARD.points()
+    u, v = (points / BOARD.half).T
+    stretch, shear = sizes["board_scale.x_over_y"] / 2, sizes["board_scale.shear"] / 2
+    moved = points @ [[1 + stretch, shear], [shear, 1 - stretch]]
+    moved = moved + np.column_stack([np.polynomial.legendre.legval2d(u, v, one) for one in series])
+    pixels = projected(np.column_stack([moved, np.zeros(BOARD.count)]), POSE)
+    assert np.abs(land(effect, pixels, dict(sizes)) - points).max() < 1e-12  # two of Newton's steps back
+    assert np.abs(land(effect, pixels, {**sizes, "board_scale.y.xxy": 0.0}) - points).max() > 1e-6
+
+
+def test_board_scale_takes_the_form_that_made_the_residual() -> None:
+    """Random directions of the corners, exactly known, and a residual of some of the terms."""
+    rng = np.random.default_rng(9)
+    effect = proposed(BoardScale)
+    assert isinstance(effect, BoardScale)
+    spread = np.array([unknown.sigma / unknown.param.scale for unknown in effect.unknowns])
+    columns = rng.normal(0, 100.0, (400, len(spread)))
+    for form in effect.alternatives():
+        count = len(form.unknowns)
+        residual = columns[:, :count] @ rng.normal(0, 0.3 * spread[:count]) + rng.standard_normal(400)
+        assert effect.tuned(columns.T @ columns, columns.T @ residual) == form
 
 
 def test_free_field_over_the_board_is_a_cosine_transform_of_shifts() -> None:
@@ -135,4 +169,4 @@ def test_free_field_over_the_board_is_a_cosine_transform_of_shifts() -> None:
     pixels = projected(np.column_stack([points + shifts, np.zeros(81)]), POSE)
     found = land(effect, pixels, parameters)
     assert np.abs(shifts).max() > 3e-5
-    assert np.abs(found - points).max() < 1e-7  # two rounds of putting back shifts that change by a hundredth
+    assert np.abs(found - points).max() < 1e-12  # two of Newton's steps back

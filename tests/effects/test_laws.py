@@ -206,7 +206,7 @@ def _compare(analytic: Tensor, numeric: Tensor, name: str) -> None:
     size = numeric.abs().max()
     assert size > SMALLEST, f"{name} moves no landing"
     worst = (analytic - numeric).abs().max() / size
-    loose = name.startswith(("fine_surface", "free_field"))  # two rounds put a field's shift back, its weights are those where they end
+    loose = name.startswith("fine_surface")
     assert worst < (1e-5 if loose else 1e-6), f"{name}: off by {worst:.1e} of its own size"
 
 

@@ -31,8 +31,7 @@ from dataclasses import replace
 made = scene(0, views=15)
 rng = np.random.default_rng(1)
 points = made.board.points()
-points[:, 0] *= 1 + 0.08 * points[:, 1]
-solid = np.column_stack([points, np.zeros(len(points))])
+solid = np.column_stack([points, 0.015 * np.abs(points[:, 0])])
 poses = made.poses.numpy()
 views = []
 for index, pose in enumerate(poses):
@@ -41,9 +40,9 @@ for index, pose in enumerate(poses):
 matrix = camera_matrix()
 known = lens_alone(made, 3280, 2464, matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])
 _, finding = diagnose(replace(known, views=tuple(views), poses=poses), Silent())
-print(finding.accepted, [c.parameters["board_taper.rate"].value for c in finding.candidates if c.accepted])
+print(finding.accepted, [c.parameters["board_fold.angle"].value for c in finding.candidates if c.accepted])
 """
-"""A board that OpenCV shows with rows that grow by 8 % a metre; prints what is found."""
+"""A board that OpenCV shows folded by 0.03 rad; prints what is found."""
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
@@ -77,12 +76,12 @@ def test_the_steps_for_a_new_effect_work_as_written(tmp_path: Path) -> None:
     listed = re.sub(r"(    BoardScale,\n)", rf"\1{line}", registry.read_text(encoding="utf-8"))
     registry.write_text(f"from {module} import {kind[1]}\n{listed}", encoding="utf-8")
 
-    laws = _run(tmp_path, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/effects/test_laws.py", "-k", "board_taper")
+    laws = _run(tmp_path, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/effects/test_laws.py", "-k", "board_fold")
     assert re.search(r"\n\d\d passed", laws), laws
     found = _run(tmp_path, "-c", FINDS_IT)
-    accepted = re.match(r"\('board_taper',\) \[(.*)\]", found)
+    accepted = re.match(r"\('board_fold',\) \[(.*)\]", found)
     assert accepted, found
-    assert float(accepted[1]) == pytest.approx(0.08, rel=0.1)
+    assert float(accepted[1]) == pytest.approx(0.03, rel=0.1)
 
 
 def _run(folder: Path, *words: str) -> str:

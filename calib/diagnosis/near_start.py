@@ -1,0 +1,48 @@
+"""Where a fit begins without an effect that an earlier one had: what stays takes up what it can of it.
+
+By how much, the earlier fit's covariance says to first order: the mean of what stays, given that what goes is not there. From where the
+earlier fit ended, a lens whose other coefficients have to make up for one that goes was often not found.
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import torch
+
+from calib.effects.effect import Effect
+from calib.estimation.camera_model import CameraModel
+from calib.estimation.elimination import problem_at
+from calib.estimation.joint_fit import JointFit, Start
+from calib.estimation.observations import Observations
+from calib.optics.params import Values
+
+
+def start_without(gone: Iterable[Effect], model: CameraModel, before: CameraModel, joint: JointFit, observations: Observations) -> Start:
+    """Of the two starts, with and without what the covariance says, the one from which less is left once boards have adapted.
+
+    Args:
+        gone: the effects of `before`, which was fitted, that `model` has no more.
+    """
+    nothing = {name: value for effect in gone for name, value in before.neutral(effect).items()}
+    starts = [Start({**joint.values, **values}, joint.sigma, joint.smoothness) for values in ({}, _given(joint, nothing))]
+    return min(starts, key=lambda start: _left(model, start, joint, observations))
+
+
+def _given(joint: JointFit, nothing: Values) -> Values:
+    """The parameters that stay, where those that go have these values."""
+    parameters = joint.parameters
+    goes = torch.from_numpy(parameters.entries(name for name in nothing if name in parameters.slices()))
+    if not len(goes):
+        return {}
+    here, there = parameters.vector(joint.values), parameters.vector({**joint.values, **nothing})
+    known = torch.linalg.lstsq(joint.covariance[goes][:, goes], (there - here)[goes, None]).solution
+    moved = parameters.values(here + (joint.covariance[:, goes] @ known).squeeze(1))
+    return moved | {param.name: moved[param.name].clamp_min(param.least) for param in parameters.free}
+
+
+def _left(model: CameraModel, start: Start, joint: JointFit, observations: Observations) -> float:
+    values = {name: start.values.get(name, mean) for name, mean in model.means.items()}
+    poses = model.padded(joint.poses)
+    parameters = replace(model.parameters, origin=values)
+    problem = problem_at(model.path, parameters, observations, poses, joint.sigma)
+    return problem.settled(poses.new_zeros(parameters.count), poses)[1]
