@@ -1,4 +1,10 @@
-"""Of the forms of an effect that differ in how many parameters they have, the one that a fit's evidence chooses."""
+"""Of the forms of an effect that differ in how many parameters they have, the one that a fit's evidence chooses.
+
+A form with fewer parameters is one with more whose others are nothing. So one fit says how probable all of them are: by how probable nothing
+is for these others after the fit, over how probable it was beforehand.
+
+Source: J. M. Dickey, The weighted likelihood ratio, linear hypotheses on normal location parameters (1971).
+"""
 
 from __future__ import annotations
 
@@ -8,6 +14,7 @@ import numpy as np
 
 from calib.diagnosis.far_start import begun
 from calib.diagnosis.linearised import Linearised
+from calib.diagnosis.near_start import start_of_fewer
 from calib.diagnosis.score_test import Optimum
 from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel
@@ -25,9 +32,28 @@ def with_most_probable(model: CameraModel, effect: Effect, observations: Observa
     forms = [model.with_effect(form) for form in effect.alternatives() or (effect,)]
     if effect.per_view:
         return _of_most_probable_size(forms, observations, begin)
-    starts = [begun(form, observations, begin) for form in forms]
-    fits = [(form, form.fitted(observations, at.poses, at.start, ROUNDS)) for form, at in zip(forms, starts, strict=True)]
-    return max(fits, key=lambda fit: fit[1].log_evidence)
+    at = begun(forms[-1], observations, begin)
+    joint = forms[-1].fitted(observations, at.poses, at.start, ROUNDS)
+    best = int(np.argmax([odds_of(form, forms[-1], joint) for form in forms])) if joint.finite else len(forms) - 1
+    if forms[best] is forms[-1]:
+        return forms[-1], joint
+    start = start_of_fewer(forms[best], forms[-1], joint, observations)
+    return forms[best], forms[best].fitted(observations, joint.poses, start, ROUNDS)
+
+
+def odds_of(form: CameraModel, most: CameraModel, joint: JointFit) -> float:
+    """The logarithm of a form's probability over that of the one with the most parameters, which was fitted."""
+    parameters, fewer = joint.parameters, {param.name for param in form.parameters.free}
+    others = [param for param in parameters.free if param.name not in fewer]
+    if not others:
+        return 0.0
+    entries = parameters.entries(param.name for param in others)
+    nothing = parameters.vector(most.means)[entries].numpy()
+    away = parameters.vector(joint.values)[entries].numpy() - nothing
+    covariance = joint.covariance[entries][:, entries].numpy()
+    spread = np.concatenate([np.ravel(most.priors.sigmas[param.name]) / param.scale for param in others])
+    after = -(away @ np.linalg.solve(covariance, away) + np.linalg.slogdet(covariance)[1]) / 2
+    return float(after + np.log(spread).sum())
 
 
 def _of_most_probable_size(forms: Sequence[CameraModel], observations: Observations, begin: JointFit) -> tuple[CameraModel, JointFit]:

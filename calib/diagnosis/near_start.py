@@ -4,12 +4,10 @@ By how much, the earlier fit's covariance says to first order: the mean of what 
 earlier fit ended, a lens whose other coefficients have to make up for one that goes was often not found.
 """
 
-from collections.abc import Iterable
 from dataclasses import replace
 
 import torch
 
-from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.elimination import problem_at
 from calib.estimation.joint_fit import JointFit, Start
@@ -17,14 +15,19 @@ from calib.estimation.observations import Observations
 from calib.optics.params import Values
 
 
-def start_without(gone: Iterable[Effect], model: CameraModel, before: CameraModel, joint: JointFit, observations: Observations) -> Start:
+def start_of_fewer(model: CameraModel, before: CameraModel, joint: JointFit, observations: Observations) -> Start:
     """Of the two starts, with and without what the covariance says, the one from which less is left once boards have adapted.
 
     Args:
-        gone: the effects of `before`, which was fitted, that `model` has no more.
+        model: with fewer effects than `before`, or simpler ones.
+        joint: the fit of `before`.
     """
-    nothing = {name: value for effect in gone for name, value in before.neutral(effect).items()}
-    starts = [Start({**joint.values, **values}, joint.sigma, joint.smoothness) for values in ({}, _given(joint, nothing))]
+    stay = {param.name for param in model.parameters.free}
+    neutral = [before.neutral(effect) for effect in before.effects]
+    gone = {name: value for values in neutral for name, value in values.items() if name not in stay}
+    if not gone:
+        return joint.start
+    starts = [Start({**joint.values, **values}, joint.sigma, joint.smoothness) for values in ({}, _given(joint, gone))]
     return min(starts, key=lambda start: _left(model, start, joint, observations))
 
 

@@ -16,7 +16,7 @@ from calib.diagnosis.far_start import begun
 from calib.diagnosis.fine_surface_search import surroundings
 from calib.diagnosis.held_out import HeldOut, Split, gain, hold_out
 from calib.diagnosis.most_probable_form import with_most_probable
-from calib.diagnosis.near_start import start_without
+from calib.diagnosis.near_start import start_of_fewer
 from calib.diagnosis.score_test import Optimum, ScoreTest
 from calib.diagnosis.trial import LEAST_GAIN, Fit, Trial, worth
 from calib.diagnosis.unnamed_structure import gain as gain_of_structure
@@ -262,8 +262,7 @@ class Loop:
         names = tuple(effect.name for effect in effects)
         if names not in self.reduced:
             model = self.base.with_effects(effects)
-            gone = [effect for effect in self.model.effects if effect.name not in names]
-            start = start_without(gone, model, self.model, self.joint, self.observations) if gone else self.joint.start
+            start = start_of_fewer(model, self.model, self.joint, self.observations)
             self.reduced[names] = Fit(model, model.fitted(self.observations, self.joint.poses, start))
         return self.reduced[names]
 

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from calib.diagnosis.near_start import start_without
+from calib.diagnosis.near_start import start_of_fewer
 from calib.diagnosis.starting_model import base_model, model_of
 from calib.effects.entrance_pupil import EntrancePupil
 from calib.effects.lens import Lens
@@ -20,7 +20,7 @@ def test_what_stays_starts_where_a_fit_without_the_effect_ends() -> None:
     both = model.with_effects([lens, pupil])
     joint = both.fitted(observations, there.poses, there.start)
     alone = base_model(calibration).with_effects([lens])
-    start = start_without([pupil], alone, both, joint, observations)
+    start = start_of_fewer(alone, both, joint, observations)
     end = alone.fitted(observations, joint.poses, joint.start)
     name = "lens.k1"
     moved = float(end.values[name] - joint.values[name])
