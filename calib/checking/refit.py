@@ -89,7 +89,7 @@ def refit(
     lands = path.land(observations.pixels, observations.with_times(start), poses[observations.view])[1] == 0
     seen = observations.kept(lands)
     weights = pixel_weights(path, start, seen, poses, sigma)
-    problem = LandingProblem(parameters, tuple(landings(path, parameters, seen, weights)), precision, view_precision(path, poses))
+    problem = LandingProblem(parameters, tuple(landings(path, parameters, seen, weights, start)), precision, view_precision(path, poses))
     found = minimise(problem, shared, poses, steps=STEPS, tolerance=ROUGH if held else TOLERANCE)
     hessian, _ = found.equations.schur_complement()
     covariance = inverse(hessian + precision).numpy()

@@ -3,8 +3,7 @@
 An accepted effect is taken out, every other that can do much of what it does is fitted in its place, and the corners' marginal likelihoods
 are compared (Bayes factors, equal odds beforehand). A name stands alone if it is almost sure; else it is the most probable of a family.
 
-Sources: R. E. Kass, A. E. Raftery, Bayes factors (1995); Q. H. Vuong, Likelihood ratio tests for model selection and non-nested
-hypotheses (1989).
+Source: R. E. Kass, A. E. Raftery, Bayes factors (1995).
 """
 
 from __future__ import annotations
@@ -12,25 +11,22 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from calib.diagnosis.agreement import agreement
 from calib.diagnosis.finding import Family
 from calib.diagnosis.fine_surface_search import surroundings
 from calib.diagnosis.most_probable_form import with_most_probable
 from calib.diagnosis.score_test import Optimum, ScoreTest
 from calib.diagnosis.selection import Loop
 from calib.diagnosis.sentences import separation
+from calib.diagnosis.trial import Fit
 from calib.effects.effect import Effect
 from calib.effects.registry import KINDS
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
-from calib.estimation.objective import HUBER
 from calib.estimation.observations import Observations
-from calib.estimation.residuals import residuals
-
-Fit = tuple[CameraModel, JointFit]
 
 ALONE = 0.95
 """The probability from which a name stands alone."""
@@ -86,8 +82,8 @@ def _family(loop: Loop, effect: Effect) -> tuple[str, Family | None]:
     """The name of the most probable in the place of an accepted effect, and the family where it is not almost sure."""
     rivals = _rivals(loop, effect)
     names = [effect, *(rival.test.effect for rival in rivals)]
-    fits = [(loop.model, loop.joint), *((rival.model, rival.joint) for rival in rivals)]
-    best = int(np.argmax([joint.log_marginal for _, joint in fits]))
+    fits = [Fit(loop.model, loop.joint), *(Fit(rival.model, rival.joint) for rival in rivals)]
+    best = int(np.argmax([fit.joint.log_marginal for fit in fits]))
     odds = [_odds(fit, fits[best], loop.observations) for fit in fits]
     chances = np.array(odds) / sum(odds)
     if best:
@@ -106,19 +102,9 @@ def _odds(fit: Fit, best: Fit, observations: Observations) -> float:
     that these differ (Vuong's test, in which neither model need be right)."""
     if fit is best:
         return 1.0
-    apart = best[1].log_marginal - fit[1].log_marginal
-    each = _by_view(best, observations) - _by_view(fit, observations)
-    agreed = float(ndtr(-apart / (each.std(ddof=1) * len(each) ** 0.5)))
+    apart = best.joint.log_marginal - fit.joint.log_marginal
+    agreed = float(ndtr(-agreement(best, fit, apart, observations)))
     return max(float(np.exp(-apart)), agreed / (1 - agreed))
-
-
-def _by_view(fit: Fit, observations: Observations) -> NDArray[np.float64]:
-    """(V,) the logarithm of the probability of each view's corners, up to a constant of the view, with Huber's loss."""
-    model, joint = fit
-    missed = residuals(model.path, joint.values, observations, joint.poses).image.nan_to_num(0.0)
-    size = missed.norm(dim=-1) * observations.weight / joint.sigma
-    loss = torch.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2) / 2 + 2 * np.log(joint.sigma)
-    return -np.array([float(view.sum()) for view in observations.per_view(loss)])
 
 
 def _rivals(loop: Loop, effect: Effect) -> list[Rival]:

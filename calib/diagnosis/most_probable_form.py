@@ -1,7 +1,7 @@
 """Of the forms of an effect that differ in how many parameters they have, the one that a fit's evidence chooses.
 
-A form with fewer parameters is one with more whose others are nothing. So one fit says how probable all of them are: by how probable nothing
-is for these others after the fit, over how probable it was beforehand.
+A form with fewer parameters is one with more whose others are nothing. So one fit says how probable all of them are: by how probable
+nothing is for these others after the fit, over how probable it was beforehand.
 
 Source: J. M. Dickey, The weighted likelihood ratio, linear hypotheses on normal location parameters (1971).
 """

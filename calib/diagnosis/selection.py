@@ -12,6 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
+from calib.diagnosis.agreement import agreement
 from calib.diagnosis.far_start import begun
 from calib.diagnosis.fine_surface_search import surroundings
 from calib.diagnosis.held_out import HeldOut, Split, gain, hold_out
@@ -31,6 +32,10 @@ from calib.session.camera import Camera
 
 NEEDED = 0.05
 """p-value from which an accepted effect counts as needed beside those that came after it."""
+PLAINLY = 3.0
+"""Times the least gain: what is taken off the error by an effect that is needed without asking held-out views."""
+OF_ONE_MIND = 6.0
+"""Standard deviations of the views' disagreement, from which they are not asked."""
 WORTH_TRYING = 0.05
 """p-value of the score."""
 TRIED = 4
@@ -113,18 +118,21 @@ class Loop:
         private = self._first_passing(self._caused(moving), lambda fit: fit.joint.log_marginal)
         if not (private or self.organised(self.model, self.joint)):
             return None
-        fields = self._more_probable(self._lowering(FIELDS, among=len(EFFECTS)))
+        ahead = private.fitted.joint.log_marginal - self.joint.log_marginal if private else 0.0
+        fields = self._more_probable(self._lowering(FIELDS, among=len(EFFECTS), least=ahead))
         better = [field for field in fields if not private or field.fitted.joint.log_marginal > private.fitted.joint.log_marginal]
         return self._first_passing(better, lambda fit: fit.joint.log_marginal) or private
 
-    def _lowering(self, effects: Sequence[type[Effect]], among: int = 0) -> list[Trial]:
+    def _lowering(self, effects: Sequence[type[Effect]], among: int = 0, least: float = 0.0) -> list[Trial]:
         """Score all effects, fit the best few, and return those that lower the error enough to be worth holding views out.
 
         Args:
             among: candidates of which none passed before.
+            least: the logarithm by which one must be able to make the corners more probable: by half of its chi2 at best.
         """
         scores = self.scores(effects)
-        promising = (c for c in scores if c.effect.judged_by_score and c.p_value < WORTH_TRYING and c.promises > LEAST_GAIN)
+        judged = (c for c in scores if c.effect.judged_by_score and c.chi2 / 2 > least)
+        promising = (c for c in judged if c.p_value < WORTH_TRYING and c.promises > LEAST_GAIN)
         always = [c for c in scores if not (c.effect.judged_by_score or (c.effect.name, c.effect.form) in self.hopeless)]
         chosen = always + sorted(promising, key=lambda c: 2 * c.dof - c.chi2)[:TRIED]
         tried = [self._try(test, among + len(scores)) for test in chosen]
@@ -236,10 +244,7 @@ class Loop:
             if effect is newest:
                 continue
             beside = [e for e in self.model.effects if effect.per_view or not e.per_view]
-            half = any(e.per_view for e in beside)
-            left = self.left() if len(beside) == len(self.model.effects) else self._shared_left(beside)
-            lost = gain(self._left_of([e for e in beside if e is not effect], half=half), left)
-            idle = min(lost.p_value, lost.presence) > NEEDED or not worth(lost)
+            idle = not self._surely_needed(effect, beside) and self._idle(effect, beside)
             private = self.model.path.private and not effect.per_view
             if not (idle or private):
                 continue
@@ -250,6 +255,23 @@ class Loop:
                 self.dropped.add(effect.name)
                 self._forget()
         return self.dropped != before
+
+    def _surely_needed(self, effect: Effect, beside: Sequence[Effect]) -> bool:
+        """Whether views need not be held out to know that it is needed beside others: fits without it are worse, and so much that the views
+        are of one mind."""
+        whole = len(beside) == len(self.model.effects)
+        with_it = Fit(self.model, self.joint) if whole else self.with_only(beside)
+        without = self.with_only([e for e in beside if e is not effect])
+        apart = with_it.joint.log_marginal - without.joint.log_marginal
+        raised = (without.joint.cost / with_it.joint.cost) ** 0.5 - 1
+        return raised > PLAINLY * LEAST_GAIN and agreement(with_it, without, apart, self.observations) > OF_ONE_MIND
+
+    def _idle(self, effect: Effect, beside: Sequence[Effect]) -> bool:
+        """Whether held-out views do without it beside others."""
+        half = any(e.per_view for e in beside)
+        left = self.left() if len(beside) == len(self.model.effects) else self._shared_left(beside)
+        lost = gain(self._left_of([e for e in beside if e is not effect], half=half), left)
+        return min(lost.p_value, lost.presence) > NEEDED or not worth(lost)
 
     def _shared_left(self, shared: Sequence[Effect]) -> HeldOut:
         """What the model leaves without what single views have for themselves."""

@@ -79,22 +79,25 @@ class BoardScale(Effect):
         across, down = half * x + turned * y, turned * x - half * y
         if not self._degrees:
             return Printed(across, down, ((along, aside), (aside, -along)))
-        more, fall = (self._uneven(x, y, probe, values) for probe in _PROBES)
+        more, fall = self._uneven(x, y, values)
         return Printed(across + more[0], down + fall[0], ((along + more[1], aside + more[2]), (aside + fall[1], fall[2] - along)))
 
-    def _uneven(self, x: Tensor, y: Tensor, probe: str, values: Values) -> tuple[Tensor, Tensor, Tensor]:
-        """(...) m along one direction, and its slopes by x and by y."""
+    def _uneven(self, x: Tensor, y: Tensor, values: Values) -> list[tuple[Tensor, Tensor, Tensor]]:
+        """(...) m along each direction, with its slopes by x and by y."""
         with torch.no_grad():
             (u, inside_u), (v, inside_v) = self._powers(x, y)
             rises = torch.arange(1, self.degree + 1).to(u).reshape(-1, *[1] * x.ndim)
-        sizes = torch.stack([values[name] for name, by in self.probes.items() if by == probe], -1)
-        table = (sizes @ _monomials(self._degrees).to(sizes)).reshape(*sizes.shape[:-1], self.degree + 1, self.degree + 1)
-        along = times(u, table)
-        shift = (along * v).sum(0)
-        with torch.no_grad():
-            by_x = (times(u[:-1] * rises, table[..., 1:, :]) * v).sum(0) * inside_u / self.half[0]
-            by_y = (along[1:] * v[:-1] * rises).sum(0) * inside_v / self.half[1]
-        return shift + values[probe] if probe in values else shift, by_x, by_y
+            rise_u, rise_v = u[:-1] * rises * (inside_u / self.half[0]), v[:-1] * rises * (inside_v / self.half[1])
+        moved = []
+        for probe in _PROBES:
+            sizes = torch.stack([values[name] for name, by in self.probes.items() if by == probe], -1)
+            table = (sizes @ _monomials(self._degrees).to(sizes)).reshape(*sizes.shape[:-1], self.degree + 1, self.degree + 1)
+            along = times(u, table)
+            shift = (along * v).sum(0)
+            with torch.no_grad():
+                slopes = (times(rise_u, table[..., 1:, :]) * v).sum(0), (along[1:] * rise_v).sum(0)
+            moved.append((shift + values[probe] if probe in values else shift, *slopes))
+        return moved
 
     @property
     def probes(self) -> dict[str, str]:

@@ -140,8 +140,9 @@ def fit_joint(
     spent = 0
     for tolerance in rounds:
         precision = torch.from_numpy(parameters.prior_precision(smoothness)).to(shared)
-        weights = pixel_weights(path, parameters.values(shared), observations, poses, sigma)
-        views = tuple(landings(path, parameters, observations, weights))
+        here = parameters.values(shared)
+        weights = pixel_weights(path, here, observations, poses, sigma)
+        views = tuple(landings(path, parameters, observations, weights, here))
         problem = LandingProblem(parameters, views, precision, view_precision(path, poses))
         solution = minimise(problem, shared, poses, steps=STEPS, tolerance=tolerance)
         shared, poses, spent = solution.shared, solution.blocks, spent + solution.iterations

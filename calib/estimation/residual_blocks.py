@@ -121,8 +121,14 @@ def _placement(leaves: Sequence[Tensor]) -> Placement:
     return Placement(turn, shift, flex=flex[0] if flex else None)
 
 
-def landings(path: Path, parameters: Parameters, observations: Observations, weights: Tensor) -> Iterator[Landing]:
-    """The landings of all views, some views at a time, with the stages traced that stay as they are."""
+def landings(
+    path: Path, parameters: Parameters, observations: Observations, weights: Tensor, near: Values | None = None
+) -> Iterator[Landing]:
+    """The landings of all views, some views at a time, with the stages traced that stay as they are.
+
+    Args:
+        near: all values, near those that residuals will be asked at; None: the parameters' origin.
+    """
     moves = set(parameters.slices())
     still = 0
     for stage in path.stages:
@@ -131,7 +137,7 @@ def landings(path: Path, parameters: Parameters, observations: Observations, wei
         still += 1
     for views in _runs(observations):
         some = observations.run(views)
-        held = replace(path, cover=path.cover[: max(still - 1, 0)]).trace(some.pixels, some.with_times(parameters.origin))
+        held = replace(path, cover=path.cover[: max(still - 1, 0)]).trace(some.pixels, some.with_times(near or parameters.origin))
         first, last = (int(observations.starts[v]) for v in (views.start, views.stop))
         yield Landing(path, parameters, some, held, still, weights[first:last])
 
