@@ -54,13 +54,15 @@ class Rival:
 
 def settle(loop: Loop) -> tuple[Family, ...]:
     """The families of the accepted effects. Where a rival took the place of one, what stood beside that may have done the rival's work, and
-    is dropped if it is not needed any more."""
+    is dropped if it is not needed any more. Effects are in the simplest forms that the others leave them."""
+    loop.simplify()
     before = loop.model
     families = _settled(loop)
     if loop.model is before:
         return families
     after = loop.model
     loop.drop_idle()
+    loop.simplify()
     return families if loop.model is after else _settled(loop)
 
 

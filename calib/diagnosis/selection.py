@@ -19,6 +19,7 @@ from calib.diagnosis.held_out import HeldOut, Split, gain, hold_out
 from calib.diagnosis.most_probable_form import with_most_probable
 from calib.diagnosis.near_start import start_of_fewer
 from calib.diagnosis.score_test import Optimum, ScoreTest
+from calib.diagnosis.simpler_forms import simplified
 from calib.diagnosis.trial import LEAST_GAIN, Fit, Trial, worth
 from calib.diagnosis.unnamed_structure import gain as gain_of_structure
 from calib.effects.effect import Effect
@@ -255,6 +256,13 @@ class Loop:
                 self.dropped.add(effect.name)
                 self._forget()
         return self.dropped != before
+
+    def simplify(self) -> None:
+        """Effects in simpler forms where the corners are more probable so."""
+        fit = simplified(Fit(self.model, self.joint), self.base, self.observations)
+        if fit.model is not self.model:
+            self.model, self.joint = fit.model, fit.joint
+            self._forget()
 
     def _surely_needed(self, effect: Effect, beside: Sequence[Effect]) -> bool:
         """Whether views need not be held out to know that it is needed beside others: fits without it are worse, and so much that the views
