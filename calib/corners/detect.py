@@ -24,7 +24,7 @@ from calib.corners.reduced import enlarged, live_factor, reduced
 from calib.corners.saddle_grid import find_grid
 from calib.session.board import Board
 
-VERSION = 8
+VERSION = 9
 """To be raised with every change that moves corners: kept detections are then made again."""
 
 SEED = 0
