@@ -1,14 +1,15 @@
-"""Corners of measured pictures, by how well a fit to other views predicts them: `python -m benchmarks.measured_corners SESSION`.
+"""Corners of pictures, by how well a fit to other views predicts them: `python -m benchmarks.measured_corners SESSION [EFFECT ...]`.
 
-Nobody knows where the corners of a measured picture are. So each estimator's corners calibrate the camera, with the board's shape and a
-free field of its print estimated, and are predicted by fits to the other views, in folds: the error is the estimator's and the model's, and
-the model is one. Every corner weighs alike, and only views that all of them have are compared.
+Nobody knows where the corners of a measured picture are. So each estimator's corners calibrate the camera, and are predicted by a fit to
+other views: to those of the session, where it has a holdout folder, else in folds. The board's shape and a free field of its print are
+estimated, and what else is known to be in the session. The error is the estimator's and the model's, and the model is one. Every corner
+weighs alike, and only views that all estimators have are compared; one that finds less than nine tenths of the views is left out.
 """
 
 import shutil
 import sys
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -28,45 +29,66 @@ from calib.corners.view import View
 from calib.diagnosis.held_out import folds, hold_out
 from calib.diagnosis.named_effects import with_named
 from calib.diagnosis.starting_model import model_of
+from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
 from calib.fitting.stages import Settings
 from calib.progress import Silent
 from calib.session.board import Board
 from calib.session.session import read_session
 from calib.threads import single_thread
+from fixtures import mrgingham
 
 Floats = NDArray[np.float64]
+Estimator = Callable[[NDArray[np.uint8], Floats], Floats | None]
+"""From a grey picture and corners that are within a pixel, to (count, 2) px."""
 WINDOWS = (3, 5, 11)
 """px, cornerSubPix's half-sizes"""
 STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
 PATTERN = ("board_shape", "free_field")
+OURS = "patches"
+LIMIT = 3.0  # px: a corner further from ours is another, or none
+ENOUGH = 0.9  # of the views
 
 
-def estimators(board: Board) -> dict[str, Callable[[NDArray[np.uint8], Floats], Floats | None]]:
-    """By name: from a grey picture and corners that are within a pixel, to (count, 2) px."""
+@dataclass(frozen=True, slots=True)
+class Folder:
+    """A session's folder, or that of its held-out views, and its corners by each estimator."""
 
-    def sectors(flags: int) -> Callable[[NDArray[np.uint8], Floats], Floats | None]:
+    path: Path
+    views: tuple[View, ...]
+    """Whose boards are seen wholly, with our corners."""
+    by: dict[str, list[Floats | None]]
+
+
+def estimators(board: Board) -> dict[str, Estimator]:
+    def sectors(flags: int) -> Estimator:
         return lambda grey, start: _sectors(grey, start, board, flags)
 
-    def sub_pixel(half: int) -> Callable[[NDArray[np.uint8], Floats], Floats | None]:
+    def sub_pixel(half: int) -> Estimator:
         return lambda grey, start: _sub_pixel(grey, start, half)
 
+    def gingham(way: str) -> Estimator:
+        return lambda grey, start: _near(mrgingham.find(grey, board, way), start)
+
     return {
-        "patches": lambda _, start: start,
+        OURS: lambda _, start: start,
         "cornerSubPix on an enlarged, smoothed picture": lambda grey, start: refine(grey, start, board),
         "SB": sectors(0),
         "SB, ACCURACY": sectors(cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE),
         **{f"cornerSubPix {half}": sub_pixel(half) for half in WINDOWS},
+        **({way: gingham(way) for way in mrgingham.WAYS} if mrgingham.can_find(board) else {}),
     }
 
 
 def _sectors(grey: NDArray[np.uint8], start: Floats, board: Board, flags: int) -> Floats | None:
     found, corners = cv2.findChessboardCornersSB(grey, (board.columns, board.rows), flags=flags)
-    if not found:
-        return None
-    near = np.asarray(corners, np.float64).reshape(-1, 2)
-    apart = np.linalg.norm(near - start[:, None], axis=-1)
-    return np.asarray(near[apart.argmin(1)])
+    return _near(np.asarray(corners, np.float64).reshape(-1, 2), start) if found else None
+
+
+def _near(found: Floats | None, start: Floats) -> Floats | None:
+    """In our order; None where one is too far from ours."""
+    own = None if found is None else mrgingham.nearest(found, start)
+    return own if own is not None and np.linalg.norm(own - start, axis=1).max() < LIMIT else None
 
 
 def _sub_pixel(grey: NDArray[np.uint8], start: Floats, half: int) -> Floats:
@@ -74,11 +96,35 @@ def _sub_pixel(grey: NDArray[np.uint8], start: Floats, half: int) -> Floats:
     return np.asarray(found, np.float64).reshape(-1, 2)
 
 
-def held_out(folder: Path, views: list[View], described: dict[str, object]) -> tuple[float, float]:
+def measured(path: Path) -> Folder:
+    session = read_session(path)
+    views = tuple(view for view in detect(session.frames, session.board).views if view.seen.all())
+    pictures = {picture.name: picture for picture in session.frames}
+    by: dict[str, list[Floats | None]] = {name: [] for name in estimators(session.board)}
+    for view in track(views, f"Pictures of {path.name}"):
+        grey = cv2.imread(str(pictures[view.name]), cv2.IMREAD_GRAYSCALE)
+        assert grey is not None
+        for name, estimate in estimators(session.board).items():
+            by[name].append(estimate(np.asarray(grey, np.uint8), view.corners))
+    return Folder(path, views, by)
+
+
+def take(folder: Folder, name: str, kept: Sequence[bool], *, weighted: bool) -> None:
+    """Make the folder a session of one estimator's corners, all of one weight, or as their own covariances weigh them."""
+    chosen = []
+    for view, corners, keep in zip(folder.views, folder.by[name], kept, strict=True):
+        if keep and corners is not None:
+            chosen.append(replace(view, covariance=None) if weighted else View(view.name, corners, np.ones(len(corners))))
+    write_corners(folder.path / "corners.vnl", chosen)
+    described = yaml.safe_load((folder.path / "session.yaml").read_text())
+    (folder.path / "session.yaml").write_text(yaml.safe_dump({**described, "corners": "corners.vnl"}))
+
+
+def judged(path: Path, effects: Sequence[str]) -> tuple[float, float]:
     """Fitted and held out, px RMS."""
-    write_corners(folder / "corners.vnl", views)
-    (folder / "session.yaml").write_text(yaml.safe_dump({**described, "corners": "corners.vnl"}))
-    made = with_named(fit(read_session(folder), Settings(), Silent()), PATTERN, Silent())
+    made = with_named(fit(read_session(path), Settings(), Silent()), (*effects, *PATTERN), Silent())
+    if (path / "holdout").is_dir():
+        return made.stages[-1].rms_px, evaluate(made, read_session(path / "holdout"), Silent()).rms_px
     model, observations = model_of(made), made.observations
     with single_thread():
         joint = model.fitted(observations, torch.from_numpy(made.poses))
@@ -86,34 +132,26 @@ def held_out(folder: Path, views: list[View], described: dict[str, object]) -> t
     return made.stages[-1].rms_px, left.rms
 
 
-def main() -> None:
+def main(session: Path, effects: Sequence[str]) -> None:
     with TemporaryDirectory() as place:
-        folder = Path(place) / "session"
-        shutil.copytree(sys.argv[1], folder)
-        described = yaml.safe_load((folder / "session.yaml").read_text())
-        session = read_session(folder)
-        found = [view for view in detect(session.frames, session.board).views if view.seen.all()]
-        pictures = {path.name: path for path in session.frames}
-        measured: dict[str, list[Floats | None]] = {name: [] for name in estimators(session.board)}
-        for view in track(found, "Pictures"):
-            grey = cv2.imread(str(pictures[view.name]), cv2.IMREAD_GRAYSCALE)
-            assert grey is not None
-            for name, estimate in estimators(session.board).items():
-                measured[name].append(estimate(np.asarray(grey, np.uint8), view.corners))
-        every = [all(own[index] is not None for own in measured.values()) for index in range(len(found))]
-        table = Table("corners", "fitted, px", "held out, px", title=f"{sum(every)} views of {session.board} that all of them have")
-        equal = np.ones(session.board.count)
-        for name, own in track(measured.items(), "Fits"):
-            views = [
-                View(view.name, corners, equal)
-                for view, corners, kept in zip(found, own, every, strict=True)
-                if kept and corners is not None
-            ]
-            table.add_row(name, *(f"{px:.4f}" for px in held_out(folder, views, described)))
-        weighed = [replace(view, covariance=None) for view, kept in zip(found, every, strict=True) if kept]
-        table.add_row("patches, weighted as calib does", *(f"{px:.4f}" for px in held_out(folder, weighed, described)))
+        path = Path(place) / session.name
+        shutil.copytree(session, path)
+        folders = [measured(part) for part in (path, path / "holdout") if part.is_dir()]
+        every = sum(len(folder.views) for folder in folders)
+        found = {name: sum(own is not None for folder in folders for own in folder.by[name]) for name in folders[0].by}
+        compared = [name for name, count in found.items() if count >= ENOUGH * every]
+        kept = [[all(folder.by[name][view] is not None for name in compared) for view in range(len(folder.views))] for folder in folders]
+        views = " and ".join(str(sum(own)) for own in kept)
+        table = Table("corners", "fitted, px", "held out, px", title=f"{session.name}: {views} views that all of them have")
+        for name, weighted in track([*((name, False) for name in compared), (OURS, True)], "Fits"):
+            for folder, own in zip(folders, kept, strict=True):
+                take(folder, name, own, weighted=weighted)
+            said = f"{name}, weighted as calib does" if weighted else name
+            table.add_row(said, *(f"{px:.4f}" for px in judged(path, effects)))
     Console(width=120).print(table)
+    for name in found.keys() - set(compared):
+        print(f"{name}: the board in {found[name]} of {every} pictures")
 
 
 if __name__ == "__main__":
-    main()
+    main(Path(sys.argv[1]), sys.argv[2:])

@@ -79,7 +79,7 @@ class CodedFinder:
         return found
 
     def _in(self, grey: NDArray[np.uint8], factor: int, windows: tuple[int, ...]) -> NDArray[np.float64] | NotFound:
-        found = live_corners(reduced(grey, factor), self._board, windows)
+        found = live_corners(reduced(grey, factor), self._board, windows, closely=factor == 1)
         return found if isinstance(found, NotFound) else enlarged(found, factor)
 
     def _cell_px(self, corners: NDArray[np.float64]) -> float:

@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.corners.detect import half_window, is_regular, refine
+from calib.corners.detect import half_window, is_regular, refine, shows_two
+from calib.corners.find import two_boards
 from calib.corners.ordering import canonical_order
 from calib.corners.reduced import enlarged, live_factor, reduced
 from calib.corners.saddle_grid import SaddleGrid, find_grid
@@ -38,6 +39,8 @@ class Finder:
             if grid is None:
                 continue
             corners = self._whole(grid, small)
+            if corners is not None and shows_two(grid, self._board):
+                return replace(partial, problem=two_boards(self._board))
             if corners is not None:
                 return self._measured(grey, enlarged(corners, coarser), frame.time_s)
             if partial.part is None:

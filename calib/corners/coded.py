@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from calib.corners.detection import Detection, NotFound
 from calib.corners.local_map import LocalMap
 from calib.corners.marker_links import Links
-from calib.corners.markers import WINDOWS_TRIED, Markers, border_of, marker_places, read_markers
+from calib.corners.markers import WINDOWS_TRIED, Markers, border_of, marker_places, read_closely, read_markers
 from calib.corners.measure import Measured, measure
 from calib.corners.strays import FOUND_NOISE, without_strays
 from calib.session.board import Board
@@ -57,11 +57,19 @@ def find_coded(grey: NDArray[np.uint8], every_bit: NDArray, board: Board) -> Det
     return Detection(measured.corners, measured.covariances, "coded")
 
 
-def rough_corners(grey: NDArray[np.uint8], board: Board, windows: tuple[int, ...] = WINDOWS_TRIED) -> Floats | NotFound:
-    """(count, 2) px by cornerSubPix, to a tenth, of the corners around markers that were read, NaN elsewhere; `windows` as of
-    `read_markers`."""
+def rough_corners(
+    grey: NDArray[np.uint8], board: Board, windows: tuple[int, ...] = WINDOWS_TRIED, *, closely: bool = True
+) -> Floats | NotFound:
+    """(count, 2) px by cornerSubPix, to a tenth, of the corners around markers that were read, NaN elsewhere.
+
+    Args:
+        windows: as of `read_markers`.
+        closely: where markers are small, read them in an enlarged picture, too.
+    """
     assert board.coding
-    own = one_board(read_markers(grey, board.coding.dictionary, border_of(board.coding), windows), board)
+    border = border_of(board.coding)
+    read = read_closely(grey, board.coding, windows) if closely else read_markers(grey, board.coding.dictionary, border, windows)
+    own = one_board(read, board)
     if isinstance(own, NotFound):
         return own
     if wrong := _misprint(own, board, grey):
@@ -74,9 +82,11 @@ def rough_corners(grey: NDArray[np.uint8], board: Board, windows: tuple[int, ...
     return found
 
 
-def live_corners(grey: NDArray[np.uint8], board: Board, windows: tuple[int, ...] = WINDOWS_TRIED) -> Floats | NotFound:
+def live_corners(
+    grey: NDArray[np.uint8], board: Board, windows: tuple[int, ...] = WINDOWS_TRIED, *, closely: bool = True
+) -> Floats | NotFound:
     """The same and the corners beside them. As none is measured, each must be where the others alone say that it is, and look like one."""
-    rough = rough_corners(grey, board, windows)
+    rough = rough_corners(grey, board, windows, closely=closely)
     if isinstance(rough, NotFound):
         return rough
     kept = without_strays(_further(rough, board, grey), board, by_others=True)

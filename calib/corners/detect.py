@@ -21,10 +21,10 @@ from calib.corners.detection import Detection
 from calib.corners.measure import measure
 from calib.corners.ordering import canonical_order
 from calib.corners.reduced import enlarged, live_factor, reduced
-from calib.corners.saddle_grid import find_grid
+from calib.corners.saddle_grid import SaddleGrid, find_grid
 from calib.session.board import Board
 
-VERSION = 8
+VERSION = 9
 """To be raised with every change that moves corners: kept detections are then made again."""
 
 SEED = 0
@@ -63,6 +63,19 @@ def find_corners(grey: NDArray, board: Board) -> Detection | None:
                 measured = measure(every_bit, canonical_order(grey, corners, board), board)
                 return Detection(measured.corners, measured.covariances, detector)
     return None
+
+
+def shows_two(grid: SaddleGrid, board: Board) -> bool:
+    """Whether a second whole board of this kind lies beside the first."""
+    second = grid.beside.whole(board) if grid.beside else ()
+    return any(is_smooth_grid(whole.reshape(board.rows, board.columns, 2)) for whole in second)
+
+
+def has_two(grey: NDArray, board: Board) -> bool:
+    """Whether a (H, W) uint8 or uint16 picture shows two whole boards of this kind."""
+    grey = eight_bits(grey)
+    grid = find_grid(reduced(grey, live_factor(grey)), board)
+    return grid is not None and shows_two(grid, board)
 
 
 def largest_grid(grey: NDArray) -> Grid | None:

@@ -15,4 +15,12 @@ def find_board(grey: NDArray, board: Board) -> Detection | NotFound:
     """In a (H, W) uint8 or uint16 picture."""
     if board.coding:
         return find_coded(detect.eight_bits(grey), grey, board)
-    return detect.find_corners(grey, board) or find_part(grey, board) or NotFound(f"no {board} board found: {ADVICE}")
+    found = detect.find_corners(grey, board)
+    if found and found.detector == "saddles" and detect.has_two(grey, board):
+        return NotFound(two_boards(board))
+    return found or find_part(grey, board) or NotFound(f"no {board} board found: {ADVICE}")
+
+
+def two_boards(board: Board) -> str:
+    """What is wrong with a picture that shows it twice: which of both it was would be anybody's guess."""
+    return f"two {board} boards are seen: show one board alone"

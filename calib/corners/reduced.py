@@ -22,6 +22,6 @@ def reduced(picture: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
     return np.asarray(cv2.resize(picture[: height * factor, : width * factor], (width, height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def enlarged(corners: NDArray, factor: int) -> NDArray[np.float64]:
+def enlarged(corners: NDArray, factor: float) -> NDArray[np.float64]:
     """(..., 2) px of the whole picture from those of the reduced one."""
     return np.asarray((corners + 0.5) * factor - 0.5)

@@ -7,7 +7,7 @@ glare or a finger hides does not stop the count: it goes round.
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,8 @@ class SaddleGrid:
 
     points: NDArray[np.float64]
     """(rows, columns, 2) px, NaN where no saddle was found."""
+    beside: "SaddleGrid | None" = None
+    """The second largest in the picture."""
 
     @property
     def seen(self) -> NDArray[np.bool_]:
@@ -57,23 +59,28 @@ def find_grid(grey: NDArray[np.uint8], board: Board) -> SaddleGrid | None:
 
 
 def grid_of(saddles: Saddles) -> SaddleGrid | None:
-    """The largest there is, with at least LEAST saddles."""
+    """The largest there is, with at least LEAST saddles, and the one after it."""
     if len(saddles.points) < LEAST:
         return None
     neighbours, turns = _neighbours(saddles)
     neighbour, turned = _of_squares(neighbours, turns).tolist(), turns.tolist()
-    best: dict[int, tuple[int, int]] = {}
+    best: list[dict[int, tuple[int, int]]] = [{}, {}]
     left = {saddle for saddle, edges in enumerate(neighbour) if max(edges) >= 0}
-    while len(left) > len(best):
+    while len(left) > max(len(best[1]), LEAST - 1):
         group = _count(next(iter(left)), neighbour, turned)
         left -= group.keys()
-        best = max(best, group, key=len)
-    if len(best) < LEAST:
+        best = sorted([*best, group], key=len, reverse=True)[:2]
+    first, second = (_grid(saddles, group) for group in best)
+    return replace(first, beside=second) if first else None
+
+
+def _grid(saddles: Saddles, group: dict[int, tuple[int, int]]) -> SaddleGrid | None:
+    if len(group) < LEAST:
         return None
-    cells = np.array(list(best.values()))
+    cells = np.array(list(group.values()))
     cells -= cells.min(0)
     points = np.full((*cells.max(0) + 1, 2), np.nan)
-    points[cells[:, 0], cells[:, 1]] = saddles.points[list(best)]
+    points[cells[:, 0], cells[:, 1]] = saddles.points[list(group)]
     return SaddleGrid(points)
 
 

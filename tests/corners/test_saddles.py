@@ -5,9 +5,16 @@ import pytest
 
 from calib.corners import saddles
 from calib.corners.detect import find_corners
+from calib.corners.detection import Detection, NotFound
+from calib.corners.find import find_board
 from calib.corners.saddle_grid import find_grid
 from calib.corners.saddles import find_saddles
 from calib.session.board import Board
+from capture.find import finder_of
+from capture.frames import Frame
+from capture.gate import judge
+from fixtures import corner_pictures
+from fixtures.corner_pictures import draw
 from tests.corners.test_detect import BOARD, Scene
 
 
@@ -44,3 +51,27 @@ def test_a_stray_saddle_at_the_rim_is_not_a_larger_board_and_a_line_of_them_is()
     stray[:6], stray[6, 3] = grid.points if grid.points.shape[:2] == (6, 9) else grid.points.swapaxes(0, 1), (1.0, 1.0)
     (whole,) = type(grid)(stray).whole(BOARD)
     assert np.array_equal(whole.reshape(6, 9, 2), stray[:6])
+
+
+def beside(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Both in one picture, the second to the right, on white."""
+    wide = np.full((max(len(first), len(second)), first.shape[1] + second.shape[1]), 255, np.uint8)
+    wide[: len(first), : first.shape[1]] = first
+    wide[: len(second), first.shape[1] :] = second
+    return wide
+
+
+def test_two_boards_in_one_picture_are_told() -> None:
+    """By both finders, and neither another board beside it nor half of a second one is taken for two."""
+    one, _ = Scene().draw()
+    both = beside(one, np.ascontiguousarray(one[::-1, ::-1]))
+    found = find_board(both, BOARD)
+    assert isinstance(found, NotFound)
+    assert found.reason == "two 9x6 boards are seen: show one board alone"
+    frames = [Frame(both, 0, time_s) for time_s in (0.9, 1.0)]
+    before, now = map(finder_of(BOARD).look, frames)
+    assert judge(now, before, ()).sentence == "Two 9x6 boards are seen: show one board alone."
+    other = draw(corner_pictures.Scene(board=Board(7, 5, 1.0)), np.random.default_rng(0)).picture
+    for alone in (beside(one, other), beside(one, one[:, : one.shape[1] // 2])):
+        assert isinstance(find_board(alone, BOARD), Detection)
+        assert finder_of(BOARD).look(Frame(alone, 0, 1.0)).corners is not None

@@ -49,9 +49,10 @@ def detector_error(name: str, folder: Path) -> float:
 
 @pytest.mark.slow
 def test_what_is_hidden_is_found(finding: tuple[str, Calibration, Diagnosis], tmp_path: Path) -> None:
-    """Held out, the error ends within a twentieth of the detector's own, against the true corners of the same pictures: 0.986 to 1.013
-    times it was measured, as six numbers of a pose take up 2 % of it and what the fit does not know adds a little more. Of a moving board,
-    half of the corners tell twelve numbers for the other half: 1.48 was measured (0.024 px), of which noise explains 7 %."""
+    """Held out, the error ends within a twentieth of the detector's own, against the true corners of the same pictures: 0.98 to 1.03 times
+    it was measured (0.91 of bump, whose detector's error is partly the same in all views), as six numbers of a pose take up 2 % of it and
+    what the fit does not know adds a little more. Of a moving board, half of the corners tell twelve numbers for the other half: 1.05 was
+    measured (0.017 px), and as noise explains 7 %, as much again is allowed."""
     name, better, said = finding
     print(name, said.accepted, said.before.held_out_px, said.after.held_out_px)
     assert said.accepted == HIDDEN[name]
@@ -65,7 +66,7 @@ def test_what_is_hidden_is_found(finding: tuple[str, Calibration, Diagnosis], tm
     if "board_scale" in HIDDEN[name]:
         value, sigma = parameters["board_scale.x_over_y"]
         assert abs(float(value) - truth_of["print_stretch"]) < 3 * float(sigma) + 2e-5  # its square: that is a ratio, ours a difference
-    assert said.after.held_out_px < (1.6 if name == "shutter" else 1.05) * detector_error(name, tmp_path)
+    assert said.after.held_out_px < (1.12 if name == "shutter" else 1.05) * detector_error(name, tmp_path)
     if name == "tilted":  # absorbed by the relief: nothing to find, and the maps are right
         error = map_error(better, FIXTURES / name / "truth.npz", near=40.0)
         print(error.by_depth)
