@@ -32,6 +32,8 @@ STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
 AROUND = 0.6  # of what shows nothing but a corner's own edges: where its four squares are looked at
 FAINT = 0.5  # of the usual contrast: less is no corner
 UNLIKE = 0.5  # of the contrast, between two squares that are opposite
+BEYOND_ROWS = "beyond the last row"
+"""What is said of a picture in which they are: a verdict looks for it."""
 BEYOND = 2
 """Markers that lie where a board with more rows has them: one may be read wrongly."""
 FEWEST = 4
@@ -132,7 +134,7 @@ def one_board(read: Markers, board: Board) -> Markers | NotFound:
         return NotFound(f"no marker of the {board} board found: {ADVICE}", "none")
     if foreign >= BEYOND and (beyond := _beyond(read, board)) >= BEYOND:
         return NotFound(
-            f"{beyond} markers are seen beyond the last row of the {board} board, as on one with more: correct board.rows in session.yaml",
+            f"{beyond} markers are seen {BEYOND_ROWS} of the {board} board, as on one with more: correct board.rows in session.yaml",
             "other",
         )
     groups = Links.of(known, places[known.numbers], _pitch(board)).groups

@@ -29,7 +29,7 @@ from calib.verdict.principal_point import principal_point
 from calib.verdict.residual import residual
 from calib.verdict.sureness import too_few_views, unsure_focal_length, unsure_maps
 from calib.verdict.unevenness import unevenness
-from calib.verdict.unseen_row import unseen_row
+from calib.verdict.unseen_row import rows_beyond, unseen_row
 from calib.verdict.verdict import Reason, Verdict
 
 Check = Callable[[Case], Iterable[Reason]]
@@ -37,6 +37,7 @@ CHECKS: tuple[Check, ...] = (
     principal_point,
     board_place,
     unseen_row,
+    rows_beyond,
     bare_pictures,
     orientation,
     medium,

@@ -1,9 +1,11 @@
-"""A board with markers whose last row no view shows: it may have fewer rows than are declared, and nothing else would tell."""
+"""Whether a board with markers has as many rows as are declared: with fewer, no view shows the last one, and nothing else would tell; with
+more, pictures that show markers beyond it are left out, and the others fit."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
+from calib.corners.coded import BEYOND_ROWS
 from calib.session.coding import AprilGrid
 from calib.verdict.case import Case
 from calib.verdict.thresholds import BESIDE_UNSEEN
@@ -27,3 +29,11 @@ def unseen_row(case: Case) -> Iterator[Reason]:
         "it whole in some views."
     )
     yield Reason(said, case.next.fit(), ("board.rows",))
+
+
+def rows_beyond(case: Case) -> Iterator[Reason]:
+    count = sum(BEYOND_ROWS in rejected.reason for rejected in case.calibration.rejected)
+    if count:
+        shows = "a picture shows" if count == 1 else f"{count} pictures show"
+        said = f"{shows} markers {BEYOND_ROWS} of the board: it has more rows than are declared, so correct board.rows."
+        yield Reason(said, case.next.fit(), ("board.rows",))

@@ -8,7 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration, Declared, Stage
-from calib.corners.view import View
+from calib.corners.coded import BEYOND_ROWS
+from calib.corners.view import Rejected, View
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.relief_heights import height_spread
 from calib.fitting.evaluate import Evaluation
@@ -31,7 +32,7 @@ from calib.verdict.residual import residual
 from calib.verdict.sureness import too_few_views, unsure_focal_length, unsure_maps
 from calib.verdict.thresholds import BEYOND_NOISE, TAKEN_UP, WORSE_THAN_BARE
 from calib.verdict.unevenness import unevenness
-from calib.verdict.unseen_row import unseen_row
+from calib.verdict.unseen_row import rows_beyond, unseen_row
 from calib.verdict.verdict import Word
 from fixtures.synthetic import paper_cone, scene
 from tests.fitting.test_inputs import spoiled
@@ -77,6 +78,16 @@ def test_a_row_that_no_view_shows_is_asked_for(good: Calibration, coding: Coding
     assert f"{len(cut)} show the one beside it" in reason.sentence
     assert not asked(unseen_row, replace(good, board=board, views=(*cut[1:], shown(good.views[0], whole=True))))
     assert not asked(unseen_row, replace(good, board=board, views=cut[:4])), "too few to tell"
+
+
+def test_pictures_that_show_more_rows_than_are_declared_ask_for_the_board(good: Calibration) -> None:
+    left_out = Rejected(
+        "0001.png", f"4 markers are seen {BEYOND_ROWS} of the 8x8 board, as on one with more: correct board.rows in session.yaml"
+    )
+    (reason,) = asked(rows_beyond, replace(good, rejected=(left_out, Rejected("0002.png", "no board was found"))))
+    assert (reason.word, reason.suspects) == (Word.CARE, ("board.rows",))
+    assert "a picture shows markers beyond the last row" in reason.sentence
+    assert not asked(rows_beyond, good)
 
 
 def test_a_fit_that_is_not_finite_is_of_no_use(good: Calibration) -> None:
