@@ -1,4 +1,4 @@
-"""Slow libraries are loaded in the least time: what no command uses of torch is left until it is asked for, and nothing is collected."""
+"""Slow libraries are loaded in the least time: what no command uses of them is left until it is asked for, and nothing is collected."""
 
 import gc
 import sys
@@ -10,6 +10,8 @@ from types import ModuleType
 
 LATER = frozenset(
     {
+        "numpy.f2py",
+        "numpy.testing",
         "torch._decomp",
         "torch._meta_registrations",
         "torch.ao",
@@ -25,8 +27,8 @@ LATER = frozenset(
         "torch.quantization",
     }
 )
-"""What `import torch` ends with, of which none is needed to compute with tensors: tracing and compiling, tensors without data, quantised
-networks, distributions."""
+"""Of torch, what its import ends with and none of which is needed to compute with tensors: tracing and compiling, tensors without data,
+quantised networks, distributions. Of numpy, what scipy takes without using it when it takes all of it."""
 
 
 @contextmanager
