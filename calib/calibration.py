@@ -38,6 +38,7 @@ from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics, camera_to_yaml
 from calib.session.cover import Cover, cover_to_yaml
 from calib.session.session import session_from_mapping, session_to_yaml
+from calib.threads import single_thread
 from calib.undistortion.point_field import PointField
 from calib.undistortion.ray_field import RayField, ray_field
 from calib.version import VERSION
@@ -197,8 +198,7 @@ class Calibration:
 
     def ray_field(self) -> RayField:
         """The rays of the whole image on a coarse grid: the undistortion of every depth."""
-        path, values = self.model()
-        return ray_field(path, values, self.camera.width, self.camera.height)
+        return _field_of(self)
 
     def undistort_maps(self, depth: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Maps for cv2.remap that show the scene at `depth` m as the bare pinhole camera would: (height, width) each.
@@ -362,6 +362,13 @@ def _from_mapping(said: dict[str, Any], arrays: dict[str, NDArray[Any]], path: F
     if read.covariance.size and len(read.covariance) != (count := read.camera_model().parameters.count):
         raise ValueError(f"covariance is of {len(read.covariance)} parameters where {count} were estimated")
     return read
+
+
+@lru_cache(maxsize=1)  # a command makes maps and a report of one calibration
+def _field_of(calibration: Calibration) -> RayField:
+    path, values = calibration.model()
+    with single_thread():
+        return ray_field(path, values, calibration.camera.width, calibration.camera.height)
 
 
 @lru_cache(maxsize=2)

@@ -1,7 +1,8 @@
 """Calibrate the same corners with this project, the paper's procedure, OpenCV and mrcal, and compare.
 
 Errors are px RMS on views that were not trained on, with each view's pose refitted: "test" at the training depths, 0.6-1.2 m, and
-"near" at 0.15-0.3 m with boards partly in the picture. mrcal is found where Debian puts it: apt-get install mrcal python3-mrcal.
+"near" at 0.15-0.3 m with boards partly in the picture. A whole command is what a person types, with as many threads as it likes, the
+report or the uncertainty's map included. mrcal is found where Debian puts it: apt-get install mrcal python3-mrcal.
 """
 
 import argparse
@@ -10,6 +11,7 @@ import platform
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
 
@@ -27,6 +29,7 @@ DEBIAN = "/usr/bin/python3"
 SPLINED = "SPLINED_STEREOGRAPHIC_order=3_Nx={}_Ny={}_fov_x_deg=75"
 
 OURS = "refracal joint fit, 8x8"
+OUR_COMMAND = "refracal calib fit, whole command"
 PEERS = (
     (OURS, "refracal", "joint 8 cpu"),
     ("refracal joint fit, 12x12", "refracal", "joint 12 cpu"),
@@ -37,6 +40,9 @@ PEERS = (
     ("mrcal OPENCV8", "mrcal", "OPENCV8"),
     ("mrcal splined 8x7", "mrcal", SPLINED.format(8, 7)),
     ("mrcal splined 10x8", "mrcal", SPLINED.format(10, 8)),
+    (OUR_COMMAND, "calib_fit", ""),
+    ("mrcal OPENCV8, whole command", "mrcal", "command OPENCV8"),
+    ("mrcal splined 10x8, whole command", "mrcal", f"command {SPLINED.format(10, 8)}"),
 )
 """The name in the table, the module, and what that is told. Ours comes first: the others are divided by it."""
 
@@ -50,6 +56,8 @@ COLUMNS = (
     ("steps", ".0f", True),
 )
 """Head, format, and whether a column with the ratio to ours follows."""
+CPU = 3
+"""Of COLUMNS, the process's."""
 Row = tuple[float | None, ...]
 """One number for each of COLUMNS."""
 
@@ -63,8 +71,11 @@ def main() -> None:
     if options.seeds < 1:
         parser.error("--seeds must be at least 1")
     missing = _mrcal_missing()
-    pythons = {"refracal": sys.executable, "opencv": sys.executable, "mrcal": DEBIAN}
-    peers = [(name, pythons[module], module, which) for name, module, which in PEERS if not (missing and module == "mrcal")]
+    peers = [
+        (name, DEBIAN if module == "mrcal" else sys.executable, module, which)
+        for name, module, which in PEERS
+        if not (missing and module == "mrcal")
+    ]
     if torch.cuda.is_available():
         peers.append(("refracal joint fit, 12x12, on the GPU", sys.executable, "refracal", "joint 12 cuda"))
     if options.opencv:
@@ -74,7 +85,7 @@ def main() -> None:
         peers += [(f"the other {name}", str(Path(other).absolute()), module, which) for name, module, which in PEERS if module == "opencv"]
     glasses = GLASSES[:1] if options.quick else GLASSES
     versions = {f"Python {platform.python_version()}"}
-    console = Console(width=120)
+    console = Console(width=130)
     with Bars() as bars:
         advance = bars.task("Peers", len(glasses) * len(peers))
         for i, glass in enumerate(glasses):
@@ -91,8 +102,12 @@ def main() -> None:
                 for complaint in sorted({report for report in reports if isinstance(report, str)}):
                     console.print(f"{name}, {len(reports) - len(done)} of {len(reports)} fits failed: {complaint}")
             console.print(_table(str(glass), rows))
+            for line in _commands(rows):
+                console.print(line)
         advance(len(glasses) * len(peers), "")
-    console.print(f"{', '.join(sorted(versions))}; {platform.machine()}, {os.cpu_count()} processors, every fit on one thread.")
+    console.print(
+        f"{', '.join(sorted(versions))}; {platform.machine()}, {os.cpu_count()} processors, every fit but whole commands on one thread."
+    )
     if missing:
         console.print(missing)
 
@@ -107,6 +122,14 @@ def _mrcal_missing() -> str | None:
 def _medians(reports: list[Report]) -> Row:
     columns = [(r.test, r.near, r.seconds, r.cpu, r.memory, r.iterations) for r in reports]
     return tuple(None if None in column else median(column) for column in zip(*columns, strict=True)) or (None,) * len(COLUMNS)
+
+
+def _commands(rows: dict[str, Row]) -> Iterator[str]:
+    """How whole commands compare."""
+    own = rows[OUR_COMMAND][CPU]
+    for name, row in rows.items():
+        if name.endswith("whole command") and name != OUR_COMMAND and own and (other := row[CPU]):
+            yield f"{OUR_COMMAND}, its report included: {own:.2f} s of cpu, {own / other:.2f} times {name}, {other:.2f} s."
 
 
 def _table(title: str, rows: dict[str, Row]) -> Table:

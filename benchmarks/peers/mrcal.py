@@ -1,4 +1,5 @@
-"""Debian's mrcal, by its own command and that command's defaults, run inside this process so that its solver can be timed apart.
+"""Debian's mrcal, by its own command and that command's defaults: run inside this process, so that its solver can be timed apart, or as a
+person runs it, where it is told "command" before the model's name.
 
 Run by /usr/bin/python3, where Debian puts mrcal.
 """
@@ -19,6 +20,7 @@ import numpy as np
 from benchmarks.peers.case import BOARD, Case
 from benchmarks.peers.central import Floats, scorer
 from benchmarks.peers.child import Fitted, main
+from benchmarks.peers.command import Usage, run
 
 COMMAND = "mrcal-calibrate-cameras"
 TIMED = ("seed_stereographic", "optimize")
@@ -42,10 +44,10 @@ class Clock:
         return timed
 
 
-def fit(case: Case, model: str) -> Fitted:
+def fit(case: Case, which: str) -> Fitted:
+    *whole, model = which.split()
+    used: Usage | None = None
     clock = Clock()
-    for name in TIMED:
-        setattr(mrcal, name, clock.around(getattr(mrcal, name)))
     command = shutil.which(COMMAND)
     assert command
     with tempfile.TemporaryDirectory() as folder:
@@ -61,9 +63,11 @@ def fit(case: Case, model: str) -> Fitted:
             "--object-height-n": [str(BOARD.rows)],
             "--outdir": [folder],
         }
-        sys.argv = [command, *(word for name, words in options.items() for word in (name, *words)), "view*.png"]
-        with suppress(SystemExit):
-            runpy.run_path(command, run_name="__main__")
+        asked = [command, *(word for name, words in options.items() for word in (name, *words)), "view*.png"]
+        if whole:
+            used = run(asked)
+        else:
+            _run_here(asked, clock)
         camera = mrcal.cameramodel(str(Path(folder, "camera-0.cameramodel")))
 
     version = subprocess.run(["dpkg-query", "-W", "-f", "${Version}", "mrcal"], capture_output=True, text=True, check=True).stdout
@@ -71,7 +75,15 @@ def fit(case: Case, model: str) -> Fitted:
     def project(points: Floats) -> Floats:
         return np.asarray(mrcal.project(points, *camera.intrinsics()))
 
-    return Fitted(f"mrcal {version}", clock.seconds, None, scorer(project))
+    return Fitted(f"mrcal {version}", used.seconds if used else clock.seconds, None, scorer(project), used)
+
+
+def _run_here(asked: list[str], clock: Clock) -> None:
+    for name in TIMED:
+        setattr(mrcal, name, clock.around(getattr(mrcal, name)))
+    sys.argv = asked
+    with suppress(SystemExit):
+        runpy.run_path(asked[0], run_name="__main__")
 
 
 def _rows(case: Case) -> list[str]:

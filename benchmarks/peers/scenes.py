@@ -53,10 +53,13 @@ def make(glass: Glass, seed: int) -> tuple[Case, tuple[float, float]]:
     return Case(glass.thickness, (WIDTH, HEIGHT), INTRINSICS.fx.value, *sets), floor
 
 
-def observed(shots: Shots) -> Observations:
+def views(shots: Shots) -> list[View]:
     weights = shots.seen.astype(np.float64)
-    views = [View(f"{i:04d}.png", corners, weight) for i, (corners, weight) in enumerate(zip(shots.pixels, weights, strict=True))]
-    return Observations.of(views, BOARD)
+    return [View(f"{i:04d}.png", corners, weight) for i, (corners, weight) in enumerate(zip(shots.pixels, weights, strict=True))]
+
+
+def observed(shots: Shots) -> Observations:
+    return Observations.of(views(shots), BOARD)
 
 
 def left(path: Path, values: Values, shots: Shots) -> float:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -20,6 +21,7 @@ from calib.estimation.jacobians import undistorted_jacobian
 from calib.estimation.parameters import Parameters
 from calib.estimation.residual_blocks import ROWS
 from calib.optics.path import Path
+from calib.threads import single_thread
 from calib.undistortion.depth_map import DepthMap
 from calib.undistortion.remap import remap
 
@@ -62,6 +64,7 @@ class SigmaField:
         return np.where(made.valid, self.at(made.x, made.y, made.depth), np.float32(np.nan))
 
 
+@lru_cache(maxsize=1)  # maps, report and verdict ask the same calibration
 def predicted_sigma(calibration: Calibration) -> SigmaField | None:
     """The uncertainty of a calibration's maps; None where its fit estimated no covariance."""
     if not calibration.covariance.size:
@@ -69,12 +72,14 @@ def predicted_sigma(calibration: Calibration) -> SigmaField | None:
     size = calibration.camera.width, calibration.camera.height
     nodes_x, nodes_y = (np.linspace(-0.5, length - 0.5, n) for length, n in zip(size, NODES, strict=True))
     pixels = np.stack(np.meshgrid(nodes_x, nodes_y), -1).reshape(-1, 2)
-    spread = ray_errors(calibration)(pixels).reshape(len(pixels), 2, 2, -1)  # (N, A or B, x or y, S)
+    with single_thread():
+        spread = ray_errors(calibration)(pixels).reshape(len(pixels), 2, 2, -1)  # (N, A or B, x or y, S)
     at_infinity, parallax = spread[:, 0], spread[:, 1]
     variance = np.stack([(at_infinity**2).sum((1, 2)), 2 * (at_infinity * parallax).sum((1, 2)), (parallax**2).sum((1, 2))], -1)
     return SigmaField(nodes_x, nodes_y, variance.reshape(len(nodes_y), len(nodes_x), 3))
 
 
+@lru_cache(maxsize=1)
 def ray_errors(calibration: Calibration) -> Callable[[Array], Array]:
     """From (N, 2) px to the (N, 4, S) errors of their A (px) and B (px m) for each of S independent errors of unit variance, which all
     pixels share; NaN where no ray leaves the cover. S is 0 where the fit estimated no covariance."""

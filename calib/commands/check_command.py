@@ -10,6 +10,7 @@ import argparse
 from pathlib import Path
 
 from calib.commands.arguments import add_calibration, add_output, folder_of
+from calib.commands.loading import quickly
 
 NOT_VALID = 5
 """The exit code."""
@@ -24,16 +25,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from calib.calibration import DERIVED, Calibration
-    from calib.checking.answer import Word
-    from calib.checking.check import Checker
-    from calib.checking.pictures import read_pictures
-    from calib.checking.update import Moved, update
-    from calib.commands.check_lines import next_command, print_answer
-    from calib.commands.console import Bars
-    from calib.commands.printing import print_json
-    from calib.errors import InputError
-    from calib.io.file_set import FileSet
+    with quickly():
+        from calib.calibration import DERIVED, Calibration
+        from calib.checking.answer import Word
+        from calib.checking.check import Checker
+        from calib.checking.pictures import read_pictures
+        from calib.checking.update import Moved, update
+        from calib.commands.check_lines import next_command, print_answer
+        from calib.commands.console import Bars
+        from calib.commands.printing import print_json
+        from calib.errors import InputError
+        from calib.io.file_set import FileSet
 
     if args.output and not args.update:
         raise InputError("-o says where an updated calibration goes: write --update with it, or leave it out.")

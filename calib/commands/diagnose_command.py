@@ -9,6 +9,7 @@ from pathlib import Path
 
 from calib.commands.arguments import add_output, folder_of
 from calib.commands.effect_names import effects_help
+from calib.commands.loading import quickly
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,17 +21,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    from calib.calibration import DERIVED, Calibration
-    from calib.commands.console import Bars
-    from calib.commands.diagnosis_table import print_diagnosis
-    from calib.commands.printing import print_json, told
-    from calib.commands.verdict_lines import print_verdict
-    from calib.diagnosis.diagnose import diagnose
-    from calib.fitting.provenance import diagnosed
-    from calib.io.file_set import FileSet
-    from calib.report.write import write_report
-    from calib.session.session import read_session
-    from calib.verdict.judge import judge
+    with quickly():
+        from calib.calibration import DERIVED, Calibration
+        from calib.commands.console import Bars
+        from calib.commands.diagnosis_table import print_diagnosis
+        from calib.commands.printing import print_json, told
+        from calib.commands.verdict_lines import print_verdict
+        from calib.diagnosis.diagnose import diagnose
+        from calib.fitting.provenance import diagnosed
+        from calib.io.file_set import FileSet
+        from calib.report.write import write_report
+        from calib.session.session import read_session
+        from calib.verdict.judge import judge
 
     calibration = Calibration.load(args.calibration)
     holdout = read_session(args.holdout) if args.holdout else None

@@ -7,6 +7,7 @@ import argparse
 from pathlib import Path
 
 from calib.commands.arguments import add_calibration, folder_of
+from calib.commands.loading import quickly
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,13 +19,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     from dataclasses import asdict
 
-    from calib.calibration import Calibration
-    from calib.commands.console import Bars, print_evaluation
-    from calib.commands.printing import print_json, told
-    from calib.commands.verdict_lines import print_verdict
-    from calib.fitting.evaluate import evaluate
-    from calib.session.session import read_session
-    from calib.verdict.judge import judge
+    with quickly():
+        from calib.calibration import Calibration
+        from calib.commands.console import Bars, print_evaluation
+        from calib.commands.printing import print_json, told
+        from calib.commands.verdict_lines import print_verdict
+        from calib.fitting.evaluate import evaluate
+        from calib.session.session import read_session
+        from calib.verdict.judge import judge
 
     calibration = Calibration.load(args.calibration)
     session = read_session(args.session)

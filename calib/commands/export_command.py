@@ -8,6 +8,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_calibration, add_depths, add_output
+from calib.commands.loading import quickly
 from calib.errors import InputError
 from calib.export.formats import AXES, FORMATS, ExportLens, Format
 
@@ -41,11 +42,12 @@ def run(args: argparse.Namespace) -> None:
     if not form.writable:
         raise InputError(form.lacking)
 
-    from calib.calibration import Calibration
-    from calib.commands.console import Bars
-    from calib.commands.printing import print_paths
-    from calib.export.export import Export, export
-    from calib.io.file_set import FileSet
+    with quickly():
+        from calib.calibration import Calibration
+        from calib.commands.console import Bars
+        from calib.commands.printing import print_paths
+        from calib.export.export import Export, export
+        from calib.io.file_set import FileSet
 
     calibration = Calibration.load(args.calibration)
     with Bars() as bars, FileSet(args.output) as files:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from calib.commands.arguments import add_depths, add_output, effects
 from calib.commands.effect_names import effects_help
 from calib.commands.fit_options import add_fit_options, settings_of
+from calib.commands.loading import quickly
 
 if TYPE_CHECKING:
     from calib.calibration import Calibration
@@ -35,21 +36,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     import time
 
-    from calib.calibration import DERIVED
-    from calib.commands.console import Bars, print_fit
-    from calib.commands.diagnosis_table import print_diagnosis
-    from calib.commands.printing import print_json, told
-    from calib.commands.verdict_lines import print_verdict
-    from calib.diagnosis.diagnose import diagnose
-    from calib.diagnosis.named_effects import with_named
-    from calib.diagnosis.possible_effects import check_possible
-    from calib.export.npz import write_npz
-    from calib.fitting.fit import fit
-    from calib.fitting.provenance import asked
-    from calib.io.file_set import FileSet
-    from calib.report.write import write_report
-    from calib.session.session import read_session
-    from calib.verdict.judge import judge
+    with quickly():
+        from calib.calibration import DERIVED
+        from calib.commands.console import Bars, print_fit
+        from calib.commands.diagnosis_table import print_diagnosis
+        from calib.commands.printing import print_json, told
+        from calib.commands.verdict_lines import print_verdict
+        from calib.diagnosis.diagnose import diagnose
+        from calib.diagnosis.named_effects import with_named
+        from calib.diagnosis.possible_effects import check_possible
+        from calib.export.npz import write_npz
+        from calib.fitting.fit import fit
+        from calib.fitting.provenance import asked
+        from calib.io.file_set import FileSet
+        from calib.report.write import write_report
+        from calib.session.session import read_session
+        from calib.verdict.judge import judge
 
     begun = time.monotonic()
     session = read_session(args.session)

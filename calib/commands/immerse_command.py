@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from calib.apply.water import GREEN, SALINITY, TEMPERATURE, WAVELENGTH, index_of_water
 from calib.commands.arguments import add_calibration, add_depths, add_output, folder_of, quoted
+from calib.commands.loading import quickly
 from calib.errors import InputError
 
 if TYPE_CHECKING:
@@ -43,15 +44,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     index = _index(args)
 
-    from calib.apply.immerse import DEPTHS, immerse
-    from calib.calibration import DERIVED, Calibration
-    from calib.commands.console import Bars
-    from calib.commands.printing import print_json
-    from calib.diagnosis.all_free import all_free
-    from calib.export.npz import write_npz
-    from calib.io.file_set import FileSet
-    from calib.session.schema import Number
-    from calib.session.tolerances import WATER_INDEX
+    with quickly():
+        from calib.apply.immerse import DEPTHS, immerse
+        from calib.calibration import DERIVED, Calibration
+        from calib.commands.console import Bars
+        from calib.commands.printing import print_json
+        from calib.diagnosis.all_free import all_free
+        from calib.export.npz import write_npz
+        from calib.io.file_set import FileSet
+        from calib.session.schema import Number
+        from calib.session.tolerances import WATER_INDEX
 
     sigma = args.index_sigma if args.index_sigma is not None else WATER_INDEX.sigma * (index > AIRY)
     calibration = Calibration.load(args.calibration)

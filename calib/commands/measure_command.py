@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_calibration, depth, positive
+from calib.commands.loading import quickly
 from calib.errors import brief, harmless
 
 if TYPE_CHECKING:
@@ -37,11 +38,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    from calib.apply.measure import Measurer
-    from calib.apply.measure_files import measure_at_depth, measure_by_rays, measure_on_boards, read_points, read_poses
-    from calib.calibration import Calibration
-    from calib.commands.console import Bars
-    from calib.commands.printing import print_json
+    with quickly():
+        from calib.apply.measure import Measurer
+        from calib.apply.measure_files import measure_at_depth, measure_by_rays, measure_on_boards, read_points, read_poses
+        from calib.calibration import Calibration
+        from calib.commands.console import Bars
+        from calib.commands.printing import print_json
 
     calibration = Calibration.load(args.calibration)
     points = read_points(args.points)

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_calibration, millimetres, positive_or_zero
+from calib.commands.loading import quickly
 from calib.errors import brief, harmless
 
 if TYPE_CHECKING:
@@ -44,12 +45,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    from calib.apply.tag_files import as_table, locate_in_files
-    from calib.apply.tags import TagLocator
-    from calib.calibration import Calibration
-    from calib.commands.console import Bars
-    from calib.commands.printing import print_json, print_paths
-    from calib.io.files import check_writable, write_atomically
+    with quickly():
+        from calib.apply.tag_files import as_table, locate_in_files
+        from calib.apply.tags import TagLocator
+        from calib.calibration import Calibration
+        from calib.commands.console import Bars
+        from calib.commands.printing import print_json, print_paths
+        from calib.io.files import check_writable, write_atomically
 
     sigma = None if args.size_sigma_mm is None else args.size_sigma_mm / 1000
     locator = TagLocator(Calibration.load(args.calibration), args.tags, args.size_mm / 1000, sigma, args.border)

@@ -7,6 +7,7 @@ import argparse
 from collections.abc import Mapping
 
 from calib.commands.arguments import add_calibration, add_depths, folder_of
+from calib.commands.loading import quickly
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,11 +21,12 @@ def run(args: argparse.Namespace) -> None:
     import sys
     import webbrowser
 
-    from calib.calibration import Calibration
-    from calib.commands.console import Bars
-    from calib.commands.printing import print_paths
-    from calib.io.file_set import FileSet
-    from calib.report.write import write_report
+    with quickly():
+        from calib.calibration import Calibration
+        from calib.commands.console import Bars
+        from calib.commands.printing import print_paths
+        from calib.io.file_set import FileSet
+        from calib.report.write import write_report
 
     calibration = Calibration.load(args.calibration)
     with Bars() as bars, FileSet(folder_of(args.calibration)) as files:

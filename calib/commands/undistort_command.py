@@ -7,6 +7,7 @@ import argparse
 from pathlib import Path
 
 from calib.commands.arguments import add_calibration, add_output, depth, quoted
+from calib.commands.loading import quickly
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,10 +34,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    from calib.apply.undistort_files import Wanted, undistort_files
-    from calib.calibration import Calibration
-    from calib.commands.console import Bars
-    from calib.commands.printing import print_paths
+    with quickly():
+        from calib.apply.undistort_files import Wanted, undistort_files
+        from calib.calibration import Calibration
+        from calib.commands.console import Bars
+        from calib.commands.printing import print_paths
 
     calibration = Calibration.load(args.calibration)
     wanted = Wanted(args.depth if args.depth is not None else args.depth_image, args.crop, args.size, args.near)

@@ -2,7 +2,9 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache
 
+from calib.calibration import Calibration
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import residuals
 from calib.optics.build import covered_path
@@ -22,13 +24,20 @@ def medium(case: Case) -> Iterator[Reason]:
         return
     index = declared.cover.parameters["outside_index"].value
     name = "air" if index > HALFWAY else "water"
-    other = replace(declared.cover, parameters={**declared.cover.parameters, "outside_index": Number(MEDIA[name])})
-    path, values = covered_path(declared.intrinsics, other)
-    poses = refine_poses(path, values, case.observations, pinhole_poses(case.observations, values)).blocks
-    left = residuals(path, values, case.observations, poses).rms_px
+    left = _left(case.calibration, name)
     if left < OTHER_MEDIUM * cover:
         said = (
             f"with {name} outside of the cover, the numbers of session.yaml leave {left:.3f} px, and with its outside_index of {index:g} "
             f"{cover:.3f} px: the board was in {name}."
         )
         yield Reason(said, case.next.fit(), ("cover.outside_index",))
+
+
+@lru_cache(maxsize=1)  # a report and the command that writes it both judge
+def _left(calibration: Calibration, medium: str) -> float:
+    """px RMS by the numbers that are declared, but for the medium outside."""
+    declared, observations = calibration.declared, calibration.observations
+    other = replace(declared.cover, parameters={**declared.cover.parameters, "outside_index": Number(MEDIA[medium])})
+    path, values = covered_path(declared.intrinsics, other)
+    poses = refine_poses(path, values, observations, pinhole_poses(observations, values)).blocks
+    return residuals(path, values, observations, poses).rms_px

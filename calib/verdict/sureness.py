@@ -2,8 +2,10 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.apply.map_uncertainty import ray_errors
 from calib.calibration import Calibration
@@ -59,9 +61,15 @@ def unsure_maps(case: Case) -> Iterator[Reason]:
 
 def map_sigmas(calibration: Calibration, depths: Sequence[float]) -> dict[float, float]:
     """By depth (m): the maps' predicted standard deviation (px), the median over the corners; empty where the fit has no covariance."""
-    pixels = calibration.observations.pixels.numpy()
-    spread = ray_errors(calibration)(pixels[:: max(1, len(pixels) // SAMPLED)])  # (n, 4, S)
+    spread = _spread(calibration)
     if not spread.size:
         return {}
     of_map = {depth: spread[:, :2] + spread[:, 2:] / depth for depth in depths}
     return {depth: float(np.nanmedian(np.sqrt((off**2).sum((1, 2))))) for depth, off in of_map.items()}
+
+
+@lru_cache(maxsize=1)  # a report and the command that writes it both judge
+def _spread(calibration: Calibration) -> NDArray[np.float64]:
+    """(n, 4, S) of some corners' rays."""
+    pixels = calibration.observations.pixels.numpy()
+    return ray_errors(calibration)(pixels[:: max(1, len(pixels) // SAMPLED)])

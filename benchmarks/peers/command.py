@@ -1,0 +1,35 @@
+"""A whole command as a person runs it: what its process takes, from its start to its end."""
+
+import os
+import resource
+import subprocess
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+"""What keeps a peer on one thread, which no command is told."""
+
+
+@dataclass(frozen=True, slots=True)
+class Usage:
+    """What ended child processes took."""
+
+    seconds: float
+    """Wall time."""
+    cpu: float
+    """s, user and system, of all threads."""
+    memory: float
+    """MB, the most that one held, or this process when it started one."""
+
+
+def run(command: Sequence[str]) -> Usage:
+    """Run a command with as many threads as it likes; its complaint is passed on."""
+    before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    environment = {name: value for name, value in os.environ.items() if name not in ONE_THREAD}
+    ended = subprocess.run(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=False)
+    seconds, after = time.perf_counter() - begun, resource.getrusage(resource.RUSAGE_CHILDREN)
+    if ended.returncode:
+        raise SystemExit(ended.stderr or f"exit code {ended.returncode}")
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return Usage(seconds, cpu, after.ru_maxrss * 1024 / 1e6)

@@ -1,0 +1,36 @@
+"""What a command leaves of torch is there as soon as it is asked for; in processes of their own, for here torch is loaded."""
+
+import subprocess
+import sys
+
+BEGIN = """
+import gc, sys
+from calib.commands.loading import LATER, quickly
+with quickly():
+    import torch
+assert gc.isenabled() and gc.get_freeze_count() > 100_000
+"""
+
+
+def said(code: str) -> str:
+    return subprocess.run([sys.executable, "-c", BEGIN + code], capture_output=True, text=True, check=True).stdout
+
+
+def test_what_is_left_is_not_read_by_computing_and_differentiating() -> None:
+    code = """
+x = torch.arange(6.0).reshape(2, 3).requires_grad_()
+(x @ x.T).logdet().backward()
+torch.linalg.solve_ex(torch.eye(2), torch.ones(2, 1))
+read = {name for name in LATER if type(sys.modules.get(name)).__name__ == "module"}
+print(*sorted(read))
+"""
+    assert set(said(code).split()) <= {"torch.hub"}  # of which another part takes a name
+
+
+def test_what_is_left_is_as_usual_once_asked_for() -> None:
+    code = """
+print(float(torch.distributions.Normal(0.0, 1.0).cdf(torch.tensor(0.0))))
+print(torch.ao.nn.quantized.Linear.__module__.startswith("torch.ao."))
+print(type(sys.modules["torch.ao"]).__name__, hasattr(torch.masked, "nothing"))
+"""
+    assert said(code).split("\n") == ["0.5", "True", "module False", ""]
