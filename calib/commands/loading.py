@@ -14,6 +14,9 @@ LATER = frozenset(
         "numpy.testing",
         "torch._decomp",
         "torch._meta_registrations",
+        "torch._size_docs",
+        "torch._storage_docs",
+        "torch._tensor_docs",
         "torch.ao",
         "torch.distributed._meta_registrations",
         "torch.distributions",
@@ -24,11 +27,15 @@ LATER = frozenset(
         "torch.nn.qat",
         "torch.nn.quantizable",
         "torch.nn.quantized",
+        "torch.optim",
+        "torch.profiler",
         "torch.quantization",
+        "torch.utils.data",
     }
 )
 """Of torch, what its import ends with and none of which is needed to compute with tensors: tracing and compiling, tensors without data,
-quantised networks, distributions. Of numpy, what scipy takes without using it when it takes all of it."""
+quantised networks, distributions, what helps to train networks, docstrings. Of numpy, what scipy takes, without using it, when it takes
+all."""
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from calib.undistortion.spline import FEWEST
 
@@ -33,12 +32,18 @@ def all_corners(nodes: Mask) -> Mask:
 
 def inner(sure: Mask) -> Mask:
     """(h, w) which cells are more than two away from every one that is not sure, of (h, w): finer nodes would not help the others."""
-    return sure if sure.all() else np.asarray(distance_transform_edt(sure) > 2)
+    if sure.all():
+        return sure
+    from scipy.ndimage import distance_transform_edt  # which most covers do without
+
+    return np.asarray(distance_transform_edt(sure) > 2)
 
 
 def extrapolated(field: Array, valid: Mask) -> Array:
     """The (h, w, ...) field, with the value of the nearest valid node where it is not valid itself."""
     if valid.all():
         return field
+    from scipy.ndimage import distance_transform_edt
+
     nearest = distance_transform_edt(~valid, return_distances=False, return_indices=True)
     return np.asarray(field[tuple(nearest)])

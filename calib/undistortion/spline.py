@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
 from scipy.linalg import solve_banded
 from scipy.sparse import csr_array
 
@@ -153,5 +152,7 @@ def _basis(at: Array, nodes: Array, *, slopes: bool) -> tuple[NDArray[np.intp], 
 
 def _design(at: Array, nodes: Array) -> csr_array:
     """(len(at), len(nodes) + 2): from coefficients to values."""
+    from scipy.interpolate import BSpline  # for maps: a field's own points do without
+
     step = (nodes[-1] - nodes[0]) / (len(nodes) - 1)
     return BSpline.design_matrix(at, nodes[0] + step * np.arange(-3, len(nodes) + 3), 3, extrapolate=True)
