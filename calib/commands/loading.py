@@ -6,8 +6,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
+from importlib.metadata import PackageNotFoundError, version
 from types import ModuleType
 
+TRIED = ("2.13.",)
+"""Versions of torch that were seen to work so: any other is loaded as it comes."""
 LATER = frozenset(
     {
         "numpy.f2py",
@@ -41,7 +44,7 @@ all."""
 @contextmanager
 def quickly() -> Iterator[None]:
     """For a command's imports. What they load stays until the process ends, so that no later collection goes through it."""
-    if "torch" in sys.modules:
+    if "torch" in sys.modules or not _is_tried():
         yield
         return
     collects = gc.isenabled()
@@ -55,6 +58,13 @@ def quickly() -> Iterator[None]:
         if collects:
             gc.freeze()
             gc.enable()
+
+
+def _is_tried() -> bool:
+    try:
+        return version("torch").startswith(TRIED)
+    except PackageNotFoundError:
+        return False
 
 
 class _Later(MetaPathFinder, Loader):

@@ -2,6 +2,13 @@
 
 import subprocess
 import sys
+from importlib.metadata import version
+
+import pytest
+
+from calib.commands.loading import TRIED
+
+pytestmark = pytest.mark.skipif(not version("torch").startswith(TRIED), reason="this torch is loaded as it comes")
 
 BEGIN = """
 import gc, sys
