@@ -14,7 +14,7 @@ from calib.threads import single_thread
 from calib.verdict.bare_pictures import bare_pictures
 from calib.verdict.board_place import board_place
 from calib.verdict.case import Case
-from calib.verdict.cover_stage import cover_stage
+from calib.verdict.cover_stage import cover_stage, worse_than_none
 from calib.verdict.coverage import coverage
 from calib.verdict.declared_numbers import declared_numbers
 from calib.verdict.depths import depths_asked_for, one_depth
@@ -42,6 +42,7 @@ CHECKS: tuple[Check, ...] = (
     orientation,
     medium,
     not_converged,
+    worse_than_none,
     residual,
     cover_stage,
     fleet_prior,

@@ -16,7 +16,7 @@ from calib.session.camera import Camera
 from calib.session.cover import Cover
 from calib.session.session import read_session, session_to_yaml
 from calib.verdict.bare_pictures import bare_pictures
-from calib.verdict.cover_stage import cover_stage
+from calib.verdict.cover_stage import cover_stage, worse_than_none
 from calib.verdict.judge import judge
 from calib.verdict.thresholds import EXPLAINED, WORSE_THAN_BARE
 from calib.verdict.verdict import Word
@@ -49,7 +49,8 @@ def test_a_bare_that_was_taken_through_the_cover_is_told(tmp_path: Path, thickne
     assert first.sentence.startswith("the camera alone explains the pictures through the cover (0.")
     assert "taken with the cover on?" in first.sentence
     assert first.next.startswith("capture ")
-    assert not asked(cover_stage, calibration), "of which this is the cause"
+    assert not asked(worse_than_none, calibration), "of which this is the cause"
+    assert not asked(cover_stage, calibration)
 
 
 @pytest.mark.parametrize("thickness", [0.00115, 0.003])

@@ -19,7 +19,7 @@ from calib.session.coding import AprilGrid, Charuco, Coding
 from calib.session.schema import Number
 from calib.verdict.board_place import board_place
 from calib.verdict.case import Case
-from calib.verdict.cover_stage import cover_stage
+from calib.verdict.cover_stage import cover_stage, worse_than_none
 from calib.verdict.coverage import coverage
 from calib.verdict.declared_numbers import declared_numbers
 from calib.verdict.depths import depths_asked_for, one_depth, trusted_depths
@@ -114,9 +114,9 @@ def with_stages(calibration: Calibration, pinhole: float, cover: float, last: fl
 
 
 def test_a_cover_that_is_worse_than_none(good: Calibration) -> None:
-    (reason,) = asked(cover_stage, with_stages(good, 1.0, 1.01 * WORSE_THAN_BARE, 1.0))
+    (reason,) = asked(worse_than_none, with_stages(good, 1.0, 1.01 * WORSE_THAN_BARE, 1.0))
     assert "larger than no cover at all" in reason.sentence
-    assert not asked(cover_stage, with_stages(good, 1.0, 0.99 * WORSE_THAN_BARE, 1.0))
+    assert not asked(worse_than_none, with_stages(good, 1.0, 0.99 * WORSE_THAN_BARE, 1.0))
 
 
 def test_an_unevenness_that_explains_too_much_with_every_number_held(good: Calibration, freed: Calibration) -> None:
