@@ -24,7 +24,7 @@ from capture.tui.cells import FOUND, HINT, Mark
 from capture.tui.farewell import fitted
 from capture.tui.fit import FitScreen
 from capture.tui.guided import GuidedPage
-from capture.tui.lacking import NO_LENS, lacking, lens_known, none_found
+from capture.tui.lacking import lacking, lens_known, no_lens, none_found
 from capture.tui.named import played
 from capture.tui.page import DOTS, HELP_AND_QUIT, Line
 from capture.tui.panel import Panel
@@ -253,7 +253,7 @@ class CollectScreen(GuidedPage, StraighteningPage):
             return none_found(self.plan, self._looked)
         known = self.plan.bare or self._lens_known()
         if message.ended and not known:
-            return f"{message.sentence} {NO_LENS} Press esc for that."
+            return f"{message.sentence} {no_lens(self.plan.session)} Press esc for that."
         onward = ""
         if self.kept and known:
             onward = "n to go on through the cover, from another source, " if self.plan.bare else "f to fit, "
@@ -357,7 +357,7 @@ class CollectScreen(GuidedPage, StraighteningPage):
 
     def action_not_yet(self) -> None:
         """Where a fit is not offered."""
-        self.say("The fit comes after the views through the cover." if self.plan.bare else NO_LENS, LACKING_S)
+        self.say("The fit comes after the views through the cover." if self.plan.bare else no_lens(self.plan.session), LACKING_S)
 
     def action_none_yet(self) -> None:
         """Where the cover is not to be put on."""

@@ -118,6 +118,8 @@ async def continued_setup(pilot: Pilot[None], session: Path) -> None:
 async def collect(pilot: Pilot[None], _: Path) -> None:
     await see(pilot, "continued")
     await pilot.press("shift+tab", "enter", "down", "enter", "ctrl+s")
+    await see(pilot, "Start once more")
+    await pilot.press("ctrl+s")
     await see(pilot, "no more pictures")
     await see(pilot, "3 views")
     screen = pilot.app.screen
