@@ -7,6 +7,7 @@ from pathlib import Path
 
 from calib.errors import InputError
 from capture.disk import sync_folder, writing
+from capture.recorder import DROPPED
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +25,7 @@ def drop(session: Path, file: str) -> Dropped:
     frames = session / "frames"
     if not (frames / file).exists():
         raise InputError(f"{frames / file} is not there any more: it was moved or deleted outside of this program.")
-    aside = frames / "dropped"
+    aside = frames / DROPPED
     with writing(aside):
         aside.mkdir(exist_ok=True)
         place = next(place for place in _places(aside, file) if not place.exists())
@@ -38,7 +39,7 @@ def dropped(session: Path, files: Iterable[str]) -> list[Dropped]:
     frames = session / "frames"
     found = []
     for file in files:
-        there = [] if (frames / file).exists() else list(takewhile(Path.exists, _places(frames / "dropped", file)))
+        there = [] if (frames / file).exists() else list(takewhile(Path.exists, _places(frames / DROPPED, file)))
         if there:
             found.append(Dropped(file, there[-1]))
     return found
