@@ -26,7 +26,7 @@ from capture.sources.registry import SCHEMES, open_source
 from capture.tui.camera import Task
 from capture.tui.collect import CollectScreen
 from capture.tui.doubts import doubts
-from capture.tui.draft import Draft, drop, keep, kept
+from capture.tui.draft import Draft, keep, kept
 from capture.tui.farewell import fitted
 from capture.tui.fit import FitScreen
 from capture.tui.form import BOARD, Typed, explained, problem, read_form, write_form
@@ -167,6 +167,7 @@ class SetupScreen(Page):
             return
         self._say("")
         described = (self.session / "session.yaml").exists()
+        self._restore()
         state = f"{self.session}: a new session."
         if described:
             try:
@@ -174,7 +175,6 @@ class SetupScreen(Page):
                 await self._fill(self._like)
             except InputError as error:
                 self._say(str(error))
-            drop(self.session)
             state = f"{self.session}: continued, {_views(self._taken(True))} without cover and {_views(self._taken(False))} through it."
             if fitted(self.session):
                 state += " It is fitted: ^o opens its results."
@@ -209,16 +209,27 @@ class SetupScreen(Page):
         self.query_one("#kind", Select).value = typed.kind
         self.query_one("#shape", Select).value = typed.shape
         if draft:
-            source = self.query_one("#source", Input)
-            source.value = source.value or draft.source
             self.query_one("#like", Input).value = draft.like
             with suppress(InputError):  # said as the field is looked at
                 self._like = read_like(draft.like)
                 self._liked = draft.like
 
+    def _restore(self) -> None:
+        """Where pictures came from last, and which: neither stands in the folder."""
+        if self._proposed is not None or not (draft := kept(self.session)):
+            return
+        source = self.query_one("#source", Input)
+        source.value = source.value or draft.source
+        if draft.bare is not None:
+            self.query_one("#phase", Select).value = draft.bare
+            self._proposed = not draft.bare
+
+    @on(Select.Changed, "#phase")
     def _keep(self) -> None:
-        if self.query("#board Input") and not self.query_one("#kind", Select).disabled:
-            keep(self.session, Draft(self._typed(), *(self.query_one(each, Input).value for each in ("#source", "#like"))))
+        if self.query("#board Input"):
+            source, like = (self.query_one(each, Input).value for each in ("#source", "#like"))
+            bare = cast(bool, self.query_one("#phase", Select).value)
+            keep(self.session, Draft(self._typed(), source, like, None if bare == self._proposed else bare))
 
     def _typed(self) -> Typed:
         texts = {each.name or "": each.value for each in self.query("#board Input, #cover Input").results(Input)}

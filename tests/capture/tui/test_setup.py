@@ -376,6 +376,29 @@ async def _interrupted(session: Path) -> None:
         await see(pilot, "source folder:there")
 
 
+def test_of_a_session_that_is_recorded_source_and_what_is_recorded_now_are_there_again(tmp_path: Path, brief: Path) -> None:
+    session = tmp_path / "session"
+    shutil.copytree(brief, session, ignore=shutil.ignore_patterns("bare"))
+    drive(_again(session, f"folder:{brief}"))
+
+
+async def _again(session: Path, source: str) -> None:
+    async with running(session) as pilot:
+        await see(pilot, "continued")
+        await see(pilot, "record now without the cover")
+        await write(pilot, source)
+        pilot.app.screen.query_one("#phase", Select).value = False
+        await see(pilot, "record now through the cover")
+        await pilot.press("escape")
+    async with running(session) as pilot:
+        await see(pilot, "continued")
+        await see(pilot, "record now through the cover")
+        assert pilot.app.screen.query_one("#source", Input).value == source
+    async with running(session, "folder:other") as pilot:
+        await see(pilot, "source folder:other")
+        await see(pilot, "record now through the cover")
+
+
 def test_random_keys(tmp_path: Path) -> None:
     """The same 60 steps every time; `python -m tests.fuzz.keys` takes 10,000."""
     assert asyncio.run(walk(tmp_path / "session", 60, 3)) >= 1
