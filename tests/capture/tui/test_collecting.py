@@ -80,7 +80,7 @@ async def _before_the_first(session: Path, empty: Path) -> None:
         assert isinstance(screen, CollectScreen)
         await until(pilot, lambda: screen._improved_with == 0 and not screen._improving)
         assert screen._adviser
-        assert screen._adviser.remark == "How sure the maps would be is not computed yet."
+        assert screen._adviser.remark == "How sure the maps would be is computed after the first view."
 
 
 def test_what_was_pressed_after_the_end_takes_nothing(tmp_path: Path) -> None:
