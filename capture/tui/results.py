@@ -42,7 +42,8 @@ class ResultsScreen(Page):
     ResultsScreen #right { width: 1fr; }
     ResultsScreen Picture { height: 1fr; }
     ResultsScreen #view { height: 2; }
-    ResultsScreen #sentence { height: auto; min-height: 3; max-height: 9; }
+    ResultsScreen #sentence { height: auto; min-height: 2; max-height: 8; }
+    ResultsScreen #onward { height: auto; }
     """
     BINDINGS: ClassVar = [
         Binding("d", "drop", "Drop"),
@@ -126,6 +127,7 @@ class ResultsScreen(Page):
                 yield Picture()
                 yield Static(id="view", markup=False)
         yield Static(self._verdict(), id="sentence", classes="banner", markup=False)
+        yield Static(self._onward(), id="onward", classes="banner", markup=False)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         del parameters
@@ -169,7 +171,7 @@ class ResultsScreen(Page):
         if rejected := self.result["rejected"]:
             others = f" and {len(rejected) - 1} more" if len(rejected) > 1 else ""
             said.append(f"Not used: {rejected[0]['file']} ({rejected[0]['reason']}){others}.")
-        return harmless(" ".join([*said, self._onward()]))
+        return harmless(" ".join(said))
 
     def _aside(self) -> Iterator[str]:
         if (number := len(self._dropped)) == 1:
@@ -245,8 +247,8 @@ class ResultsScreen(Page):
         self.refresh_bindings()
 
     def _say(self, sentence: str) -> None:
-        """Above what stays so: the word of the verdict, and how to go on."""
-        lasting = f"{self.result['verdict']['sentences'][0]} {self._onward()}"
+        """Above what stays so: the word of the verdict."""
+        lasting = self.result["verdict"]["sentences"][0]
         self.query_one("#sentence", Static).update(f"{harmless(sentence)}\n{harmless(lasting)}")
 
     def action_refit(self) -> None:

@@ -211,7 +211,7 @@ async def results_doubtful(pilot: Pilot[None], session: Path) -> None:
     doubtful = {**RESULT, "verdict": {"word": "care", "sentences": ["Take care before you trust it.", *reasons]}, "rejected": rejected}
     await pilot.app.push_screen(ResultsScreen(session, doubtful))
     await see(pilot, "◆ worst: 0.50 px off")
-    await see(pilot, "x to export maps")
+    await see(pilot, "Press e to look for what the model lacks, r for the report, x to export maps.")
 
 
 async def effects(pilot: Pilot[None], session: Path) -> None:
