@@ -28,7 +28,7 @@ from capture.coverage import Hint, SeenView, SessionProgress, hint
 from capture.find import finder_of
 from capture.frames import Frame
 from capture.session_file import read_setup
-from capture.tui.child import Child
+from capture.tui.child import LOADING, Child
 from capture.tui.collect import CollectScreen
 from capture.tui.diagnosing import as_text
 from capture.tui.effects import EffectsScreen
@@ -175,7 +175,7 @@ async def fit(pilot: Pilot[None], session: Path) -> None:
     screen = FitScreen(session / "missing")
     await pilot.app.push_screen(screen)
     child = take_over(screen)
-    events = [("Loading torch", 1, 1, ""), ("Corners in session", 12, 12, "12 boards found"), ("Joint fit", 12, 4, "0.121 px")]
+    events = [(LOADING, 1, 1, ""), ("Corners in session", 12, 12, "12 boards found"), ("Joint fit", 12, 4, "0.121 px")]
     for title, total, done, words in events:
         screen.post_message(FitScreen.Followed(child, {"event": "task", "title": title, "total": total}))
         screen.post_message(FitScreen.Followed(child, {"event": "step", "done": done, "words": words}))
