@@ -144,6 +144,12 @@ class ResultsScreen(Page):
         return float(next((one["depth_m"] for one in self.result["sigma_px"][1:2]), DEPTH))
 
     @property
+    def _boards(self) -> tuple[float, float] | None:
+        """m, of the nearest and the farthest corners."""
+        depths = [float(one["depth_m"]) for one in self.result["sigma_px"]]
+        return (min(depths), max(depths)) if depths else None
+
+    @property
     def _trusted(self) -> bool:
         return bool(self.result["verdict"]["word"] == "trusted")
 
@@ -255,7 +261,7 @@ class ResultsScreen(Page):
         self.post_message(self.FitAgain(self))
 
     def action_export(self) -> None:
-        screen = ExportScreen(self.session, Path(self.result["calibration"]), self._depth)
+        screen = ExportScreen(self.session, Path(self.result["calibration"]), self._depth, self._boards)
         self.app.push_screen(screen, lambda wrote: self._say(wrote) if wrote else None)
 
     def action_report(self) -> None:
