@@ -6,6 +6,7 @@ from itertools import count, takewhile
 from pathlib import Path
 
 from calib.errors import InputError
+from calib.io.images import list_images
 from capture.disk import sync_folder, writing
 from capture.recorder import DROPPED
 
@@ -43,6 +44,16 @@ def dropped(session: Path, files: Iterable[str]) -> list[Dropped]:
         if there:
             found.append(Dropped(file, there[-1]))
     return found
+
+
+def dropped_before(session: Path, files: Iterable[str]) -> list[Dropped]:
+    """Those that lie where `drop` puts them and are none of these pictures: a fit has gone on without them. The last one last."""
+    frames, known = session / "frames", set(files)
+    if not (frames / DROPPED).is_dir():
+        return []
+    gone = [Dropped(place.name, place) for place in list_images(frames / DROPPED) if place.name not in known]
+    there = [each for each in gone if not (frames / each.file).exists()]
+    return sorted(there, key=lambda each: each.now.stat().st_ctime_ns)  # of its name, not of what is in it
 
 
 def _places(aside: Path, file: str) -> Iterable[Path]:

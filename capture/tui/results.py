@@ -20,7 +20,7 @@ from capture.tui.camera import Preview
 from capture.tui.cells import FOUND, WORST, Mark
 from capture.tui.child import Event
 from capture.tui.command import calib
-from capture.tui.drop import Dropped, drop, dropped, take_back
+from capture.tui.drop import Dropped, drop, dropped, dropped_before, take_back
 from capture.tui.effects import EffectsScreen
 from capture.tui.export import ExportScreen
 from capture.tui.farewell import DEPTH
@@ -112,7 +112,10 @@ class ResultsScreen(Page):
         fitted = before["stages"] if before else []
         diagnosed = len(result["stages"]) > len(fitted) and result["stages"][: len(fitted)] == fitted
         self._before = None if diagnosed else before
-        self._dropped: list[Dropped] = dropped(session, (view["file"] for view in result["views"]))
+        files = [view["file"] for view in result["views"]]
+        self._dropped: list[Dropped] = dropped(session, files)
+        self._dropped_before = dropped_before(session, [*files, *(each.now.name for each in self._dropped)])
+        """Those that this fit went on without, the last one last."""
 
     def step(self) -> str:
         return "Results"
@@ -131,7 +134,7 @@ class ResultsScreen(Page):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         del parameters
-        return bool(self._dropped) if action == "take_back" else True
+        return bool(self._dropped or self._dropped_before) if action == "take_back" else True
 
     def on_mount(self) -> None:
         self.query_one(OptionList).focus()
@@ -235,8 +238,11 @@ class ResultsScreen(Page):
             self._redraw(chosen[0], f"{chosen[1]['file']} is set aside in frames/dropped. Press f to fit without it, u to take it back.")
 
     def action_take_back(self) -> None:
-        """The chosen view, or else the last that was set aside."""
+        """The chosen view, or else the last that was set aside; of those before this fit only where there are no others."""
         chosen = self._chosen()
+        if not self._dropped:
+            self._take_back_earlier()
+            return
         one = next((each for each in self._dropped if chosen and each.file == chosen[1]["file"]), self._dropped[-1])
         try:
             take_back(one)
@@ -246,6 +252,17 @@ class ResultsScreen(Page):
         self._dropped.remove(one)
         index = next(i for i, view in enumerate(self.result["views"]) if view["file"] == one.file)
         self._redraw(index, f"{one.file} is back.")
+
+    def _take_back_earlier(self) -> None:
+        one = self._dropped_before[-1]
+        try:
+            take_back(one)
+        except RefracalError as error:
+            self._say(str(error))
+            return
+        self._dropped_before.remove(one)
+        self._say(f"{one.file} is back. Press f to fit with it.")
+        self.refresh_bindings()
 
     def _redraw(self, index: int, sentence: str) -> None:
         self.query_one(OptionList).replace_option_prompt_at_index(index, self._line(self.result["views"][index]))
