@@ -15,6 +15,7 @@ from textual.events import ScreenResume
 from textual.message import Message
 
 from calib.errors import RefracalError
+from calib.session.camera import Camera
 from capture.coverage import Hint, SessionProgress
 from capture.errors import CaptureError
 from capture.narrator import waiting
@@ -156,7 +157,10 @@ class CollectScreen(GuidedPage, StraighteningPage):
         return offered.get(action, True)
 
     def _lens_known(self) -> bool:
-        return lens_known(self.plan.session, self.plan.asked)
+        board, camera, cover = self.plan.asked
+        if (size := self.picture_size()) and size != (camera.width, camera.height):
+            camera = Camera(*size)  # a lens of other pictures is none of these
+        return lens_known(self.plan.session, (board, camera, cover))
 
     @on(ScreenResume)
     def _begin(self) -> None:

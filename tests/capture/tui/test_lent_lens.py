@@ -10,7 +10,7 @@ from calib.errors import InputError
 from capture.session_file import read_setup
 from capture.tui.lacking import no_lens
 from capture.tui.lent_lens import lend_lens, lens_of
-from tests.capture.tui.driving import describe, drive, running, see, until
+from tests.capture.tui.driving import describe, drive, running, see, shown, until, write
 from tests.capture.tui.test_session import FIXTURE
 
 SOON_S = 60
@@ -64,6 +64,22 @@ async def _lent(session: Path, source: str) -> None:
         await see(pilot, "f Fit", SOON_S)
         await pilot.press("escape")
         await until(pilot, lambda: like.disabled, SOON_S)
+
+
+def test_a_lens_of_larger_pictures_is_not_taken_for_theirs(tmp_path: Path, covered: Path) -> None:
+    drive(_larger(tmp_path / "session", f"folder:{covered}"))
+
+
+async def _larger(session: Path, source: str) -> None:
+    async with running(session, source) as pilot:
+        await see(pilot, "a new session", SOON_S)
+        await pilot.press("enter")
+        await write(pilot, str(LARGE))
+        await see(pilot, "record now through the cover", SOON_S)
+        await pilot.press("ctrl+s")
+        await see(pilot, "2 views", SOON_S)
+        await see(pilot, "The lens is not known yet. In the set-up, name a session that knows it in like", SOON_S)
+        assert "f Fit" not in " ".join(shown(pilot).split())
 
 
 def test_what_else_session_yaml_says_stays_as_it_was_written(tmp_path: Path) -> None:
