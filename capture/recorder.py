@@ -25,6 +25,9 @@ from capture.settings_drift import State
 PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY)
 """The fastest, and on noisy pictures the smallest: filters and repeats find nothing in noise."""
 
+DROPPED = "dropped"
+"""The folder in that of the pictures, of those that were set aside."""
+
 
 class Recorder:
     """One session folder, opened by `with` and held by one recorder at a time."""
@@ -53,6 +56,12 @@ class Recorder:
     def pictures(self) -> tuple[Path, ...]:
         """Those that are there, in their order."""
         return list_images(self._folder)
+
+    @property
+    def set_aside(self) -> tuple[Path, ...]:
+        """Those that a person has dropped from the session."""
+        folder = self._folder / DROPPED
+        return list_images(folder) if folder.is_dir() else ()
 
     def __enter__(self) -> "Recorder":
         with reading(self._folder):

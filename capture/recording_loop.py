@@ -12,11 +12,14 @@ from numpy.typing import NDArray
 from calib.corners.detect import eight_bits
 from calib.io.images import read_grey
 from capture.frames import Frame
-from capture.gate import MOVING, WAIT, Verdict, judge, new
-from capture.recorder import Recorder
+from capture.gate import KNOWN, MOVING, WAIT, Verdict, judge, new
+from capture.recorder import DROPPED, Recorder
 from capture.sighting import LiveFinder, Sighting
 
 UNMEASURED = Verdict(False, "Hold the board still and closer: its corners cannot be measured in the whole picture.")
+SET_ASIDE = Verdict(
+    False, f"This view was set aside: its picture is in {DROPPED}/. Move the board elsewhere, or go on with other pictures."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +87,7 @@ def record(
     """
     shutter = shutter or Shutter()
     before: Sighting | None = None
+    aside: list[NDArray[np.float64]] | None = None
     views, left, last_s = 0, 0, -math.inf
     for frame in frames:
         recorder.check(frame)
@@ -97,8 +101,13 @@ def record(
             if verdict.keep:
                 picture = recorder.keep(frame, same_view=True)
         else:
-            verdict = judge(now, before, kept, alone=frame.alone)
-            there = bool(frame.name) and now.corners is not None and new(now, before, kept) is not None  # a folder that is read once more
+            if frame.name and aside is None:  # a folder, which gives once more what it gave before
+                aside = corners_of(recorder.set_aside, finder)
+            known = [*kept, *(aside or ())] if frame.name else kept
+            verdict = judge(now, before, known, alone=frame.alone)
+            there = bool(frame.name) and now.corners is not None and new(now, before, known) is not None
+            if there and verdict.sentence == KNOWN and new(now, before, kept) is None:
+                verdict = SET_ASIDE
             asked = now.corners is not None and not there and shutter.pressed()
             if asked or (shutter.automatic and verdict.keep and frame.time_s - last_s >= plan.every_s):
                 corners = finder.refine(frame, now)

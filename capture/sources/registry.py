@@ -1,5 +1,6 @@
 """Where frames can come from, by the first word of `--source`."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib import import_module
@@ -8,6 +9,7 @@ from typing import Protocol, cast
 from calib.errors import InputError, brief
 from calib.session.schema import Section
 from capture.frames import FrameSource
+from capture.typed_path import typed_path
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,8 +100,17 @@ def _pairs(said: str, query: str) -> dict[str, object]:
 
 def _unknown(said: str, name: str, text: str) -> str:
     close = get_close_matches(name, [scheme.name for scheme in SCHEMES], n=1) if name else []
-    hint = f" (did you mean {close[0]}?)" if close else " (did you mean v4l2?)" if text.startswith("/dev/video") else ""
+    hint = f" (did you mean {close[0]}?)" if close else " (did you mean v4l2?)" if text.startswith("/dev/video") else _there(text)
     return f"{said} names no kind of source{hint}: {_expected()}"
+
+
+def _there(text: str) -> str:
+    """A hint, where a path is named and not its kind."""
+    with suppress(OSError, ValueError):  # what no path can be is none
+        place = typed_path(text.strip())
+        if kind := "folder" if place.is_dir() else "video" if place.is_file() else "":
+            return f" (did you mean {kind}:{brief(text.strip())}?)"
+    return ""
 
 
 def _expected() -> str:

@@ -11,6 +11,8 @@ from capture.tui.child import Child
 from capture.tui.lacking import has_bare
 from capture.tui.lens import ENOUGH, find_lens
 
+NOT_YET = "How sure the maps would be is not computed yet."
+AFTER_ONE = "How sure the maps would be is computed after the first view."
 Advice = tuple[Hint | None, SessionProgress]
 
 
@@ -38,7 +40,11 @@ class Adviser:
         if self._task.bare or self._task.asked[2].shape == "none":
             return
         if not views and self._camera.intrinsics is None and has_bare(self._task.session):
-            return  # the lens is looked for in a session, which has pictures in frames/
+            self.remark = AFTER_ONE  # the lens is looked for in a session, which has pictures in frames/
+            yield
+            return
+        if self.remark == AFTER_ONE:
+            self.remark = NOT_YET
         try:
             if self._guidance is None:
                 self._guidance = self._prepared()
@@ -60,7 +66,7 @@ class Adviser:
         camera = self._camera
         if camera.intrinsics is None:
             if not has_bare(self._task.session):
-                raise GuidanceError("How sure the maps would be cannot be computed: the lens is not known.")
+                raise GuidanceError(f"How sure the maps would be cannot be computed: {self._lacks()}.")
             *_, last = {"sentence": "The lens is not looked for any more."}, *self._lens.events()
             if "camera" not in last:
                 raise GuidanceError(last["sentence"])
@@ -70,6 +76,13 @@ class Adviser:
             guidance.close()
         return guidance
 
+    def _lacks(self) -> str:
+        known = self._task.asked[1]
+        if known.intrinsics is None:
+            return "the lens is not known"
+        wanted, size = f"{known.width}x{known.height}", f"{self._camera.width}x{self._camera.height}"
+        return f"the lens that is known is of pictures of {wanted} px, and these are {size}"
+
 
 def _not_computed(task: Task) -> str:
     """What is said beside the plain rule, before anything better is there."""
@@ -77,4 +90,4 @@ def _not_computed(task: Task) -> str:
         return f"From {ENOUGH} views on you may go on (n); more make the lens surer."
     if task.asked[2].shape == "none":
         return "The fit computes how sure the maps are."
-    return "How sure the maps would be is not computed yet."
+    return NOT_YET

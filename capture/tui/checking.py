@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from calib.progress import Progress
+from capture.tui.child import LOADING
 
 
 def check_calibration(progress: Progress, place: Path, pictures: Path, updated: Path | None = None) -> dict[str, object]:
@@ -11,7 +12,7 @@ def check_calibration(progress: Progress, place: Path, pictures: Path, updated: 
     Returns the answer's word and sentence, a text of what it rests on, whether these pictures can bring the calibration up to date, and
     the file that was written, if one was.
     """
-    progress.task("Loading torch", 1)
+    progress.task(LOADING, 1)
     from calib.calibration import DERIVED, Calibration
     from calib.checking.check import Checker
     from calib.checking.pictures import read_pictures

@@ -13,6 +13,8 @@ Event = Mapping[str, Any]
 """With `event`: task (title, total), step (done, words), result (what the work returns), or error (sentence)."""
 Work = Callable[..., Mapping[str, object]]
 """Called in the process with a calib.progress.Progress and its arguments. The process imports it by its module and name."""
+LOADING = "Loading (some seconds)"
+"""The first task of most works: it has one step, so its bar stands still meanwhile."""
 
 
 class Child:

@@ -15,6 +15,7 @@ from textual.events import ScreenResume
 from textual.message import Message
 
 from calib.errors import RefracalError
+from calib.session.camera import Camera
 from capture.coverage import Hint, SessionProgress
 from capture.errors import CaptureError
 from capture.narrator import waiting
@@ -24,7 +25,7 @@ from capture.tui.cells import FOUND, HINT, Mark
 from capture.tui.farewell import fitted
 from capture.tui.fit import FitScreen
 from capture.tui.guided import GuidedPage
-from capture.tui.lacking import NO_LENS, lacking, lens_known, none_found
+from capture.tui.lacking import lacking, lens_known, no_lens, none_found
 from capture.tui.named import played
 from capture.tui.page import DOTS, HELP_AND_QUIT, Line
 from capture.tui.panel import Panel
@@ -156,7 +157,10 @@ class CollectScreen(GuidedPage, StraighteningPage):
         return offered.get(action, True)
 
     def _lens_known(self) -> bool:
-        return lens_known(self.plan.session, self.plan.asked)
+        board, camera, cover = self.plan.asked
+        if (size := self.picture_size()) and size != (camera.width, camera.height):
+            camera = Camera(*size)  # a lens of other pictures is none of these
+        return lens_known(self.plan.session, (board, camera, cover))
 
     @on(ScreenResume)
     def _begin(self) -> None:
@@ -253,7 +257,7 @@ class CollectScreen(GuidedPage, StraighteningPage):
             return none_found(self.plan, self._looked)
         known = self.plan.bare or self._lens_known()
         if message.ended and not known:
-            return f"{message.sentence} {NO_LENS} Press esc for that."
+            return f"{message.sentence} {no_lens(self.plan.session)} Press esc for that."
         onward = ""
         if self.kept and known:
             onward = "n to go on through the cover, from another source, " if self.plan.bare else "f to fit, "
@@ -357,7 +361,7 @@ class CollectScreen(GuidedPage, StraighteningPage):
 
     def action_not_yet(self) -> None:
         """Where a fit is not offered."""
-        self.say("The fit comes after the views through the cover." if self.plan.bare else NO_LENS, LACKING_S)
+        self.say("The fit comes after the views through the cover." if self.plan.bare else no_lens(self.plan.session), LACKING_S)
 
     def action_none_yet(self) -> None:
         """Where the cover is not to be put on."""

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib.progress import Progress
+from capture.tui.child import LOADING
 from capture.tui.fitting import summary
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
 
     Returns the summary of a fit, with the names of the effects that were accepted and a text for the screen.
     """
-    progress.task("Loading torch", 1)
+    progress.task(LOADING, 1)
     from calib.calibration import DERIVED, Calibration
     from calib.diagnosis.diagnose import diagnose
     from calib.diagnosis.found import found

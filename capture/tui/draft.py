@@ -1,4 +1,5 @@
-"""What was typed into the set-up of a session that is not described yet: it is there again, however the program ended."""
+"""What was typed into the set-up: it is there again, however the program ended; of a session that is described, its source and what is
+recorded now."""
 
 import json
 import os
@@ -22,6 +23,8 @@ class Draft:
     typed: Typed
     source: str
     like: str
+    bare: bool | None = None
+    """What is recorded now, where the person chose that."""
 
 
 def keep(session: Path, draft: Draft) -> None:
@@ -39,16 +42,17 @@ def kept(session: Path) -> Draft | None:
     try:
         said = json.loads(read_file(_place(session), LARGEST))
         typed = Typed(_texts(said["typed"]["board"]), said["typed"]["shape"], _texts(said["typed"]["cover"]), said["typed"]["kind"])
-        source, like = said["source"], said["like"]
+        source, like, bare = said["source"], said["like"], said.get("bare")
     except (InputError, ValueError, LookupError, TypeError, RecursionError):
         return None
-    known = typed.shape in SHAPES and typed.kind in BOARD and isinstance(source, str) and isinstance(like, str)
-    return Draft(typed, source, like) if known else None
-
-
-def drop(session: Path) -> None:
-    with suppress(OSError):
-        _place(session).unlink(missing_ok=True)
+    known = (
+        typed.shape in SHAPES
+        and typed.kind in BOARD
+        and isinstance(source, str)
+        and isinstance(like, str)
+        and (bare is None or isinstance(bare, bool))
+    )
+    return Draft(typed, source, like, bare) if known else None
 
 
 def _place(session: Path) -> Path:

@@ -6,7 +6,9 @@ from itertools import count, takewhile
 from pathlib import Path
 
 from calib.errors import InputError
+from calib.io.images import list_images
 from capture.disk import sync_folder, writing
+from capture.recorder import DROPPED
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +26,7 @@ def drop(session: Path, file: str) -> Dropped:
     frames = session / "frames"
     if not (frames / file).exists():
         raise InputError(f"{frames / file} is not there any more: it was moved or deleted outside of this program.")
-    aside = frames / "dropped"
+    aside = frames / DROPPED
     with writing(aside):
         aside.mkdir(exist_ok=True)
         place = next(place for place in _places(aside, file) if not place.exists())
@@ -38,10 +40,20 @@ def dropped(session: Path, files: Iterable[str]) -> list[Dropped]:
     frames = session / "frames"
     found = []
     for file in files:
-        there = [] if (frames / file).exists() else list(takewhile(Path.exists, _places(frames / "dropped", file)))
+        there = [] if (frames / file).exists() else list(takewhile(Path.exists, _places(frames / DROPPED, file)))
         if there:
             found.append(Dropped(file, there[-1]))
     return found
+
+
+def dropped_before(session: Path, files: Iterable[str]) -> list[Dropped]:
+    """Those that lie where `drop` puts them and are none of these pictures: a fit has gone on without them. The last one last."""
+    frames, known = session / "frames", set(files)
+    if not (frames / DROPPED).is_dir():
+        return []
+    gone = [Dropped(place.name, place) for place in list_images(frames / DROPPED) if place.name not in known]
+    there = [each for each in gone if not (frames / each.file).exists()]
+    return sorted(there, key=lambda each: each.now.stat().st_ctime_ns)  # of its name, not of what is in it
 
 
 def _places(aside: Path, file: str) -> Iterable[Path]:

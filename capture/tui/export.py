@@ -30,6 +30,8 @@ NO_MAP = (
     "press ^s again, or esc goes back."
 )
 
+FAR_OFF = 3.0  # times the farthest board, or the nearest in so many parts: from here on a depth is asked about
+
 
 class ExportScreen(ModalScreen[str]):
     """Dismissed with where the last maps were written, in a sentence; empty where none were."""
@@ -57,9 +59,12 @@ class ExportScreen(ModalScreen[str]):
             self.sentence = sentence
             self.written = written
 
-    def __init__(self, session: Path, calibration: Path, depth: float) -> None:
-        """`depth`, in metres, is proposed."""
+    def __init__(self, session: Path, calibration: Path, depth: float, boards: tuple[float, float] | None = None) -> None:
+        """`depth`, in metres, is proposed; `boards`, in metres: from the nearest to the farthest, if that is known."""
         super().__init__()
+        self._boards = boards
+        self._meant: set[str] = set()
+        """What was said against depths: to export once more is to mean them."""
         self._depth = depth
         self._calibration = calibration
         self._folder = session / "export"
@@ -108,6 +113,10 @@ class ExportScreen(ModalScreen[str]):
         if not (asked := self._asked()):
             return
         at, out = asked
+        if self._boards and (far := far_off(at, self._boards)) and far not in self._meant:
+            self._meant.add(far)
+            self._say(far)
+            return
         form = str(self.query_one("#form", Select).value)
         self._say("Being written.")
         self._run(self.app, ["export", str(self._calibration), "--format", form, "-o", str(out), *(["--depth", *at] if at else [])])
@@ -147,6 +156,17 @@ def _unmistakably(word: str) -> str:
             return f"write {whole}.{decimals} with a point, or {whole} {decimals} for two depths"
         case _:
             return "write decimals with a point, and a blank between two depths"
+
+
+def far_off(listed: Sequence[str], boards: tuple[float, float]) -> str:
+    """Of depths at which no board was anywhere near, a sentence; empty where there are none."""
+    near, far = boards
+    words = [word for word in listed if not near / FAR_OFF <= depth(word) <= far * FAR_OFF]
+    if not words:
+        return ""
+    metres = " and ".join(f"{word} m" for word in words)
+    away = f"far from your boards, which were {near:.2f} to {far:.2f} m away"
+    return f"{metres} {'are' if words[1:] else 'is'} {away}: export once more to mean it."
 
 
 def folder(text: str) -> Path:

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib.progress import Progress
+from capture.tui.child import LOADING
 
 if TYPE_CHECKING:
     from calib.calibration import Calibration
@@ -14,7 +15,7 @@ def fit_session(progress: Progress, session: Path, out: Path) -> dict[str, objec
     from calib.session.session import read_session
 
     described = read_session(session)  # what is wrong with it is said before torch is loaded
-    progress.task("Loading torch", 1)
+    progress.task(LOADING, 1)
     from calib.calibration import DERIVED
     from calib.fitting.fit import fit
     from calib.fitting.stages import Settings
@@ -33,7 +34,7 @@ def open_results(progress: Progress, place: Path) -> dict[str, object]:
 
     Where a diagnosis of this very fit has found effects, the summary of what that made of it, and under `before` the fit's own.
     """
-    progress.task("Loading torch", 1)
+    progress.task(LOADING, 1)
     from calib.calibration import Calibration
 
     progress.task("Verdict", 1)

@@ -8,7 +8,13 @@ from calib.session.session import read_session
 from capture.session_file import Setup, read_setup
 from capture.tui.camera import Task
 
-NO_LENS = "The lens is not known yet: in the set-up, set record now to without the cover, and name those pictures."
+
+def no_lens(session: Path) -> str:
+    """How the lens becomes known."""
+    return (
+        "The lens is not known yet. In the set-up, name a session that knows it in like, or set record now to without the cover and name "
+        f"those pictures; or write camera.intrinsics into {session / 'session.yaml'}."
+    )
 
 
 def none_found(task: Task, pictures: int) -> str:
@@ -40,7 +46,7 @@ def lacking(session: Path) -> str:
         return f"There is nothing to fit yet: {frames} has no picture. Views are taken by themselves, or by space."
     try:
         if (session / "session.yaml").exists() and not lens_known(session, read_setup(session / "session.yaml")):
-            return NO_LENS
+            return no_lens(session)
         read_session(session)
     except InputError as error:
         return str(error)

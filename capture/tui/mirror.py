@@ -25,7 +25,7 @@ Block = dict[str, object]
 
 LAID_OUT = re.compile(r"[ ]{2}|[░▒▓█]")
 """Of a text that stands in columns."""
-SPOKEN = ("verdict", "problem", "sentence", "said", "hint", "next")
+SPOKEN = ("verdict", "problem", "sentence", "said", "hint", "next", "onward")
 """Texts that say what to do: they stay in sight, whatever is scrolled."""
 MAIN = ("take", "start", "export", "use", "update", "straighten", "cover_on", "fit")
 """What a screen is there for is the first of these actions that it has."""

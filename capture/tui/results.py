@@ -20,7 +20,7 @@ from capture.tui.camera import Preview
 from capture.tui.cells import FOUND, WORST, Mark
 from capture.tui.child import Event
 from capture.tui.command import calib
-from capture.tui.drop import Dropped, drop, dropped, take_back
+from capture.tui.drop import Dropped, drop, dropped, dropped_before, take_back
 from capture.tui.effects import EffectsScreen
 from capture.tui.export import ExportScreen
 from capture.tui.farewell import DEPTH
@@ -42,7 +42,8 @@ class ResultsScreen(Page):
     ResultsScreen #right { width: 1fr; }
     ResultsScreen Picture { height: 1fr; }
     ResultsScreen #view { height: 2; }
-    ResultsScreen #sentence { height: auto; min-height: 3; max-height: 9; }
+    ResultsScreen #sentence { height: auto; min-height: 2; max-height: 8; }
+    ResultsScreen #onward { height: auto; }
     """
     BINDINGS: ClassVar = [
         Binding("d", "drop", "Drop"),
@@ -111,7 +112,10 @@ class ResultsScreen(Page):
         fitted = before["stages"] if before else []
         diagnosed = len(result["stages"]) > len(fitted) and result["stages"][: len(fitted)] == fitted
         self._before = None if diagnosed else before
-        self._dropped: list[Dropped] = dropped(session, (view["file"] for view in result["views"]))
+        files = [view["file"] for view in result["views"]]
+        self._dropped: list[Dropped] = dropped(session, files)
+        self._dropped_before = dropped_before(session, [*files, *(each.now.name for each in self._dropped)])
+        """Those that this fit went on without, the last one last."""
 
     def step(self) -> str:
         return "Results"
@@ -126,10 +130,11 @@ class ResultsScreen(Page):
                 yield Picture()
                 yield Static(id="view", markup=False)
         yield Static(self._verdict(), id="sentence", classes="banner", markup=False)
+        yield Static(self._onward(), id="onward", classes="banner", markup=False)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         del parameters
-        return bool(self._dropped) if action == "take_back" else True
+        return bool(self._dropped or self._dropped_before) if action == "take_back" else True
 
     def on_mount(self) -> None:
         self.query_one(OptionList).focus()
@@ -140,6 +145,12 @@ class ResultsScreen(Page):
     def _depth(self) -> float:
         """m: where most corners are."""
         return float(next((one["depth_m"] for one in self.result["sigma_px"][1:2]), DEPTH))
+
+    @property
+    def _boards(self) -> tuple[float, float] | None:
+        """m, of the nearest and the farthest corners."""
+        depths = [float(one["depth_m"]) for one in self.result["sigma_px"]]
+        return (min(depths), max(depths)) if depths else None
 
     @property
     def _trusted(self) -> bool:
@@ -169,7 +180,7 @@ class ResultsScreen(Page):
         if rejected := self.result["rejected"]:
             others = f" and {len(rejected) - 1} more" if len(rejected) > 1 else ""
             said.append(f"Not used: {rejected[0]['file']} ({rejected[0]['reason']}){others}.")
-        return harmless(" ".join([*said, self._onward()]))
+        return harmless(" ".join(said))
 
     def _aside(self) -> Iterator[str]:
         if (number := len(self._dropped)) == 1:
@@ -227,8 +238,11 @@ class ResultsScreen(Page):
             self._redraw(chosen[0], f"{chosen[1]['file']} is set aside in frames/dropped. Press f to fit without it, u to take it back.")
 
     def action_take_back(self) -> None:
-        """The chosen view, or else the last that was set aside."""
+        """The chosen view, or else the last that was set aside; of those before this fit only where there are no others."""
         chosen = self._chosen()
+        if not self._dropped:
+            self._take_back_earlier()
+            return
         one = next((each for each in self._dropped if chosen and each.file == chosen[1]["file"]), self._dropped[-1])
         try:
             take_back(one)
@@ -239,21 +253,32 @@ class ResultsScreen(Page):
         index = next(i for i, view in enumerate(self.result["views"]) if view["file"] == one.file)
         self._redraw(index, f"{one.file} is back.")
 
+    def _take_back_earlier(self) -> None:
+        one = self._dropped_before[-1]
+        try:
+            take_back(one)
+        except RefracalError as error:
+            self._say(str(error))
+            return
+        self._dropped_before.remove(one)
+        self._say(f"{one.file} is back. Press f to fit with it.")
+        self.refresh_bindings()
+
     def _redraw(self, index: int, sentence: str) -> None:
         self.query_one(OptionList).replace_option_prompt_at_index(index, self._line(self.result["views"][index]))
         self._say(sentence)
         self.refresh_bindings()
 
     def _say(self, sentence: str) -> None:
-        """Above what stays so: the word of the verdict, and how to go on."""
-        lasting = f"{self.result['verdict']['sentences'][0]} {self._onward()}"
+        """Above what stays so: the word of the verdict."""
+        lasting = self.result["verdict"]["sentences"][0]
         self.query_one("#sentence", Static).update(f"{harmless(sentence)}\n{harmless(lasting)}")
 
     def action_refit(self) -> None:
         self.post_message(self.FitAgain(self))
 
     def action_export(self) -> None:
-        screen = ExportScreen(self.session, Path(self.result["calibration"]), self._depth)
+        screen = ExportScreen(self.session, Path(self.result["calibration"]), self._depth, self._boards)
         self.app.push_screen(screen, lambda wrote: self._say(wrote) if wrote else None)
 
     def action_report(self) -> None:

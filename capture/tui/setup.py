@@ -14,6 +14,7 @@ from textual.containers import Grid, Horizontal, VerticalScroll
 from textual.events import DescendantFocus, ScreenResume
 from textual.message import Message
 from textual.suggester import SuggestFromList
+from textual.widget import Widget
 from textual.widgets import Button, Input, Label, Select, Static
 
 from calib.errors import InputError, harmless
@@ -24,19 +25,22 @@ from capture.session_file import Setup, board_of, read_setup
 from capture.sources.registry import SCHEMES, open_source
 from capture.tui.camera import Task
 from capture.tui.collect import CollectScreen
-from capture.tui.draft import Draft, drop, keep, kept
+from capture.tui.doubts import doubts
+from capture.tui.draft import Draft, keep, kept
 from capture.tui.farewell import fitted
 from capture.tui.fit import FitScreen
 from capture.tui.form import BOARD, Typed, explained, problem, read_form, write_form
-from capture.tui.lacking import lacking
+from capture.tui.lacking import lacking, lens_known
 from capture.tui.lens import ENOUGH
+from capture.tui.lent_lens import lend_lens, lens_of
 from capture.tui.named import cannot_be_opened, played, read_like
 from capture.tui.opening import OpeningScreen
 from capture.tui.page import TYPING, Field, Page, onward, typed
-from capture.wrong_folder import check_folder, doubt, half
+from capture.wrong_folder import check_folder, half
 
 SOURCE_HELP = "Where pictures come from: v4l2:/dev/video0, libcamera:0, rpicam:0, video:FILE, or folder:PATH (pictures, or a session)."
 LIKE_HELP = "Another session, its folder: board, cover and lens are taken from there. May stay empty."
+LENS_HELP = "Another session, its folder, that knows the lens: that alone is taken from there, into session.yaml."
 PHASE_HELP = "First without the cover, to find the lens; then through it, without touching the focus."
 OPENS = " enter opens the list, tab goes on."
 COVER_ON = "NOW PUT THE COVER ON, and leave the focus alone. "
@@ -91,8 +95,8 @@ class SetupScreen(Page):
         """The name that `_like` was read from."""
         self._covered = False
         """The person says that the cover is on now."""
-        self._doubted = ""
-        """What was said against the source last: to start it once more is to mean it."""
+        self._doubted: set[str] = set()
+        """What was said against a start: to start once more is to mean it."""
         self._helped = False
         """The help has just been read: everything stands as it was typed."""
         self._proposed: bool | None = None
@@ -136,11 +140,18 @@ class SetupScreen(Page):
         self._helped = True
         super().action_help()
 
-    def action_fit(self) -> None:
+    @work(exclusive=True, group="start")
+    async def action_fit(self) -> None:
         """A session that was recorded before needs no camera any more."""
+        await typed(self)
+        try:
+            await self._borrow()
+        except InputError as error:
+            await self._lead(str(error))
+            return
         if lack := lacking(self.session):
             self._say(lack)
-        else:
+        elif self.is_current:
             self.app.push_screen(FitScreen(self.session))
 
     def action_open(self) -> None:
@@ -156,6 +167,7 @@ class SetupScreen(Page):
             return
         self._say("")
         described = (self.session / "session.yaml").exists()
+        self._restore()
         state = f"{self.session}: a new session."
         if described:
             try:
@@ -163,12 +175,11 @@ class SetupScreen(Page):
                 await self._fill(self._like)
             except InputError as error:
                 self._say(str(error))
-            drop(self.session)
             state = f"{self.session}: continued, {_views(self._taken(True))} without cover and {_views(self._taken(False))} through it."
             if fitted(self.session):
                 state += " It is fitted: ^o opens its results."
             state += " What is grey stands in its session.yaml: correct it there."
-            self.query_one("#like", Input).disabled = True
+            self._open_like()
         elif not self.query("#board Input"):
             await self._begin_anew()
         source = self.query_one("#source", Input)
@@ -183,6 +194,13 @@ class SetupScreen(Page):
         else:
             source.focus().action_select_all()  # what is typed replaces it
 
+    def _open_like(self) -> None:
+        """Of a session that exists: for as long as its lens is missing."""
+        like = self.query_one("#like", Input)
+        like.disabled = self._like is None or lens_known(self.session, self._like)
+        if not like.disabled:  # what it named before had no lens to give
+            like.value = self._liked = ""
+
     async def _begin_anew(self) -> None:
         """With what was typed when the program ended last, if anything was."""
         draft = kept(self.session)
@@ -191,16 +209,27 @@ class SetupScreen(Page):
         self.query_one("#kind", Select).value = typed.kind
         self.query_one("#shape", Select).value = typed.shape
         if draft:
-            source = self.query_one("#source", Input)
-            source.value = source.value or draft.source
             self.query_one("#like", Input).value = draft.like
             with suppress(InputError):  # said as the field is looked at
                 self._like = read_like(draft.like)
                 self._liked = draft.like
 
+    def _restore(self) -> None:
+        """Where pictures came from last, and which: neither stands in the folder."""
+        if self._proposed is not None or not (draft := kept(self.session)):
+            return
+        source = self.query_one("#source", Input)
+        source.value = source.value or draft.source
+        if draft.bare is not None:
+            self.query_one("#phase", Select).value = draft.bare
+            self._proposed = not draft.bare
+
+    @on(Select.Changed, "#phase")
     def _keep(self) -> None:
-        if self.query("#board Input") and not self.query_one("#kind", Select).disabled:
-            keep(self.session, Draft(self._typed(), *(self.query_one(each, Input).value for each in ("#source", "#like"))))
+        if self.query("#board Input"):
+            source, like = (self.query_one(each, Input).value for each in ("#source", "#like"))
+            bare = cast(bool, self.query_one("#phase", Select).value)
+            keep(self.session, Draft(self._typed(), source, like, None if bare == self._proposed else bare))
 
     def _typed(self) -> Typed:
         texts = {each.name or "": each.value for each in self.query("#board Input, #cover Input").results(Input)}
@@ -304,19 +333,30 @@ class SetupScreen(Page):
 
     async def _follow(self, like: str) -> None:
         """Take over what another session says, once for every name that is typed."""
-        if like == self._liked:
+        if like == self._liked or self.query_one("#like").disabled:
             return
         self._like, self._liked = None, ""
-        if setup := read_like(like):
+        described = (self.session / "session.yaml").exists()
+        if setup := lens_of(self.session, like) if described else read_like(like):
             self._like = setup
-            await self._fill(setup)
+            if not described:
+                await self._fill(setup)
             self._propose()
         self._liked = like
+
+    async def _borrow(self) -> None:
+        """What another session gives: to one that exists, its lens."""
+        like = self.query_one("#like", Input)
+        await self._follow(like.value)
+        if self._like and like.value.strip() and not like.disabled and (self.session / "session.yaml").exists():
+            lend_lens(self.session, self._like)
+            like.disabled = True
 
     @on(DescendantFocus)
     async def _explain(self, event: DescendantFocus) -> None:
         """What the field is for, and what is wrong with it: nothing of another one stays."""
-        texts = {"source": SOURCE_HELP, "like": LIKE_HELP, "phase": PHASE_HELP, "start": "Enter begins to record."}
+        like_help = LENS_HELP if (self.session / "session.yaml").exists() else LIKE_HELP
+        texts = {"source": SOURCE_HELP, "like": like_help, "phase": PHASE_HELP, "start": "Enter begins to record."}
         widget, kind = event.widget, str(self.query_one("#kind", Select).value)
         key = widget.id or widget.name or ""
         if not key:  # the list of a choice: its hint stays
@@ -338,15 +378,16 @@ class SetupScreen(Page):
 
     async def _begin(self) -> None:
         try:
-            await self._follow(self.query_one("#like", Input).value)
+            await self._borrow()
             task = self._read()
         except InputError as error:
             await self._lead(str(error))
             return
-        if (said := doubt(task.source, covered=task.covered)) and said != self._doubted:
-            self._doubted = said
-            self._say(f"{said} Start once more if they are right all the same.")
-            return
+        for said, field in doubts(task):
+            if said not in self._doubted:
+                self._doubted.add(said)
+                self._lead_to(self.query_one(f"#{field}"), said)
+                return
         if played(task.source) and (shut := await to_thread(cannot_be_opened, task.source)):
             source = self.query_one("#source", Input)
             self._shut = source.value, shut
@@ -362,9 +403,14 @@ class SetupScreen(Page):
         self._say(sentence)
         for field in self.query(Input):
             if not field.disabled and await self._wrong(field):
-                self._refused = sentence  # looking at a field says what is wrong with it, and of an empty one nothing
-                field.focus()
+                self._lead_to(field, sentence)
                 return
+
+    def _lead_to(self, field: Widget, sentence: str) -> None:
+        self._say(sentence)
+        if not field.has_focus:
+            self._refused = sentence  # looking at a field says what is wrong with it, and of an empty one nothing
+            field.focus()
 
     def _cover_on(self, wanted: bool | None) -> None:
         """Back from recording without the cover, perhaps to go on through it."""

@@ -15,6 +15,7 @@ from calib.progress import Progress
 from calib.session.board import Board
 from capture.tui.camera import Preview, shown_factor
 from capture.tui.cells import LINE, Mark
+from capture.tui.child import LOADING
 
 NODES = (65, 49)
 """Columns and rows of the grid on which points are straightened: between them by less than what a screen shows."""
@@ -87,7 +88,7 @@ def straighten(progress: Progress, calibration: Path, depth: float) -> dict[str,
 
     InputError: the calibration cannot be read, or the depth is none that it sees.
     """
-    progress.task("Loading torch", 1)
+    progress.task(LOADING, 1)
     from calib.calibration import Calibration
     from calib.undistortion.window import Window
 

@@ -1,5 +1,6 @@
 """From frames to pictures: what a pressed shutter takes."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,8 @@ from calib.io.images import read_image
 from capture.find import finder_of
 from capture.frames import Frame
 from capture.recorder import Recorder
-from capture.recording_loop import Plan, Shutter, record
+from capture.recording_loop import Plan, Shutter, record, refusal
+from capture.tui.drop import drop
 from tests.capture.recordings import BOARD, FIXTURE
 
 
@@ -28,3 +30,23 @@ def test_a_press_takes_the_next_board_but_no_recorded_picture_twice(tmp_path: Pa
             shutter.press()
             steps = list(record(photographs(*names), finder, recorder, Plan(None), kept, shutter))
             assert [step.frame.name for step in steps if step.picture] == [taken] * bool(taken)
+
+
+def test_what_was_set_aside_is_not_taken_again_from_a_folder(tmp_path: Path) -> None:
+    """But from a camera, whose frames have no name: there a better picture of that view is wanted."""
+    finder = finder_of(BOARD)
+    with Recorder(tmp_path, BOARD) as recorder:
+        (taken,) = (step.picture for step in record(photographs("0000.jpg"), finder, recorder, Plan(None), []))
+        assert taken
+        drop(tmp_path, taken.name)
+        shutter = Shutter()
+        for press in (False, True):
+            if press:
+                shutter.press()
+            steps = list(record(photographs("0000.jpg", "0001.jpg"), finder, recorder, Plan(None), [], shutter))
+            assert [(step.frame.name, bool(step.picture)) for step in steps] == [("0000.jpg", False), ("0001.jpg", True)]
+            assert "set aside" in steps[0].verdict.sentence
+            assert "set aside" in refusal(steps[0])
+        (frame,) = photographs("0000.jpg")
+        (step,) = record([replace(frame, name="")], finder, recorder, Plan(None), [])
+        assert step.picture

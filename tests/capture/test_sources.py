@@ -46,6 +46,18 @@ def test_a_source_that_is_written_wrongly_gets_its_sentence(text: str, says: str
     assert says in str(caught.value)
 
 
+def test_of_a_path_alone_its_kind_is_offered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "recorded" / "frames").mkdir(parents=True)
+    (tmp_path / "film.mkv").touch()
+    for text, offered in (("recorded/frames", "folder:recorded/frames"), ("film.mkv", "video:film.mkv")):
+        with pytest.raises(InputError, match=rf"names no kind of source \(did you mean {offered}\?\)"):
+            open_source(text)
+    for text in ("nowhere", "a\0b", "n" * 5000):
+        with pytest.raises(InputError, match="names no kind of source: write one of"):
+            open_source(text)
+
+
 @pytest.mark.parametrize("text", ["", "webcam:0", "folder:", "folder:x?sped=2", "folder:x?speed=", "video:x?speed=1"])
 def test_a_field_is_called_by_its_own_name(text: str) -> None:
     with pytest.raises(InputError, match=r"^source ") as caught:

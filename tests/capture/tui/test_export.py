@@ -12,7 +12,7 @@ from textual.pilot import Pilot
 
 from calib.export.formats import BRIEF, FORMATS
 from capture.tui.command import Done
-from capture.tui.export import ExportScreen, depths
+from capture.tui.export import ExportScreen, depths, far_off
 from tests.capture.tui.driving import drive, running, see, shown, until, write
 
 SOON_S = 20
@@ -72,6 +72,35 @@ def test_depths_are_a_list(text: str, read: list[str]) -> None:
 def test_what_may_be_a_decimal_comma_is_asked_about(text: str, advice: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match=re.escape(advice)):
         depths(text)
+
+
+@pytest.mark.parametrize(
+    ("listed", "said"),
+    [
+        ([], ""),
+        (["0.5", "3.3", "0.084"], ""),
+        (["50"], "50 m is far from your boards, which were 0.25 to 1.10 m away: export once more to mean it."),
+        (["1", "0.08", "inf"], "0.08 m and inf m are far from your boards, which were 0.25 to 1.10 m away: export once more to mean it."),
+    ],
+)
+def test_depths_far_from_every_board_are_told(listed: list[str], said: str) -> None:
+    assert far_off(listed, (0.25, 1.1)) == said
+
+
+def test_a_depth_far_from_every_board_is_asked_about_once(tmp_path: Path, asked: list[Sequence[str]]) -> None:
+    drive(_far(tmp_path, asked))
+
+
+async def _far(session: Path, asked: list[Sequence[str]]) -> None:
+    async with running(session) as pilot:
+        pilot.app.push_screen(ExportScreen(session, session / "calibration", 1.0, (0.25, 1.1)))
+        await see(pilot, "depths in metres", SOON_S)
+        await write(pilot, "50")
+        await pilot.press("ctrl+s")
+        await see(pilot, "50 m is far from your boards, which were 0.25 to 1.10 m away", SOON_S)
+        assert not asked
+        await pilot.press("ctrl+s")
+        await see(pilot, "Wrote rays.npz map_50m.npz", SOON_S)
 
 
 def test_every_form_has_a_line_that_the_list_has_room_for() -> None:

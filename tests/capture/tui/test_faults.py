@@ -107,7 +107,7 @@ async def _killed_search(session: Path) -> None:
     async with fitting(session) as (pilot, _):
         await see(pilot, "[RESULTS]")
         await pilot.press("e")
-        await see(pilot, "Loading torch")
+        await see(pilot, "Loading (some seconds)")
         os.kill(_working(pilot), signal.SIGKILL)
         await see(pilot, "was ended from outside (SIGKILL, perhaps for want of memory): start it again. Press e to look again")
         await pilot.press("e")

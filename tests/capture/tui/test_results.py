@@ -13,10 +13,12 @@ from textual.widgets import Input
 
 from calib.progress import Progress
 from capture.tui.app import CaptureApp
+from capture.tui.child import LOADING
 from capture.tui.command import Done
+from capture.tui.drop import Dropped, drop, take_back
 from capture.tui.fit import FitScreen
 from capture.tui.results import ResultsScreen
-from tests.capture.tui.driving import drive, running, see, shown, until
+from tests.capture.tui.driving import drive, running, see, shown, until, write
 from tests.capture.tui.test_session import FIXTURE
 from tests.capture.tui.test_snapshots import RESULT
 
@@ -90,6 +92,31 @@ async def _second(session: Path) -> None:
         await see(pilot, "0001.jpg is back", SOON_S)
 
 
+def test_what_a_fit_went_on_without_comes_back_the_last_one_first(session: Path) -> None:
+    views = [view for view in RESULT["views"] if view["file"] not in ("0001.jpg", "0002.jpg")]  # type: ignore[attr-defined]
+    frames = session / "frames"
+    for file in ("0002.jpg", "0001.jpg"):  # which was set aside last
+        take_back(Dropped(file, frames / "dropped" / file))
+        time.sleep(0.02)
+        drop(session, file)
+    drive(_earlier(session, {**RESULT, "views": views}))
+    assert not list((frames / "dropped").iterdir())
+    assert (frames / "0001.jpg").exists()
+
+
+async def _earlier(session: Path, result: dict[str, object]) -> None:
+    async with running(session) as pilot:
+        pilot.app.push_screen(ResultsScreen(session, result))
+        await see(pilot, "u Undo", SOON_S)
+        await pilot.press("d")
+        await see(pilot, "0003.jpg is set aside", SOON_S)
+        for file in ("0003.jpg", "0001.jpg", "0002.jpg"):
+            await pilot.press("u")
+            await see(pilot, f"{file} is back.", SOON_S)
+        await see(pilot, "Press f to fit with it.", SOON_S)
+        assert "u Undo" not in " ".join(shown(pilot).split())
+
+
 def test_the_verdict_stays_beside_the_report(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("capture.tui.results.calib", lambda _: Done(0, "s/calibration/report.html\n", "", ()))
     drive(_report(session))
@@ -145,6 +172,9 @@ async def _back_from_export(session: Path, out: Path) -> None:
         await see(pilot, "The error fell from", SOON_S)
         await pilot.press("x")
         assert pilot.app.screen.query_one("#depths", Input).value == "0.55", "the middle of the views' depths"
+        await write(pilot, "50")
+        await pilot.press("ctrl+s")
+        await see(pilot, "50 m is far from your boards, which were 0.30 to 1.20 m away", SOON_S)
         await pilot.press("ctrl+s")
         await see(pilot, "Wrote rays.npz map_1m.npz", SOON_S)
         await pilot.press("escape")
@@ -154,7 +184,7 @@ async def _back_from_export(session: Path, out: Path) -> None:
 
 def endless(progress: Progress, _session: Path, _out: Path) -> dict[str, object]:
     """A fit that a person ends."""
-    progress.task("Loading torch", 1)
+    progress.task(LOADING, 1)
     time.sleep(3600)
     return {}
 
@@ -198,7 +228,7 @@ async def _end(session: Path, key: str) -> None:
 
 def when_told(progress: Progress, session: Path, _out: Path) -> dict[str, object]:
     """A fit that ends when the session has a file of that name."""
-    progress.task("Loading torch", 1)
+    progress.task(LOADING, 1)
     while not (session / "end").exists():
         time.sleep(0.01)
     return {key: value for key, value in RESULT.items() if key != "event"}
@@ -214,6 +244,7 @@ async def _behind_help(session: Path) -> None:
     async with results(session) as pilot:
         await pilot.press("f")
         await see(pilot, "The views are being fitted", SOON_S)
+        await see(pilot, "Loading (some seconds)", SOON_S)
         fitting = pilot.app.screen
         assert isinstance(fitting, FitScreen)
         await pilot.press("question_mark")

@@ -13,7 +13,7 @@ from calib.cli import main
 from capture.session_file import read_setup
 from capture.tui.app import CaptureApp
 from capture.tui.fit import FitScreen
-from capture.tui.lacking import NO_LENS
+from capture.tui.lacking import no_lens
 from tests.capture.tui.driving import CONE, burst, describe, drive, running, see, shown, until, write
 from tests.capture.tui.test_session import FIXTURE
 from tests.fuzz.keys import walk
@@ -255,8 +255,9 @@ async def _doubted(session: Path) -> None:
         await see(pilot, "a new session")
         await describe(pilot, f"folder:{camera}")
         await pilot.press("ctrl+s")
-        await see(pilot, "says that its pictures have a cover, a cone, where those without the cover are wanted. Start once more")
+        await see(pilot, "says that its pictures have a cover, a cone, where those without the cover are wanted. Set record now to through")
         assert not session.exists()
+        await until(pilot, lambda: pilot.app.focused is pilot.app.screen.query_one("#phase"), 20)
         await pilot.press("ctrl+s")
         await see(pilot, "[WITHOUT COVER]")
         await see(pilot, "3 views")
@@ -277,14 +278,16 @@ async def _nothing(session: Path) -> None:
     async with running(session, f"folder:{session / 'camera'}") as pilot:
         await see(pilot, "continued")
         await pilot.press("shift+tab", "enter", "down", "enter", "ctrl+s")
+        await see(pilot, "Start once more to record through the cover first")
+        await pilot.press("ctrl+s")
         await see(pilot, "No board of 9x9")
         assert "f Fit" not in shown(pilot)
         shutil.copytree(FIXTURE / "frames", session / "frames", dirs_exist_ok=True)
         await pilot.press("f")
-        await see(pilot, NO_LENS)
+        await see(pilot, no_lens(session).split(str(session))[0].strip())
         await pilot.press("escape", "ctrl+r")
         await see(pilot, "[SET-UP]")
-        await see(pilot, NO_LENS)
+        await see(pilot, no_lens(session).split(str(session))[0].strip())
         for picture in (session / "frames").iterdir():
             picture.unlink()
         (session / "bare").mkdir()
@@ -371,6 +374,29 @@ async def _interrupted(session: Path) -> None:
         await until(pilot, lambda: not pilot.app.is_running, 20)
     async with running(session) as pilot:
         await see(pilot, "source folder:there")
+
+
+def test_of_a_session_that_is_recorded_source_and_what_is_recorded_now_are_there_again(tmp_path: Path, brief: Path) -> None:
+    session = tmp_path / "session"
+    shutil.copytree(brief, session, ignore=shutil.ignore_patterns("bare"))
+    drive(_again(session, f"folder:{brief}"))
+
+
+async def _again(session: Path, source: str) -> None:
+    async with running(session) as pilot:
+        await see(pilot, "continued")
+        await see(pilot, "record now without the cover")
+        await write(pilot, source)
+        pilot.app.screen.query_one("#phase", Select).value = False
+        await see(pilot, "record now through the cover")
+        await pilot.press("escape")
+    async with running(session) as pilot:
+        await see(pilot, "continued")
+        await see(pilot, "record now through the cover")
+        assert pilot.app.screen.query_one("#source", Input).value == source
+    async with running(session, "folder:other") as pilot:
+        await see(pilot, "source folder:other")
+        await see(pilot, "record now through the cover")
 
 
 def test_random_keys(tmp_path: Path) -> None:

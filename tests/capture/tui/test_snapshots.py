@@ -28,7 +28,7 @@ from capture.coverage import Hint, SeenView, SessionProgress, hint
 from capture.find import finder_of
 from capture.frames import Frame
 from capture.session_file import read_setup
-from capture.tui.child import Child
+from capture.tui.child import LOADING, Child
 from capture.tui.collect import CollectScreen
 from capture.tui.diagnosing import as_text
 from capture.tui.effects import EffectsScreen
@@ -118,6 +118,8 @@ async def continued_setup(pilot: Pilot[None], session: Path) -> None:
 async def collect(pilot: Pilot[None], _: Path) -> None:
     await see(pilot, "continued")
     await pilot.press("shift+tab", "enter", "down", "enter", "ctrl+s")
+    await see(pilot, "Start once more")
+    await pilot.press("ctrl+s")
     await see(pilot, "no more pictures")
     await see(pilot, "3 views")
     screen = pilot.app.screen
@@ -173,7 +175,7 @@ async def fit(pilot: Pilot[None], session: Path) -> None:
     screen = FitScreen(session / "missing")
     await pilot.app.push_screen(screen)
     child = take_over(screen)
-    events = [("Loading torch", 1, 1, ""), ("Corners in session", 12, 12, "12 boards found"), ("Joint fit", 12, 4, "0.121 px")]
+    events = [(LOADING, 1, 1, ""), ("Corners in session", 12, 12, "12 boards found"), ("Joint fit", 12, 4, "0.121 px")]
     for title, total, done, words in events:
         screen.post_message(FitScreen.Followed(child, {"event": "task", "title": title, "total": total}))
         screen.post_message(FitScreen.Followed(child, {"event": "step", "done": done, "words": words}))
@@ -209,7 +211,7 @@ async def results_doubtful(pilot: Pilot[None], session: Path) -> None:
     doubtful = {**RESULT, "verdict": {"word": "care", "sentences": ["Take care before you trust it.", *reasons]}, "rejected": rejected}
     await pilot.app.push_screen(ResultsScreen(session, doubtful))
     await see(pilot, "◆ worst: 0.50 px off")
-    await see(pilot, "x to export maps")
+    await see(pilot, "Press e to look for what the model lacks, r for the report, x to export maps.")
 
 
 async def effects(pilot: Pilot[None], session: Path) -> None:

@@ -1,0 +1,21 @@
+"""What a start is asked about once: it may be meant, and nobody would see before all is recorded that it was not."""
+
+from collections.abc import Iterator
+
+from capture.tui.camera import Task
+from capture.tui.lacking import lens_known
+from capture.wrong_folder import doubt
+
+NO_LENS_YET = (
+    "The lens is not known yet: name a session that knows it in like, or set record now to without the cover first. Start once more to "
+    "record through the cover first."
+)
+
+
+def doubts(task: Task) -> Iterator[tuple[str, str]]:
+    """A sentence each, and the field that it is about."""
+    if said := doubt(task.source, covered=task.covered):
+        other = "without the cover" if task.covered else "through the cover"
+        yield f"{said} Set record now to {other}, or start once more if they are right all the same.", "phase"
+    if task.covered and not lens_known(task.session, task.asked):
+        yield NO_LENS_YET, "like"

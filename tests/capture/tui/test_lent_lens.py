@@ -1,0 +1,113 @@
+"""A session through its cover without a lens: it is asked about before it is recorded, and another session can lend its lens later."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+from textual.widgets import Input
+
+from calib.errors import InputError
+from capture.session_file import read_setup
+from capture.tui.lacking import no_lens
+from capture.tui.lent_lens import lend_lens, lens_of
+from tests.capture.tui.driving import describe, drive, running, see, shown, until, write
+from tests.capture.tui.test_session import FIXTURE
+
+SOON_S = 60
+KNOWN = FIXTURE.parent / "tilted"
+"""A session that knows its lens, of pictures of the same size."""
+LARGE = FIXTURE.parent / "bumps"
+
+
+@pytest.fixture
+def covered(tmp_path: Path) -> Path:
+    """Two pictures through the cover."""
+    folder = tmp_path / "covered"
+    folder.mkdir()
+    for name in ("0001.jpg", "0002.jpg"):
+        shutil.copy(FIXTURE / "frames" / name, folder)
+    return folder
+
+
+def test_a_lens_that_is_missing_is_asked_about_once_and_can_be_lent_later(tmp_path: Path, covered: Path) -> None:
+    session = tmp_path / "session"
+    drive(_lent(session, f"folder:{covered}"))
+    _, camera, cover = read_setup(session / "session.yaml")
+    assert camera.intrinsics == read_setup(KNOWN / "session.yaml")[1].intrinsics
+    assert cover == read_setup(FIXTURE / "session.yaml")[2]
+
+
+async def _lent(session: Path, source: str) -> None:
+    async with running(session) as pilot:
+        await see(pilot, "a new session", SOON_S)
+        await describe(pilot, source)
+        await pilot.press("down", "down", "enter", "ctrl+s")
+        await see(pilot, "record now through the cover", SOON_S)
+        await see(pilot, "name a session that knows it in like, or set record now to without the cover first. Start once more", SOON_S)
+        like = pilot.app.screen.query_one("#like", Input)
+        await until(pilot, lambda: pilot.app.focused is like, SOON_S)
+        assert not session.exists()
+        await pilot.press("ctrl+s")
+        await see(pilot, "2 views", SOON_S)
+        await see(pilot, "The lens is not known yet. In the set-up, name a session that knows it in like", SOON_S)
+        await pilot.press("escape")
+        await see(pilot, "continued", SOON_S)
+        await pilot.press("ctrl+r")
+        await see(pilot, "or write camera.intrinsics into", SOON_S)
+        like.focus()
+        await see(pilot, "that knows the lens: that alone is taken from there", SOON_S)
+        await pilot.press(*str(FIXTURE), "ctrl+s")
+        await see(pilot, "does not know its lens either", SOON_S)
+        like.value = str(KNOWN)
+        await pilot.press("ctrl+s")
+        await see(pilot, "[THROUGH COVER]", SOON_S)
+        await see(pilot, "f Fit", SOON_S)
+        await pilot.press("escape")
+        await until(pilot, lambda: like.disabled, SOON_S)
+
+
+def test_a_lens_of_larger_pictures_is_not_taken_for_theirs(tmp_path: Path, covered: Path) -> None:
+    drive(_larger(tmp_path / "session", f"folder:{covered}"))
+
+
+async def _larger(session: Path, source: str) -> None:
+    async with running(session, source) as pilot:
+        await see(pilot, "a new session", SOON_S)
+        await pilot.press("enter")
+        await write(pilot, str(LARGE))
+        await see(pilot, "record now through the cover", SOON_S)
+        await pilot.press("ctrl+s")
+        await see(pilot, "2 views", SOON_S)
+        await see(pilot, "The lens is not known yet. In the set-up, name a session that knows it in like", SOON_S)
+        assert "f Fit" not in " ".join(shown(pilot).split())
+
+
+def test_what_else_session_yaml_says_stays_as_it_was_written(tmp_path: Path) -> None:
+    shutil.copy(FIXTURE / "session.yaml", tmp_path)
+    file = tmp_path / "session.yaml"
+    file.write_text("# mine\n" + file.read_text())
+    before, setup = file.read_text(), read_setup(file)
+    named = lens_of(tmp_path, str(KNOWN))
+    assert named
+    lend_lens(tmp_path, named)
+    assert all(line in file.read_text().splitlines() for line in before.splitlines())
+    after = read_setup(file)
+    assert (after[0], after[2]) == (setup[0], setup[2])
+    assert after[1].intrinsics == named[1].intrinsics
+
+
+def test_a_camera_in_one_line_gets_its_lens_as_well(tmp_path: Path) -> None:
+    file = tmp_path / "session.yaml"
+    file.write_text("format: 1\nboard: {columns: 9, rows: 9, square_mm: 20}\ncamera: {width: 820, height: 616}\ncover: {shape: none}\n")
+    named = lens_of(tmp_path, str(KNOWN))
+    assert named
+    lend_lens(tmp_path, named)
+    assert read_setup(file)[1].intrinsics == named[1].intrinsics
+
+
+def test_a_lens_of_larger_pictures_is_refused(tmp_path: Path) -> None:
+    shutil.copy(FIXTURE / "session.yaml", tmp_path)
+    assert lens_of(tmp_path, "") is None
+    with pytest.raises(InputError, match="1640x1232 px, and these are 820x616"):
+        lens_of(tmp_path, str(LARGE))
+    assert "camera.intrinsics into" in no_lens(tmp_path)
