@@ -10,7 +10,7 @@ import torch
 
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.elimination import problem_at
-from calib.estimation.joint_fit import JointFit, Start
+from calib.estimation.joint_fit import JointFit, Start, inverse
 from calib.estimation.observations import Observations
 from calib.optics.params import Values
 
@@ -38,8 +38,8 @@ def _given(joint: JointFit, nothing: Values) -> Values:
     if not len(goes):
         return {}
     here, there = parameters.vector(joint.values), parameters.vector({**joint.values, **nothing})
-    known = torch.linalg.lstsq(joint.covariance[goes][:, goes], (there - here)[goes, None]).solution
-    moved = parameters.values(here + (joint.covariance[:, goes] @ known).squeeze(1))
+    known = inverse(joint.covariance[goes][:, goes]) @ (there - here)[goes]
+    moved = parameters.values(here + joint.covariance[:, goes] @ known)
     return moved | {param.name: moved[param.name].clamp_min(param.least) for param in parameters.free}
 
 
