@@ -18,7 +18,7 @@ from calib.diagnosis.near_start import start_of_fewer
 from calib.diagnosis.score_test import Optimum
 from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.joint_fit import ROUNDS, JointFit
+from calib.estimation.joint_fit import ROUNDS, JointFit, inverse
 from calib.estimation.objective import view_precision
 from calib.estimation.observations import Observations
 
@@ -48,11 +48,11 @@ def odds_of(form: CameraModel, most: CameraModel, joint: JointFit) -> float:
     if not others:
         return 0.0
     entries = parameters.entries(param.name for param in others)
-    nothing = parameters.vector(most.means)[entries].numpy()
-    away = parameters.vector(joint.values)[entries].numpy() - nothing
-    covariance = joint.covariance[entries][:, entries].numpy()
+    nothing = parameters.vector(most.means)[entries]
+    away = parameters.vector(joint.values)[entries] - nothing
+    covariance = joint.covariance[entries][:, entries]
     spread = np.concatenate([np.ravel(most.priors.sigmas[param.name]) / param.scale for param in others])
-    after = -(away @ np.linalg.solve(covariance, away) + np.linalg.slogdet(covariance)[1]) / 2
+    after = -float(away @ inverse(covariance) @ away + covariance.slogdet().logabsdet) / 2
     return float(after + np.log(spread).sum())
 
 
