@@ -1,7 +1,8 @@
 """What these views cannot tell apart: the rivals of every accepted effect, and how probable each is.
 
 An accepted effect is taken out, every other that can do much of what it does is fitted in its place, and the corners' marginal likelihoods
-are compared (Bayes factors, equal odds beforehand). A name stands alone if it is almost sure; else it is the most probable of a family.
+are compared (Bayes factors, with the effects' odds beforehand). A name stands alone if it is almost sure, by these views alone too; else it
+is the most probable of a family.
 
 Source: R. E. Kass, A. E. Raftery, Bayes factors (1995).
 """
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from calib.diagnosis.agreement import agreement
+from calib.diagnosis.far_start import begun
 from calib.diagnosis.finding import Family
 from calib.diagnosis.fine_surface_search import surroundings
 from calib.diagnosis.most_probable_form import with_most_probable
@@ -25,7 +27,7 @@ from calib.diagnosis.trial import Fit
 from calib.effects.effect import Effect
 from calib.effects.registry import KINDS
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.joint_fit import JointFit
+from calib.estimation.joint_fit import ROUGH, JointFit
 from calib.estimation.observations import Observations
 
 ALONE = 0.95
@@ -36,7 +38,8 @@ MUCH = 0.5
 """A rival does so much of what the accepted effect does: of the squares of its shifts, beside what other parameters can do; where one of
 them has parameters of single views, of what the sum of squares would fall by."""
 
-
+HOPELESS = 12.0
+"""Standard deviations of the views' disagreement, from which a rival's rough fit is behind beyond hope."""
 PASSES = 3
 """How often each effect is asked at most: one that gave way changes what its neighbours' rivals are worth."""
 
@@ -85,13 +88,15 @@ def _family(loop: Loop, effect: Effect) -> tuple[str, Family | None]:
     rivals = _rivals(loop, effect)
     names = [effect, *(rival.test.effect for rival in rivals)]
     fits = [Fit(loop.model, loop.joint), *(Fit(rival.model, rival.joint) for rival in rivals)]
-    best = int(np.argmax([fit.joint.log_marginal for fit in fits]))
-    odds = [_odds(fit, fits[best], loop.observations) for fit in fits]
-    chances = np.array(odds) / sum(odds)
+    likeliest = int(np.argmax([fit.joint.log_marginal for fit in fits]))
+    odds = np.array([_odds(fit, fits[likeliest], loop.observations) for fit in fits])
+    weighed = odds * [one.beforehand for one in names]
+    chances = weighed / weighed.sum()
+    best = int(np.argmax(chances))
     if best:
         better = rivals[best - 1]
         loop.replace(better.test, better.without, better.model, better.joint)
-    if chances[best] >= ALONE:
+    if min(chances[best], odds[best] / odds.sum()) >= ALONE:  # the views must say so by themselves
         return names[best].name, None
     members = [names[index] for index in np.argsort(-chances, kind="stable") if chances[index] > WORTH_NAMING]
     shares = {one.name: float(chances[names.index(one)]) for one in members}
@@ -126,10 +131,24 @@ def _rivals(loop: Loop, effect: Effect) -> list[Rival]:
         done = float(((test.span().T @ moved) ** 2).sum() / (moved @ moved)) if shared else test.chi2 / own.chi2
         if done < MUCH or (test.effect.name, test.effect.form) in loop.hopeless:
             continue
-        model, joint = with_most_probable(without, test.effect, loop.observations, at.joint)
+        if (rough := _near(loop, without, test.effect, at.joint)) is None:
+            continue
+        model, joint = with_most_probable(without, test.effect, loop.observations, rough)
         if joint.finite and joint.log_marginal > at.joint.log_marginal:  # else its fit did not come down, or it does nothing
             rivals.append(Rival(replace(test, effect=model.effects[-1]), without, model, joint))
     return rivals
+
+
+def _near(loop: Loop, without: CameraModel, effect: Effect, begin: JointFit) -> JointFit | None:
+    """A rough fit with another effect, unless it is so much worse that a better one would not make up for it."""
+    model = without.with_effect(effect)
+    start = begun(model, loop.observations, begin)
+    joint = model.fitted(loop.observations, start.poses, start.start, ROUGH)
+    if not joint.finite:
+        return None
+    apart = loop.joint.log_marginal - joint.log_marginal
+    behind = agreement(Fit(loop.model, loop.joint), Fit(model, joint), apart, loop.observations)
+    return None if behind > HOPELESS else joint
 
 
 def _moved(test: ScoreTest, joint: JointFit) -> NDArray[np.float64]:

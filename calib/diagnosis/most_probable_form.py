@@ -60,13 +60,18 @@ def _of_most_probable_size(forms: Sequence[CameraModel], observations: Observati
     """Of models that differ in how large what single views have for themselves may be. Around one fit the corners' probability at every
     other size is known without another, so that it goes from size to size until it stays."""
     fits = dict[int, JointFit]()
-    place = len(forms) // 2
-    joint = begin
+    middle, joint = len(forms) // 2, begin
+
+    def likeliest(around: int) -> int:
+        at = Linearised.around(Optimum(forms[around], observations, joint))
+        return int(np.argmax([at.best(view_precision(form.path, joint.poses)) for form in forms]))
+
+    fitted_so = begin.poses.shape == forms[middle].padded(begin.poses).shape
+    place = likeliest(middle) if fitted_so else middle
     while place not in fits:
         fits[place] = joint = forms[place].fitted(observations, joint.poses, joint.start, ROUNDS)
         if not joint.finite:
             break
-        around = Linearised.around(Optimum(forms[place], observations, joint))
-        place = int(np.argmax([around.best(view_precision(form.path, joint.poses)) for form in forms]))
+        place = likeliest(place)
     best = max(fits, key=lambda place: fits[place].log_marginal)
     return forms[best], fits[best]

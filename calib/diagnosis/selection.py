@@ -79,6 +79,8 @@ class Loop:
     """What its effects for all views leave by themselves."""
     reduced: dict[tuple[str, ...], Fit] = field(default_factory=dict)
     """The model with some of its effects alone, by these, fitted from where it ended."""
+    earlier: dict[tuple[str, ...], JointFit] = field(default_factory=dict)
+    """Where the fits of the models that it went through ended, by their effects."""
     structured: float | None = None
     """By how much structure of no cause beside the model makes the corners more probable: the logarithm."""
 
@@ -232,6 +234,7 @@ class Loop:
         if not trial.finished:
             anew = with_most_probable(self.model, trial.test.effect, self.observations, joint)
             wider, joint = anew if anew[1].finite else (wider, joint)
+        self.earlier[names_of(self.model.effects)] = self.joint
         self.model, self.joint = wider, joint
         self._forget()
         self._say(f"found {trial.test.effect.name}")
@@ -242,7 +245,7 @@ class Loop:
         corners are more probable without it, those parameters integrated out."""
         before = self.dropped.copy()
         for effect in self.model.effects:
-            if effect is newest:
+            if effect is newest or self._surely_needed(effect, self.model.effects):
                 continue
             beside = [e for e in self.model.effects if effect.per_view or not e.per_view]
             idle = not self._surely_needed(effect, beside) and self._idle(effect, beside)
@@ -267,9 +270,7 @@ class Loop:
     def _surely_needed(self, effect: Effect, beside: Sequence[Effect]) -> bool:
         """Whether views need not be held out to know that it is needed beside others: fits without it are worse, and so much that the views
         are of one mind."""
-        whole = len(beside) == len(self.model.effects)
-        with_it = Fit(self.model, self.joint) if whole else self.with_only(beside)
-        without = self.with_only([e for e in beside if e is not effect])
+        with_it, without = self.with_only(beside), self.with_only([e for e in beside if e is not effect])
         apart = with_it.joint.log_marginal - without.joint.log_marginal
         raised = (without.joint.cost / with_it.joint.cost) ** 0.5 - 1
         return raised > PLAINLY * LEAST_GAIN and agreement(with_it, without, apart, self.observations) > OF_ONE_MIND
@@ -288,12 +289,18 @@ class Loop:
         return self.alone
 
     def with_only(self, effects: Sequence[Effect]) -> Fit:
-        """The model with some of its effects alone, fitted from where it ended, with its noise and prior."""
-        names = tuple(effect.name for effect in effects)
+        """The model with some of its effects alone, fitted from where it ended or, if it has been this one, from there, with its noise and
+        prior."""
+        names = names_of(effects)
+        if len(names) == len(self.model.effects):
+            return Fit(self.model, self.joint)
         if names not in self.reduced:
-            model = self.base.with_effects(effects)
-            start = start_of_fewer(model, self.model, self.joint, self.observations)
-            self.reduced[names] = Fit(model, model.fitted(self.observations, self.joint.poses, start))
+            model, poses = self.base.with_effects(effects), self.joint.poses
+            if known := self.earlier.get(names):
+                poses, start = known.poses, replace(self.joint.start, values=known.values)
+            else:
+                start = start_of_fewer(model, self.model, self.joint, self.observations)
+            self.reduced[names] = Fit(model, model.fitted(self.observations, poses, start))
         return self.reduced[names]
 
     def _left_of(self, effects: Sequence[Effect], *, half: bool) -> HeldOut:
@@ -330,3 +337,7 @@ class Loop:
     def _say(self, words: str) -> None:
         self.done += 1
         self.advance(self.done, words)
+
+
+def names_of(effects: Sequence[Effect]) -> tuple[str, ...]:
+    return tuple(effect.name for effect in effects)

@@ -85,6 +85,8 @@ class Effect(Protocol):
     """Whether it changes a cover: where there is none, or no more, there is no such effect."""
     has_cause: ClassVar[bool] = True
     """False where it mends an error whose cause it does not name."""
+    beforehand: ClassVar[float] = 1.0
+    """How probable it is before any view is looked at, over a cause that may always be there: less where a user would have said so."""
 
     @classmethod
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:

@@ -23,6 +23,8 @@ WALL = 6e-3
 DISTANCE = 0.025
 """m"""
 AIR, WATER = 1.0, 1.333
+UNSAID = 0.1
+"""How often a window stands there of which the session says nothing, over causes that no session speaks of."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +37,7 @@ class FlatPort(Effect):
     about: ClassVar[str] = "what stands before the lens"
     advice: ClassVar[str] = "hold the board near and far: what a window does depends on depth, what a lens does not"
     judged_by_score: ClassVar[bool] = False
+    beforehand: ClassVar[float] = UNSAID
 
     @classmethod
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:

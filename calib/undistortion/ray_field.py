@@ -6,6 +6,7 @@ B are smooth: a coarse grid with cubic splines holds them, and the inverse that 
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -36,7 +37,7 @@ CHUNK = 65_536
 """Rays traced at once: an uneven cover takes memory for every ray and bump."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class RayField:
     """A and B on a grid of distorted pixels."""
 
@@ -99,10 +100,14 @@ class RayField:
         window = window or self.window
         return depth_map(invert(self.forward(depth), window), depth, window, self.sees)
 
+    @cached_property
+    def _both(self) -> Spline:
+        """A and B, four components."""
+        return Spline.through(self.nodes_x, self.nodes_y, np.concatenate([self.at_infinity, self.parallax], -1))
+
     def _undistort(self, pixels: Array, depth: float | Array) -> tuple[Array, Array]:
         """(N, 2) undistorted px and their (N, 2, 2) Jacobians by (N, 2) distorted px, at depth m, one for all or (N,)."""
-        both = Spline.through(self.nodes_x, self.nodes_y, np.concatenate([self.at_infinity, self.parallax], -1))
-        value, derivatives = both.at(pixels)
+        value, derivatives = self._both.at(pixels)
         near = 1 / np.broadcast_to(np.asarray(depth, dtype=np.float64), len(pixels))  # 1/m
         return value[:, :2] + near[:, None] * value[:, 2:], derivatives[:, :2] + near[:, None, None] * derivatives[:, 2:]
 
