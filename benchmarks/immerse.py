@@ -3,7 +3,8 @@
 For each rendered pair, wet-flat, wet-dome and wet-cone: the session in air is fitted and put under water as `calib immerse` does. Its maps
 there are compared with the rays that Mitsuba traced under water, after the rigid motion of all rays that fits best, and with their
 predicted sigma. The same of the session whose cover is stated without sigmas: each number then has the tolerance of its kind. Held-out
-views under water are evaluated by the calibration as it was and as it became.
+views under water are evaluated by the calibration as it was and as it became. And with the first three pictures of the pool, as `calib
+check --update` takes them, the maps once more.
 
 Then synthetic sessions in air of an uneven cone, every declared number drawn from the tolerance of its kind: how far off the maps are under
 water, over what is predicted, with the covariance as the fit has it and as `immersed` carries it.
@@ -11,6 +12,7 @@ water, over what is predicted, with the covariance as the fit has it and as `imm
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -19,10 +21,14 @@ from rich.table import Table
 
 from calib.apply.immerse import immerse, immersed
 from calib.calibration import Calibration
+from calib.checking.check import Checker
+from calib.checking.pictures import read_pictures
+from calib.checking.update import update
 from calib.diagnosis.all_free import all_free
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
 from calib.fitting.stages import Settings, Setup
+from calib.progress import Silent
 from calib.session.cover import Cover
 from calib.session.schema import Number
 from calib.session.session import Session, read_session
@@ -33,6 +39,8 @@ from fixtures.synthetic import INTRINSICS, Scene, misdeclared, paper_cone, scene
 
 SHAPES = ("flat", "dome", "cone")
 WATER = 1.34
+POOL = 3
+"""Pictures in the water."""
 NEAR = 40.0
 """px: a pixel counts with three training corners that near."""
 
@@ -41,6 +49,13 @@ def vague(session: Session) -> Session:
     """The same with every number of the cover as it is stated, but by its kind's tolerance."""
     numbers = {name: Number(number.value) for name, number in session.cover.parameters.items()}
     return replace(session, cover=Cover(session.cover.shape, numbers))
+
+
+def updated(calibration: Calibration, water: Path) -> Calibration:
+    """By the first pictures taken there."""
+    checker = Checker.of(calibration)
+    pictures = read_pictures(sorted((water / "frames").glob("*.jpg"))[:POOL], calibration, Silent())
+    return update(calibration, checker.known, checker.check(pictures), pictures)[0]
 
 
 def drawn(seed: int) -> tuple[float, float, float]:
@@ -70,6 +85,7 @@ def main() -> None:
     at = [f"{depth:g} m" for depth in DEPTHS]
     maps = Table("glass", "stated", *(f"off, {one}" for one in at), *(f"sigma, {one}" for one in at), "ratio", "most is left open by")
     views = Table("glass", "as it was", "immersed")
+    pool = Table("glass", *(f"off, {one}" for one in at), *(f"sigma, {one}" for one in at))
     for shape in SHAPES:
         folder = FIXTURES / f"wet-{shape}"
         session = read_session(folder)
@@ -84,8 +100,11 @@ def main() -> None:
             if one is session:
                 water = read_session(folder / "water")
                 views.add_row(shape, *(f"{evaluate(which, water).rms_px:.3f} px" for which in (dry, put.calibration)))
+                after = map_error(updated(put.calibration, folder / "water"), folder / "water" / "truth.npz", NEAR)
+                pool.add_row(shape, *(f"{value:.3f}" for value in (*after.by_depth.values(), *after.predicted.values())))
     every = np.array([drawn(seed) for seed in range(sessions)]).reshape(-1, 3)
     console.print("Maps under water, px RMS", maps, "Held-out views under water", views, sep="\n")
+    console.print("Maps under water, brought up to date by three views there", pool, sep="\n")
     if sessions:
         off, fitted, carried = np.sqrt((every**2).mean(0))
         console.print(

@@ -30,6 +30,7 @@ from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refit_poses
 from calib.fitting.declared import comparisons
+from calib.fitting.later_stages import stages_of
 from calib.optics.relief import AMPLITUDES
 from calib.threads import single_thread
 
@@ -115,11 +116,14 @@ def _with(calibration: Calibration, known: Known, change: Effect | None, fit: Re
     there = {effect.name for effect in known.model.effects}
     model = known.model.with_effects([change] if change and change.name not in there else [])
     poses = fit.poses
+    taken = set[str]() if change else {view.name for view in calibration.views}
+    views = tuple(replace(view, name=_free(view.name, taken)) for view in views)
     if not change:
-        taken = {view.name for view in calibration.views}
-        views = (*calibration.views, *(replace(view, name=_free(view.name, taken)) for view in views))
-        old = calibration.observations
-        poses = torch.cat([refit_poses(fit.path, fit.values, old, torch.from_numpy(calibration.poses), sigma=known.sigma)[0], poses])
+        views = (*calibration.views, *views)
+        if calibration.views:  # one that was made for another medium has none
+            before = torch.from_numpy(calibration.poses)
+            old, _ = refit_poses(fit.path, fit.values, calibration.observations, before, sigma=known.sigma)
+            poses = torch.cat([old, poses])
     joint = JointFit(
         values=fit.values,
         poses=poses,
@@ -139,15 +143,16 @@ def _with(calibration: Calibration, known: Known, change: Effect | None, fit: Re
     names = [*([AMPLITUDES] if order.relief else []), *(param.name for param in order.free)]
     places = fit.parameters.entries(names)
     found = replace(found, covariance=fit.covariance[np.ix_(places, places)])
+    if not found.stages:
+        found = replace(found, stages=stages_of(found))
     kept = {key: calibration.settings[key] for key in ("relief_prior", "log_evidence") if key in calibration.settings}
     return replace(found, settings=found.settings | kept)
 
 
 def _free(name: str, taken: set[str]) -> str:
-    """A view's name, another where the calibration has one of that name."""
-    while name in taken:
-        name = f"later-{name}"
-    return name
+    """What a view is called that is not of the calibration's own session, which may have a picture of the same name."""
+    name = f"later-{name}"
+    return _free(name, taken) if name in taken else name
 
 
 def _moved(before: Calibration, after: Calibration) -> Iterator[Moved]:

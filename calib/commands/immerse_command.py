@@ -109,7 +109,7 @@ def _remarks(immersion: "Immersion") -> Iterator[str]:
         before, sure = (_listed(sigmas) for sigmas in (immersion.before_px, immersion.after_px))
         yield (
             f"the views do not tell all that matters there: at {at} m the maps are known to {sure} px, in their own medium to {before}. "
-            "Take views there, or mend the following."
+            "Take three pictures of the board there, which say the rest (calib check IMMERSED PICTURES --update), or mend the following."
         )
         for one in immersion.loose[:2]:
             yield f"they leave open {one.words}: {one.advice}."

@@ -1,0 +1,45 @@
+"""Calibrated dry, put under water, and confirmed there: three pictures say what the pictures in air could not."""
+
+from pathlib import Path
+
+import pytest
+
+from calib.apply.immerse import immerse
+from calib.calibration import Calibration
+from calib.cli import main
+from calib.diagnosis.all_free import all_free
+from calib.fitting.fit import fit
+from calib.session.schema import Number
+from calib.session.session import read_session
+from fixtures.rays import FIXTURES, map_error
+
+POOL = FIXTURES / "wet-cone" / "water"
+NEAR = 40.0
+"""px: a pixel counts with three training corners that near."""
+
+
+@pytest.fixture(scope="module")
+def pool(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An immersed calibration and its update."""
+    folder = tmp_path_factory.mktemp("pool")
+    immerse(all_free(fit(read_session(POOL.parent))), Number(1.34, 0.001)).calibration.save(folder)
+    pictures = sorted(str(path) for path in (POOL / "frames").glob("*.jpg"))[:3]
+    assert main(["check", str(folder), *pictures, "--update", "-o", str(folder / "updated")]) == 0
+    return folder
+
+
+def test_three_pictures_say_what_air_could_not(pool: Path) -> None:
+    """Corners have 0.02 px of noise: what three views leave is of that size, where a calliper left ten times as much."""
+    before, after = (map_error(Calibration.load(folder), POOL / "truth.npz", NEAR).by_depth for folder in (pool, pool / "updated"))
+    assert min(before.values()) > 0.15
+    assert max(after.values()) < 0.05
+
+
+def test_it_is_a_calibration_like_any_other(pool: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    updated = Calibration.load(pool / "updated")
+    assert [view.name for view in updated.views] == ["later-0000.jpg", "later-0001.jpg", "later-0002.jpg"]  # no pictures of the session
+    assert [stage.name for stage in updated.stages] == ["pinhole", "cover", "cover+rbf"]
+    assert updated.stages[0].rms_px > 1 > 0.05 > updated.stages[-1].rms_px
+    assert main(["report", str(pool / "updated")]) == 0
+    assert main(["evaluate", str(pool / "updated"), str(POOL)]) == 0
+    assert "a bug" not in capsys.readouterr().err
