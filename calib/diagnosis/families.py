@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from calib.diagnosis.agreement import agreement
+from calib.diagnosis.backward_pass import drop_idle
 from calib.diagnosis.far_start import begun
 from calib.diagnosis.finding import Family
 from calib.diagnosis.fine_surface_search import surroundings
@@ -64,7 +65,7 @@ def settle(loop: Loop) -> tuple[Family, ...]:
     if loop.model is before:
         return families
     after = loop.model
-    loop.drop_idle()
+    drop_idle(loop)
     loop.simplify()
     return families if loop.model is after else _settled(loop)
 

@@ -12,31 +12,25 @@ from itertools import combinations
 
 import numpy as np
 
-from calib.diagnosis.agreement import agreement
+from calib.diagnosis.backward_pass import drop_idle
 from calib.diagnosis.far_start import begun
+from calib.diagnosis.fewer_effects import FewerEffects
 from calib.diagnosis.fine_surface_search import surroundings
 from calib.diagnosis.held_out import HeldOut, Split, gain, hold_out
 from calib.diagnosis.most_probable_form import with_most_probable
-from calib.diagnosis.near_start import start_of_fewer
 from calib.diagnosis.score_test import Optimum, ScoreTest
 from calib.diagnosis.simpler_forms import simplified
-from calib.diagnosis.trial import LEAST_GAIN, Fit, Trial, worth
+from calib.diagnosis.trial import LEAST_GAIN, Fit, Trial
 from calib.diagnosis.unnamed_structure import gain as gain_of_structure
 from calib.effects.effect import Effect
 from calib.effects.registry import EFFECTS, FIELDS
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.joint_fit import ROUGH, ROUNDS, JointFit
+from calib.estimation.joint_fit import ROUGH, JointFit
 from calib.estimation.observations import Observations
 from calib.progress import Advance
 from calib.session.board import Board
 from calib.session.camera import Camera
 
-NEEDED = 0.05
-"""p-value from which an accepted effect counts as needed beside those that came after it."""
-PLAINLY = 3.0
-"""Times the least gain: what is taken off the error by an effect that is needed without asking held-out views."""
-OF_ONE_MIND = 6.0
-"""Standard deviations of the views' disagreement, from which they are not asked."""
 WORTH_TRYING = 0.05
 """p-value of the score."""
 TRIED = 4
@@ -75,21 +69,21 @@ class Loop:
     done: int = 0
     known: dict[tuple[bool, bool], HeldOut] = field(default_factory=dict)
     """What the model leaves on held-out views, by `half` and `banded`."""
-    alone: HeldOut | None = None
-    """What its effects for all views leave by themselves."""
-    reduced: dict[tuple[str, ...], Fit] = field(default_factory=dict)
-    """The model with some of its effects alone, by these, fitted from where it ended."""
-    earlier: dict[tuple[str, ...], JointFit] = field(default_factory=dict)
-    """Where the fits of the models that it went through ended, by their effects."""
+    apart: dict[tuple[tuple[str, ...], bool], HeldOut] = field(default_factory=dict)
+    """What some of its effects alone leave there, by these and `half`."""
+    fewer: FewerEffects = field(init=False)
     structured: float | None = None
     """By how much structure of no cause beside the model makes the corners more probable: the logarithm."""
+
+    def __post_init__(self) -> None:
+        self.fewer = FewerEffects(self.base, self.observations)
 
     def run(self) -> HeldOut:
         """Add what is missing; returns what was left on held-out views before."""
         first = self.left()
         added = self._add_what_helps()  # if nothing, what was added before may still be idle
         full = len(self.model.effects) == MOST_EFFECTS
-        while self.drop_idle(self.model.effects[-1] if added else None) and full and (added := self._add_what_helps()):
+        while drop_idle(self, self.model.effects[-1] if added else None) and full and (added := self._add_what_helps()):
             full = len(self.model.effects) == MOST_EFFECTS
         return first
 
@@ -103,9 +97,8 @@ class Loop:
     def replace(self, test: ScoreTest, without: CameraModel, model: CameraModel, joint: JointFit) -> None:
         """Go on with another model, whose last effect, scored so, was not there `without`."""
         half = model.path.private
-        before = self._left_of(without.effects, half=half)
-        self.model, self.joint = model, joint
-        self._forget()
+        before = self.left_of(without.effects, half=half)
+        self.go_on_with(Fit(model, joint))
         shown = gain(before, self.left(half=half))
         self.trials[test.effect.name, test.effect.form] = Trial(test, Fit(model, joint), gain=shown)
 
@@ -156,7 +149,7 @@ class Loop:
 
     def _try(self, test: ScoreTest, among: int) -> Trial:
         """Fit to all views."""
-        self._say(f"trying {test.effect.name}")
+        self.say(f"trying {test.effect.name}")
         wider = self.model.with_effect(test.effect)
         start = begun(wider, self.observations, self.joint)
         joint = wider.fitted(self.observations, start.poses, start.start, ROUGH)
@@ -234,80 +227,28 @@ class Loop:
         if not trial.finished:
             anew = with_most_probable(self.model, trial.test.effect, self.observations, joint)
             wider, joint = anew if anew[1].finite else (wider, joint)
-        self.earlier[names_of(self.model.effects)] = self.joint
-        self.model, self.joint = wider, joint
-        self._forget()
-        self._say(f"found {trial.test.effect.name}")
-
-    def drop_idle(self, newest: Effect | None = None) -> bool:
-        """Drop what is no longer needed, the oldest first, and say whether there was any; the newest has just been asked for. What
-        parameters of every view do as well is not dropped for it: an effect for all views is judged beside its like only, unless the
-        corners are more probable without it, those parameters integrated out."""
-        before = self.dropped.copy()
-        for effect in self.model.effects:
-            if effect is newest or self._surely_needed(effect, self.model.effects):
-                continue
-            beside = [e for e in self.model.effects if effect.per_view or not e.per_view]
-            idle = not self._surely_needed(effect, beside) and self._idle(effect, beside)
-            private = self.model.path.private and not effect.per_view
-            if not (idle or private):
-                continue
-            fewer = self.with_only([e for e in self.model.effects if e is not effect])
-            model, joint = fewer.model, fewer.model.fitted(self.observations, fewer.joint.poses, fewer.joint.start, ROUNDS)
-            if joint.finite and (idle or joint.log_marginal > self.joint.log_marginal):
-                self.model, self.joint = model, joint
-                self.dropped.add(effect.name)
-                self._forget()
-        return self.dropped != before
+        self.fewer.passed(Fit(self.model, self.joint))
+        self.go_on_with(Fit(wider, joint))
+        self.say(f"found {trial.test.effect.name}")
 
     def simplify(self) -> None:
         """Effects in simpler forms where the corners are more probable so."""
         fit = simplified(Fit(self.model, self.joint), self.base, self.observations)
         if fit.model is not self.model:
-            self.model, self.joint = fit.model, fit.joint
-            self._forget()
-
-    def _surely_needed(self, effect: Effect, beside: Sequence[Effect]) -> bool:
-        """Whether views need not be held out to know that it is needed beside others: fits without it are worse, and so much that the views
-        are of one mind."""
-        with_it, without = self.with_only(beside), self.with_only([e for e in beside if e is not effect])
-        apart = with_it.joint.log_marginal - without.joint.log_marginal
-        raised = (without.joint.cost / with_it.joint.cost) ** 0.5 - 1
-        return raised > PLAINLY * LEAST_GAIN and agreement(with_it, without, apart, self.observations) > OF_ONE_MIND
-
-    def _idle(self, effect: Effect, beside: Sequence[Effect]) -> bool:
-        """Whether held-out views do without it beside others."""
-        half = any(e.per_view for e in beside)
-        left = self.left() if len(beside) == len(self.model.effects) else self._shared_left(beside)
-        lost = gain(self._left_of([e for e in beside if e is not effect], half=half), left)
-        return min(lost.p_value, lost.presence) > NEEDED or not worth(lost)
-
-    def _shared_left(self, shared: Sequence[Effect]) -> HeldOut:
-        """What the model leaves without what single views have for themselves."""
-        if not self.alone:
-            self.alone = self._left_of(shared, half=False)
-        return self.alone
+            self.go_on_with(fit)
 
     def with_only(self, effects: Sequence[Effect]) -> Fit:
-        """The model with some of its effects alone, fitted from where it ended or, if it has been this one, from there, with its noise and
-        prior."""
-        names = names_of(effects)
-        if len(names) == len(self.model.effects):
-            return Fit(self.model, self.joint)
-        if names not in self.reduced:
-            model, poses = self.base.with_effects(effects), self.joint.poses
-            if known := self.earlier.get(names):
-                poses, start = known.poses, replace(self.joint.start, values=known.values)
-            else:
-                start = start_of_fewer(model, self.model, self.joint, self.observations)
-            self.reduced[names] = Fit(model, model.fitted(self.observations, poses, start))
-        return self.reduced[names]
+        """The model with some of its effects alone, with its noise and prior."""
+        return self.fewer.fitted(Fit(self.model, self.joint), effects)
 
-    def _left_of(self, effects: Sequence[Effect], *, half: bool) -> HeldOut:
+    def left_of(self, effects: Sequence[Effect], *, half: bool) -> HeldOut:
         """What the model leaves on held-out views with some of its effects alone."""
-        self._say("what is needed")
-        fit = self.with_only(effects)
-        return hold_out(fit.model, self.observations, fit.joint, self.folds, half=half)
+        key = tuple(effect.name for effect in effects), half
+        if key not in self.apart:
+            self.say("what is needed")
+            fit = self.with_only(effects)
+            self.apart[key] = hold_out(fit.model, self.observations, fit.joint, self.folds, half=half)
+        return self.apart[key]
 
     def left(self, *, half: bool | None = None, banded: bool = False) -> HeldOut:
         """What the model leaves on held-out views; whether its views' own parameters ask for half of the corners, it knows itself."""
@@ -327,17 +268,14 @@ class Loop:
                 self.confounded.setdefault(one, set()).add(other)
                 self.confounded.setdefault(other, set()).add(one)
 
-    def _forget(self) -> None:
-        """What was known of another model."""
+    def go_on_with(self, fit: Fit) -> None:
+        """What was known of the model of before is known no more."""
+        self.model, self.joint = fit.model, fit.joint
         self.known.clear()
-        self.alone = None
-        self.reduced.clear()
+        self.apart.clear()
+        self.fewer.forget()
         self.structured = None
 
-    def _say(self, words: str) -> None:
+    def say(self, words: str) -> None:
         self.done += 1
         self.advance(self.done, words)
-
-
-def names_of(effects: Sequence[Effect]) -> tuple[str, ...]:
-    return tuple(effect.name for effect in effects)
