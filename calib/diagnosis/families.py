@@ -91,15 +91,16 @@ def _family(loop: Loop, effect: Effect) -> tuple[str, Family | None]:
     fits = [Fit(loop.model, loop.joint), *(Fit(rival.model, rival.joint) for rival in rivals)]
     likeliest = int(np.argmax([fit.joint.log_marginal for fit in fits]))
     odds = np.array([_odds(fit, fits[likeliest], loop.observations) for fit in fits])
+    even = odds / odds.sum()
     weighed = odds * [one.beforehand for one in names]
     chances = weighed / weighed.sum()
     best = int(np.argmax(chances))
     if best:
         better = rivals[best - 1]
         loop.replace(better.test, better.without, better.model, better.joint)
-    if min(chances[best], odds[best] / odds.sum()) >= ALONE:  # the views must say so by themselves
+    if min(chances[best], even[best]) >= ALONE:  # the views must say so by themselves
         return names[best].name, None
-    members = [names[index] for index in np.argsort(-chances, kind="stable") if chances[index] > WORTH_NAMING]
+    members = [names[index] for index in np.argsort(-chances, kind="stable") if max(chances[index], even[index]) > WORTH_NAMING]
     shares = {one.name: float(chances[names.index(one)]) for one in members}
     place = " or ".join(dict.fromkeys(one.about for one in members))
     return names[best].name, Family(f"something about {place}", shares, separation(loop, members[0], members[1:]))

@@ -1,12 +1,16 @@
 """Every name has rivals: a twisted board is no moving one, and what views cannot tell is a family."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
+from calib.diagnosis import families
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.finding import Diagnosis
+from calib.diagnosis.selection import Loop
 from calib.effects.board_shape import BoardShape
 from calib.effects.entrance_pupil import EntrancePupil
 from calib.effects.flat_port import FlatPort
@@ -47,6 +51,22 @@ def test_a_window_and_a_moving_pupil_are_a_family(window: Diagnosis) -> None:
     assert str(family) in window.remarks
     said = window.as_json()["families"]
     assert [one.keys() for one in said] == [{"name", "members", "experiment"}]
+
+
+@pytest.mark.parametrize(("odds", "chances"), [(0.09, (0.991, 0.009)), (1.0, (0.909, 0.091)), (0.04, None)])
+def test_odds_beforehand_order_a_family_and_name_nothing_alone(
+    monkeypatch: pytest.MonkeyPatch, odds: float, chances: tuple[float, float] | None
+) -> None:
+    """A window that the views alone find one time in twelve is named, however rare windows are."""
+    pupil, window = EntrancePupil(), FlatPort("air")
+    ahead, behind = (SimpleNamespace(log_marginal=value) for value in (1.0, 0.0))
+    rival = SimpleNamespace(test=SimpleNamespace(effect=window), without=None, model=None, joint=behind)
+    monkeypatch.setattr(families, "_rivals", lambda *_: [rival])
+    monkeypatch.setattr(families, "_odds", lambda fit, *_: 1.0 if fit.joint is ahead else odds)
+    monkeypatch.setattr(families, "separation", lambda *_: "To separate them, look.")
+    name, family = families._family(cast(Loop, SimpleNamespace(model=None, joint=ahead, observations=None)), pupil)
+    assert name == "entrance_pupil"
+    assert (family and tuple(family.members.values())) == (chances and pytest.approx(chances, abs=1e-3))
 
 
 def test_a_pupil_that_moves_far_is_named_alone() -> None:
