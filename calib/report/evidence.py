@@ -96,7 +96,12 @@ class Evidence:
 def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) -> Evidence:
     """Ask a calibration; without depths, its fields are shown at the nearest, the median and the farthest corner's."""
     if not (calibration.views and calibration.stages):
-        raise NotEnoughDataError("the calibration keeps no views, of which a report would tell: fit the session again.")
+        advice = (
+            "bring it up to date by pictures taken there (calib check --update)"
+            if "immersed" in calibration.settings
+            else "fit the session again"
+        )
+        raise NotEnoughDataError(f"the calibration keeps no views, of which a report would tell: {advice}.")
     path, values = calibration.model()
     observations = calibration.observations
     own = torch.from_numpy(calibration.poses)[observations.view]

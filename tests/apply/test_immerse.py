@@ -306,7 +306,9 @@ def test_the_command(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
         assert np.nanmedian(file["sigma"]) > 0
     assert main(["export", str(folder), "--format", "npz", "--depth", "1", "-o", str(folder / "maps")]) == 0
     assert main(["report", "--no-open", str(folder)]) == 3
-    assert "the calibration keeps no views" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "the calibration keeps no views" in said
+    assert "calib check --update" in said
 
 
 def test_the_command_tells_people(saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
