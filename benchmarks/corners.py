@@ -119,7 +119,7 @@ def _speed() -> None:
     session = read_session(BUMPS)
     board, (saddles, sectors) = session.board, [search for _, search in SEARCHES[:2]]
     pictures = [eight_bits(read_grey(path)) for path in session.frames]
-    shown = [(picture, corners) for picture in pictures if (corners := saddles(picture, board)) is not None]
+    shown = [(picture, rough.corners) for picture in pictures if (rough := saddles(picture, board))]
     steps: dict[str, Callable[[NDArray[np.uint8], Floats], object]] = {
         "found by saddles": lambda picture, _: saddles(picture, board),
         "found by SB": lambda picture, _: sectors(picture, board),

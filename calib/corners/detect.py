@@ -52,16 +52,26 @@ class Grid:
     """(columns * rows, 2) px, roughly; row by row, columns fastest."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Rough:
+    """Where a search saw the board."""
+
+    corners: NDArray[np.float64]
+    """(count, 2) px, some pixels off at worst."""
+    twice: bool = False
+    """Whether it saw a second one."""
+
+
 def find_corners(grey: NDArray, board: Board) -> Detection | None:
     """The board's corners in a (H, W) uint8 or uint16 picture; None where it is not wholly and clearly there."""
     grey, every_bit = eight_bits(grey), grey
     for detector, search in SEARCHES:
         rough = search(grey, board)
-        if rough is not None and _is_inside(rough, grey.shape):  # SB's corners may be pixels off: only refined ones are judged
-            corners = refine(grey, rough, board)
+        if rough and _is_inside(rough.corners, grey.shape):  # SB's corners may be pixels off: only refined ones are judged
+            corners = refine(grey, rough.corners, board)
             if is_regular(corners, board, grey.shape):
                 measured = measure(every_bit, canonical_order(grey, corners, board), board)
-                return Detection(measured.corners, measured.covariances, detector)
+                return Detection(measured.corners, measured.covariances, detector, rough.twice)
     return None
 
 
@@ -69,13 +79,6 @@ def shows_two(grid: SaddleGrid, board: Board) -> bool:
     """Whether a second whole board of this kind lies beside the first."""
     second = grid.beside.whole(board) if grid.beside else ()
     return any(is_smooth_grid(whole.reshape(board.rows, board.columns, 2)) for whole in second)
-
-
-def has_two(grey: NDArray, board: Board) -> bool:
-    """Whether a (H, W) uint8 or uint16 picture shows two whole boards of this kind."""
-    grey = eight_bits(grey)
-    grid = find_grid(reduced(grey, live_factor(grey)), board)
-    return grid is not None and shows_two(grid, board)
 
 
 def largest_grid(grey: NDArray) -> Grid | None:
@@ -164,42 +167,42 @@ def _smallest_spacing(corners: NDArray, board: Board) -> float:
     return min(float(np.linalg.norm(step, axis=-1).min()) for step in steps)
 
 
-_Search = Callable[[NDArray[np.uint8], Board], NDArray[np.float64] | None]
-"""Picture and board -> (count, 2) px, roughly, or None."""
+_Search = Callable[[NDArray[np.uint8], Board], Rough | None]
 
 
-def _by_saddles(grey: NDArray[np.uint8], board: Board) -> NDArray[np.float64] | None:
+def _by_saddles(grey: NDArray[np.uint8], board: Board) -> Rough | None:
     """In a reduced picture, and in one half as fine, which shows boards that are out of focus."""
     finest = live_factor(grey)
     for factor in (finest, min(2 * finest, *grey.shape)):
         grid = find_grid(reduced(grey, factor), board)
         for whole in grid.whole(board) if grid else ():
-            return enlarged(whole, factor)
+            return Rough(enlarged(whole, factor), bool(grid and shows_two(grid, board)))
     return None
 
 
-def _sighted(grey: NDArray, board: Board) -> NDArray[np.float64] | None:
+def _sighted(grey: NDArray, board: Board) -> Rough | None:
     """The largest grid, if it has the board's size: it cannot be a part of a larger board."""
     grid = largest_grid(grey)
     if grid is None or grid.size != (max(board.columns, board.rows), min(board.columns, board.rows)):
         return None
     columns, rows = grid.size
     upright = columns == board.columns
-    return grid.corners if upright else grid.corners.reshape(rows, columns, 2).swapaxes(0, 1).reshape(-1, 2)
+    return Rough(grid.corners if upright else grid.corners.reshape(rows, columns, 2).swapaxes(0, 1).reshape(-1, 2))
 
 
-def _by_sectors(grey: NDArray, board: Board) -> NDArray[np.float64] | None:
+def _by_sectors(grey: NDArray, board: Board) -> Rough | None:
     """In the whole picture: sees smaller boards, and boards on a dark ground."""
-    return _sectors(grey, board, SEARCH | cv2.CALIB_CB_EXHAUSTIVE)
+    corners = _sectors(grey, board, SEARCH | cv2.CALIB_CB_EXHAUSTIVE)
+    return None if corners is None else Rough(corners)
 
 
-def _by_quads(grey: NDArray, board: Board) -> NDArray[np.float64] | None:
+def _by_quads(grey: NDArray, board: Board) -> Rough | None:
     """In the reduced picture: where there is no such board, the classic search takes many seconds for millions of pixels."""
     small, scale = _reduced(grey)
     if min(small.shape) < 20:  # its thresholds would have no window
         return None
     found, corners = cv2.findChessboardCorners(small, (board.columns, board.rows), flags=QUADS)
-    return _enlarged(_pairs(corners), scale) if found else None
+    return Rough(_enlarged(_pairs(corners), scale)) if found else None
 
 
 def _sectors(grey: NDArray, board: Board, flags: int) -> NDArray[np.float64] | None:

@@ -17,6 +17,8 @@ class Detection:
     covariances: NDArray[np.float64]
     """(count, 2, 2) px^2, NaN likewise."""
     detector: Literal["saddles", "sb", "classic", "part", "coded"]
+    twice: bool = False
+    """Whether a second whole board of its kind was seen beside it: which one this is would be anybody's guess."""
 
 
 @dataclass(frozen=True, slots=True)

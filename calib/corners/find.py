@@ -16,7 +16,7 @@ def find_board(grey: NDArray, board: Board) -> Detection | NotFound:
     if board.coding:
         return find_coded(detect.eight_bits(grey), grey, board)
     found = detect.find_corners(grey, board)
-    if found and found.detector == "saddles" and detect.has_two(grey, board):
+    if found and found.twice:
         return NotFound(two_boards(board))
     return found or find_part(grey, board) or NotFound(f"no {board} board found: {ADVICE}")
 

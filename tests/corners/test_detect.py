@@ -152,11 +152,11 @@ def test_wrong_corners_of_the_saddles_are_replaced(monkeypatch: pytest.MonkeyPat
     picture, truth = Scene().draw()
     search = detect._by_saddles
 
-    def astray(grey: NDArray[np.uint8], board: Board) -> NDArray[np.float64]:
-        corners = search(grey, board)
-        assert corners is not None
-        corners[20] += 25.0
-        return corners
+    def astray(grey: NDArray[np.uint8], board: Board) -> detect.Rough:
+        rough = search(grey, board)
+        assert rough
+        rough.corners[20] += 25.0
+        return rough
 
     monkeypatch.setattr(detect, "SEARCHES", (("saddles", astray), *detect.SEARCHES[1:]))
     found = find_corners(picture, BOARD)

@@ -51,9 +51,9 @@ def test_what_is_found_does_not_hang_on_what_was_looked_for_before() -> None:
 
     def found(seed: int) -> NDArray[np.float64]:
         cv2.setRNGSeed(seed)
-        corners = detect._by_sectors(hidden, Board(3, 3, 0.02))
-        assert corners is not None
-        return corners
+        rough = detect._by_sectors(hidden, Board(3, 3, 0.02))
+        assert rough
+        return rough.corners
 
     assert all(np.array_equal(found(seed), found(0)) for seed in range(1, 12))
 
