@@ -143,7 +143,7 @@ def _with(calibration: Calibration, known: Known, change: Effect | None, fit: Re
     names = [*([AMPLITUDES] if order.relief else []), *(param.name for param in order.free)]
     places = fit.parameters.entries(names)
     found = replace(found, covariance=fit.covariance[np.ix_(places, places)])
-    if not found.stages:
+    if not calibration.stages:  # its own fit saw no view of this medium
         found = replace(found, stages=stages_of(found))
     kept = {key: calibration.settings[key] for key in ("relief_prior", "log_evidence") if key in calibration.settings}
     return replace(found, settings=found.settings | kept)

@@ -13,7 +13,7 @@ FORMATS = (
     *("npz", "opencv", "opencv-xml", "ros", "kalibr", "colmap", "mrcal"),
     *("windshield", "depthai", "generic", "calibmar", "ray-image", "stmap"),
 )
-KINDS = ("fitted", "paper", "flexing", "immersed", "immersed and updated", "updated", "back in air")
+KINDS = ("fitted", "paper", "flexing", "immersed", "immersed and updated", "immersed flexing and updated", "updated", "back in air")
 ALLOWED = {0, 2, 3, 5}
 """Done; wrong input; not enough good data; a calibration that is not valid any more. 1 is a bug."""
 
@@ -36,6 +36,8 @@ def calibrations(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         ["check", wet, *pictures(POOL), "--update", "-o", pool],
         ["check", fitted, *pictures(SESSION), "--update", "-o", str(places["updated"])],
         ["immerse", wet, "--outside-index", "1", "-o", str(places["back in air"])],
+        ["immerse", str(places["flexing"]), "--outside-index", "1.34", "-o", str(folder / "wet-flexing")],
+        ["check", str(folder / "wet-flexing"), *pictures(POOL), "--update", "-o", str(places["immersed flexing and updated"])],
     ):
         assert main(command) == 0, command
     return places
