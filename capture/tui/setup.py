@@ -32,11 +32,9 @@ from capture.tui.page import TYPING, Page, onward, typed
 from capture.tui.phase import Phase
 from capture.tui.recorded import described, state, taken
 from capture.tui.row import Row
-from capture.tui.setup_words import cover_on, help_of
+from capture.tui.setup_words import OPENS, cover_on, help_of
 from capture.tui.source import Source
 from capture.wrong_folder import check_folder, half
-
-OPENS = " enter opens the list, tab goes on."
 
 
 class SetupScreen(Page):

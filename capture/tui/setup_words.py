@@ -7,6 +7,7 @@ SOURCE = "Where pictures come from: v4l2:/dev/video0, libcamera:0, rpicam:0, vid
 LIKE = "Another session, its folder: board, cover and lens are taken from there. May stay empty."
 LENS = "Another session, its folder, that knows the lens: that alone is taken from there, into session.yaml."
 PHASE = "First without the cover, to find the lens; then through it, without touching the focus."
+OPENS = " enter opens the list, tab goes on."
 COVER_ON = "NOW PUT THE COVER ON, and leave the focus alone."
 LIVE = "Then enter on Start."
 PLAYED = "Name the source of the pictures through it, then ^s."
