@@ -21,7 +21,7 @@ configuration.set_hypothesis_home_dir(Path(gettempdir()) / "refracal-hypothesis"
 setattr(providers, "_get_local_constants", Constants)  # noqa: B010
 
 LONGEST = (
-    *("test_fixtures.py", "capture/tui/test_session.py", "commands/test_choices.py", "capture/tui/test_setup.py"),
+    *("test_fixtures.py", "capture/tui/test_session.py", "commands/test_choices.py"),
     *("commands/test_coded_boards.py", "diagnosis/test_diagnose.py", "test_library.py", "commands/test_cli.py", "optics/test_shapes.py"),
     *("verdict/test_bare_pictures.py", "corners/test_other_coding.py", "verdict/test_orientation.py", "test_border_fixtures.py"),
     *("checking/test_naming.py", "fleet/test_job.py", "fleet/test_run.py"),

@@ -22,6 +22,7 @@ from capture.narrator import waiting
 from capture.recording_loop import Shutter, Step, refusal
 from capture.tui.camera import Preview, Task, Watch
 from capture.tui.cells import FOUND, HINT, Mark
+from capture.tui.doubts import too_few
 from capture.tui.farewell import fitted
 from capture.tui.fit import FitScreen
 from capture.tui.guided import GuidedPage
@@ -131,6 +132,8 @@ class CollectScreen(GuidedPage, StraighteningPage):
         self._refusal = ""
         """What the last frame was refused for."""
         self._enough = False
+        self._doubted = False
+        """It was said that there are not enough views: to press f once more is to mean it."""
         self._looked = 0
         """Pictures of this stretch that were looked at, and in how many of them there was a board."""
         self._boards = 0
@@ -141,7 +144,7 @@ class CollectScreen(GuidedPage, StraighteningPage):
     def body(self) -> ComposeResult:
         with Horizontal(id="top"):
             yield Picture()
-            yield Panel(covered=not self.plan.bare and self.plan.asked[2].shape != "none")
+            yield Panel(covered=self.MAPS and not self.plan.bare and self.plan.asked[2].shape != "none")
         yield Line("The camera is being opened.", id="verdict", classes="banner", markup=False)
         yield Line(id="next", markup=False)
 
@@ -354,6 +357,11 @@ class CollectScreen(GuidedPage, StraighteningPage):
     def action_fit(self) -> None:
         if lack := lacking(self.plan.session):
             self.say(lack, LACKING_S)
+            return
+        progress = self.query_one(Panel).progress
+        if self._watch and progress and not (self._enough or self._doubted):  # where no more pictures come, f is what is proposed
+            self._doubted = True
+            self.say(too_few(progress), LACKING_S)
             return
         self.rest()
         self.say("The camera is being opened.")

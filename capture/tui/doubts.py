@@ -1,7 +1,8 @@
-"""What a start is asked about once: it may be meant, and nobody would see before all is recorded that it was not."""
+"""What a start or a fit is asked about once: it may be meant, and nobody would see before all is recorded that it was not."""
 
 from collections.abc import Iterator
 
+from capture.coverage import SessionProgress
 from capture.tui.camera import Task
 from capture.tui.lacking import lens_known
 from capture.wrong_folder import doubt
@@ -19,3 +20,8 @@ def doubts(task: Task) -> Iterator[tuple[str, str]]:
         yield f"{said} Set record now to {other}, or start once more if they are right all the same.", "phase"
     if task.covered and not lens_known(task.session, task.asked):
         yield NO_LENS_YET, "like"
+
+
+def too_few(progress: SessionProgress) -> str:
+    """Of a fit before there are enough views."""
+    return f"{progress.sentence} Press f again to fit all the same."

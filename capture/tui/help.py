@@ -27,7 +27,7 @@ The large line below the picture says what to do now. Pictures are taken by
 themselves, with a bell, once the board is whole, still, sharp and somewhere
 new; space takes one at once. A frame of ▒ shows where to hold the board next,
 and the words below say how to tilt it. + marks what was found of the board.
-The small maps fill as views are taken, from nothing over ░ ▒ ▓ to █, enough.
+The small maps (picture, glass that rays cross, depths) fill up to █, enough.
 Good views: all over the picture, near and far, tilted to all four sides.
 
 A number that is not known well: 25 ± 10 or 25 +- 10. The fit finds it.

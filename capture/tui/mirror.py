@@ -117,7 +117,7 @@ def _needless(widget: Static) -> bool:
 
 
 def _bar(bar: Bar) -> Block:
-    return {"kind": "bar", "name": bar.title, "label": bar.title or "Error left", "share": round(bar.share, 3), "text": bar.words.strip()}
+    return {"kind": "bar", "name": bar.title, "label": bar.title, "share": round(bar.share, 3), "text": bar.words.strip()}
 
 
 def _text(widget: Static, text: str) -> Block:

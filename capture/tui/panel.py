@@ -13,8 +13,10 @@ from capture.tui.page import Line
 
 MAP = (13, 5)  # columns and rows of a coverage map
 MARKS = f"{FOUND} found   {HINT} hold it here"
-COUNTED, COMPUTED = "░ ▒ ▓ some views   █ enough", "░ ▒ ▓ less sure   █ sure enough"
+COUNTED, COMPUTED = "░ ▒ ▓ some views   █ enough", "░▒▓ less sure   █ sure enough"
 """What the shades of picture and depth say: how many views there are, and once it is computed, how sure the maps are."""
+GLASS, NO_GLASS = "Glass crossed", "Glass\nThe patch of cover looked through: not computed."
+"""A plain rule takes each pixel for a point of the glass, whose map would be the picture's once more."""
 
 
 class Panel(Vertical):
@@ -59,5 +61,5 @@ class Panel(Vertical):
         self.query_one("#legend", Line).say(f"{MARKS}\n{COUNTED if progress.sigma_px is None else COMPUTED}")
         self.query_one("#image", Line).say(f"Picture\n{shaded(progress.image, *MAP)}")
         if self._covered:
-            self.query_one("#glass", Line).say(f"Glass\n{shaded(progress.glass, *MAP)}")
+            self.query_one("#glass", Line).say(NO_GLASS if progress.sigma_px is None else f"{GLASS}\n{shaded(progress.glass, *MAP)}")
         self.query_one("#depth", Line).say(f"Depth  near {shaded(progress.depth[None], 13, 1)} far")

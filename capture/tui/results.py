@@ -158,7 +158,7 @@ class ResultsScreen(Page):
 
     def _stages(self) -> str:
         before = {stage["name"]: stage for stage in self._before["stages"]} if self._before else {}
-        lines = [f"{'error with':<18}{'now':>9}{'':11}{'last fit' if before else ''}"]
+        lines = [f"{'error, unweighted':<18}{'now':>9}{'on board':>10} {'last fit' if before else ''}"]
         for stage in self.result["stages"]:
             was = f"{before[stage['name']]['rms_px']:>8.3f}" if stage["name"] in before else ""
             lines.append(f"{stage['title']:<18}{stage['rms_px']:>6.3f} px{stage['rmse_cm']:>8.4f} cm{was}")
@@ -171,10 +171,10 @@ class ResultsScreen(Page):
         said = [f"The error fell from {first:.3f} to {last:.3f} px; the corners' own noise is {self.result['noise_px']:.3f} px."]
         if sigmas := self.result["sigma_px"]:
             at = ", ".join(f"{one['px']:.2g} px at {one['depth_m']:g} m" for one in sigmas)
-            said.append(f"The maps are sure to {at} (sigma, at the nearest, middle and farthest corners).")
+            said.append(f"The maps are sure to {at} (sigma at the session's own depths: nearest, middle, farthest corner).")
         word, *reasons = self.result["verdict"]["sentences"]
         more = len(reasons) - SHOWN
-        told = [*reasons[:SHOWN], *([f"And {more} more reasons, which the report shows."] if more > 0 else [])]
+        told = [*reasons[:SHOWN], *([f"{more} more reasons are in the report."] if more > 0 else [])]
         said = [*self._aside(), word, *told, *said]
         said += [self.result["noisier"]] if self.result.get("noisier") else []
         if rejected := self.result["rejected"]:

@@ -15,7 +15,7 @@ from capture.tui.child import Child, Event, Work
 from capture.tui.page import Page, Said
 
 BAR = 24  # columns
-LEFT = "The error that is left (root mean square, surer corners weighing more):"
+LEFT = "Error left (rms, weighted: surer corners count more than in the results):"
 
 
 class Bar(NamedTuple):
@@ -45,7 +45,7 @@ class WorkingPage(Page):
         self.child: Child | None = None
         """The process that runs now."""
         self._tasks: list[tuple[str, int, int, str]] = []  # title, done, total, words
-        self._errors: list[float] = []  # px
+        self._errors: list[tuple[str, float]] = []  # of which task, px
         self.bars: Sequence[Bar] = ()
         """What the bars on the screen say."""
         self._result: Event | None = None
@@ -97,7 +97,7 @@ class WorkingPage(Page):
                 title, _, total, said = self._tasks[-1]
                 self._tasks[-1] = title, done, total, words or said
                 if number := re.fullmatch(r"([\d.]+) px", words):
-                    self._errors.append(float(number[1]))
+                    self._errors.append((title, float(number[1])))
             case {"event": "error", "sentence": sentence}:
                 self._ended()
                 self.say(f"{sentence} {self.AGAIN}")
@@ -121,9 +121,11 @@ class WorkingPage(Page):
 
     def _draw(self) -> None:
         tasks = [Bar(title, done / max(total, 1), f"{done:>3}/{total:<4} {words}") for title, done, total, words in self._tasks]
-        falling = [Bar("", error / max(self._errors), f"{error:.3f} px") for error in self._errors[-8:]]
+        most = max((error for _, error in self._errors), default=1.0)
+        falling = [Bar(title, error / most, f"{error:.3f} px") for title, error in self._errors[-8:]]
         width = max([20, *(len(each.title) + 1 for each in tasks)])
-        self.show(_drawn(tasks, width), "\n".join([LEFT, _drawn(falling, width)] if falling else []), bars=[*tasks, *falling])
+        left = [each._replace(title=f"Error left, {each.title}") for each in falling]
+        self.show(_drawn(tasks, width), "\n".join([LEFT, _drawn(falling, width)] if falling else []), bars=[*tasks, *left])
 
     def show(self, above: str, below: str = "", bars: Sequence[Bar] = ()) -> None:
         """Two texts; `bars`: what they draw."""

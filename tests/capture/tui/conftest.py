@@ -18,3 +18,15 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
         picture.unlink()
     assert main(["fit", str(folder), "--free", "none"]) == 0
     return folder
+
+
+@pytest.fixture
+def brief(tmp_path: Path) -> Path:
+    """A recorded session that is soon played: two pictures without its cover, and two through it."""
+    folder = tmp_path / "brief"
+    for half in ("bare", "frames"):
+        (folder / half).mkdir(parents=True)
+        for name in ("0001.jpg", "0002.jpg"):
+            shutil.copy(FIXTURE / half / name, folder / half)
+    shutil.copy(FIXTURE / "session.yaml", folder)
+    return folder

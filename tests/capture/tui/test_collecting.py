@@ -1,6 +1,7 @@
 """While collecting: a source without the board, what is recorded when, and a source that has ended."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -8,7 +9,11 @@ import numpy as np
 import pytest
 
 from capture.tui.collect import CollectScreen
+from capture.tui.fit import FitScreen
+from capture.tui.page import Line
+from capture.tui.panel import Panel
 from capture.tui.picture import Picture
+from tests.capture.recordings import noise, write_recording
 from tests.capture.tui.driving import burst, drive, running, see, shown, until
 from tests.capture.tui.test_session import FIXTURE
 
@@ -105,3 +110,48 @@ async def _pressed(session: Path) -> None:
         await until(pilot, lambda: pilot.app.screen.query_one(Picture).updates >= before + 2)
         await see(pilot, "no more pictures. Press f to fit, c to look through it again")
         assert "2 views" in shown(pilot)
+
+
+def test_a_fit_before_there_are_enough_views_is_doubted_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(FitScreen, "follow", lambda *_: None)
+    session = tmp_path / "session"
+    shutil.copytree(FIXTURE, session)
+    for picture in sorted((session / "frames").glob("*.jpg"))[3:]:
+        picture.unlink()
+    drive(_too_few(session, write_recording(tmp_path / "slow", noise(2, 820, 616), 600.0)))
+
+
+async def _too_few(session: Path, slow: Path) -> None:
+    """While pictures are coming."""
+    async with running(session, f"folder:{slow}") as pilot:
+        await see(pilot, "continued")
+        await pilot.press("ctrl+s")
+        await see(pilot, "[THROUGH COVER]")
+        await until(pilot, lambda: pilot.app.screen.query_one(Panel).progress is not None)
+        await pilot.press("f")
+        await see(pilot, "Press f again to fit all the same.")
+        assert "[THROUGH COVER]" in shown(pilot)
+        await pilot.press("f")
+        await see(pilot, "[FIT]")
+
+
+def test_the_glass_has_a_map_of_its_own_once_that_is_computed(tmp_path: Path, empty: Path) -> None:
+    shutil.copytree(FIXTURE / "frames", tmp_path / "session" / "frames")
+    shutil.copy(FIXTURE / "session.yaml", tmp_path / "session")
+    drive(_glass(tmp_path / "session", empty))
+
+
+async def _glass(session: Path, empty: Path) -> None:
+    async with running(session, f"folder:{empty}") as pilot:
+        await see(pilot, "continued")
+        await pilot.press("shift+tab", "enter", "down", "enter", "ctrl+s")
+        await see(pilot, "Start once more")
+        await pilot.press("ctrl+s")
+        await see(pilot, "[THROUGH COVER]")
+        panel, glass = pilot.app.screen.query_one(Panel), pilot.app.screen.query_one("#glass", Line)
+        await until(pilot, lambda: panel.progress is not None)
+        assert panel.progress
+        await see(pilot, "computed.", 60)
+        assert str(glass.content).splitlines()[0] == "Glass"
+        panel.progress = replace(panel.progress, sigma_px=0.31)
+        await see(pilot, "Glass crossed", 60)

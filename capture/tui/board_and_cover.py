@@ -1,0 +1,90 @@
+"""The board and the cover as a form: which fields there are follows from the board's type and the cover's shape."""
+
+from collections.abc import Mapping, Sequence
+
+from textual.app import ComposeResult
+from textual.containers import Grid, Vertical
+from textual.suggester import SuggestFromList
+from textual.widgets import Input, Select
+
+from calib.session.coding import DICTIONARIES
+from calib.session.cover import SHAPES
+from capture.tui.form import BOARD, Typed
+from capture.tui.page import Field
+from capture.tui.row import Row
+
+BOARDS = {
+    "checkerboard": {"columns": "9", "rows": "6"},
+    "charuco": {"columns": "9", "rows": "6", "dictionary": "DICT_4X4_250", "legacy_pattern": "no"},
+    "aprilgrid": {"columns": "6", "rows": "6", "spacing": "0.3"},
+}
+"""What stands in the form before anything is typed."""
+EMPTY = Typed(BOARDS["checkerboard"], "cone", {"refractive_index": "1.5", "outside_index": "1", "tilt_deg": "0, 0"})
+
+
+class BoardAndCover(Vertical):
+    DEFAULT_CSS = """
+    BoardAndCover { height: auto; }
+    BoardAndCover Grid { grid-size: 2; grid-rows: 1; grid-gutter: 0 1; height: auto; }
+    """
+
+    def compose(self) -> ComposeResult:
+        yield Row("board type", Select([(kind, kind) for kind in BOARD], value=EMPTY.kind, allow_blank=False, id="kind", compact=True))
+        yield Grid(id="board")
+        shapes = [(shape, shape) for shape in SHAPES]
+        yield Row("cover shape", Select(shapes, value=EMPTY.shape, allow_blank=False, id="shape", compact=True))
+        yield Grid(id="cover")
+
+    @property
+    def kind(self) -> str:
+        return str(self.query_one("#kind", Select).value)
+
+    @property
+    def shape(self) -> str:
+        return str(self.query_one("#shape", Select).value)
+
+    @property
+    def filled(self) -> bool:
+        """Whether there are fields yet."""
+        return bool(self.query("#board Input"))
+
+    @property
+    def typed(self) -> Typed:
+        texts = {each.name or "": each.value for each in self.query(Input)}
+        board = {key: texts.get(key, "") for key in BOARD[self.kind]}
+        return Typed(board, self.shape, {key: texts.get(key, "") for key in _keys(self.shape)}, self.kind)
+
+    async def show(self, typed: Typed) -> None:
+        await self._show_fields("#board", BOARD[typed.kind], typed.board)
+        await self._show_fields("#cover", _keys(typed.shape), typed.cover)
+        self.query_one("#kind", Select).value = typed.kind
+        self.query_one("#shape", Select).value = typed.shape
+
+    async def reshape(self) -> None:
+        """The fields of the type and the shape that were chosen, where other ones are there."""
+        if self._names("#board") != list(BOARD[self.kind]):
+            await self._show_fields("#board", BOARD[self.kind], BOARDS[self.kind])
+        if self._names("#cover") != _keys(self.shape):
+            await self._show_fields("#cover", _keys(self.shape), EMPTY.cover)
+
+    def set_locked(self, locked: bool) -> None:
+        for each in self.query("Input, Select"):
+            each.disabled = locked
+
+    def _names(self, place: str) -> list[str | None]:
+        return [each.name for each in self.query(f"{place} Input")]
+
+    async def _show_fields(self, place: str, keys: Sequence[str], texts: Mapping[str, str]) -> None:
+        grid = self.query_one(place, Grid)
+        async with self.batch():
+            await grid.remove_children()
+            await grid.mount_all(Row(key, _field(key, texts.get(key, ""))) for key in keys)
+
+
+def _keys(shape: str) -> list[str]:
+    return [quantity.key for quantity in SHAPES[shape]]
+
+
+def _field(key: str, text: str) -> Field:
+    suggested = SuggestFromList(DICTIONARIES, case_sensitive=False) if key == "dictionary" else None
+    return Field(text, name=key, suggester=suggested, compact=True)

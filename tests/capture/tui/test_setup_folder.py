@@ -1,0 +1,130 @@
+"""The set-up of a session that was there before: fitted from its folder, and with what was typed the last time."""
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from textual.widgets import Input, Select
+
+from calib.cli import main
+from capture.tui.app import CaptureApp
+from capture.tui.fit import FitScreen
+from capture.tui.lacking import no_lens
+from tests.capture.tui.driving import drive, running, see, shown, until, write
+from tests.capture.tui.test_session import FIXTURE
+
+
+def test_what_is_recorded_can_be_fitted_without_a_camera(tmp_path: Path) -> None:
+    session = tmp_path / "session"
+    shutil.copytree(FIXTURE, session)
+    drive(_recorded(session))
+    assert (session / "calibration" / "calibration.yaml").exists()
+
+
+async def _recorded(session: Path) -> None:
+    async with running(session) as pilot:
+        await see(pilot, "continued, 12 views without cover")
+        await see(pilot, "^r Fit what there is")
+        await pilot.press("ctrl+r")
+        await see(pilot, "[RESULTS]")
+
+
+def test_a_fit_of_nothing_is_refused_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_child(*_: object) -> None:
+        raise AssertionError("a process was started for it")
+
+    monkeypatch.setattr(FitScreen, "follow", no_child)
+    (tmp_path / "camera").mkdir()
+    cv2.imwrite(str(tmp_path / "camera" / "0.png"), np.zeros((616, 820), np.uint8))
+    shutil.copy(FIXTURE / "session.yaml", tmp_path)
+    drive(_nothing(tmp_path))
+
+
+async def _nothing(session: Path) -> None:
+    async with running(session, f"folder:{session / 'camera'}") as pilot:
+        await see(pilot, "continued")
+        await pilot.press("shift+tab", "enter", "down", "enter", "ctrl+s")
+        await see(pilot, "Start once more to record through the cover first")
+        await pilot.press("ctrl+s")
+        await see(pilot, "No board of 9x9")
+        assert "f Fit" not in shown(pilot)
+        shutil.copytree(FIXTURE / "frames", session / "frames", dirs_exist_ok=True)
+        await pilot.press("f")
+        await see(pilot, no_lens(session).split(str(session))[0].strip())
+        await pilot.press("escape", "ctrl+r")
+        await see(pilot, "[SET-UP]")
+        await see(pilot, no_lens(session).split(str(session))[0].strip())
+        for picture in (session / "frames").iterdir():
+            picture.unlink()
+        (session / "bare").mkdir()
+        shutil.copy(FIXTURE / "bare" / "0000.jpg", session / "bare")
+        await pilot.press("ctrl+s")
+        await see(pilot, "f Fit")
+        await pilot.press("f")
+        await see(pilot, "There is nothing to fit yet:")
+
+
+@pytest.mark.slow
+def test_a_finished_session_is_opened_without_a_fit(tmp_path: Path) -> None:
+    session = tmp_path / "session"
+    shutil.copytree(FIXTURE, session)
+    assert main(["fit", str(session), "--grid", "5x5"]) == 0
+    (session / "calibration" / "report.html").unlink()
+    fit = (session / "calibration" / "calibration.yaml").stat().st_mtime_ns
+    drive(_finished(session))
+    assert (session / "calibration" / "calibration.yaml").stat().st_mtime_ns == fit
+    assert (session / "calibration" / "report.html").exists()
+
+
+async def _finished(session: Path) -> None:
+    async with running(session) as pilot:
+        await see(pilot, "It is fitted: ^o opens its results.")
+        await see(pilot, "^o Results")
+        await pilot.press("ctrl+o")
+        await see(pilot, "[RESULTS]")
+        await see(pilot, "To be trusted where it has corners. The error fell from 0.4")
+        await see(pilot, "The maps are sure to")
+        await see(pilot, "e Diagnose c Check r Report x Export")
+        await pilot.press("r")
+        await see(pilot, "The report is ")
+        await until(pilot, (session / "calibration" / "report.html").exists, 60)
+        assert isinstance(pilot.app, CaptureApp)
+        assert pilot.app.farewell[0] == f"The calibration is in {session / 'calibration'}"
+
+
+def test_ctrl_c_quits_and_what_was_typed_is_kept(tmp_path: Path) -> None:
+    drive(_interrupted(tmp_path / "session"))
+
+
+async def _interrupted(session: Path) -> None:
+    async with running(session) as pilot:
+        await see(pilot, "a new session")
+        await pilot.press(*"folder:there", "ctrl+c")
+        await until(pilot, lambda: not pilot.app.is_running, 20)
+    async with running(session) as pilot:
+        await see(pilot, "source folder:there")
+
+
+def test_of_a_session_that_is_recorded_source_and_what_is_recorded_now_are_there_again(tmp_path: Path, brief: Path) -> None:
+    session = tmp_path / "session"
+    shutil.copytree(brief, session, ignore=shutil.ignore_patterns("bare"))
+    drive(_again(session, f"folder:{brief}"))
+
+
+async def _again(session: Path, source: str) -> None:
+    async with running(session) as pilot:
+        await see(pilot, "continued")
+        await see(pilot, "record now without the cover")
+        await write(pilot, source)
+        pilot.app.screen.query_one("#phase", Select).value = False
+        await see(pilot, "record now through the cover")
+        await pilot.press("escape")
+    async with running(session) as pilot:
+        await see(pilot, "continued")
+        await see(pilot, "record now through the cover")
+        assert pilot.app.screen.query_one("#source", Input).value == source
+    async with running(session, "folder:other") as pilot:
+        await see(pilot, "source folder:other")
+        await see(pilot, "record now through the cover")

@@ -1,0 +1,115 @@
+"""Sources in the set-up: a session's two halves, pictures of the other kind, and what cannot be opened."""
+
+import shutil
+from pathlib import Path
+
+from textual.widgets import Input, Select
+
+from tests.capture.tui.driving import describe, drive, running, see, shown, until
+from tests.capture.tui.test_session import FIXTURE
+
+
+def test_a_recorded_session_gives_both_its_halves_by_one_name(brief: Path, tmp_path: Path) -> None:
+    session = tmp_path / "session"
+    drive(_both_halves(session, brief))
+    assert all((session / half).is_dir() for half in ("bare", "frames"))
+
+
+async def _both_halves(session: Path, brief: Path) -> None:
+    async with running(session) as pilot:
+        await see(pilot, "a new session")
+        await describe(pilot, f"folder:{brief}?speed=max")
+        await pilot.press("ctrl+s")
+        await see(pilot, "no more pictures. Press n to go on")
+        assert not (session / "frames").exists()
+        await pilot.press("n")
+        await see(pilot, "pictures through it as well: ^s goes on with those.")
+        await pilot.press("ctrl+s")
+        await see(pilot, "THROUGH COVER")
+        await see(pilot, "no more pictures. Press f to fit")
+
+
+def test_bare_pictures_are_refused_where_covered_ones_are_wanted(tmp_path: Path) -> None:
+    shutil.copy(FIXTURE / "session.yaml", tmp_path)
+    drive(_bare_for_covered(tmp_path))
+    assert not (tmp_path / "frames").exists()
+
+
+async def _bare_for_covered(session: Path) -> None:
+    async with running(session, f"folder:{FIXTURE / 'bare'}") as pilot:
+        await see(pilot, "continued")
+        await pilot.press("shift+tab", "enter", "down", "enter", "ctrl+s")
+        await see(pilot, "has pictures without the cover: name those that were taken through it")
+
+
+def test_a_source_that_cannot_be_opened_is_marked_in_the_form(tmp_path: Path) -> None:
+    drive(_failed(tmp_path / "session"))
+
+
+async def _failed(session: Path) -> None:
+    async with running(session, "folder:/nowhere") as pilot:
+        await see(pilot, "a new session")
+        pilot.app.screen.query_one("#shape", Select).value = "none"
+        pilot.app.screen.query_one("#board Input", Input).value = "17"
+        list(pilot.app.screen.query("#board Input").results(Input))[-1].value = "20"
+        await pilot.pause()
+        await pilot.press("ctrl+s")
+        await see(pilot, "/nowhere cannot be listed (No such file or directory)")
+        await see(pilot, "✗ source")
+        assert "[SET-UP]" in shown(pilot)
+        await pilot.press("shift+tab", "tab")
+        await see(pilot, "/nowhere cannot be listed")
+        assert pilot.app.focused is pilot.app.screen.query_one("#source")
+        await pilot.press("end", "x")
+        await until(pilot, lambda: "✗ source" not in shown(pilot), 20)
+        await pilot.press("backspace")
+        await see(pilot, "✗ source")
+        assert pilot.app.screen.query_one("#shape", Select).value == "none"
+        assert pilot.app.screen.query_one("#board Input", Input).value == "17"
+    async with running(session) as pilot:  # and after the program has ended
+        await see(pilot, "columns 17")
+        assert pilot.app.screen.query_one("#shape", Select).value == "none"
+        assert pilot.app.screen.query_one("#source", Input).value == "folder:/nowhere"
+
+
+def test_a_covered_folder_for_bare_pictures_is_doubted_once(tmp_path: Path) -> None:
+    """Its session.yaml says cone, and it has no bare/ to name instead."""
+    session = tmp_path / "session"
+    drive(_doubted(session))
+    assert len(list((session / "bare").glob("*.png"))) == 3
+
+
+async def _doubted(session: Path) -> None:
+    camera = session.parent / "camera"
+    (camera / "frames").mkdir(parents=True)
+    shutil.copy(FIXTURE / "session.yaml", camera)
+    for number in (1, 2, 3):
+        shutil.copy(FIXTURE / "frames" / f"000{number}.jpg", camera / "frames")
+    async with running(session) as pilot:
+        await see(pilot, "a new session")
+        await describe(pilot, f"folder:{camera}")
+        await pilot.press("ctrl+s")
+        await see(pilot, "says that its pictures have a cover, a cone, where those without the cover are wanted. Set record now to through")
+        assert not session.exists()
+        await until(pilot, lambda: pilot.app.focused is pilot.app.screen.query_one("#phase"), 20)
+        await pilot.press("ctrl+s")
+        await see(pilot, "[WITHOUT COVER]")
+        await see(pilot, "3 views")
+
+
+def test_after_the_bare_step_the_field_that_is_asked_for_has_the_focus(tmp_path: Path) -> None:
+    session = tmp_path / "session"
+    shutil.copytree(FIXTURE, session)
+    drive(_cover_on(session))
+
+
+async def _cover_on(session: Path) -> None:
+    async with running(session, f"folder:{FIXTURE / 'bare'}") as pilot:
+        await see(pilot, "continued")
+        await pilot.press("shift+tab", "enter", "up", "enter", "ctrl+s")
+        await see(pilot, "[WITHOUT COVER]")
+        await see(pilot, "From 10 views on you may go")
+        await pilot.press("n")
+        await see(pilot, "NOW PUT THE COVER ON, and leave the focus alone. Name the source")
+        await until(pilot, lambda: pilot.app.focused is pilot.app.screen.query_one("#source"), 20)
+        await see(pilot, "Where pictures come from")

@@ -1,0 +1,29 @@
+"""What is said while a process calculates."""
+
+from pathlib import Path
+
+import pytest
+
+from capture.tui.child import Child
+from capture.tui.fit import FitScreen
+from capture.tui.fitting import fit_session
+from capture.tui.mirror import described
+from tests.capture.tui.driving import drive, running, see
+
+
+def test_each_bar_of_the_error_says_of_which_step_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(FitScreen, "follow", lambda *_: None)
+    drive(_steps(tmp_path))
+
+
+async def _steps(session: Path) -> None:
+    async with running(session) as pilot:
+        screen = FitScreen(session)
+        await pilot.app.push_screen(screen)
+        screen.child = Child(fit_session)
+        for title, words in (("Intrinsics", "0.150 px"), ("Joint fit", "0.075 px")):
+            screen.post_message(FitScreen.Followed(screen.child, {"event": "task", "title": title, "total": 12}))
+            screen.post_message(FitScreen.Followed(screen.child, {"event": "step", "done": 1, "words": words}))
+        await see(pilot, f"Intrinsics {'█' * 24} 0.150 px Joint fit {'█' * 12}{'░' * 12} 0.075 px")
+        bars = [(block["label"], block["text"]) for block in described(pilot.app)["blocks"] if block["kind"] == "bar"]  # type: ignore[attr-defined]
+        assert bars[2:] == [("Error left, Intrinsics", "0.150 px"), ("Error left, Joint fit", "0.075 px")]
