@@ -8,7 +8,7 @@ from capture.tui.lacking import lens_known
 from capture.wrong_folder import doubt
 
 NO_LENS_YET = (
-    "The lens is not known yet: name a session that knows it in like, or set record now to without the cover first. Start once more to "
+    "The lens is not known yet: choose record now: without the cover, or name a session that knows it beside like. Start once more to "
     "record through the cover first."
 )
 

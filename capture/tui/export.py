@@ -21,8 +21,8 @@ from capture.tui.page import TYPING, Field, onward, typed
 from capture.typed_path import typed_path
 
 ABOUT = (
-    "Maps that undistort pictures, one for each depth of the scene. Name one depth or more, as in 0.5 1: metres from the lens, along its "
-    "axis. npz has map_x and map_y as cv2.remap takes them."
+    "Maps that undistort pictures, one for each depth of the scene. Name a depth or more, with a blank between, in metres from the lens "
+    "along its axis. npz has map_x and map_y as cv2.remap takes them."
 )
 DONE = "That is all: esc goes back to the results, and q there ends the program."
 NO_MAP = (

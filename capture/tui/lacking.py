@@ -12,8 +12,8 @@ from capture.tui.camera import Task
 def no_lens(session: Path) -> str:
     """How the lens becomes known."""
     return (
-        "The lens is not known yet. In the set-up, name a session that knows it in like, or set record now to without the cover and name "
-        f"those pictures; or write camera.intrinsics into {session / 'session.yaml'}."
+        "The lens is not known yet. In the set-up, choose record now: without the cover, and name those pictures as the source; or name a "
+        f"session that knows it beside like; or write camera.intrinsics into {session / 'session.yaml'}."
     )
 
 
@@ -39,13 +39,23 @@ def lens_known(session: Path, setup: Setup) -> bool:
     return cover.shape == "none" or camera.intrinsics is not None or has_bare(session)
 
 
+def lens_missing(session: Path) -> bool:
+    """Whether a session that is described lacks it.
+
+    Raises:
+        InputError: its session.yaml cannot be read.
+    """
+    file = session / "session.yaml"
+    return file.exists() and not lens_known(session, read_setup(file))
+
+
 def lacking(session: Path) -> str:
     """A sentence; empty where a fit can begin."""
     frames = session / "frames"
     if not (frames.is_dir() and list_images(frames)):
         return f"There is nothing to fit yet: {frames} has no picture. Views are taken by themselves, or by space."
     try:
-        if (session / "session.yaml").exists() and not lens_known(session, read_setup(session / "session.yaml")):
+        if lens_missing(session):
             return no_lens(session)
         read_session(session)
     except InputError as error:

@@ -2,8 +2,10 @@
 
 from pathlib import Path
 
+from calib.errors import InputError
 from calib.io.images import list_images
 from capture.tui.farewell import fitted
+from capture.tui.lacking import lens_missing
 
 
 def described(session: Path) -> bool:
@@ -23,7 +25,16 @@ def state(session: Path) -> str:
     said = f"{session}: continued, {_views(taken(session, bare=True))} without cover and {_views(taken(session, bare=False))} through it."
     if fitted(session):
         said += " It is fitted: ^o opens its results."
+    elif taken(session, bare=False) and _lens_missing(session):
+        said += " Its lens is not known yet: record without the cover."
     return said + " What is grey stands in its session.yaml: correct it there."
+
+
+def _lens_missing(session: Path) -> bool:
+    try:
+        return lens_missing(session)
+    except InputError:  # which is said as such
+        return False
 
 
 def _views(count: int) -> str:

@@ -158,7 +158,7 @@ class ResultsScreen(Page):
 
     def _stages(self) -> str:
         before = {stage["name"]: stage for stage in self._before["stages"]} if self._before else {}
-        lines = [f"{'error, unweighted':<18}{'now':>9}{'on board':>10} {'last fit' if before else ''}"]
+        lines = [f"{'error, unweighted':<18}{'picture':>9}{'on board':>10} {'last fit' if before else ''}"]
         for stage in self.result["stages"]:
             was = f"{before[stage['name']]['rms_px']:>8.3f}" if stage["name"] in before else ""
             lines.append(f"{stage['title']:<18}{stage['rms_px']:>6.3f} px{stage['rmse_cm']:>8.4f} cm{was}")
@@ -189,8 +189,11 @@ class ResultsScreen(Page):
             yield f"{number} views were set aside since this fit: f fits without them, u takes one back."
 
     def _onward(self) -> str:
-        effects = "" if self._trusted else "e to look for what the model lacks, "
-        return f"Press {effects}r for the report, x to export maps."
+        effects = "e to look for what the model lacks"
+        if self._trusted:
+            asked = any(stage["name"] == "cover+rbf+effects" for stage in self.result["stages"])
+            return f"Press r for the report, x to export maps{'' if asked else f', {effects}'}."
+        return f"Press {effects}, r for the report, x to export maps."
 
     def _line(self, view: Mapping[str, Any]) -> str:
         gone = any(each.file == view["file"] for each in self._dropped)

@@ -16,6 +16,7 @@ from calib.session.board_section import board_to_yaml
 from calib.session.session import read_session
 from fixtures.coded_boards import CHARUCO, GRID, LENS, Kind, poses
 
+pytestmark = pytest.mark.slow
 VIEWS, HELD_OUT = 12, 4
 
 

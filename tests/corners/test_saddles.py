@@ -35,6 +35,7 @@ def test_nothing_hangs_on_how_many_are_looked_at_at_once(monkeypatch: pytest.Mon
         assert np.array_equal(getattr(whole, name), getattr(parts, name))
 
 
+@pytest.mark.slow
 def test_a_board_larger_than_any_picture_is_looked_for_in_bounded_time_and_memory() -> None:
     assert find_corners(noise(960), Board(1000, 1000, 0.001)) is None
 

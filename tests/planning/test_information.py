@@ -217,6 +217,7 @@ def guidance(made: Scene) -> Iterator[Guidance]:
     asked.close()
 
 
+@pytest.mark.slow
 def test_the_process_starts_again_after_it_was_killed(guidance: Guidance) -> None:
     (guide,) = guidance.guides([])
     sigma = guide.progress([]).sigma_px

@@ -127,7 +127,7 @@ async def _report(session: Path) -> None:
         await pilot.press("r")
         await see(pilot, "The report is s/calibration/report.html", SOON_S)
         said = " ".join(shown(pilot).split())
-        assert "To be trusted where it has corners. Press r for the report, x to export maps." in said
+        assert "To be trusted where it has corners. Press r for the report, x to export maps, e to look for what the model lacks." in said
 
 
 def test_a_report_that_is_there_is_said_to_be_written_anew(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
