@@ -30,14 +30,13 @@ def drop_idle(loop: Loop, newest: Effect | None = None) -> bool:
     for effect in loop.model.effects:
         if effect is newest or _surely_needed(loop, effect, loop.model.effects):
             continue
-        beside = [e for e in loop.model.effects if effect.per_view or not e.per_view]
-        idle = not _surely_needed(loop, effect, beside) and _idle(loop, effect, beside)
         private = loop.model.path.private and not effect.per_view
+        idle = not private and _idle(loop, effect)
         if not (idle or private):
             continue
         fewer = loop.with_only(_others(effect, loop.model.effects))
         joint = fewer.model.fitted(loop.observations, fewer.joint.poses, fewer.joint.start, ROUNDS)
-        if joint.finite and (idle or joint.log_marginal > loop.joint.log_marginal):
+        if joint.finite and (idle or joint.log_marginal > loop.joint.log_marginal or _idle(loop, effect)):
             loop.go_on_with(Fit(fewer.model, joint))
             loop.dropped.add(effect.name)
     return loop.dropped != before
@@ -52,8 +51,11 @@ def _surely_needed(loop: Loop, effect: Effect, beside: Sequence[Effect]) -> bool
     return raised > PLAINLY * LEAST_GAIN and agreement(with_it, without, apart, loop.observations) > OF_ONE_MIND
 
 
-def _idle(loop: Loop, effect: Effect, beside: Sequence[Effect]) -> bool:
-    """Whether held-out views do without it beside others."""
+def _idle(loop: Loop, effect: Effect) -> bool:
+    """Whether held-out views do without it beside its like."""
+    beside = [e for e in loop.model.effects if effect.per_view or not e.per_view]
+    if _surely_needed(loop, effect, beside):
+        return False
     half = any(e.per_view for e in beside)
     left = loop.left() if len(beside) == len(loop.model.effects) else loop.left_of(beside, half=half)
     lost = gain(loop.left_of(_others(effect, beside), half=half), left)
