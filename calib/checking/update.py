@@ -18,6 +18,7 @@ from calib.checking.answer import Answer, Word
 from calib.checking.changes import KINDS, changes_of
 from calib.checking.cover_spin import CoverSpin
 from calib.checking.known import Known
+from calib.checking.later_stages import stages_of
 from calib.checking.picture_mode import PictureMode
 from calib.checking.pictures import Pictures
 from calib.checking.refit import Refit, refit
@@ -30,7 +31,6 @@ from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refit_poses
 from calib.fitting.declared import comparisons
-from calib.fitting.later_stages import stages_of
 from calib.optics.relief import AMPLITUDES
 from calib.threads import single_thread
 
@@ -116,7 +116,7 @@ def _with(calibration: Calibration, known: Known, change: Effect | None, fit: Re
     there = {effect.name for effect in known.model.effects}
     model = known.model.with_effects([change] if change and change.name not in there else [])
     poses = fit.poses
-    taken = set[str]() if change else {view.name for view in calibration.views}
+    taken = {view.name for view in calibration.views}
     views = tuple(replace(view, name=_free(view.name, taken)) for view in views)
     if not change:
         views = (*calibration.views, *views)

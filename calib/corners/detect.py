@@ -175,8 +175,8 @@ def _by_saddles(grey: NDArray[np.uint8], board: Board) -> Rough | None:
     finest = live_factor(grey)
     for factor in (finest, min(2 * finest, *grey.shape)):
         grid = find_grid(reduced(grey, factor), board)
-        for whole in grid.whole(board) if grid else ():
-            return Rough(enlarged(whole, factor), bool(grid and shows_two(grid, board)))
+        if grid and (whole := next(grid.whole(board), None)) is not None:
+            return Rough(enlarged(whole, factor), shows_two(grid, board))
     return None
 
 

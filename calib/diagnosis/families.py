@@ -17,7 +17,7 @@ from scipy.special import ndtr
 
 from calib.diagnosis.agreement import agreement
 from calib.diagnosis.backward_pass import drop_idle
-from calib.diagnosis.far_start import begun
+from calib.diagnosis.far_start import rough_fit
 from calib.diagnosis.finding import Family
 from calib.diagnosis.fine_surface_search import surroundings
 from calib.diagnosis.most_probable_form import with_most_probable
@@ -28,7 +28,7 @@ from calib.diagnosis.trial import Fit
 from calib.effects.effect import Effect
 from calib.effects.registry import KINDS
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.joint_fit import ROUGH, JointFit
+from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 
 ALONE = 0.95
@@ -39,7 +39,7 @@ MUCH = 0.5
 """A rival does so much of what the accepted effect does: of the squares of its shifts, beside what other parameters can do; where one of
 them has parameters of single views, of what the sum of squares would fall by."""
 
-HOPELESS = 12.0
+BEYOND_HOPE = 12.0
 """Standard deviations of the views' disagreement, from which a rival's rough fit is behind beyond hope."""
 PASSES = 3
 """How often each effect is asked at most: one that gave way changes what its neighbours' rivals are worth."""
@@ -144,13 +144,12 @@ def _rivals(loop: Loop, effect: Effect) -> list[Rival]:
 def _near(loop: Loop, without: CameraModel, effect: Effect, begin: JointFit) -> JointFit | None:
     """A rough fit with another effect, unless it is so much worse that a better one would not make up for it."""
     model = without.with_effect(effect)
-    start = begun(model, loop.observations, begin)
-    joint = model.fitted(loop.observations, start.poses, start.start, ROUGH)
+    joint = rough_fit(model, loop.observations, begin)
     if not joint.finite:
         return None
     apart = loop.joint.log_marginal - joint.log_marginal
     behind = agreement(Fit(loop.model, loop.joint), Fit(model, joint), apart, loop.observations)
-    return None if behind > HOPELESS else joint
+    return None if behind > BEYOND_HOPE else joint
 
 
 def _moved(test: ScoreTest, joint: JointFit) -> NDArray[np.float64]:

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.joint_fit import JointFit
+from calib.estimation.joint_fit import ROUGH, JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.poses import refine_poses_in_image, rough_poses
 from calib.estimation.residuals import residuals
@@ -38,6 +38,12 @@ def begun(model: CameraModel, observations: Observations, joint: JointFit) -> Jo
         some, poses = observations.without(~few), joint.poses[few]
         here |= min(others, key=lambda there: _posed(model, some, poses, joint.sigma, {**here, **there})[0])
     return replace(joint, values=here, poses=_posed(model, observations, joint.poses, joint.sigma, here)[1])
+
+
+def rough_fit(model: CameraModel, observations: Observations, joint: JointFit) -> JointFit:
+    """Of the model, from a fit without its last effect."""
+    start = begun(model, observations, joint)
+    return model.fitted(observations, start.poses, start.start, ROUGH)
 
 
 def _posed(model: CameraModel, observations: Observations, before: Tensor, sigma: float, values: Values) -> tuple[float, Tensor]:

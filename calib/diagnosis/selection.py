@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from calib.diagnosis.backward_pass import drop_idle
-from calib.diagnosis.far_start import begun
+from calib.diagnosis.far_start import rough_fit
 from calib.diagnosis.fewer_effects import FewerEffects
 from calib.diagnosis.fine_surface_search import surroundings
 from calib.diagnosis.held_out import HeldOut, Split, gain, hold_out
@@ -25,7 +25,7 @@ from calib.diagnosis.unnamed_structure import gain as gain_of_structure
 from calib.effects.effect import Effect
 from calib.effects.registry import EFFECTS, FIELDS
 from calib.estimation.camera_model import CameraModel
-from calib.estimation.joint_fit import ROUGH, JointFit
+from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.progress import Advance
 from calib.session.board import Board
@@ -149,10 +149,9 @@ class Loop:
 
     def _try(self, test: ScoreTest, among: int) -> Trial:
         """Fit to all views."""
-        self.say(f"trying {test.effect.name}")
+        self._say(f"trying {test.effect.name}")
         wider = self.model.with_effect(test.effect)
-        start = begun(wider, self.observations, self.joint)
-        joint = wider.fitted(self.observations, start.poses, start.start, ROUGH)
+        joint = rough_fit(wider, self.observations, self.joint)
         lowers = 1 - (joint.cost / self.joint.cost) ** 0.5 if joint.finite else -np.inf
         odds = joint.log_evidence - self.joint.log_evidence if joint.finite else -np.inf
         shared = not test.effect.per_view
@@ -229,7 +228,7 @@ class Loop:
             wider, joint = anew if anew[1].finite else (wider, joint)
         self.fewer.passed(Fit(self.model, self.joint))
         self.go_on_with(Fit(wider, joint))
-        self.say(f"found {trial.test.effect.name}")
+        self._say(f"found {trial.test.effect.name}")
 
     def simplify(self) -> None:
         """Effects in simpler forms where the corners are more probable so."""
@@ -245,7 +244,7 @@ class Loop:
         """What the model leaves on held-out views with some of its effects alone."""
         key = tuple(effect.name for effect in effects), half
         if key not in self.apart:
-            self.say("what is needed")
+            self._say("what is needed")
             fit = self.with_only(effects)
             self.apart[key] = hold_out(fit.model, self.observations, fit.joint, self.folds, half=half)
         return self.apart[key]
@@ -276,6 +275,6 @@ class Loop:
         self.fewer.forget()
         self.structured = None
 
-    def say(self, words: str) -> None:
+    def _say(self, words: str) -> None:
         self.done += 1
         self.advance(self.done, words)

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import torch
 
 from calib.calibration import Calibration, Stage
+from calib.diagnosis.diagnosed import STAGE
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import residuals
 from calib.optics.build import covered_path, pinhole_path
@@ -28,4 +29,4 @@ def _stages(calibration: Calibration) -> Iterator[Stage]:
     yield Stage("cover", smooth.rms_px, smooth.rmse_cm)
     path, values = calibration.model()
     left = residuals(path, values, observations, torch.from_numpy(calibration.poses))
-    yield Stage("cover+rbf+effects" if calibration.effects else "cover+rbf", left.rms_px, left.rmse_cm)
+    yield Stage(STAGE if calibration.effects else "cover+rbf", left.rms_px, left.rmse_cm)
