@@ -96,9 +96,14 @@ def ray_errors(calibration: Calibration) -> Callable[[Array], Array]:
 
 
 def root_of(covariance: Array) -> Array:
-    """(n, n) R with R R^T the covariance; what rounding leaves below zero is nothing."""
-    variances, axes = np.linalg.eigh(covariance)
-    return np.asarray(axes * np.sqrt(np.maximum(variances, 0.0)))
+    """(n, n) R with R R^T the covariance; what rounding leaves below zero is nothing.
+
+    By way of the correlations: a relief's variances are 1e-12 of a focal length's, and beside these they would be lost in rounding.
+    """
+    spread = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
+    scale = np.where(spread > 0, spread, 1.0)
+    variances, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return np.asarray(scale[:, None] * axes * np.sqrt(np.maximum(variances, 0.0)))
 
 
 def corners_at(calibration: Calibration) -> Array:

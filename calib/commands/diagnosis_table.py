@@ -8,6 +8,7 @@ from rich.table import Table
 from calib.calibration import Calibration
 from calib.diagnosis.finding import Candidate, Diagnosis
 from calib.diagnosis.found import found
+from calib.effects.plainly import plainly
 from calib.errors import harmless
 
 
@@ -22,7 +23,7 @@ def print_diagnosis(finding: Diagnosis, better: Calibration) -> None:
     for candidate in finding.candidates:
         if candidate.accepted:
             said = "; ".join(found(candidate.effect, better, candidate.parameters))
-            console.print(f"{candidate.title}: {said}", markup=False, highlight=False, soft_wrap=True)
+            console.print(f"{candidate.title}: {plainly(candidate.effect)} {said}", markup=False, highlight=False, soft_wrap=True)
     for line in _considered(finding):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     for remark in finding.remarks:

@@ -49,6 +49,11 @@ class BoardAndCover(Vertical):
         return bool(self.query("#board Input"))
 
     @property
+    def first(self) -> Input:
+        """The first field of the board."""
+        return self.query("#board Input").first(Input)
+
+    @property
     def typed(self) -> Typed:
         texts = {each.name or "": each.value for each in self.query(Input)}
         board = {key: texts.get(key, "") for key in BOARD[self.kind]}

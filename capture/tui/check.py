@@ -14,8 +14,8 @@ from capture.tui.page import HELP_AND_QUIT
 
 ONWARD = {
     "valid": "Nothing has to be done: esc goes back.",
-    "degraded": "Press u to bring the calibration up to date by these pictures, or esc to go back and record anew.",
-    "broken": "Press u to try to bring the calibration up to date by these pictures, or esc to go back and record anew.",
+    "degraded": "Press enter to bring the calibration up to date by these pictures, or esc to go back and record anew.",
+    "broken": "Press enter to try to bring the calibration up to date by these pictures, or esc to go back and record anew.",
     "": "With these pictures it cannot be brought up to date: esc goes back, to record anew.",
 }
 
@@ -23,7 +23,7 @@ ONWARD = {
 class CheckScreen(AnswerPage):
     PART = "check"
     BINDINGS: ClassVar = [
-        Binding("u", "update", "Bring up to date"),
+        Binding("enter", "update", "Bring up to date", key_display="enter"),
         Binding("x", "export", "Export maps"),
         Binding("c", "again", "Check again"),
         *SCROLL,

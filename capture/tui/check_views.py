@@ -43,7 +43,7 @@ class CheckViewsScreen(CollectScreen):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         match action:
-            case "cover_on" | "none_yet":
+            case "cover_on" | "none_yet" | "results":
                 return False
             case "fit":
                 return len(self.kept) >= FEWEST
@@ -53,7 +53,7 @@ class CheckViewsScreen(CollectScreen):
         if message.again or not self.kept:
             return super().ending(message)
         onward = "f to check, " if len(self.kept) >= FEWEST else ""
-        return f"{message.sentence} Press {onward}c to {message.anew}, esc for the results."
+        return f"{message.sentence} Press {onward}o to {message.anew}, esc for the results."
 
     def told(self, progress: SessionProgress) -> SessionProgress:
         return replace(progress, sentence=f"A check takes {FEWEST} views, tilted, near and far; {ENOUGH} are enough.")

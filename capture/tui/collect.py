@@ -7,40 +7,39 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from textual import on, work
+from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding
 from textual.containers import Horizontal
 from textual.events import ScreenResume
 from textual.message import Message
 
-from calib.errors import RefracalError
 from calib.session.camera import Camera
 from capture.coverage import Hint, SessionProgress
-from capture.errors import CaptureError
 from capture.narrator import waiting
-from capture.recording_loop import Shutter, Step, refusal
+from capture.recording_loop import Step, refusal
 from capture.tui.camera import Preview, Task, Watch
 from capture.tui.cells import FOUND, HINT, Mark
 from capture.tui.doubts import too_few
 from capture.tui.farewell import fitted
 from capture.tui.fit import FitScreen
-from capture.tui.guided import GuidedPage
 from capture.tui.lacking import lacking, lens_known, no_lens, none_found
 from capture.tui.named import played
+from capture.tui.opening import OpeningScreen
 from capture.tui.page import DOTS, HELP_AND_QUIT, Line
 from capture.tui.panel import Panel
 from capture.tui.picture import Picture
 from capture.tui.straight import Straight
 from capture.tui.straightening import StraighteningPage
+from capture.tui.watching import WatchingPage
 
 RETRY_S = 3.0  # after which a camera that failed is tried again
 TAKEN_S = 1.5  # for which a view that was kept is said, whatever comes next
-MORE = "More views would make it surer: they can come from another source."
+MORE = "More views would make {} surer: they can come from another source."
 LACKING_S = 6.0  # for which it is said that a fit cannot begin
 
 
-class CollectScreen(GuidedPage, StraighteningPage):
+class CollectScreen(WatchingPage, StraighteningPage):
     DEFAULT_CSS = """
     CollectScreen #top { height: 1fr; }
     CollectScreen Picture { width: 1fr; height: 1fr; }
@@ -56,8 +55,9 @@ class CollectScreen(GuidedPage, StraighteningPage):
         Binding("f", "fit", "Fit"),
         Binding("n", "none_yet", show=False),
         Binding("f", "not_yet", show=False),
-        Binding("c", "again", "Camera again"),
+        Binding("o", "again", "Open again"),
         Binding("u", "straight", "Undistort"),
+        Binding("ctrl+o", "results", "Results", key_display="^o"),
         DOTS,
         Binding("escape", "back", "Set-up", key_display="esc"),
         *HELP_AND_QUIT,
@@ -72,13 +72,6 @@ class CollectScreen(GuidedPage, StraighteningPage):
             self.straight = straight
             self.preview = straight.preview(seen) if straight else seen
 
-    class Waited(Message):
-        """No frame came for some time."""
-
-        def __init__(self, seconds: float) -> None:
-            super().__init__()
-            self.seconds = seconds
-
     class Heard(Message):
         """Something that is worth a tone: taken, refused or enough."""
 
@@ -86,42 +79,8 @@ class CollectScreen(GuidedPage, StraighteningPage):
             super().__init__()
             self.tone = tone
 
-    class Begun(Message):
-        """The camera runs, and the views that the session has are known."""
-
-        def __init__(self, watch: Watch, kept: Sequence[NDArray[np.float64]]) -> None:
-            super().__init__()
-            self.watch = watch
-            self.kept = kept
-
-    class Judged(Message):
-        """A frame was looked at, and perhaps kept."""
-
-        def __init__(self, watch: Watch, step: Step) -> None:
-            super().__init__()
-            self.watch = watch
-            self.step = step
-
-    class Stopped(Message):
-        """No more frames come."""
-
-        def __init__(self, watch: Watch, sentence: str, *, again: bool, ended: bool = False) -> None:
-            """`ended`: every picture of the source was looked at."""
-            super().__init__()
-            self.watch = watch
-            self.sentence = sentence
-            self.again = again
-            self.ended = ended
-
-        @property
-        def anew(self) -> str:
-            """What beginning once more comes to."""
-            return "look through it again" if self.ended else "try again"
-
     def __init__(self, task: Task) -> None:
         super().__init__(task)
-        self._shutter = Shutter()
-        self._watch: Watch | None = None
         self._seen: Preview | None = None
         self._preview: Preview | None = None
         """The same, perhaps straightened."""
@@ -132,6 +91,10 @@ class CollectScreen(GuidedPage, StraighteningPage):
         self._refusal = ""
         """What the last frame was refused for."""
         self._enough = False
+        self._ended = ""
+        """What was said when the source ended."""
+        self.wrong_board = ""
+        """For the set-up, of a source that has ended and in which there was no board."""
         self._doubted = False
         """It was said that there are not enough views: to press f once more is to mean it."""
         self._looked = 0
@@ -153,8 +116,9 @@ class CollectScreen(GuidedPage, StraighteningPage):
         offered = {
             "cover_on": self.plan.bare and bool(self.kept),
             "fit": not self.plan.bare and self._lens_known(),
-            "again": self._watch is None,
-            "take": self._watch is not None,
+            "again": self.watched is None,
+            "take": self.watched is not None,
+            "results": not self.plan.bare and self.watched is None and self.calibration() is not None,
             "straight": not self.plan.bare and self.calibration() is not None,
         }
         return offered.get(action, True)
@@ -167,32 +131,14 @@ class CollectScreen(GuidedPage, StraighteningPage):
 
     @on(ScreenResume)
     def _begin(self) -> None:
-        if self._watch is None and self.is_current:
-            picture = self.query_one(Picture)
-            try:
-                self._watch = Watch(
-                    self.plan,
-                    self._shutter,
-                    show=lambda seen: self.post_message(self.Looked(seen, self.straight)),
-                    waits=lambda seconds: self.post_message(self.Waited(seconds)),
-                    sharp=lambda: picture.phone,
-                )
-            except RefracalError as error:
-                self.say(str(error))
-                return
+        picture = self.query_one(Picture)
+        if self.watched is None and self.is_current and self.begin(lambda: picture.phone):
             self._looked = self._boards = 0
-            self._shutter.pressed()  # of a source that has ended
+            self._ended = self.wrong_board = ""
             self.refresh_bindings()
-            self._run(self._watch)
 
-    @work(thread=True, group="camera", description="records")
-    def _run(self, watch: Watch) -> None:
-        try:
-            for step in watch.run(lambda kept: self.post_message(self.Begun(watch, kept))):
-                self.post_message(self.Judged(watch, step))
-            self.post_message(self.Stopped(watch, "The source has no more pictures.", again=False, ended=True))
-        except RefracalError as error:
-            self.post_message(self.Stopped(watch, str(error), again=isinstance(error, CaptureError)))
+    def show(self, seen: Preview) -> None:
+        self.post_message(self.Looked(seen, self.straight))
 
     @on(Looked)
     def _look(self, message: Looked) -> None:
@@ -201,24 +147,16 @@ class CollectScreen(GuidedPage, StraighteningPage):
             self._preview = message.preview
         self._draw()
 
-    @on(Waited)
-    def _wait(self, message: Waited) -> None:
-        if self._watch is not None and time.monotonic() > self._said_until:
-            self.say(waiting(message.seconds))
+    def waits(self, seconds: float) -> None:
+        if time.monotonic() > self._said_until:
+            self.say(waiting(seconds))
 
-    @on(Begun)
-    def _take_up(self, message: Begun) -> None:
-        if message.watch is self._watch:
-            self.kept = list(message.kept)
-            self.refresh_bindings()
-            self._count()
-            self.think()
+    def has_begun(self) -> None:
+        self.refresh_bindings()
+        self._count()
+        self.think()
 
-    @on(Judged)
-    def _judge(self, message: Judged) -> None:
-        if message.watch is not self._watch:
-            return
-        step = message.step
+    def judged(self, watch: Watch, step: Step) -> None:
         self._looked += 1
         self._boards += step.sighting.corners is not None
         self._found = step.sighting.corners if step.sighting.corners is not None else step.sighting.part
@@ -239,32 +177,32 @@ class CollectScreen(GuidedPage, StraighteningPage):
                 self.post_message(self.Heard("refused"))
         if step.frame.alone:  # it is shown for as long as the next one takes
             self._draw()
-        self._remarks = message.watch.remarks
+        self._remarks = watch.remarks
         self._note()
 
-    @on(Stopped)
-    def _stop(self, message: Stopped) -> None:
-        if message.watch is not self._watch:
-            return
-        self._watch, self._found = None, None
+    def stopped(self, message: WatchingPage.Stopped) -> None:
+        self._found = None
         self.refresh_bindings()
         self.point(self._hint, self.query_one(Panel).progress)
-        self.say(self.ending(message))
+        if message.ended and self._looked and not (self._boards or self.kept):
+            self.wrong_board = none_found(self.plan, self._looked, "correct the board here, or name another source")
+        self._ended = self.ending(message)
+        self.say(self._ended)
         if message.again:
             self.set_timer(RETRY_S, self._begin)
 
-    def ending(self, message: Stopped) -> str:
+    def ending(self, message: WatchingPage.Stopped) -> str:
         if message.again:
             return f"{message.sentence} It is tried again every 3 s."
-        if message.ended and self._looked and not (self._boards or self.kept):
+        if self.wrong_board:
             return none_found(self.plan, self._looked)
         known = self.plan.bare or self._lens_known()
         if message.ended and not known:
             return f"{message.sentence} {no_lens(self.plan.session)} Press esc for that."
         onward = ""
         if self.kept and known:
-            onward = "n to go on through the cover, from another source, " if self.plan.bare else "f to fit, "
-        return f"{message.sentence} Press {onward}c to {message.anew}, esc for the set-up."
+            onward = "n to go on through the cover, from another source, " if self.plan.bare else f"{self._fits()}, "
+        return f"{message.sentence} Press {onward}o to {message.anew}, esc for the set-up."
 
     def advised(self, hint: Hint | None, progress: SessionProgress) -> None:
         self.query_one(Panel).progress = self.told(progress)
@@ -273,7 +211,7 @@ class CollectScreen(GuidedPage, StraighteningPage):
 
     def point(self, hint: Hint | None, progress: SessionProgress | None) -> None:
         """Where to hold the board next, if there is to be a next view."""
-        over = not self._watch and (self.plan.bare or played(self.plan.source))
+        over = not self.watched and (self.plan.bare or played(self.plan.source))
         enough = self.enough(progress)
         if enough and not self._enough:
             self.post_message(self.Heard("enough"))
@@ -282,8 +220,8 @@ class CollectScreen(GuidedPage, StraighteningPage):
         words = f"Next: {self._hint.words}." if self._hint else ""
         if enough:
             words = f"ENOUGH: {self.onward()}. More views do no harm."
-        elif self.MAPS and over and not self.plan.bare and self.kept:
-            words = MORE
+        elif self.MAPS and over and self.kept:
+            words = MORE.format("the lens" if self.plan.bare else "it")
         self.query_one("#next", Line).say(words)
         self._draw()
 
@@ -298,7 +236,13 @@ class CollectScreen(GuidedPage, StraighteningPage):
         """What to do where there are enough views."""
         if self.plan.bare:
             return "press n, then put the cover on"
-        return "press f to fit" if self._lens_known() else "esc, for the lens is not known yet"
+        return f"press {self._fits()}" if self._lens_known() else "esc, for the lens is not known yet"
+
+    def _fits(self) -> str:
+        """The keys that lead on from the views through the cover."""
+        if self.calibration() is None:
+            return "f to fit"
+        return "f to fit anew" if self.watched else "f to fit anew, ^o for the results"
 
     def _draw(self) -> None:
         marks = []
@@ -316,23 +260,37 @@ class CollectScreen(GuidedPage, StraighteningPage):
         self.query_one(Panel).say([*self._remarks, *doubts, *straight])
 
     def _count(self) -> None:
-        self.query_one(Panel).count(len(self.kept), automatic=self._shutter.automatic)
+        self.query_one(Panel).count(len(self.kept), automatic=self.shutter.automatic)
 
     def say(self, sentence: str, for_s: float = 0.0) -> None:
         """`for_s`: what is judged meanwhile is not said."""
         self._said_until = time.monotonic() + for_s
         self.query_one("#verdict", Line).say(sentence)
 
+    def _remark(self, sentence: str) -> None:
+        """For some seconds; of a source that has ended, what was said of it comes back."""
+        self.say(sentence, LACKING_S)
+        self.set_timer(LACKING_S + 0.1, self._say_again)
+
+    def _say_again(self) -> None:
+        if self._ended and not self.watched and time.monotonic() >= self._said_until:
+            self.say(self._ended)
+
     def action_take(self) -> None:
-        self._shutter.press()
+        self.shutter.press()
         self.say("The next picture in which the board is found is taken.")
 
     def action_automatic(self) -> None:
-        self._shutter.automatic = not self._shutter.automatic
+        self.shutter.automatic = not self.shutter.automatic
         self._count()
 
     def action_again(self) -> None:
         self._begin()
+
+    def action_results(self) -> None:
+        if folder := self.calibration():
+            self.rest()
+            self.app.push_screen(OpeningScreen(self.plan.session, folder))
 
     def calibration(self) -> Path | None:
         return fitted(self.plan.session)
@@ -356,12 +314,12 @@ class CollectScreen(GuidedPage, StraighteningPage):
 
     def action_fit(self) -> None:
         if lack := lacking(self.plan.session):
-            self.say(lack, LACKING_S)
+            self._remark(lack)
             return
         progress = self.query_one(Panel).progress
-        if self._watch and progress and not (self._enough or self._doubted):  # where no more pictures come, f is what is proposed
+        if self.watched and progress and not (self._enough or self._doubted):  # where no more pictures come, f is what is proposed
             self._doubted = True
-            self.say(too_few(progress), LACKING_S)
+            self._remark(too_few(progress))
             return
         self.rest()
         self.say("The camera is being opened.")
@@ -369,7 +327,7 @@ class CollectScreen(GuidedPage, StraighteningPage):
 
     def action_not_yet(self) -> None:
         """Where a fit is not offered."""
-        self.say("The fit comes after the views through the cover." if self.plan.bare else no_lens(self.plan.session), LACKING_S)
+        self._remark("The fit comes after the views through the cover." if self.plan.bare else no_lens(self.plan.session))
 
     def action_none_yet(self) -> None:
         """Where the cover is not to be put on."""
@@ -378,13 +336,4 @@ class CollectScreen(GuidedPage, StraighteningPage):
             if self.plan.bare
             else "n ends the views without the cover; f fits these."
         )
-        self.say(said, LACKING_S)
-
-    def rest(self) -> None:
-        """Close the camera."""
-        if self._watch:
-            self._watch.close()
-            self._watch = None
-
-    def on_unmount(self) -> None:
-        self.rest()
+        self._remark(said)

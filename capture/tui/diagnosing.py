@@ -22,6 +22,7 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
     from calib.calibration import DERIVED, Calibration
     from calib.diagnosis.diagnose import diagnose
     from calib.diagnosis.found import found
+    from calib.effects.plainly import plainly
     from calib.fitting.provenance import diagnosed
     from calib.io.file_set import FileSet
 
@@ -31,7 +32,7 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
         better = diagnosed(better, place if place.is_dir() else place.parent, None)
         saved = better.write(files)
         files.commit(instead_of=DERIVED)
-    numbers = [found(one.effect, better, one.parameters) for one in finding.candidates if one.accepted]
+    numbers = [[plainly(one.effect), *found(one.effect, better, one.parameters)] for one in finding.candidates if one.accepted]
     return summary(better, saved) | {"accepted": list(finding.accepted), "text": as_text(finding, numbers)}
 
 
@@ -39,11 +40,16 @@ def as_text(finding: "Diagnosis", numbers: "Sequence[Sequence[str]]" = ()) -> st
     """The finding in lines of at most 78 characters: what was found, the error before and after, and what else was looked into.
 
     Args:
-        numbers: what is to be said of each accepted effect's.
+        numbers: what is to be said of each accepted effect: what it is, and its numbers.
     """
     before, after = finding.before, finding.after
     found = ", ".join(finding.accepted) or "nothing: no effect that is known here improves held-out views beyond chance"
-    lines = [f"Found: {found}.", "", f"{'error (root mean square)':<26}{'before':>12}{'after':>12}"]
+    with_them = "with it" if len(finding.accepted) < 2 else "with them"
+    lines = [
+        f"Found: {found}.",
+        "",
+        f"{'error (root mean square)':<26}{'without':>12}{with_them:>12}",
+    ]
     lines += [
         f"{'fitted views':<26}{before.rms_px:>9.3f} px{after.rms_px:>9.3f} px",
         f"{'on the board':<26}{before.rmse_cm:>9.4f} cm{after.rmse_cm:>9.4f} cm",
@@ -56,7 +62,7 @@ def as_text(finding: "Diagnosis", numbers: "Sequence[Sequence[str]]" = ()) -> st
     if tried:
         lines += ["", f"{'fitted':<26}{'held-out views':<24}verdict", *map(_line, tried)]
     if rest := ", ".join(one.effect for one in finding.candidates if one not in tried):
-        lines += ["", f"Scored too low to be fitted: {rest}."]
+        lines += ["", f"No sign of these in what is left: {rest}."]
     return "\n".join([*lines, *(f"\nNote: {remark}" for remark in finding.remarks)])
 
 

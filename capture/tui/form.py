@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from calib.errors import InputError
+from calib.errors import InputError, brief
 from calib.session.board import Board
 from calib.session.board_section import KEYS
 from calib.session.camera import Camera, camera_to_yaml
@@ -24,6 +24,7 @@ ALONE: Mapping[str, Mapping[str, object]] = {
 """What stands beside a value that is judged by itself: it goes with any."""
 COMMA = re.compile(r"[+-]?[0-9]+([.,][0-9]+)?(±[0-9]+([.,][0-9]+)?)?")
 """A number, with its sigma or without, and perhaps with a decimal comma."""
+NUMBERS = ("one", "two", "three")
 ANSWERS = {"yes": True, "no": False, "true": True, "false": False}
 
 HELP = {
@@ -116,6 +117,12 @@ def _written(quantity: Quantity, text: str) -> dict[str, object]:
         _check_point(f"cover.{quantity.key}", text)
         return {quantity.key: _number(text)}
     _check_points(f"cover.{quantity.key}", text, len(quantity.components))
+    if len(_parts(text)) != len(quantity.components):
+        first, *others = quantity.components
+        raise InputError(
+            f"{WHERE}: cover.{quantity.key} is {brief(text.strip()) or 'empty'}: write {NUMBERS[len(others)]} numbers, "
+            f"{', '.join((first, *others[:-1]))} and {others[-1]}, such as {', '.join('0' for _ in quantity.components)}."
+        )
     return {quantity.key: [_number(part) for part in _parts(text)]}
 
 

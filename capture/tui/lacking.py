@@ -17,14 +17,13 @@ def no_lens(session: Path) -> str:
     )
 
 
-def none_found(task: Task, pictures: int) -> str:
-    """Of a source in whose pictures there was no board: what to look after."""
+def none_found(task: Task, pictures: int, where: str = "esc corrects the board") -> str:
+    """Of a source in whose pictures there was no board: what to look after. `where`: a board is corrected that no file describes yet."""
     board, file = task.asked[0], task.session / "session.yaml"
     first = f"No board of {board} inner corners" if board.coding is None else f"No board as described, {board},"
     count = "count the inner corners" if board.coding is None else "compare its type, its columns and rows, and its dictionary"
-    where = f"correct the board in {file}" if file.exists() else "esc corrects the board"
     among = f"in any of the {pictures} pictures" if pictures > 1 else "in the picture"
-    return f"{first} {among}: {count}; {where}."
+    return f"{first} {among}: {count}; {f'correct the board in {file}' if file.exists() else where}."
 
 
 def has_bare(session: Path) -> bool:

@@ -47,7 +47,7 @@ class ResultsScreen(Page):
     """
     BINDINGS: ClassVar = [
         Binding("d", "drop", "Drop"),
-        Binding("u", "take_back", "Undo"),
+        Binding("z", "take_back", "Undo"),
         Binding("f", "refit", "Fit"),
         Binding("e", "effects", "Diagnose"),
         Binding("c", "check", "Check"),
@@ -184,9 +184,9 @@ class ResultsScreen(Page):
 
     def _aside(self) -> Iterator[str]:
         if (number := len(self._dropped)) == 1:
-            yield "1 view was set aside since this fit: f fits without it, u takes it back."
+            yield "1 view was set aside since this fit: f fits without it, z takes it back."
         elif number:
-            yield f"{number} views were set aside since this fit: f fits without them, u takes one back."
+            yield f"{number} views were set aside since this fit: f fits without them, z takes one back."
 
     def _onward(self) -> str:
         effects = "e to look for what the model lacks"
@@ -238,7 +238,7 @@ class ResultsScreen(Page):
             except RefracalError as error:
                 self._say(str(error))
                 return
-            self._redraw(chosen[0], f"{chosen[1]['file']} is set aside in frames/dropped. Press f to fit without it, u to take it back.")
+            self._redraw(chosen[0], f"{chosen[1]['file']} is set aside in frames/dropped. Press f to fit without it, z to take it back.")
 
     def action_take_back(self) -> None:
         """The chosen view, or else the last that was set aside; of those before this fit only where there are no others."""

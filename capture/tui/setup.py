@@ -65,6 +65,8 @@ class SetupScreen(Page):
         self._phase = Phase()
         self._covered = False
         """The person says that the cover is on now."""
+        self._wrong_board = ""
+        """What was said of a source in which there was no such board."""
         self._doubted: set[str] = set()
         """What was said against a start: to start once more is to mean it."""
         self._helped = False
@@ -134,7 +136,10 @@ class SetupScreen(Page):
         self.query_one("#state", Static).update(words)
         self._form.set_locked(continued)
         self._propose()
-        if continued and self._named and (both or not (self._covered and played(source.value))):
+        if self._wrong_board and not continued:
+            self._lead_to(self._form.first, self._wrong_board)
+            self._wrong_board = ""
+        elif continued and self._named and (both or not (self._covered and played(source.value))):
             self.query_one("#start").focus()
         else:
             source.focus().action_select_all()  # what is typed replaces it
@@ -260,7 +265,8 @@ class SetupScreen(Page):
             return
         self._named = task.source
         if self.is_current:  # and not started by the same key already
-            self.app.push_screen(CollectScreen(task), self._cover_on)
+            screen = CollectScreen(task)
+            self.app.push_screen(screen, lambda covered: self._back(screen, covered=bool(covered)))
 
     async def _lead(self, sentence: str) -> None:
         """To the first field that will not do, and say why the start is refused."""
@@ -276,9 +282,9 @@ class SetupScreen(Page):
             self._refused = sentence  # looking at a field says what is wrong with it, and of an empty one nothing
             field.focus()
 
-    def _cover_on(self, wanted: bool | None) -> None:
-        """Back from recording without the cover, perhaps to go on through it."""
-        self._covered = bool(wanted)
+    def _back(self, screen: CollectScreen, *, covered: bool) -> None:
+        """From recording without the cover, perhaps to go on through it; or from a source in which there was no such board."""
+        self._covered, self._wrong_board = covered, screen.wrong_board
 
     def _read(self) -> Task:
         source = self._source.field.value

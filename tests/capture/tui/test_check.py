@@ -54,7 +54,7 @@ async def _asked(session: Path, later: Path) -> None:
         await pilot.press("ctrl+s")
         await see(pilot, "The calibration is valid. Nothing has to be done: esc goes back.")
         assert "px are left on 4 views" in shown(pilot)
-        await pilot.press("u")  # not offered
+        await pilot.press("enter")  # not offered
         assert "up to date" not in shown(pilot)
         await pilot.press("escape")
         await see(pilot, "The error fell from")
@@ -75,9 +75,9 @@ async def _changed(session: Path, later: Path) -> None:
         await pilot.press("c")
         await write(pilot, f"folder:{later}")
         await pilot.press("ctrl+s")
-        await see(pilot, "Press u to")
+        await see(pilot, "Press enter to")
         assert "The calibration is valid" not in shown(pilot)
-        await pilot.press("u")
+        await pilot.press("enter")
         await see(pilot, "Up to date:")
         assert "sigma)" in shown(pilot), "how far each number moved"
         assert "[RESULTS: check]" in shown(pilot)
@@ -103,7 +103,7 @@ async def _taken(session: Path, later: Path) -> None:
     async with results(session) as pilot:
         task = Task(next_folder(session), f"folder:{later}?speed=max", calibrated(calibration), bare=False)
         pilot.app.push_screen(CheckViewsScreen(task, calibration, 0.5))
-        await see(pilot, "Press f to check, c to look through it again, esc for the results.")
+        await see(pilot, "Press f to check, o to look through it again, esc for the results.")
         await pilot.press("n")  # no cover comes on here
         await pilot.press("f")
         await see(pilot, "The calibration is valid.")
@@ -122,7 +122,7 @@ async def _few(session: Path, later: Path, folder: Path) -> None:
     async with results(session) as pilot:
         task = Task(folder, f"folder:{later}?speed=max", calibrated(calibration), bare=False)
         pilot.app.push_screen(CheckViewsScreen(task, calibration, 0.5))
-        await see(pilot, "Press c to look through it again, esc for the results.")
+        await see(pilot, "Press o to look through it again, esc for the results.")
         await pilot.press("f")
         await see(pilot, "A check takes 3 views at the least")
         await pilot.press("escape")
@@ -152,5 +152,5 @@ async def _useless(session: Path, later: Path) -> None:
         await write(pilot, f"folder:{later}")
         await pilot.press("ctrl+s")
         await see(pilot, "With these pictures it cannot be brought up to date")
-        await pilot.press("u")
+        await pilot.press("enter")
         await see(pilot, "With these pictures it cannot be brought up to date")

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from capture.tui import collect
 from capture.tui.collect import CollectScreen
 from capture.tui.fit import FitScreen
 from capture.tui.page import Line
@@ -28,7 +29,8 @@ def empty(tmp_path: Path) -> Path:
     return folder
 
 
-def test_a_source_without_the_board_says_what_was_looked_for(tmp_path: Path, empty: Path) -> None:
+def test_a_source_without_the_board_says_what_was_looked_for(tmp_path: Path, empty: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(collect, "LACKING_S", 0.3)
     drive(_without(tmp_path / "session", empty))
 
 
@@ -41,8 +43,12 @@ async def _without(session: Path, empty: Path) -> None:
         await pilot.press("n")
         assert "[WITHOUT COVER]" in shown(pilot)
         await see(pilot, "The cover comes on once there are views without it: none is taken yet.")
+        await see(pilot, "No board of 9x9 inner corners in any")  # what was wrong comes back
         await pilot.press("escape")
-        await see(pilot, "[SET-UP]")
+        await see(pilot, "count the inner corners; correct the board here, or name another source.")
+        assert "[SET-UP]" in shown(pilot)
+        assert pilot.app.focused is not None
+        assert pilot.app.focused.name == "columns"
 
 
 def test_what_to_record_stays_as_it_was_chosen(tmp_path: Path, empty: Path) -> None:
@@ -100,15 +106,15 @@ async def _pressed(session: Path) -> None:
     async with running(session, f"folder:{session / 'frames'}") as pilot:
         await see(pilot, "continued")
         await pilot.press("ctrl+s")
-        await see(pilot, "no more pictures. Press f to fit, c to look through it again")
+        await see(pilot, "no more pictures. Press f to fit, o to look through it again")
         assert "Take now" not in shown(pilot)
         await pilot.press("space", "space")
         await pilot.pause(0.2)
-        await see(pilot, "no more pictures. Press f to fit, c to look through it again")
+        await see(pilot, "no more pictures. Press f to fit, o to look through it again")
         before = pilot.app.screen.query_one(Picture).updates
-        await pilot.press("c")
+        await pilot.press("o")
         await until(pilot, lambda: pilot.app.screen.query_one(Picture).updates >= before + 2)
-        await see(pilot, "no more pictures. Press f to fit, c to look through it again")
+        await see(pilot, "no more pictures. Press f to fit, o to look through it again")
         assert "2 views" in shown(pilot)
 
 

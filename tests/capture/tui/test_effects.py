@@ -52,7 +52,7 @@ def test_what_was_found_with_the_error_before_and_after() -> None:
     assert lines[5].split() == ["held-out", "views", "0.590", "px", "0.170", "px"]
     assert NUMBERS[0][0] in lines
     assert "board_shape               0.590 to 0.170 px       found" in lines
-    assert "Scored too low to be fitted: focal." in lines
+    assert "No sign of these in what is left: focal." in lines
     assert lines[-1] == "Note: these views do not tell focal from thickness."
     assert max(map(len, lines)) < 79
 

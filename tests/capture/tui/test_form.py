@@ -30,6 +30,7 @@ def test_what_is_written_reads_the_same() -> None:
         ("1,2,3", None),
         ("0,-30,5", "write 0, -30.5, with a point, or 0, -30, 5, with a blank, for 3 numbers."),
         ("0,5; 0; 1", "write 0.5, 0, 1, with a point."),
+        ("0, 5", "write three numbers, x, y and z, such as 0, 0, 0."),
     ],
 )
 def test_of_three_numbers(text: str, said: str | None) -> None:
@@ -60,7 +61,7 @@ def test_of_three_numbers(text: str, said: str | None) -> None:
         ("axis_offset_mm", "0,5, -30", "write 0.5, -30, with a point."),
         ("axis_offset_mm", "0,-30,5", "write 0, -30.5, with a point."),
         ("axis_offset_mm", "0 ± 0,5, -30", "write 0 ± 0.5, -30, with a point."),
-        ("axis_offset_mm", "0,1,2", "write [x, z]"),
+        ("axis_offset_mm", "0,1,2", "axis_offset_mm is 0,1,2: write two numbers, x and z, such as 0, 0."),
         ("axis_offset_mm", "x,5", "write a number"),
         ("inner_radius_mm", "41.95", None),
         ("inner_radius_mm", "42 ± 2", None),
@@ -72,7 +73,8 @@ def test_of_three_numbers(text: str, said: str | None) -> None:
         ("axis_offset_mm", "0 -30", None),
         ("axis_offset_mm", "0 ± 1, -30 ± 2", None),
         ("axis_offset_mm", "[0, -30]", None),
-        ("axis_offset_mm", "-30", "write [x, z]"),
+        ("axis_offset_mm", "-30", "axis_offset_mm is -30: write two numbers, x and z, such as 0, 0."),
+        ("axis_offset_mm", "", "axis_offset_mm is empty: write two numbers"),
         ("tilt_deg", "", None),
         ("refractive_index", "0.5", "from 1 to 3"),
     ],

@@ -61,7 +61,7 @@ async def _come_back(session: Path) -> None:
         await see(pilot, "2 views were set aside since this fit: f fits without them", SOON_S)
         assert [line.split("  ")[0].strip() for line in shown(pilot).splitlines() if "px dropped" in line] == ["0001.jpg", "0002.jpg"]
         await see(pilot, "worst: 0.50 px off", SOON_S)
-        await pilot.press("down", "u")
+        await pilot.press("down", "z")
         await see(pilot, "0002.jpg is back", SOON_S)
         assert "0002.jpg          0.050 px █" in shown(pilot)
 
@@ -88,7 +88,7 @@ def test_a_second_picture_of_that_name_is_the_one_that_comes_back(session: Path)
 
 async def _second(session: Path) -> None:
     async with results(session) as pilot:
-        await pilot.press("u")
+        await pilot.press("z")
         await see(pilot, "0001.jpg is back", SOON_S)
 
 
@@ -107,14 +107,14 @@ def test_what_a_fit_went_on_without_comes_back_the_last_one_first(session: Path)
 async def _earlier(session: Path, result: dict[str, object]) -> None:
     async with running(session) as pilot:
         pilot.app.push_screen(ResultsScreen(session, result))
-        await see(pilot, "u Undo", SOON_S)
+        await see(pilot, "z Undo", SOON_S)
         await pilot.press("d")
         await see(pilot, "0003.jpg is set aside", SOON_S)
         for file in ("0003.jpg", "0001.jpg", "0002.jpg"):
-            await pilot.press("u")
+            await pilot.press("z")
             await see(pilot, f"{file} is back.", SOON_S)
         await see(pilot, "Press f to fit with it.", SOON_S)
-        assert "u Undo" not in " ".join(shown(pilot).split())
+        assert "z Undo" not in " ".join(shown(pilot).split())
 
 
 def test_the_verdict_stays_beside_the_report(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -49,7 +49,7 @@ async def _whole_session(size: tuple[int, int], session: Path) -> None:
         await pilot.press("d")
         await see(pilot, f"{worst} is set aside")
         assert not (session / "frames" / worst).exists()
-        await pilot.press("u")
+        await pilot.press("z")
         await see(pilot, f"{worst} is back")
         await pilot.press("d", "f")
         await see(pilot, "last fit")

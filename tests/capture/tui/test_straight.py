@@ -103,7 +103,7 @@ async def _asked(session: Path) -> None:
         await see(pilot, "continued", 60)
         await pilot.press("ctrl+s")
         await see(pilot, "u Undistort", 120)
-        await see(pilot, "The source has no more pictures", 240)
+        await see(pilot, "The source has no more pictures. Press f to fit anew, ^o for the results,", 240)
         screen = pilot.app.screen
         assert isinstance(screen, CollectScreen)
         assert screen._preview is not None
@@ -122,3 +122,7 @@ async def _asked(session: Path) -> None:
         await pilot.press("u")
         await pilot.pause()
         assert (screen._preview.image == before).all()
+        await pilot.press("ctrl+o")
+        await see(pilot, "The error fell from", 240)
+        await pilot.press("escape")
+        await see(pilot, "^o for the results", 240)
