@@ -1,16 +1,18 @@
-"""How good a calibration made in air is under water: `python -m benchmarks.immerse [--sessions 16]`.
+"""How good a calibration made in air is under water: `python -m benchmarks.immerse [--sessions 16] [--pictures 24]`.
 
 For each rendered pair, wet-flat, wet-dome and wet-cone: the session in air is fitted and put under water as `calib immerse` does. Its maps
 there are compared with the rays that Mitsuba traced under water, after the rigid motion of all rays that fits best, and with their
 predicted sigma. The same of the session whose cover is stated without sigmas: each number then has the tolerance of its kind. Held-out
-views under water are evaluated by the calibration as it was and as it became. And with the first three pictures of the pool, as `calib
-check --update` takes them, the maps once more.
+views under water are evaluated by the calibration as it was and as it became. Then the maps with the number that the command asks for,
+measured as well as it asks, in four sessions in which each of its components is off by just that. And with the first three pictures of
+the pool, as `calib check --update` takes them, the maps once more.
 
 Then synthetic sessions in air of an uneven cone, every declared number drawn from the tolerance of its kind: how far off the maps are under
 water, over what is predicted, with the covariance as the fit has it and as `immersed` carries it.
 """
 
 import argparse
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 from calib.apply.immerse import immerse, immersed
+from calib.apply.loose import SHOWN, Loose
 from calib.calibration import Calibration
 from calib.checking.check import Checker
 from calib.checking.pictures import read_pictures
@@ -36,9 +39,12 @@ from fixtures.calibrated import CAMERA, calibrated
 from fixtures.map_errors import errors
 from fixtures.rays import DEPTHS, FIXTURES, map_error
 from fixtures.synthetic import INTRINSICS, Scene, misdeclared, paper_cone, scene
+from fixtures.wet import GLASS
 
 SHAPES = ("flat", "dome", "cone")
 WATER = 1.34
+SI = {unit: si for si, (unit, _) in SHOWN.items()}
+SIGNS = ((1, 1, 1), (1, -1, 1), (-1, 1, -1), (-1, -1, -1))
 POOL = 3
 """Pictures in the water."""
 NEAR = 40.0
@@ -48,6 +54,16 @@ NEAR = 40.0
 def vague(session: Session) -> Session:
     """The same with every number of the cover as it is stated, but by its kind's tolerance."""
     numbers = {name: Number(number.value) for name, number in session.cover.parameters.items()}
+    return replace(session, cover=Cover(session.cover.shape, numbers))
+
+
+def measured(session: Session, loose: Loose, true: Mapping[str, float], signs: Sequence[int]) -> Session:
+    """The same with the number that is asked for as sure as that, each component off by just so much."""
+    assert loose.measured_to is not None
+    sigma = loose.measured_to / SHOWN[SI[loose.unit]][1]
+    numbers, sign = dict(session.cover.parameters), iter(signs)
+    for name in (name for name in numbers if name.split(".")[0] == loose.name):
+        numbers[name] = Number(true[name] + next(sign) * sigma, sigma)
     return replace(session, cover=Cover(session.cover.shape, numbers))
 
 
@@ -72,6 +88,13 @@ def drawn(seed: int) -> tuple[float, float, float]:
     return ratios[0][0], ratios[0][1], ratios[1][1]
 
 
+def _off(session: Session, folder: Path) -> tuple[list[float], list[float]]:
+    """px off at each depth, and what is predicted."""
+    put = immerse(all_free(fit(session)), Number(WATER))
+    error = map_error(put.calibration, folder / "water" / "truth.npz", NEAR)
+    return list(error.by_depth.values()), list(error.predicted.values())
+
+
 def _ratio(made: Scene, wet: Calibration) -> tuple[float, float]:
     rows = [(float(np.mean(off**2)), float(np.nanmean(sigma**2))) for off, sigma in errors(made, wet)]
     return rows[1][0] ** 0.5, float(np.mean([off / sigma for off, sigma in rows])) ** 0.5
@@ -80,15 +103,19 @@ def _ratio(made: Scene, wet: Calibration) -> tuple[float, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.immerse", description=__doc__)
     parser.add_argument("--sessions", type=int, default=16, metavar="N", help="synthetic ones, 3 s each")
-    sessions = parser.parse_args().sessions
+    parser.add_argument("--pictures", type=int, default=24, metavar="N", help="of the 24 that were taken in air, evenly chosen")
+    args = parser.parse_args()
+    sessions, pictures = args.sessions, args.pictures
     console = Console()
     at = [f"{depth:g} m" for depth in DEPTHS]
     maps = Table("glass", "stated", *(f"off, {one}" for one in at), *(f"sigma, {one}" for one in at), "ratio", "most is left open by")
     views = Table("glass", "as it was", "immersed")
     pool = Table("glass", *(f"off, {one}" for one in at), *(f"sigma, {one}" for one in at))
+    asked = Table("glass", "asked for", *(f"off, {one}" for one in at), *(f"sigma, {one}" for one in at))
     for shape in SHAPES:
         folder = FIXTURES / f"wet-{shape}"
         session = read_session(folder)
+        session = replace(session, frames=session.frames[:: max(1, len(session.frames) // pictures)])
         for title, one in (("as measured", session), ("by its kind", vague(session))):
             dry = fit(one)
             put = immerse(all_free(dry), Number(WATER))
@@ -101,9 +128,14 @@ def main() -> None:
                 water = read_session(folder / "water")
                 views.add_row(shape, *(f"{evaluate(which, water).rms_px:.3f} px" for which in (dry, put.calibration)))
                 after = map_error(updated(put.calibration, folder / "water"), folder / "water" / "truth.npz", NEAR)
+                loose = next(each for each in put.loose if each.measured_to is not None)
+                rows = np.array([list(_off(measured(session, loose, GLASS[shape], signs), folder)) for signs in SIGNS])  # (4, 2, D)
+                wanted = f"{loose.name} to {loose.measured_to:.2g} {loose.unit}"
+                asked.add_row(shape, wanted, *(f"{value:.3f}" for value in np.sqrt((rows**2).mean(0)).ravel()))
                 pool.add_row(shape, *(f"{value:.3f}" for value in (*after.by_depth.values(), *after.predicted.values())))
     every = np.array([drawn(seed) for seed in range(sessions)]).reshape(-1, 3)
     console.print("Maps under water, px RMS", maps, "Held-out views under water", views, sep="\n")
+    console.print("Maps under water, with the number measured that is asked for", asked, sep="\n")
     console.print("Maps under water, brought up to date by three views there", pool, sep="\n")
     if sessions:
         off, fitted, carried = np.sqrt((every**2).mean(0))

@@ -14,7 +14,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from calib.apply.map_uncertainty import UndistortedChange, corners_at, root_of
+from calib.apply.loose import OUTSIDE, UNKNOWN, Loose, loose_numbers, sigmas
+from calib.apply.map_uncertainty import UndistortedChange, corners_at
 from calib.calibration import Calibration
 from calib.effects.flat_port import FlatPort
 from calib.errors import InputError
@@ -28,52 +29,10 @@ from calib.session.schema import Number
 
 Array = NDArray[np.float64]
 
-OUTSIDE = "outside_index"
 DEPTHS = (0.3, 0.5, 1.0)
 """m: where it is said how sure the maps are."""
 SAMPLED = 400
 """Corners at which that is asked, of all."""
-UNKNOWN = 0.15
-"""px, predicted standard deviation of the maps: above it there is a warning. Calibrations in the medium itself reach a few hundredths."""
-WORTH_NAMING = 0.8
-"""A number is named as loose if sigma without its error would be less than this fraction."""
-WORDS = {
-    "relief": "the glass's unevenness",
-    "camera": "the camera's focal length, principal point and lens",
-    "distance": "how far the glass is from the pinhole (distance_mm)",
-    "centre": "where the dome's centre is (centre_mm)",
-    "axis_offset": "where the cover's axis is (axis_offset_mm)",
-    "inner_radius": "the cover's inner radius",
-    "radius_slope": "the cover's slope",
-    "tilt": "the cover's tilt",
-    "thickness": "the glass's thickness",
-    "refractive_index": "the glass's refractive index",
-    OUTSIDE: "the index of what is outside",
-}
-ADVICE = {
-    "relief": "take more views, near ones too",
-    "camera": "calibrate the camera without its cover, in bare/",
-    OUTSIDE: "measure its salinity and temperature, and write --index-sigma",
-}
-MEASURED = "measure it, state it with its sigma in session.yaml, and fit again"
-
-
-@dataclass(frozen=True, slots=True)
-class Loose:
-    """A group of numbers, and how sure the maps would be if they were known exactly."""
-
-    name: str
-    """A key of WORDS, or an effect's name."""
-    sigma_px: tuple[float, ...]
-    """By depth."""
-
-    @property
-    def words(self) -> str:
-        return WORDS.get(self.name, f"the effect {self.name}")
-
-    @property
-    def advice(self) -> str:
-        return ADVICE.get(self.name, MEASURED)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,15 +70,12 @@ def immerse(calibration: Calibration, outside: Number, depths: Sequence[float] =
         raise InputError(f"no ray of this camera leaves its cover into an index of {outside.value:g}: check the cover's numbers.")
     some = rows[:: max(1, len(rows) // SAMPLED), :2]
     before, after = (_errors(one, some) for one in (calibration, wet))
-    sigma = _sigmas(after, wet.covariance, depths)
-    loose = [Loose(name, _sigmas(after, known, depths)) for name, known in _if_known(wet)]
-    named = sorted((one for one in loose if any(np.array(one.sigma_px) < WORTH_NAMING * np.array(sigma))), key=lambda one: one.sigma_px)
     return Immersion(
         wet,
         tuple(depths),
-        _sigmas(before, calibration.covariance, depths),
-        sigma,
-        tuple(named),
+        sigmas(before, calibration.covariance, depths),
+        sigmas(after, wet.covariance, depths),
+        tuple(loose_numbers(wet, after, depths)),
         tuple(_on_other_face(calibration, wet, rows, depths)),
         tuple(found.effect.name for found in wet.effects if not found.effect.has_cause),
     )
@@ -211,32 +167,6 @@ def _errors(calibration: Calibration, pixels: Array) -> Array:
         return np.zeros((len(pixels), 4, 0))
     jacobian, lost = UndistortedChange.of(calibration).jacobian(pixels)
     return np.where(lost[:, None, None], np.nan, jacobian)
-
-
-def _sigmas(jacobian: Array, covariance: Array, depths: Sequence[float]) -> tuple[float, ...]:
-    """px by depth, root mean square over the pixels."""
-    if not covariance.size:
-        return ()
-    spread = jacobian @ root_of(covariance)
-    offs = (spread[:, :2] + spread[:, 2:] / depth for depth in depths)
-    return tuple(float(np.sqrt(np.nanmean((off**2).sum((1, 2))))) for off in offs)
-
-
-def _if_known(wet: Calibration) -> list[tuple[str, Array]]:
-    """Every group of parameters, and the covariance if it were known exactly."""
-    if not wet.covariance.size:
-        return []
-    parameters, covariance = wet.camera_model().parameters, wet.covariance
-    groups: dict[str, list[str]] = {}
-    for name in parameters.slices():
-        head, _, rest = name.partition(".")
-        groups.setdefault(rest.split(".")[0] if head == "cover" else head, []).append(name)
-    found = []
-    for group, names in groups.items():
-        at = parameters.entries(names)
-        gain = covariance[:, at] @ np.linalg.pinv(covariance[np.ix_(at, at)], hermitian=True)
-        found.append((group, covariance - gain @ covariance[at]))
-    return found
 
 
 def _on_other_face(calibration: Calibration, wet: Calibration, rows: Array, depths: Sequence[float]) -> list[float]:

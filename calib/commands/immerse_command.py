@@ -138,7 +138,10 @@ def _as_mapping(immersion: "Immersion", remarks: list[str], written: list[str]) 
         "outside_index": {"value": outside.value, "sigma": outside.sigma},
         "maps": [{"depth_m": depth, "sigma_before_px": was, "sigma_px": now, "other_face_px": other} for depth, was, now, other in rows],
         "known": not immersion.unknown,
-        "loose": [{"name": one.name, "sigma_px_if_known": list(one.sigma_px)} for one in immersion.loose],
+        "loose": [
+            {"name": one.name, "sigma_px_if_known": list(one.sigma_px), "measured_to": one.measured_to, "unit": one.unit}
+            for one in immersion.loose
+        ],
         "remarks": remarks,
         "written": written,
     }

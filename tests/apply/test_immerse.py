@@ -9,7 +9,8 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from calib.apply.immerse import DEPTHS, UNKNOWN, immerse, immersed
+from calib.apply.immerse import DEPTHS, Immersion, immerse, immersed
+from calib.apply.loose import UNKNOWN
 from calib.apply.map_uncertainty import corners_at, predicted_sigma
 from calib.apply.water import index_of_water
 from calib.calibration import AddedEffect, Calibration
@@ -31,31 +32,15 @@ from calib.session.freeing import AUTO, NONE
 from calib.session.schema import Number
 from calib.session.session import read_session
 from fixtures.calibrated import CAMERA, calibrated, tolerant
-from fixtures.housing import DOME, INDEX, WINDOW
+from fixtures.housing import INDEX, WINDOW
 from fixtures.known import known, lens_alone
 from fixtures.rays import FIXTURES, map_error
 from fixtures.synthetic import INTRINSICS, paper_cone, scene
+from fixtures.wet import GLASS
 
 Array = NDArray[np.float64]
 
 WATER = Number(1.34)
-GLASS = {
-    "flat": {
-        "distance": WINDOW.place,
-        "tilt.x": WINDOW.turned[0],
-        "tilt.y": WINDOW.turned[1],
-        "thickness": WINDOW.thickness,
-        "refractive_index": INDEX,
-    },
-    "dome": {
-        "inner_radius": DOME.place,
-        **{f"centre.{axis}": at for axis, at in zip("xyz", DOME.turned, strict=True)},
-        "thickness": DOME.thickness,
-        "refractive_index": INDEX,
-    },
-    "cone": {name: number.value for name, number in paper_cone().parameters.items()},
-}
-"""As they were rendered."""
 each_shape = pytest.mark.parametrize("shape", GLASS)
 
 
@@ -171,15 +156,25 @@ def test_sigma_is_the_spread_of_calibrations_drawn_from_the_covariance(dry: Cali
 
 
 def test_what_moves_no_ray_in_air_is_loose_under_water() -> None:
-    """Where a dome's centre is: in air the views hardly care, under water it is what matters most."""
+    """Where a dome's centre is: in air the views hardly care, under water it is what matters most. Stated as surely as was asked for, it is
+    known well enough."""
     session = read_session(FIXTURES / "wet-dome")
-    vague = {name: replace(n, sigma=0.002) if name.startswith("centre") else n for name, n in session.cover.parameters.items()}
-    tight, wide = (immerse(fit(one), WATER) for one in (session, replace(session, cover=Cover("dome", vague))))
+
+    def stated(sigma: float) -> Immersion:
+        numbers = {name: replace(n, sigma=sigma) if name.startswith("centre") else n for name, n in session.cover.parameters.items()}
+        return immerse(fit(replace(session, cover=Cover("dome", numbers))), WATER)
+
+    wide = stated(0.002)
     assert max(wide.before_px) < 0.02
-    assert min(wide.after_px) > 2 * max(tight.after_px)
     assert wide.unknown
-    assert wide.loose[0].name == "centre"
-    assert max(wide.loose[0].sigma_px) < 0.2 * min(wide.after_px)
+    loose = wide.loose[0]
+    assert loose.name == "centre"
+    assert max(loose.sigma_px) < 0.2 * min(wide.after_px)
+    assert loose.measured_to is not None
+    assert loose.unit == "mm"
+    tight = stated(1e-3 * loose.measured_to)
+    assert max(tight.after_px) == pytest.approx(UNKNOWN, rel=0.1)
+    assert min(wide.after_px) > 2 * max(tight.after_px)
 
 
 def test_no_number_of_an_uneven_cover_is_surer_than_it_was_declared(dry: Calibration) -> None:
