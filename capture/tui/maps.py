@@ -1,7 +1,9 @@
-"""Coverage as small maps of shades, which need no colour."""
+"""Coverage as small maps: of shades, which need no colour, in a terminal; their numbers for a page that draws them."""
 
 import numpy as np
 from numpy.typing import NDArray
+
+from capture.tui.page import Line
 
 SHADES = " ░▒▓█"
 
@@ -15,3 +17,22 @@ def shaded(covered: NDArray[np.float64], columns: int, rows: int) -> str:
     # what is begun is never shown as empty, and only what is full as full
     index = np.where((level > 0) & (level < 1), 1, np.floor(level)).astype(int)
     return "\n".join("".join(SHADES[entry] for entry in line) for line in index)
+
+
+class CoverageMap(Line):
+    title = ""
+    covered: NDArray[np.float64] | None = None
+    """(h, w) coverage, 0 to 1; None: there is a text alone."""
+    full = ""
+    """What it means that a place is fully covered."""
+
+    def cover(self, title: str, covered: NDArray[np.float64], text: str, full: str) -> None:
+        """
+        Args:
+            title: as a page calls it.
+            covered: (h, w) coverage, 0 to 1.
+            text: as a terminal shows it.
+            full: what it means that a place is fully covered.
+        """
+        self.title, self.covered, self.full = title, np.clip(np.nan_to_num(covered), 0, 1), full
+        self.say(text)

@@ -7,6 +7,8 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from textual.app import App
 from textual.containers import Grid
 from textual.screen import Screen
@@ -15,13 +17,14 @@ from textual.widgets import Button, Footer, Input, Label, OptionList, Select, St
 from textual.widgets._toast import ToastRack
 
 from capture.tui.help import Prose
+from capture.tui.maps import CoverageMap
 from capture.tui.page import STEPS, Page
 from capture.tui.picture import Picture
 from capture.tui.touch_words import worded
 from capture.tui.working import Bar, WorkingPage
 
 Block = dict[str, object]
-"""`kind`: text, field, choice or list; `name`, by which it is spoken of; and what it shows."""
+"""`kind`: text, map, bar, field, choice or list; `name`, by which it is spoken of; and what it shows."""
 
 LAID_OUT = re.compile(r"[ ]{2}|[░▒▓█]")
 """Of a text that stands in columns."""
@@ -100,6 +103,8 @@ def _blocks(widget: Widget) -> Iterator[Block]:
             continue  # a button has a key as well
         if isinstance(each, Label):
             label = str(each.content).lstrip("✗ ")
+        elif isinstance(each, CoverageMap) and each.covered is not None:
+            yield _map(each, each.covered)
         elif isinstance(each, Static):
             if each.id == "tasks" and isinstance(each.screen, WorkingPage):
                 yield from map(_bar, each.screen.bars)
@@ -118,6 +123,10 @@ def _needless(widget: Static) -> bool:
 
 def _bar(bar: Bar) -> Block:
     return {"kind": "bar", "name": bar.title, "label": bar.title, "share": round(bar.share, 3), "text": bar.words.strip()}
+
+
+def _map(widget: CoverageMap, covered: NDArray[np.float64]) -> Block:
+    return {"kind": "map", "name": name_of(widget), "label": widget.title, "full": widget.full, "cells": np.round(covered, 2).tolist()}
 
 
 def _text(widget: Static, text: str) -> Block:

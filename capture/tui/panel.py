@@ -8,7 +8,7 @@ from textual.reactive import reactive
 
 from capture.coverage import SessionProgress
 from capture.tui.cells import FOUND, HINT
-from capture.tui.maps import shaded
+from capture.tui.maps import CoverageMap, shaded
 from capture.tui.page import Line
 
 MAP = (13, 5)  # columns and rows of a coverage map
@@ -41,9 +41,9 @@ class Panel(Vertical):
         yield Line(id="count", markup=False)
         yield Line(id="enough", markup=False)
         with Horizontal(id="maps"):
-            yield Line(id="image", markup=False)
-            yield Line(id="glass", markup=False)
-        yield Line(id="depth", markup=False)
+            yield CoverageMap(id="image", markup=False)
+            yield CoverageMap(id="glass", markup=False)
+        yield CoverageMap(id="depth", markup=False)
         yield Line(f"{MARKS}\n{COUNTED}", id="legend", markup=False)
         yield Line(id="notes", markup=False)
 
@@ -59,7 +59,12 @@ class Panel(Vertical):
             return
         self.query_one("#enough", Line).say(progress.sentence)
         self.query_one("#legend", Line).say(f"{MARKS}\n{COUNTED if progress.sigma_px is None else COMPUTED}")
-        self.query_one("#image", Line).say(f"Picture\n{shaded(progress.image, *MAP)}")
-        if self._covered:
-            self.query_one("#glass", Line).say(NO_GLASS if progress.sigma_px is None else f"{GLASS}\n{shaded(progress.glass, *MAP)}")
-        self.query_one("#depth", Line).say(f"Depth  near {shaded(progress.depth[None], 13, 1)} far")
+        full = "enough" if progress.sigma_px is None else "sure"
+        image, glass, depth = (self.query_one(f"#{name}", CoverageMap) for name in ("image", "glass", "depth"))
+        image.cover("Picture", progress.image, f"Picture\n{shaded(progress.image, *MAP)}", full)
+        if self._covered and progress.sigma_px is None:
+            glass.say(NO_GLASS)
+        elif self._covered:
+            glass.cover("Glass", progress.glass, f"{GLASS}\n{shaded(progress.glass, *MAP)}", "enough")
+        row = progress.depth[None]
+        depth.cover("Depth, near to far", row, f"Depth  near {shaded(row, 13, 1)} far", full)

@@ -77,7 +77,7 @@ const find = (name) => main.querySelector(`[data-name="${CSS.escape(name)}"]`);
 
 function drawn(block) {
   const name = block.name;
-  const box = {field: drawField, choice: drawChoice, list: () => make("div", {className: "list"}), bar: drawBar}[block.kind]?.(block)
+  const box = {field: drawField, choice: drawChoice, list: () => make("div", {className: "list"}), bar: drawBar, map: drawMap}[block.kind]?.(block)
     ?? make(block.columns ? "pre" : "p");
   if (block.half) box.classList.add("half");
   if (!box.dataset.name) box.dataset.name = name;
@@ -109,6 +109,29 @@ function drawBar() {
   return make("div", {className: "bar"}, make("span"), make("b"), make("progress", {max: 1}));
 }
 
+function drawMap() {
+  const picture = make("canvas");
+  picture.setAttribute("role", "img");
+  return make("figure", {className: "map"}, make("figcaption", {}, make("b"), make("small")), picture);
+}
+
+/** Dark where nothing is covered, the brighter the more, and of the colour of what is good where it is fully. */
+function renewMap(box, block) {
+  const [title, picture] = box.children, cells = block.cells.flat();
+  if (box.dataset.cells === String(cells)) return;
+  box.dataset.cells = String(cells);
+  title.children[0].textContent = block.label;
+  title.children[1].textContent = `green: ${block.full}`;
+  const columns = block.cells[0].length, rows = block.cells.length;
+  Object.assign(picture, {width: columns, height: rows});
+  picture.setAttribute("aria-label", `${block.label}: ${Math.round(100 * cells.filter((share) => share >= 1).length / cells.length)} % ${block.full}`);
+  const pen = picture.getContext("2d");
+  cells.forEach((share, place) => {
+    pen.fillStyle = share >= 1 ? "#4ade80" : `hsl(217 ${20 + 50 * share}% ${14 + 48 * share}%)`;
+    pen.fillRect(place % columns, Math.floor(place / columns), 1, 1);
+  });
+}
+
 /** Letters of a table so small that its rows fit; what else is in it wraps. */
 function fitted(text) {
   const rows = text.split("\n").filter((row) => /\S {2}|[█░]/.test(row)).map((row) => row.trimEnd().length);
@@ -121,6 +144,10 @@ function renew(box, block) {
     if (box.textContent === block.text) return;
     box.textContent = block.text;
     if (block.columns) box.style.fontSize = fitted(block.text);
+    return;
+  }
+  if (block.kind === "map") {
+    renewMap(box, block);
     return;
   }
   if (block.kind === "bar") {

@@ -92,7 +92,13 @@ async def _from_nothing(address: str, folder: Path) -> None:
         await phone.see("Through cover")
         await phone.see("Touch Fit to fit")
         await phone.see("Enough")
+        maps = json.loads(str(await phone.evaluate(MAPS)))
+        assert [(one["name"], one["size"]) for one in maps] == [("image", [12, 9]), ("glass", [12, 9]), ("depth", [3, 1])]
+        assert [one["said"].split(" % ")[1] for one in maps] == ["sure", "enough", "sure"]
+        assert all(one["colours"] > 1 for one in maps[:2]), "covered and not"
         await _keep(phone, "4-through-cover")
+        await phone.evaluate("document.querySelector('[data-name=depth]').scrollIntoView({block: 'end'})")
+        await _keep(phone, "4-maps")
         assert str(await phone.evaluate(HEARD)).endswith("enough")
         await phone.press("f")
         await phone.see("Joint fit")
@@ -172,6 +178,13 @@ async def _ghost(address: str, folder: Path) -> None:
         assert phone.complaints == []
 
 
+MAPS = """
+JSON.stringify([...document.querySelectorAll("#thumb .map")].map((each) => {
+  const map = each.querySelector("canvas"), drawn = map.getContext("2d").getImageData(0, 0, map.width, map.height).data;
+  const colours = new Set(new Uint32Array(drawn.buffer)).size;
+  return {name: each.dataset.name, size: [map.width, map.height], said: map.ariaLabel, colours};
+}))
+"""
 TERMINAL = """
 Array.from({length: served.terminal.rows}, (_, row) => served.terminal.buffer.active.getLine(row)?.translateToString(true)).join(" ")
 """
