@@ -107,8 +107,13 @@ def write_atomically(path: Path, data: bytes | memoryview | str) -> None:
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """Around what only looks at a path: an OSError becomes the sentence of a path that cannot be read."""
+    """Around what only looks at a path: an OSError becomes the sentence of a path that cannot be read.
+
+    From Python 3.14 on, `Path.exists` and its like take what cannot be looked up for what is not there, so it is looked up here as well.
+    """
     try:
+        with suppress(FileNotFoundError, NotADirectoryError):
+            path.stat()
         yield
     except OSError as error:
         raise InputError(f"{error.filename or path} cannot be read ({error.strerror}): check its name and permissions.") from error
