@@ -25,6 +25,7 @@ EMPTY = Typed(BOARDS["checkerboard"], "cone", {"refractive_index": "1.5", "outsi
 class BoardAndCover(Vertical):
     DEFAULT_CSS = """
     BoardAndCover { height: auto; }
+    BoardAndCover.-locked Row { opacity: 60%; }
     BoardAndCover Grid { grid-size: 2; grid-rows: 1; grid-gutter: 0 1; height: auto; }
     """
 
@@ -73,6 +74,7 @@ class BoardAndCover(Vertical):
             await self._show_fields("#cover", _keys(self.shape), EMPTY.cover)
 
     def set_locked(self, locked: bool) -> None:
+        self.set_class(locked, "-locked")
         for each in self.query("Input, Select"):
             each.disabled = locked
 
