@@ -113,6 +113,7 @@ def test_an_effect_can_be_asked_for_by_name(bowed: Calibration) -> None:
         with_named(bowed, ("flat_port",), Silent())
 
 
+@pytest.mark.slow
 def test_what_was_added_before_and_is_not_needed_is_dropped(bowed: Calibration) -> None:
     """A pull of the detector that nobody sees, and the bow that everybody does."""
     said = with_named(bowed, ("detector_bias", "board_shape"), Silent())

@@ -83,6 +83,7 @@ def map_error(line: Line, calibration: Calibration) -> float:
     return float(np.sqrt((left**2).mean() * 2))
 
 
+@pytest.mark.slow
 def test_a_camera_that_is_another_is_left_out_by_name(prior: Path) -> None:
     read = read_fleet_prior(prior)
     left_out = dict(read.left_out)

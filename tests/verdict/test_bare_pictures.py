@@ -53,7 +53,7 @@ def test_a_bare_that_was_taken_through_the_cover_is_told(tmp_path: Path, thickne
     assert not asked(cover_stage, calibration)
 
 
-@pytest.mark.parametrize("thickness", [0.00115, 0.003])
+@pytest.mark.parametrize("thickness", [0.00115, pytest.param(0.003, marks=pytest.mark.slow)])
 def test_a_true_bare_is_not_doubted_whatever_the_cover_is_off_by(tmp_path: Path, thickness: float) -> None:
     """By draws from the tolerances of its numbers."""
     made, bare = covered(thickness), bare_views(3, 8, NOISE)

@@ -49,7 +49,7 @@ def turned(made: Scene, quarters: int, mirrored: bool) -> tuple[View, ...]:
     return tuple(views)
 
 
-@pytest.mark.parametrize(("quarters", "mirrored"), [(2, False), (0, True), (2, True)])
+@pytest.mark.parametrize(("quarters", "mirrored"), [pytest.param(2, False, marks=pytest.mark.slow), (0, True), (2, True)])
 def test_turned_and_mirrored_pictures_are_named(made: Scene, quarters: int, mirrored: bool) -> None:
     verdict = judge(
         tolerant(replace(made, views=turned(made, quarters, mirrored)), Setup(made.board, CAMERA, INTRINSICS, made.cover), FAST)

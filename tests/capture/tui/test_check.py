@@ -92,6 +92,7 @@ async def _changed(session: Path, later: Path) -> None:
         assert undistort.startswith(f"Next: calib undistort {updated} ")
 
 
+@pytest.mark.slow
 def test_pictures_are_taken_for_it_into_a_session_of_their_own(session: Path, later: Path) -> None:
     drive(_taken(session, later))
     assert len(list((session / "checks" / "001" / "frames").glob("*.png"))) == 4

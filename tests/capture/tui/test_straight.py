@@ -92,6 +92,7 @@ def test_lines_run_along_the_board_or_else_across_the_picture(session: Path, str
     assert len(along(corners, BOARD)) == 17
 
 
+@pytest.mark.slow
 def test_u_asks_for_a_depth_and_shows_it_straight(session: Path, tmp_path: Path) -> None:
     folder = tmp_path / "session"
     shutil.copytree(session, folder)
