@@ -1,4 +1,4 @@
-"""What a calibration leaves open in another medium: which numbers, how sure the maps were without them, and how well to measure them."""
+"""What a calibration leaves open in another medium: which numbers, and how well they would have to be measured."""
 
 from __future__ import annotations
 
@@ -108,5 +108,5 @@ def _loose(wet: Calibration, group: str, names: Sequence[str], errors: Array, de
     if group in ADVICE or group not in WORDS or len({(param.unit, param.scale) for param in own}) != 1 or (known >= UNKNOWN).any():
         return Loose(group, tuple(known))
     unit, per_si = SHOWN[own[0].unit]
-    each = np.array(_spreads(errors, along, depths))  # px, of numbers that are known to one of their scale
+    each = np.maximum(_spreads(errors, along, depths), np.finfo(float).tiny)  # px, of numbers that are known to one of their scale
     return Loose(group, tuple(known), float(np.min(np.sqrt(UNKNOWN**2 - known**2) / each)) * own[0].scale * per_si, unit)
