@@ -179,13 +179,13 @@ class InformedGuide:
     def _sentence(self, sigma: float, needed: int | None) -> str:
         said = f"The maps are likely off by {_px(sigma)} px; {_px(self._target)} are wanted"
         if needed is None:
-            return f"{said}, which {MOST} more views would not reach: take what time allows, or nearer and larger boards."
+            return f"{said}, which {MOST} more views would not reach: take nearer and larger boards."
         if needed:
             return f"{said}: likely {needed} more view{'s' if needed > 1 else ''}."
         if self._folds_agree is None:
             return f"{said}. Whether views left out of the fit agree is being computed."
         if not self._folds_agree:
-            return f"{said}, but views left out of the fit do not agree: take more views, and let calib diagnose look for what is missing."
+            return f"{said}, but views left out of the fit do not agree: take more, fit, then diagnose."
         return f"Enough: {said.lower()}, and views left out of the fit agree."
 
     def _known(self, views: Sequence[SeenView]) -> Array:

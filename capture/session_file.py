@@ -27,6 +27,12 @@ def read_setup(file: Path) -> Setup:
     return session_from_mapping({key: value for key, value in written.items() if key not in ("format", "corners", PRIOR)}, str(file))
 
 
+def read_calibrated(calibration: Path) -> Setup:
+    """Board, camera and cover as a calibration's file has them: with the lens that was found."""
+    said = read_yaml(calibration)
+    return session_from_mapping({key: said[key] for key in ("board", "camera", "cover") if key in said}, str(calibration))
+
+
 def board_of(session: Path, asked: Board | None, like: Setup | None = None) -> Board:
     """The board that a session folder describes, or the one that was asked for where it describes none yet.
 

@@ -98,17 +98,21 @@ def update(calibration: Calibration, known: Known, answer: Answer, pictures: Pic
     return replace(updated, settings=updated.settings | {UPDATES: [*calibration.settings.get(UPDATES, []), said]}), moved
 
 
+def carries(answer: Answer) -> bool:
+    """Whether what has changed, if anything, has one name and is something that a calibration can carry."""
+    names = [change.name for change in answer.changes]
+    return answer.word is Word.VALID or (len(names) == 1 and names[0] in {kind.name for kind in KINDS} - KEPT_APART)
+
+
 def _change(answer: Answer, calibration: Calibration, known: Known) -> Effect | None:
     if not known.parameters.count:
         raise NotEnoughDataError("The calibration does not say how sure it is of its numbers, so few pictures cannot update it: fit anew.")
     if answer.word is Word.VALID:
         return None
-    kinds = {kind.name: kind for kind in KINDS}
-    names = [change.name for change in answer.changes]
-    if len(names) > 1 or names[0] not in kinds or names[0] in KEPT_APART:
-        what = str(answer.changes[0]) if len(names) == 1 else "what has changed has no one name"
+    if not carries(answer):
+        what = str(answer.changes[0]) if len(answer.changes) == 1 else "what has changed has no one name"
         raise NotEnoughDataError(f"The calibration cannot be brought up to date ({what}): record a new session and fit it.")
-    return next(change for change in changes_of(calibration) if change.name == names[0])
+    return next(change for change in changes_of(calibration) if change.name == answer.changes[0].name)
 
 
 def _with(calibration: Calibration, known: Known, change: Effect | None, fit: Refit, views: tuple[View, ...]) -> Calibration:

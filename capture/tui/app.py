@@ -19,9 +19,10 @@ from textual.events import Event, Key, Paste
 from textual.reactive import reactive
 
 from capture.process import prepare
+from capture.session_file import read_calibrated
 from capture.tui.camera import Task
 from capture.tui.check import CheckScreen
-from capture.tui.check_source import CheckSourceScreen, calibrated, folder_of
+from capture.tui.check_source import CheckSourceScreen, folder_of
 from capture.tui.check_views import CheckViewsScreen, next_folder
 from capture.tui.collect import CollectScreen
 from capture.tui.export import ExportScreen
@@ -41,7 +42,7 @@ class CaptureApp(App[None]):
     ENABLE_COMMAND_PALETTE = False
     CSS = """
     * { scrollbar-size: 1 1; }
-    Input { scrollbar-size: 0 0; }
+    Input, Footer { scrollbar-size: 0 0; }
     Screen *:nocolor:focus { text-style: reverse; }
     OptionList:nocolor:focus { text-style: none; }
     .banner { width: 1fr; text-style: bold; padding: 0 1; }
@@ -117,7 +118,7 @@ class CaptureApp(App[None]):
             if pictures := folder_of(source):
                 self.push_screen(CheckScreen(message.calibration, pictures, message.depth))
                 return
-            task = Task(next_folder(message.session), source, calibrated(message.calibration), bare=False)
+            task = Task(next_folder(message.session), source, read_calibrated(message.calibration), bare=False)
             self.push_screen(CheckViewsScreen(task, message.calibration, message.depth))
 
         self.push_screen(CheckSourceScreen(self.source), begin)

@@ -16,12 +16,14 @@ ONWARD = {
     "valid": "Nothing has to be done: esc goes back.",
     "degraded": "Press enter to bring the calibration up to date by these pictures, or esc to go back and record anew.",
     "broken": "Press enter to try to bring the calibration up to date by these pictures, or esc to go back and record anew.",
-    "": "With these pictures it cannot be brought up to date: esc goes back, to record anew.",
+    "": "With these pictures it cannot be brought up to date: esc goes back, to take others, or to record the session anew.",
+    "known": "But it was made from these pictures, which say nothing of today: esc goes back, to name others.",
 }
 
 
 class CheckScreen(AnswerPage):
     PART = "check"
+    DEFAULT_CSS = "CheckScreen #sentence { height: auto; min-height: 3; max-height: 6; }"
     BINDINGS: ClassVar = [
         Binding("enter", "update", "Bring up to date", key_display="enter"),
         Binding("x", "export", "Export maps"),
@@ -59,7 +61,8 @@ class CheckScreen(AnswerPage):
     def finished(self, result: Event) -> None:
         super().finished(result)
         written = f"Up to date: {result['written']}. Press x to export maps of it; the one before it stays as it was."
-        onward = ONWARD[result["word"] if self._may_update or result["word"] == "valid" else ""]
+        word = "known" if result["known"] else result["word"]
+        onward = ONWARD[word if self._may_update or word in ("valid", "known") else ""]
         self.say(harmless(written if result["written"] else f"{result['sentence']} {onward}"))
 
     @property

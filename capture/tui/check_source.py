@@ -5,9 +5,6 @@ from pathlib import Path
 from typing import ClassVar
 
 from calib.errors import InputError
-from calib.io.yaml_reader import read_yaml
-from calib.session.session import session_from_mapping
-from capture.session_file import Setup
 from capture.sources.registry import open_source
 from capture.tui.named import cannot_be_opened, played
 from capture.tui.question import Question, keys
@@ -39,9 +36,3 @@ class CheckSourceScreen(Question[str]):
 def folder_of(source: str) -> Path | None:
     """The folder that a source plays back, whose pictures need not be taken again."""
     return typed_path(source.removeprefix(FOLDER).partition("?")[0]) if source.startswith(FOLDER) else None
-
-
-def calibrated(calibration: Path) -> Setup:
-    """Board, camera and cover as a calibration's file has them: so the guide knows the lens."""
-    said = read_yaml(calibration)
-    return session_from_mapping({key: said[key] for key in ("board", "camera", "cover")}, str(calibration))

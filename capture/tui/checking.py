@@ -9,14 +9,14 @@ from capture.tui.child import LOADING
 def check_calibration(progress: Progress, place: Path, pictures: Path, updated: Path | None = None) -> dict[str, object]:
     """Answer as `calib check` does, and with `updated` write the calibration brought up to date there, as its --update does.
 
-    Returns the answer's word and sentence, a text of what it rests on, whether these pictures can bring the calibration up to date, and
-    the file that was written, if one was.
+    Returns the answer's word and sentence, a text of what it rests on, whether these pictures can bring the calibration up to date, whether
+    it was made from them, and the file that was written, if one was.
     """
     progress.task(LOADING, 1)
     from calib.calibration import DERIVED, Calibration
     from calib.checking.check import Checker
     from calib.checking.pictures import read_pictures
-    from calib.checking.update import Moved, update
+    from calib.checking.update import Moved, carries, update
     from calib.commands.check_lines import answer_lines
     from calib.io.file_set import FileSet
 
@@ -32,4 +32,11 @@ def check_calibration(progress: Progress, place: Path, pictures: Path, updated: 
             written = str(better.write(files))
             files.commit(instead_of=DERIVED)
     text = "\n\n".join(answer_lines(answer, moved))
-    return {"word": answer.word.value, "sentence": answer.word.sentence, "text": text, "usable": bool(found.views), "written": written}
+    return {
+        "word": answer.word.value,
+        "sentence": answer.word.sentence,
+        "text": text,
+        "usable": bool(found.views) and carries(answer),
+        "known": bool(answer.views) and answer.known == answer.views,
+        "written": written,
+    }

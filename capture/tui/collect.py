@@ -24,6 +24,7 @@ from capture.tui.doubts import too_few
 from capture.tui.farewell import fitted
 from capture.tui.fit import FitScreen
 from capture.tui.lacking import lacking, lens_known, no_lens, none_found
+from capture.tui.lens import ENOUGH
 from capture.tui.named import played
 from capture.tui.opening import OpeningScreen
 from capture.tui.page import DOTS, HELP_AND_QUIT, Line
@@ -35,7 +36,9 @@ from capture.tui.watching import WatchingPage
 
 RETRY_S = 3.0  # after which a camera that failed is tried again
 TAKEN_S = 1.5  # for which a view that was kept is said, whatever comes next
-MORE = "More views would make {} surer: they can come from another source."
+MORE = "More views would make it surer: they can come from another source."
+MORE_BARE = ("More views would make the lens surer.", "Enough to go on. More views would make the lens surer.")
+"""Before there are ENOUGH, and from there on."""
 LACKING_S = 6.0  # for which it is said that a fit cannot begin
 
 
@@ -55,7 +58,7 @@ class CollectScreen(WatchingPage, StraighteningPage):
         Binding("f", "fit", "Fit"),
         Binding("n", "none_yet", show=False),
         Binding("f", "not_yet", show=False),
-        Binding("o", "again", "Open again"),
+        Binding("o", "again", "Reopen"),
         Binding("u", "straight", "Undistort"),
         Binding("ctrl+o", "results", "Results", key_display="^o"),
         DOTS,
@@ -221,7 +224,7 @@ class CollectScreen(WatchingPage, StraighteningPage):
         if enough:
             words = f"ENOUGH: {self.onward()}. More views do no harm."
         elif self.MAPS and over and self.kept:
-            words = MORE.format("the lens" if self.plan.bare else "it")
+            words = MORE_BARE[len(self.kept) >= ENOUGH] if self.plan.bare else MORE
         self.query_one("#next", Line).say(words)
         self._draw()
 

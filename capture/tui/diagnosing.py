@@ -52,7 +52,7 @@ def as_text(finding: "Diagnosis", numbers: "Sequence[Sequence[str]]" = ()) -> st
     ]
     lines += [
         f"{'fitted views':<26}{before.rms_px:>9.3f} px{after.rms_px:>9.3f} px",
-        f"{'on the board':<26}{before.rmse_cm:>9.4f} cm{after.rmse_cm:>9.4f} cm",
+        f"{'on the board':<26}{10 * before.rmse_cm:>9.3f} mm{10 * after.rmse_cm:>9.3f} mm",
         f"{'held-out views':<26}{before.held_out_px:>9.3f} px{after.held_out_px:>9.3f} px",
         f"{'of which noise':<26}{finding.noise_px:>9.3f} px{finding.noise_px:>9.3f} px",
     ]

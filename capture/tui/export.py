@@ -26,8 +26,8 @@ ABOUT = (
 )
 DONE = "That is all: esc goes back to the results, and q there ends the program."
 NO_MAP = (
-    "No map, as no depth was named. rays.npz holds the ray of every pixel, from which calib makes a map for any depth: name one here, and "
-    "press ^s again, or esc goes back."
+    "No map, as no depth was named. rays.npz holds the ray of every pixel: name a depth here for a map, and press ^s "
+    "again, or esc goes back."
 )
 
 FAR_OFF = 3.0  # times the farthest board, or the nearest in so many parts: from here on a depth is asked about
@@ -125,7 +125,8 @@ class ExportScreen(ModalScreen[str]):
     def _run(self, app: App[None], arguments: Sequence[str]) -> None:
         done = calib(arguments)
         written = [Path(line) for line in done.stdout.splitlines()]
-        app.post_message(self.Done(self, done.sentence if done.returncode else _told(written, done.remarks), written))
+        said = done.sentence.replace("with -o", "above") if done.returncode else _told(written, done.remarks)
+        app.post_message(self.Done(self, said, written))
 
     def tell(self, message: Done) -> None:
         """What stands in the fields may have been changed meanwhile: what is wrong with it stays to be read."""
@@ -152,6 +153,8 @@ def depths(text: str) -> Sequence[str]:
 
 def _unmistakably(word: str) -> str:
     match word.split(","):
+        case ["0", decimals] if decimals.isdecimal():
+            return f"write 0.{decimals} with a point"
         case [whole, decimals] if whole.isdecimal() and decimals.isdecimal():
             return f"write {whole}.{decimals} with a point, or {whole} {decimals} for two depths"
         case _:
@@ -166,7 +169,7 @@ def far_off(listed: Sequence[str], boards: tuple[float, float]) -> str:
         return ""
     metres = " and ".join(f"{word} m" for word in words)
     away = f"far from your boards, which were {near:.2f} to {far:.2f} m away"
-    return f"{metres} {'are' if words[1:] else 'is'} {away}: export once more to mean it."
+    return f"{metres} {'are' if words[1:] else 'is'} {away}: press ^s again to export all the same."
 
 
 def folder(text: str) -> Path:

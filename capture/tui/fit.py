@@ -7,6 +7,7 @@ from textual.binding import Binding
 from textual.message import Message
 
 from capture.tui.child import Event
+from capture.tui.farewell import CALIBRATION, fitted
 from capture.tui.fitting import fit_session
 from capture.tui.page import HELP_AND_QUIT
 from capture.tui.results import ResultsScreen
@@ -33,6 +34,7 @@ class FitScreen(WorkingPage):
         super().__init__()
         self.session = session
         self._before = before
+        self._stamp = 0
         self.cut_short = False
         """The fit was cancelled, and has left nothing."""
 
@@ -42,6 +44,7 @@ class FitScreen(WorkingPage):
     def action_again(self) -> None:
         self.say("The views are being fitted. The camera rests; esc cancels.")
         self.cut_short = False
+        self._stamp = self._written()
         self.app.post_message(self.Began(self))  # at once: a key may end the program next
         self.follow(fit_session, self.session, self.session / "calibration")
 
@@ -49,8 +52,13 @@ class FitScreen(WorkingPage):
         self.app.switch_screen(ResultsScreen(self.session, result, self._before))
 
     def cancel(self) -> None:
-        self.cut_short = self.cut_short or self.child is not None
+        self.cut_short = self.cut_short or (self.child is not None and self._written() == self._stamp)
         super().cancel()
+
+    def _written(self) -> int:
+        """When the session's calibration was, ns; 0 where there is none."""
+        folder = fitted(self.session)
+        return (folder / CALIBRATION).stat().st_mtime_ns if folder else 0
 
     def action_back(self) -> None:
         """To the results that a fit was to follow, which are still those of the calibration."""

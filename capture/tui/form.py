@@ -41,7 +41,7 @@ HELP = {
     "inner_radius_mm": "Millimetres from the cover's axis to its inner face, at the height of the lens.",
     "radius_slope": "By how much the radius grows downwards: -0.1 is 1 mm narrower every 10 mm.",
     "axis_offset_mm": "From the lens to the cover's axis in mm: x to the right in the picture, z ahead; 0, -30 is 30 mm behind.",
-    "tilt_deg": "Degrees of its tilt, first about x (to the right), then about z (ahead), or of a window about y (down): 0, 0 is straight.",
+    "tilt_deg": "Degrees of its tilt, first about x (to the right), then about z (ahead): 0, 0 is straight.",
     "thickness_mm": "Thickness of the glass in millimetres.",
     "refractive_index": "Of the glass: about 1.5; acrylic 1.49, polycarbonate 1.58.",
     "outside_index": "Of what is outside: 1 in air, 1.333 in water.",
@@ -51,6 +51,8 @@ HELP = {
 """What each value is, for someone who has never seen a session.yaml. Its rule is said when it is broken."""
 TAGS = {"columns": "How many tags there are along one row.", "rows": "How many tags there are along one column."}
 """The same of an aprilgrid, where it differs."""
+WINDOW = {"tilt_deg": "Degrees of its tilt, first about x (to the right), then about y (down): 0, 0 is straight."}
+"""The same of a window."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,9 +65,10 @@ class Typed:
     kind: str = "checkerboard"
 
 
-def explained(key: str, kind: str) -> str:
-    """What a value is, on a board of this type."""
-    return TAGS.get(key, "") if kind == "aprilgrid" and key in TAGS else HELP.get(key, "")
+def explained(key: str, kind: str, shape: str) -> str:
+    """What a value is, of a board of this type or a cover of this shape."""
+    others = {**(TAGS if kind == "aprilgrid" else {}), **(WINDOW if shape == "flat" else {})}
+    return others.get(key, HELP.get(key, ""))
 
 
 def problem(key: str, text: str, shape: str, kind: str = "checkerboard") -> str | None:

@@ -1,20 +1,27 @@
 """What a person names in the set-up: where pictures come from, and another session."""
 
+from dataclasses import replace
+
 from calib.errors import RefracalError
 from calib.io.files import reading
-from capture.session_file import Setup, read_setup
+from capture.session_file import Setup, read_calibrated, read_setup
 from capture.sources.registry import open_source
+from capture.tui.farewell import CALIBRATION
 from capture.typed_path import typed_path
 
 
 def read_like(like: str) -> Setup | None:
-    """What another session says; None where none is named."""
+    """What another session says, its lens as its fit found it where it states none; None where no session is named."""
     if not like.strip():
         return None
     place = typed_path(like.strip())
     with reading(place):
         place = place / "session.yaml" if place.is_dir() else place
-    return read_setup(place)
+    board, camera, cover = read_setup(place)
+    found = place.parent / "calibration" / CALIBRATION
+    if camera.intrinsics is None and found.exists():
+        camera = replace(camera, intrinsics=read_calibrated(found)[1].intrinsics)
+    return board, camera, cover
 
 
 def played(source: str) -> bool:

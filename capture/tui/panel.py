@@ -15,7 +15,7 @@ MAP = (13, 5)  # columns and rows of a coverage map
 MARKS = f"{FOUND} found   {HINT} hold it here"
 COUNTED, COMPUTED = "░ ▒ ▓ some views   █ enough", "░▒▓ less sure   █ sure enough"
 """What the shades of picture and depth say: how many views there are, and once it is computed, how sure the maps are."""
-GLASS, NO_GLASS = "Glass crossed", "Glass\nThe patch of cover looked through: not computed."
+GLASS, NO_GLASS = "Glass crossed", "Glass\nThe patch of cover looked through: not computed yet."
 """A plain rule takes each pixel for a point of the glass, whose map would be the picture's once more."""
 
 
@@ -23,7 +23,7 @@ class Panel(Vertical):
     DEFAULT_CSS = """
     Panel { padding: 0 1; }
     Panel #count { text-style: bold; height: 1; }
-    Panel #enough { height: 4; }
+    Panel #enough { height: auto; min-height: 4; max-height: 6; }
     Panel #maps { height: 6; }
     Panel #maps Line { width: 13; margin: 0 2 0 0; }
     Panel #depth { height: 1; }

@@ -67,6 +67,7 @@ class Question(ModalScreen[Answer | None]):
             self.dismiss(await self.answer(self.query_one(f"#{self.NAME}", Input).value.strip()))
         except InputError as error:
             self.query_one("#said", Static).update(harmless(str(error)))
+            self.query_one(f"#{self.NAME}", Input).focus()
 
     def action_onward(self) -> None:
         onward(self)

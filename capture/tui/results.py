@@ -158,10 +158,10 @@ class ResultsScreen(Page):
 
     def _stages(self) -> str:
         before = {stage["name"]: stage for stage in self._before["stages"]} if self._before else {}
-        lines = [f"{'error, unweighted':<18}{'picture':>9}{'on board':>10} {'last fit' if before else ''}"]
+        lines = [f"{'error, unweighted':<18}{'picture':>9}{'on board':>10} {'before' if before else ''}"]
         for stage in self.result["stages"]:
             was = f"{before[stage['name']]['rms_px']:>8.3f}" if stage["name"] in before else ""
-            lines.append(f"{stage['title']:<18}{stage['rms_px']:>6.3f} px{stage['rmse_cm']:>8.4f} cm{was}")
+            lines.append(f"{stage['title']:<18}{stage['rms_px']:>6.3f} px{10 * stage['rmse_cm']:>8.3f} mm{was}")
         if any(stage["name"] == "cover" for stage in self.result["stages"]):
             lines.append(GLASS)
         return "\n".join(lines)
@@ -171,7 +171,7 @@ class ResultsScreen(Page):
         said = [f"The error fell from {first:.3f} to {last:.3f} px; the corners' own noise is {self.result['noise_px']:.3f} px."]
         if sigmas := self.result["sigma_px"]:
             at = ", ".join(f"{one['px']:.2g} px at {one['depth_m']:g} m" for one in sigmas)
-            said.append(f"The maps are sure to {at} (sigma at the session's own depths: nearest, middle, farthest corner).")
+            said.append(f"The maps are sure to {at} (sigma, from the nearest to the farthest corner).")
         word, *reasons = self.result["verdict"]["sentences"]
         more = len(reasons) - SHOWN
         told = [*reasons[:SHOWN], *([f"{more} more reasons are in the report."] if more > 0 else [])]
@@ -232,7 +232,11 @@ class ResultsScreen(Page):
         return None if index is None else (index, self.result["views"][index])
 
     def action_drop(self) -> None:
-        if (chosen := self._chosen()) and not any(each.file == chosen[1]["file"] for each in self._dropped):
+        if (chosen := self._chosen()) is None:
+            return
+        if any(each.file == chosen[1]["file"] for each in self._dropped):
+            self._say(f"{chosen[1]['file']} is set aside already: z takes it back.")
+        else:
             try:
                 self._dropped.append(drop(self.session, chosen[1]["file"]))
             except RefracalError as error:

@@ -132,7 +132,8 @@ class SetupScreen(Page):
             await self._begin_anew()
         source = self._source.field
         both = half(source.value, covered=False) != source.value
-        words = cover_on(source.value, both=both) if self._covered else harmless(state(self.session))
+        there = taken(self.session, bare=False)
+        words = cover_on(source.value, both=both, there=there) if self._covered else harmless(state(self.session))
         self.query_one("#state", Static).update(words)
         self._form.set_locked(continued)
         self._propose()
@@ -233,7 +234,7 @@ class SetupScreen(Page):
         if not key:  # the list of a choice: its hint stays
             return
         listed = OPENS if isinstance(widget, Select) else ""
-        self.query_one("#hint", Static).update(help_of(key, self._form.kind, continued=described(self.session)) + listed)
+        self.query_one("#hint", Static).update(help_of(key, self._form.kind, self._form.shape, continued=described(self.session)) + listed)
         wrong = await self._wrong(widget) if isinstance(widget, Input) and widget.value else None
         self._say(wrong or self._refused)
         self._refused = ""
@@ -269,12 +270,15 @@ class SetupScreen(Page):
             self.app.push_screen(screen, lambda covered: self._back(screen, covered=bool(covered)))
 
     async def _lead(self, sentence: str) -> None:
-        """To the first field that will not do, and say why the start is refused."""
+        """To the first field that will not do, and say why: it, or the start if that refuses what each field by itself may say."""
         self._say(sentence)
-        for field in self.query(Input):
-            if not field.disabled and await self._wrong(field):
-                self._lead_to(field, sentence)
+        fields = [field for field in self.query(Input) if not field.disabled]
+        for field in fields:
+            if wrong := await self._wrong(field):
+                self._lead_to(field, wrong)
                 return
+        if named := next((field for field in fields if field.name and f".{field.name} " in sentence), None):
+            self._lead_to(named, sentence)
 
     def _lead_to(self, field: Widget, sentence: str) -> None:
         self._say(sentence)

@@ -12,8 +12,8 @@ from textual.pilot import Pilot
 from textual.widgets import Input
 
 from calib.progress import Silent
+from capture.session_file import read_calibrated
 from capture.tui.camera import Task
-from capture.tui.check_source import calibrated
 from capture.tui.check_views import CheckViewsScreen, next_folder
 from capture.tui.fitting import open_results
 from capture.tui.results import ResultsScreen
@@ -102,7 +102,7 @@ def test_pictures_are_taken_for_it_into_a_session_of_their_own(session: Path, la
 async def _taken(session: Path, later: Path) -> None:
     calibration = session / "calibration" / "calibration.yaml"
     async with results(session) as pilot:
-        task = Task(next_folder(session), f"folder:{later}?speed=max", calibrated(calibration), bare=False)
+        task = Task(next_folder(session), f"folder:{later}?speed=max", read_calibrated(calibration), bare=False)
         pilot.app.push_screen(CheckViewsScreen(task, calibration, 0.5))
         await see(pilot, "Press f to check, o to look through it again, esc for the results.")
         await pilot.press("n")  # no cover comes on here
@@ -121,7 +121,7 @@ def test_a_check_of_too_few_pictures_is_not_offered(session: Path, later: Path, 
 async def _few(session: Path, later: Path, folder: Path) -> None:
     calibration = session / "calibration" / "calibration.yaml"
     async with results(session) as pilot:
-        task = Task(folder, f"folder:{later}?speed=max", calibrated(calibration), bare=False)
+        task = Task(folder, f"folder:{later}?speed=max", read_calibrated(calibration), bare=False)
         pilot.app.push_screen(CheckViewsScreen(task, calibration, 0.5))
         await see(pilot, "Press o to look through it again, esc for the results.")
         await pilot.press("f")

@@ -97,7 +97,7 @@ async def _bow(session: Path) -> None:
         await see(pilot, "enter Use them")
         await pilot.press("enter")
         await see(pilot, "effects found")
-        assert "last fit" not in shown(pilot)  # the fit's own numbers are stages of the same table
+        assert "on board before" not in shown(pilot)  # the fit's own numbers are stages of the same table
         assert "the model lacks" not in " ".join(shown(pilot).split())
         await pilot.press("x")
         await see(pilot, "Maps that undistort pictures")
@@ -113,7 +113,7 @@ async def _again(session: Path) -> None:
         await see(pilot, "^o opens its results")
         await pilot.press("ctrl+o")
         await see(pilot, "effects found")
-        assert "last fit" not in shown(pilot)  # the fit's own numbers are stages of the same table
+        assert "on board before" not in shown(pilot)  # the fit's own numbers are stages of the same table
 
 
 def _numbers(pilot: Pilot[None], words: str) -> list[float]:

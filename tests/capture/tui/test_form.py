@@ -95,10 +95,11 @@ def test_every_number_is_explained() -> None:
 
 
 def test_the_order_of_the_tilts_is_said() -> None:
-    orders = {quantity.components for quantities in SHAPES.values() for quantity in quantities if quantity.key == "tilt_deg"}
-    said = explained("tilt_deg", "checkerboard")
-    assert orders
-    assert all(said.index(f"about {first}") < said.index(f"about {second}") for first, second in orders)
+    orders = {shape: one.components for shape, quantities in SHAPES.items() for one in quantities if one.key == "tilt_deg"}
+    assert len(orders) == 3
+    for shape, (first, second) in orders.items():
+        said = explained("tilt_deg", "checkerboard", shape)
+        assert said.index(f"about {first}") < said.index(f"about {second}")
 
 
 def test_no_cover_has_no_numbers() -> None:

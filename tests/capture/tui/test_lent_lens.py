@@ -96,6 +96,22 @@ def test_what_else_session_yaml_says_stays_as_it_was_written(tmp_path: Path) -> 
     assert after[1].intrinsics == named[1].intrinsics
 
 
+def test_a_session_that_was_fitted_lends_the_lens_that_its_fit_found(tmp_path: Path) -> None:
+    other, own = tmp_path / "other", tmp_path / "own"
+    for folder in (other, own):
+        folder.mkdir()
+        shutil.copy(FIXTURE / "session.yaml", folder)
+    with pytest.raises(InputError, match="does not know its lens either"):
+        lens_of(own, str(other))
+    (other / "calibration").mkdir()
+    found = KNOWN / "session.yaml"  # the part that counts is written alike
+    shutil.copy(found, other / "calibration" / "calibration.yaml")
+    named = lens_of(own, str(other))
+    assert named
+    assert named[1].intrinsics == read_setup(found)[1].intrinsics
+    assert named[2] == read_setup(other / "session.yaml")[2]
+
+
 def test_a_camera_in_one_line_gets_its_lens_as_well(tmp_path: Path) -> None:
     file = tmp_path / "session.yaml"
     file.write_text("format: 1\nboard: {columns: 9, rows: 9, square_mm: 20}\ncamera: {width: 820, height: 616}\ncover: {shape: none}\n")

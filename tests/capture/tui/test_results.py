@@ -226,6 +226,22 @@ async def _end(session: Path, key: str) -> None:
     assert farewell(pilot)[0].startswith("The last fit was ended before it had a result")
 
 
+@pytest.mark.usefixtures("_endless")
+def test_a_fit_that_had_written_its_calibration_was_not_cut_short(session: Path) -> None:
+    drive(_late(session))
+
+
+async def _late(session: Path) -> None:
+    async with results(session) as pilot:
+        await pilot.press("f")
+        await see(pilot, "The views are being fitted", SOON_S)
+        folder = session / "calibration"
+        folder.mkdir(exist_ok=True)
+        (folder / "calibration.yaml").write_text("of this fit")
+        await pilot.press("q")
+    assert not farewell(pilot)[0].startswith("The last fit")
+
+
 def when_told(progress: Progress, session: Path, _out: Path) -> dict[str, object]:
     """A fit that ends when the session has a file of that name."""
     progress.task(LOADING, 1)
@@ -269,4 +285,4 @@ async def _compare(session: Path, before: dict[str, object], alone: bool) -> Non
     async with running(session) as pilot:
         pilot.app.push_screen(ResultsScreen(session, RESULT, before))
         await see(pilot, "x to export maps", SOON_S)
-        assert ("last fit" not in shown(pilot)) == alone
+        assert ("on board before" not in shown(pilot)) == alone

@@ -52,8 +52,8 @@ async def _whole_session(size: tuple[int, int], session: Path) -> None:
         await pilot.press("z")
         await see(pilot, f"{worst} is back")
         await pilot.press("d", "f")
-        await see(pilot, "last fit")
-        await until(pilot, lambda: "last fit" in shown(pilot))
+        await see(pilot, "on board before")
+        await until(pilot, lambda: "on board before" in shown(pilot))
         assert pilot.app.screen.query_one(OptionList).option_count == 11
 
         await pilot.press("x")

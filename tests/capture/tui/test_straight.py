@@ -18,7 +18,7 @@ from capture.tui.camera import Preview
 from capture.tui.cells import FOUND, LINE, Mark
 from capture.tui.collect import CollectScreen
 from capture.tui.straight import GRID, Straight, along, straighten
-from tests.capture.tui.driving import drive, running, see, write
+from tests.capture.tui.driving import drive, running, see, shown, write
 from tests.capture.tui.test_session import FIXTURE
 
 BOARD = Board(9, 9, 0.02)
@@ -105,6 +105,7 @@ async def _asked(session: Path) -> None:
         await pilot.press("ctrl+s")
         await see(pilot, "u Undistort", 120)
         await see(pilot, "The source has no more pictures. Press f to fit anew, ^o for the results,", 240)
+        assert "a Auto f Fit o Reopen u Undistort ^o Results m Dots esc Set-up ? Help q Quit" in shown(pilot), "every key in 80 columns"
         screen = pilot.app.screen
         assert isinstance(screen, CollectScreen)
         assert screen._preview is not None
@@ -114,7 +115,6 @@ async def _asked(session: Path) -> None:
         await write(pilot, "-1")
         await pilot.press("ctrl+s")
         await see(pilot, "is not a depth", 60)
-        await pilot.press("shift+tab")
         await write(pilot, "0.5")
         await pilot.press("ctrl+s")
         await see(pilot, "Undistorted for 0.5 m", 240)
