@@ -5,15 +5,19 @@ said in the file and here.
 """
 
 import argparse
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib.commands.arguments import add_calibration, add_depths, add_output
 from calib.commands.loading import quickly
-from calib.errors import InputError
+from calib.errors import InputError, harmless
 from calib.export.formats import AXES, FORMATS, ExportLens, Format
 
 if TYPE_CHECKING:
     from calib.export.export import Exported
+
+NAMED = 3  # files of an earlier fit: more would not be read
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,6 +50,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.calibration import Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
+        from calib.export.earlier import earlier
         from calib.export.export import Export, export
         from calib.io.file_set import FileSet
 
@@ -54,7 +59,8 @@ def run(args: argparse.Namespace) -> None:
         exported = export(Export(calibration, form, lenses, tuple(dict.fromkeys(args.depth)), files, bars, args.axes or AXES[0]))
         files.commit()
     print_paths(exported.paths)
-    _say(exported)
+    file = args.calibration / "calibration.yaml" if args.calibration.is_dir() else args.calibration
+    _say(exported, earlier(exported.paths, file))
 
 
 def _lenses(form: Format, name: str | None) -> tuple[ExportLens, ...]:
@@ -68,7 +74,7 @@ def _lenses(form: Format, name: str | None) -> tuple[ExportLens, ...]:
     return chosen
 
 
-def _say(exported: "Exported") -> None:
+def _say(exported: "Exported", old: Sequence[Path]) -> None:
     """The misfit is a remark: stdout lists files."""
     from rich.console import Console
 
@@ -80,3 +86,7 @@ def _say(exported: "Exported") -> None:
             console.print(f"Take care: {remark}")
     for remark in exported.remarks:
         console.print(remark)
+    if old:
+        names, are = harmless(" ".join(path.name for path in old[:NAMED])), "are" if old[1:] else "is"
+        more = f" and {len(old) - NAMED} more" if len(old) > NAMED else ""
+        console.print(f"{names}{more} beside {are} of an earlier fit: remove what you do not need any more.")

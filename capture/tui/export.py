@@ -59,9 +59,13 @@ class ExportScreen(ModalScreen[str]):
             self.sentence = sentence
             self.written = written
 
-    def __init__(self, session: Path, calibration: Path, depth: float, boards: tuple[float, float] | None = None) -> None:
-        """`depth`, in metres, is proposed; `boards`, in metres: from the nearest to the farthest, if that is known."""
+    def __init__(
+        self, session: Path, calibration: Path, depth: float, boards: tuple[float, float] | None = None, *, note: str = ""
+    ) -> None:
+        """`depth`, in metres, is proposed; `boards`, in metres: from the nearest to the farthest, if that is known. `note`: what to know of
+        this calibration before it is exported."""
         super().__init__()
+        self._note = note
         self._boards = boards
         self._meant: set[str] = set()
         """What was said against depths: to export once more is to mean them."""
@@ -75,7 +79,7 @@ class ExportScreen(ModalScreen[str]):
     def compose(self) -> ComposeResult:
         with Vertical(id="box"):
             yield Static(ABOUT, markup=False)
-            yield Static()
+            yield Static(harmless(self._note), markup=False)
             yield _row("depths in metres", Field(f"{self._depth:g}", id="depths", compact=True))
             forms = [(f"{form.name:<12}{form.brief or form.summary}", form.name) for form in FORMATS]
             yield _row("form", Select(forms, value=FORMATS[0].name, allow_blank=False, id="form", compact=True))

@@ -21,6 +21,11 @@ def fitted(session: Path) -> Path | None:
     return folder if (folder / CALIBRATION).exists() else None
 
 
+def updated(folder: Path) -> Path | None:
+    """The folder of what a check has made of this calibration's since it was fitted, if one has."""
+    return folder / UPDATED if _since(folder / CALIBRATION, folder / UPDATED) else None
+
+
 def farewell(
     session: Path, shown: Path | None, maps: Sequence[Path], *, depth: float = DEPTH, doubt: str = "", cut_short: bool = False
 ) -> Iterator[str]:
@@ -39,8 +44,8 @@ def farewell(
             yield "The last fit was ended before it had a result: the calibration is the one of before."
         yield f"The calibration is in {_said(folder)}"
         exported = session / "export"
-        if _since(folder / CALIBRATION, folder / UPDATED):
-            folder, doubt = folder / UPDATED, ""
+        if renewed := updated(folder):
+            folder, doubt = renewed, ""
             maps = _newer(folder / CALIBRATION, maps)
             exported = folder / "export"
             yield f"Brought up to date by a check: {_said(folder)}"

@@ -9,6 +9,7 @@ from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding
 from textual.containers import Horizontal, Vertical
+from textual.events import ScreenResume
 from textual.message import Message
 from textual.widgets import OptionList, Static
 from textual.widgets.option_list import Option
@@ -23,12 +24,13 @@ from capture.tui.command import calib
 from capture.tui.drop import Dropped, drop, dropped, dropped_before, take_back
 from capture.tui.effects import EffectsScreen
 from capture.tui.export import ExportScreen
-from capture.tui.farewell import DEPTH
+from capture.tui.farewell import CALIBRATION, DEPTH, updated
 from capture.tui.page import HELP_AND_QUIT, Page
 from capture.tui.picture import Picture
 
 BAR = 12  # columns
 GLASS = "smooth: ideal glass; uneven: its waves as well"
+AS_BEFORE = "Views were set aside since this fit: these maps are still of the fit with them. esc, then f, fits without them."
 SHOWN = 2  # reasons of the verdict: more do not fit under the picture
 
 
@@ -113,6 +115,8 @@ class ResultsScreen(Page):
         diagnosed = len(result["stages"]) > len(fitted) and result["stages"][: len(fitted)] == fitted
         self._before = None if diagnosed else before
         files = [view["file"] for view in result["views"]]
+        self._told_renewed = bool([*self._renewed()])
+        """It stands on the screen that a check has brought the calibration up to date."""
         self._dropped: list[Dropped] = dropped(session, files)
         self._dropped_before = dropped_before(session, [*files, *(each.now.name for each in self._dropped)])
         """Those that this fit went on without, the last one last."""
@@ -175,7 +179,7 @@ class ResultsScreen(Page):
         word, *reasons = self.result["verdict"]["sentences"]
         more = len(reasons) - SHOWN
         told = [*reasons[:SHOWN], *([f"{more} more reasons are in the report."] if more > 0 else [])]
-        said = [*self._aside(), word, *told, *said]
+        said = [*self._aside(), *self._renewed(), word, *told, *said]
         said += [self.result["noisier"]] if self.result.get("noisier") else []
         if rejected := self.result["rejected"]:
             others = f" and {len(rejected) - 1} more" if len(rejected) > 1 else ""
@@ -187,6 +191,10 @@ class ResultsScreen(Page):
             yield "1 view was set aside since this fit: f fits without it, z takes it back."
         elif number:
             yield f"{number} views were set aside since this fit: f fits without them, z takes one back."
+
+    def _renewed(self) -> Iterator[str]:
+        if folder := updated(Path(self.result["calibration"]).parent):
+            yield f"A check has brought this calibration up to date, into {folder.name}/: x exports that."
 
     def _onward(self) -> str:
         effects = "e to look for what the model lacks"
@@ -284,8 +292,22 @@ class ResultsScreen(Page):
     def action_refit(self) -> None:
         self.post_message(self.FitAgain(self))
 
+    @on(ScreenResume)
+    def _came_back(self) -> None:
+        """Perhaps from a check that has changed what there is to export."""
+        renewed = [*self._renewed()]
+        if renewed and not self._told_renewed:
+            self._say(renewed[0])
+        self._told_renewed = bool(renewed)
+
     def action_export(self) -> None:
-        screen = ExportScreen(self.session, Path(self.result["calibration"]), self._depth, self._boards)
+        calibration = Path(self.result["calibration"])
+        if folder := updated(calibration.parent):
+            note = f"Of the calibration as a check has brought it up to date: {folder}"
+            screen = ExportScreen(folder, folder / CALIBRATION, self._depth, self._boards, note=note)
+        else:
+            note = AS_BEFORE if self._dropped else ""
+            screen = ExportScreen(self.session, calibration, self._depth, self._boards, note=note)
         self.app.push_screen(screen, lambda wrote: self._say(wrote) if wrote else None)
 
     def action_report(self) -> None:

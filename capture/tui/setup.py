@@ -12,7 +12,8 @@ from textual.events import DescendantFocus, ScreenResume
 from textual.widget import Widget
 from textual.widgets import Button, Input, Select, Static
 
-from calib.errors import InputError, harmless
+from calib.errors import InputError, RefracalError, harmless
+from capture.anew import set_bare_aside
 from capture.session_file import board_of, read_setup
 from capture.sources.registry import open_source
 from capture.tui.board_and_cover import EMPTY, BoardAndCover
@@ -136,6 +137,7 @@ class SetupScreen(Page):
         words = cover_on(source.value, both=both, there=there) if self._covered else harmless(state(self.session))
         self.query_one("#state", Static).update(words)
         self._form.set_locked(continued)
+        self._phase.offer(taken(self.session, bare=True))
         self._propose()
         if self._wrong_board and not continued:
             self._lead_to(self._form.first, self._wrong_board)
@@ -180,7 +182,7 @@ class SetupScreen(Page):
     def _propose(self) -> None:
         """What to record now; but what the person chose stays, be it by the field or by going on from the bare step."""
         if self._covered:
-            self._phase.value = False
+            self._phase.bare = False
         else:
             self._phase.propose(self._bare_is_missing())
 
@@ -265,9 +267,19 @@ class SetupScreen(Page):
             self._source.field.focus()
             return
         self._named = task.source
-        if self.is_current:  # and not started by the same key already
+        if self.is_current and self._cleared():  # and not started by the same key already
             screen = CollectScreen(task)
             self.app.push_screen(screen, lambda covered: self._back(screen, covered=bool(covered)))
+
+    def _cleared(self) -> bool:
+        """Of what is to be taken anew; if that cannot be, the screen says why."""
+        try:
+            if self._phase.anew:
+                set_bare_aside(self.session)
+        except RefracalError as error:
+            self._say(str(error))
+            return False
+        return True
 
     async def _lead(self, sentence: str) -> None:
         """To the first field that will not do, and say why: it, or the start if that refuses what each field by itself may say."""

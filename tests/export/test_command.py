@@ -1,5 +1,6 @@
 """calib export: its files, what it says about the misfit, and what it refuses."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -51,6 +52,19 @@ def test_a_file_for_every_depth_and_the_misfit_on_the_terminal(saved: Path, tmp_
         assert len(stated) == 3
         assert all(misfit in err for misfit in stated)
     assert "this camera's distortion depends on depth and a central camera's does not: fitted at 0.2 m, this one goes wrong by up to" in err
+
+
+def test_what_lies_beside_from_an_earlier_fit_is_named(small: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    saved, out = tmp_path / "saved", tmp_path / "out"
+    small.save(saved)
+    made = (saved / "calibration.yaml").stat().st_mtime
+    for name, age_s in (("map_0.3m.npz", 60), ("map_0.4m.npz", -60), ("notes.npz", 60), ("map_0.5m.npz", 60)):
+        out.mkdir(exist_ok=True)
+        (out / name).write_bytes(b"")
+        os.utime(out / name, (made - age_s, made - age_s))
+    assert main(["export", str(saved), "--format", "npz", "--depth", "0.5", "-o", str(out)]) == 0
+    assert "map_0.3m.npz beside is of an earlier fit" in capsys.readouterr().err
+    assert (out / "map_0.5m.npz").stat().st_size
 
 
 def test_a_central_camera_is_not_warned_about(bare: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,6 +17,7 @@ from capture.tui.child import LOADING
 from capture.tui.command import Done
 from capture.tui.drop import Dropped, drop, take_back
 from capture.tui.fit import FitScreen
+from capture.tui.help import HelpScreen
 from capture.tui.results import ResultsScreen
 from tests.capture.tui.driving import drive, running, see, shown, until, write
 from tests.capture.tui.test_session import FIXTURE
@@ -64,6 +65,36 @@ async def _come_back(session: Path) -> None:
         await pilot.press("down", "z")
         await see(pilot, "0002.jpg is back", SOON_S)
         assert "0002.jpg          0.050 px █" in shown(pilot)
+
+
+def test_maps_of_the_fit_before_views_were_set_aside_are_told_to_be_so(session: Path) -> None:
+    drive(_as_before(session))
+
+
+async def _as_before(session: Path) -> None:
+    async with results(session) as pilot:
+        await pilot.press("x")
+        await see(pilot, "these maps are still of the fit", SOON_S)
+
+
+def test_what_a_check_brought_up_to_date_is_what_is_exported(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(session)
+    drive(_renewed(session))
+
+
+async def _renewed(session: Path) -> None:
+    async with results(session) as pilot:
+        assert "brought this calibration up to date" not in shown(pilot)
+        updated = Path(str(RESULT["calibration"])).parent / "updated"
+        updated.mkdir(parents=True)
+        for folder in (updated.parent, updated):
+            (folder / "calibration.yaml").touch()
+        pilot.app.push_screen(HelpScreen())
+        await pilot.press("escape")
+        await see(pilot, "A check has brought this calibration up to date, into updated/: x exports that.", SOON_S)
+        await pilot.press("x")
+        await see(pilot, "Of the calibration as a check", SOON_S)
+        assert pilot.app.screen.query_one("#folder", Input).value == str(updated / "export")
 
 
 def test_a_picture_that_is_gone_cannot_be_set_aside(session: Path) -> None:

@@ -9,6 +9,7 @@ import pytest
 from textual.widgets import Input, Select
 
 from calib.cli import main
+from calib.io.images import list_images
 from capture.tui.app import CaptureApp
 from capture.tui.fit import FitScreen
 from capture.tui.lacking import no_lens
@@ -118,7 +119,7 @@ async def _again(session: Path, source: str) -> None:
         await see(pilot, "continued")
         await see(pilot, "record now without the cover")
         await write(pilot, source)
-        pilot.app.screen.query_one("#phase", Select).value = False
+        pilot.app.screen.query_one("#phase", Select).value = "covered"
         await see(pilot, "record now through the cover")
         await pilot.press("escape")
     async with running(session) as pilot:
@@ -128,3 +129,26 @@ async def _again(session: Path, source: str) -> None:
     async with running(session, "folder:other") as pilot:
         await see(pilot, "source folder:other")
         await see(pilot, "record now through the cover")
+
+
+def test_views_without_the_cover_can_be_taken_anew(tmp_path: Path, brief: Path) -> None:
+    session = tmp_path / "session"
+    shutil.copytree(brief, session)
+    drive(_anew(session, f"folder:{brief}"))
+
+
+async def _anew(session: Path, source: str) -> None:
+    there = {picture.name: picture.read_bytes() for picture in list_images(session / "bare")}
+    async with running(session, source) as pilot:
+        await see(pilot, f"continued, {len(there)} views without cover")
+        pilot.app.screen.query_one("#phase", Select).value = "anew"
+        await see(pilot, f"record now without the cover, anew ({len(there)} go to bare-aside/)")
+        await pilot.press("ctrl+s")
+        await see(pilot, "[WITHOUT COVER]")
+        await see(pilot, "The source has no more pictures", 120)
+        assert {picture.name: picture.read_bytes() for picture in list_images(session / "bare-aside")} == there
+        taken = len(list_images(session / "bare"))
+        assert taken
+        await pilot.press("escape")
+        await see(pilot, f"continued, {taken} views without cover")
+        assert pilot.app.screen.query_one("#phase", Select).value != "anew"  # the next start adds to them

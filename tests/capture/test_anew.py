@@ -1,0 +1,31 @@
+"""Views without the cover that are set aside, to be taken anew."""
+
+from pathlib import Path
+
+import pytest
+
+from calib.errors import InputError
+from capture.anew import set_bare_aside
+from capture.disk import locked
+
+
+def test_all_that_is_in_the_folder_goes_aside_and_nothing_is_overwritten(tmp_path: Path) -> None:
+    for words, place in (("first", "bare-aside"), ("second", "bare-aside-1")):
+        (tmp_path / "bare").mkdir()
+        (tmp_path / "bare" / "frames.csv").write_text(words)
+        assert set_bare_aside(tmp_path) == tmp_path / place
+        assert not (tmp_path / "bare").exists()
+        assert (tmp_path / place / "frames.csv").read_text() == words
+    assert (tmp_path / "bare-aside" / "frames.csv").read_text() == "first"
+
+
+def test_not_while_it_is_being_recorded(tmp_path: Path) -> None:
+    (tmp_path / "bare").mkdir()
+    with locked(tmp_path), pytest.raises(InputError, match="Another recorder"):
+        set_bare_aside(tmp_path)
+    assert (tmp_path / "bare").is_dir()
+
+
+def test_what_is_not_there_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="bare cannot be written"):
+        set_bare_aside(tmp_path)
