@@ -1,4 +1,4 @@
-"""The glass, or what lies outside it, bends light more or less than stated."""
+"""Light bends more or less than stated in the glass, or in what lies outside it."""
 
 from typing import ClassVar
 

@@ -1,6 +1,8 @@
 """The search for effects as the screen's child does it, for torch is never loaded in the process that draws."""
 
 from pathlib import Path
+from textwrap import fill
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from calib.progress import Progress
@@ -8,7 +10,7 @@ from capture.tui.child import LOADING
 from capture.tui.fitting import summary
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from calib.diagnosis.finding import Candidate, Diagnosis
 
@@ -33,14 +35,16 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
         saved = better.write(files)
         files.commit(instead_of=DERIVED)
     numbers = [[plainly(one.effect), *found(one.effect, better, one.parameters)] for one in finding.candidates if one.accepted]
-    return summary(better, saved) | {"accepted": list(finding.accepted), "text": as_text(finding, numbers)}
+    words = {one.effect: plainly(one.effect) for one in finding.candidates}
+    return summary(better, saved) | {"accepted": list(finding.accepted), "text": as_text(finding, numbers, words)}
 
 
-def as_text(finding: "Diagnosis", numbers: "Sequence[Sequence[str]]" = ()) -> str:
+def as_text(finding: "Diagnosis", numbers: "Sequence[Sequence[str]]" = (), words: "Mapping[str, str]" = MappingProxyType({})) -> str:
     """The finding in lines of at most 78 characters: what was found, the error before and after, and what else was looked into.
 
     Args:
         numbers: what is to be said of each accepted effect: what it is, and its numbers.
+        words: what an effect is, by its name.
     """
     before, after = finding.before, finding.after
     found = ", ".join(finding.accepted) or "nothing: no effect that is known here improves held-out views beyond chance"
@@ -63,8 +67,15 @@ def as_text(finding: "Diagnosis", numbers: "Sequence[Sequence[str]]" = ()) -> st
         lines += ["", f"{'fitted':<26}{'held-out views':<24}verdict", *map(_line, tried)]
     if rest := ", ".join(one.effect for one in finding.candidates if one not in tried):
         lines += ["", f"No sign of these in what is left: {rest}."]
-    return "\n".join([*lines, *(f"\nNote: {remark}" for remark in finding.remarks)])
+    lines += [f"\nNote: {remark}" for remark in finding.remarks]
+    if words:
+        lines += ["", "What they are:", *(_wrapped(name, said) for name, said in words.items())]
+    return "\n".join(lines)
 
 
 def _line(one: "Candidate") -> str:
     return f"{one.title:<25} {one.held_out_px_before:>5.3f} to {one.held_out_px_after:>5.3f} px       {one.outcome}"
+
+
+def _wrapped(name: str, said: str) -> str:
+    return fill(f"{name:<18}{said}", 78, subsequent_indent=" " * 18)

@@ -43,17 +43,24 @@ FINDING = Diagnosis(
     remarks=("these views do not tell focal from thickness.",),
 )
 NUMBERS = [["board_shape.xx 1.0020 ± 0.0033 mm"]]
+WORDS = {"board_shape": "The board is not flat.", "focal": "The focal length is not as stated, which is said here in many more words."}
 SESSION = Path(__file__).parents[3] / "fixtures" / "bow"
 
 
 def test_what_was_found_with_the_error_before_and_after() -> None:
-    lines = as_text(FINDING, NUMBERS).splitlines()
+    lines = as_text(FINDING, NUMBERS, WORDS).splitlines()
     assert lines[0] == "Found: board_shape."
     assert lines[5].split() == ["held-out", "views", "0.590", "px", "0.170", "px"]
     assert NUMBERS[0][0] in lines
     assert "board_shape               0.590 to 0.170 px       found" in lines
     assert "No sign of these in what is left: focal." in lines
-    assert lines[-1] == "Note: these views do not tell focal from thickness."
+    assert lines[-4:] == [
+        "What they are:",
+        "board_shape       The board is not flat.",
+        "focal             The focal length is not as stated, which is said here in",
+        "                  many more words.",
+    ]
+    assert lines[-6] == "Note: these views do not tell focal from thickness."
     assert max(map(len, lines)) < 79
 
 

@@ -38,7 +38,7 @@ from capture.tui.results import ResultsScreen
 from capture.tui.working import WorkingPage
 from fixtures.coded_boards import CHARUCO, LENS
 from tests.capture.tui.driving import SIZES, describe, drive, running, see, shown, until
-from tests.capture.tui.test_effects import FINDING, NUMBERS
+from tests.capture.tui.test_effects import FINDING, NUMBERS, WORDS
 from tests.capture.tui.test_session import FIXTURE
 
 CAMERA = "v4l2:/dev/video0"
@@ -218,7 +218,7 @@ async def effects(pilot: Pilot[None], session: Path) -> None:
     screen = EffectsScreen(session / "missing")
     await pilot.app.push_screen(screen)
     take_over(screen)
-    screen.finished({**RESULT, "accepted": ["board_shape"], "text": as_text(FINDING, NUMBERS)})
+    screen.finished({**RESULT, "accepted": ["board_shape"], "text": as_text(FINDING, NUMBERS, WORDS)})
     await see(pilot, "enter Use them")
 
 
