@@ -13,9 +13,9 @@ from textual.widget import Widget
 from textual.widgets import Button, Input, Select, Static
 
 from calib.errors import InputError, RefracalError, harmless
-from capture.anew import set_bare_aside
 from capture.session_file import board_of, read_setup
 from capture.sources.registry import open_source
+from capture.tui.anew import set_bare_aside
 from capture.tui.board_and_cover import EMPTY, BoardAndCover
 from capture.tui.camera import Task
 from capture.tui.collect import CollectScreen
