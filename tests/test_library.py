@@ -66,7 +66,10 @@ def test_the_first_program_prints_what_the_page_says(fitted: tuple[Path, str]) -
     _compare(fitted[1], PRINTED[FIT])
 
 
-@pytest.mark.parametrize("title", OTHERS)
+SLOW = "Diagnose, and show how far it is"
+
+
+@pytest.mark.parametrize("title", [pytest.param(title, marks=[pytest.mark.slow] * (title == SLOW)) for title in OTHERS])
 def test_the_other_programs_print_what_the_page_says(title: str, fitted: tuple[Path, str], tmp_path: Path) -> None:
     shutil.copytree(fitted[0] / "out", tmp_path / "out")
     _compare(_run(title, tmp_path), PRINTED[title])

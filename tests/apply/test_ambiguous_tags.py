@@ -64,6 +64,7 @@ def located(calibration: Calibration, degrees: float, depth: float, repeats: int
     return [locator.locate(noisy(light, seed)) for seed in range(repeats)]
 
 
+@pytest.mark.slow
 def test_poses_are_as_probable_as_they_say(calibration: Calibration) -> None:
     turn, shift = at(5, 1.0)
     right, said, told = 0.0, 0.0, 0
@@ -80,6 +81,7 @@ def test_poses_are_as_probable_as_they_say(calibration: Calibration) -> None:
     assert abs(right - said) < 3 * np.sqrt(80 * 0.2), "of 80 choices as many are right as they are said to be"
 
 
+@pytest.mark.slow
 def test_sigma_is_what_repeated_noise_shows(calibration: Calibration) -> None:
     turn, shift = at(35, 0.4)
     every = [one.tags[0].poses[0] for one in located(calibration, 35, 0.4, 80)]

@@ -32,6 +32,7 @@ def calibration(made: Scene) -> Calibration:
     return calibrate(made, Settings(grid=(8, 8)))
 
 
+@pytest.mark.slow
 def test_errors_are_as_large_as_predicted() -> None:
     """The mean square of a dozen repeats scatters by a fifth or so; fifty are in benchmarks/uncertainty.py."""
     squares = []

@@ -34,6 +34,7 @@ def test_a_change_is_named_with_its_size(cameras: Made, shape: str, kind: str) -
         assert abs(value - 10 * float(later.direction[name])) < 5 * sigma, name
 
 
+@pytest.mark.slow
 def test_pictures_of_twice_the_zoom_come_from_another_mode(cameras: Made) -> None:
     made, checker = cameras["flat"]
     later = Later.drawn(made, None, 103, 3)
@@ -54,7 +55,7 @@ def test_mirrored_pictures_are_told(cameras: Made) -> None:
     assert str(answer.changes[0]) == "the pictures come from another mode: mirrored, they fit"
 
 
-@pytest.mark.parametrize("shape", ["cone", "flat"])
+@pytest.mark.parametrize("shape", [pytest.param("cone", marks=pytest.mark.slow), "flat"])
 def test_a_cover_that_was_forgotten_is_no_thinner_glass(cameras: Made, shape: str) -> None:
     made, checker = cameras[shape]
     answer = checker.check(Pictures(Later.drawn(uncovered(made), None, 107, 4).views(), made.board))

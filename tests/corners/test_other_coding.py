@@ -57,7 +57,10 @@ DECLARED: dict[str, tuple[str, Kind, Callable[[Board], Board], str]] = {
 }
 
 
-@pytest.mark.parametrize("case", DECLARED.values(), ids=DECLARED.keys())
+CASES = [pytest.param(case, id=name, marks=[pytest.mark.slow] * (name == "aprilgrid for charuco")) for name, case in DECLARED.items()]
+
+
+@pytest.mark.parametrize("case", CASES)
 def test_what_the_pictures_show_is_said(case: tuple[str, Kind, Callable[[Board], Board], str], tmp_path: Path) -> None:
     name, kind, change, says = case
     with pytest.raises(NotEnoughDataError, match=says):

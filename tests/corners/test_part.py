@@ -27,6 +27,7 @@ def off(found: Detection, truth: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.linalg.norm(found.corners - truth, axis=1)[np.isfinite(found.corners[:, 0])])
 
 
+@pytest.mark.slow
 def test_a_covered_corner_in_the_middle_leaves_a_part_that_is_known() -> None:
     """The sector detector goes astray around some discs; then there is no part."""
     parts = 0

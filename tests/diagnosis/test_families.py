@@ -69,6 +69,7 @@ def test_odds_beforehand_order_a_family_and_name_nothing_alone(
     assert (family and tuple(family.members.values())) == (chances and pytest.approx(chances, abs=1e-3))
 
 
+@pytest.mark.slow
 def test_a_pupil_that_moves_far_is_named_alone() -> None:
     """10 mm times the angle squared, with a fourth power of the other sign, as no plate of glass does."""
     moved = {"entrance_pupil.e2": 10e-3, "entrance_pupil.e4": -20e-3}
@@ -77,6 +78,7 @@ def test_a_pupil_that_moves_far_is_named_alone() -> None:
     assert not finding.families
 
 
+@pytest.mark.slow
 def test_structure_of_no_cause_gets_no_name() -> None:
     """In each view another smooth wave over the board: a motion or a board that flexes follows it, and neither is what it is."""
     made = hidden(None, {})

@@ -36,7 +36,9 @@ def compare(found: Calibration, truth: dict[str, float]) -> None:
         assert sigma < 5e-4
 
 
-@pytest.mark.parametrize(("stretch", "shear"), [(0.0, 4e-3), pytest.param(4e-3, 0.0, marks=pytest.mark.slow), (-3e-3, 3e-3)])
+@pytest.mark.parametrize(
+    ("stretch", "shear"), [(0.0, 4e-3), pytest.param(4e-3, 0.0, marks=pytest.mark.slow), pytest.param(-3e-3, 3e-3, marks=pytest.mark.slow)]
+)
 def test_whether_a_print_is_sheared_the_evidence_chooses(stretch: float, shear: float) -> None:
     points = scene(3, views=15).board.points() @ [[1 + stretch / 2, shear / 2], [shear / 2, 1 - stretch / 2]]
     found, finding = diagnosed(points)
@@ -46,6 +48,7 @@ def test_whether_a_print_is_sheared_the_evidence_chooses(stretch: float, shear: 
     compare(found, {"board_scale.x_over_y": stretch, "board_scale.shear": shear})
 
 
+@pytest.mark.slow
 def test_a_print_that_is_drawn_out_more_and_more_down_the_sheet_has_its_terms() -> None:
     """Rows grow longer by 0.3 % from the middle to the last, and lie a tenth of a millimetre too low there."""
     board = scene(3, views=15).board

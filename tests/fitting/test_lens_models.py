@@ -70,6 +70,7 @@ def session(folder: Path, views: tuple[View, ...], **camera: object) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_errors_scatter_as_the_covariance_says() -> None:
     """Along each of the eight directions in which errors are independent the mean square is 1, within what chance leaves in one of ten
     thousand."""

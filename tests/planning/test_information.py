@@ -241,7 +241,9 @@ def test_a_later_question_ends_an_earlier_one(guidance: Guidance, made: Scene) -
     assert list(earlier) == []
 
 
-@pytest.mark.parametrize(("target", "words"), [(20.0, ["being computed", "agree"]), (0.01, ["would not reach"])])
+@pytest.mark.parametrize(
+    ("target", "words"), [(20.0, ["being computed", "agree"]), pytest.param(0.01, ["would not reach"], marks=pytest.mark.slow)]
+)
 def test_folds_are_tried_once_the_maps_are_sure_enough(target: float, words: list[str], made: Scene) -> None:
     views = [SeenView(view.corners) for view in made.views[:6]]
     guides = guidance_of(made, 6, target)

@@ -40,7 +40,11 @@ def with_bare(folder: Path, made: Scene, bare: tuple[View, ...], cover: Cover, s
     return fit(read_session(folder), settings)
 
 
-@pytest.mark.parametrize(("thickness", "settings"), [(0.003, HELD), (0.00115, Settings(grid=(4, 4)))], ids=["held", "as by default"])
+@pytest.mark.parametrize(
+    ("thickness", "settings"),
+    [pytest.param(0.003, HELD, marks=pytest.mark.slow), (0.00115, Settings(grid=(4, 4)))],
+    ids=["held", "as by default"],
+)
 def test_a_bare_that_was_taken_through_the_cover_is_told(tmp_path: Path, thickness: float, settings: Settings) -> None:
     through = scene(12, views=8, noise=NOISE, depths=(0.3, 0.9), cover=paper_cone(thickness)).views
     calibration = with_bare(tmp_path / "s", covered(thickness), through, paper_cone(thickness), settings)
@@ -53,7 +57,8 @@ def test_a_bare_that_was_taken_through_the_cover_is_told(tmp_path: Path, thickne
     assert not asked(cover_stage, calibration)
 
 
-@pytest.mark.parametrize("thickness", [0.00115, pytest.param(0.003, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("thickness", [0.00115, 0.003])
 def test_a_true_bare_is_not_doubted_whatever_the_cover_is_off_by(tmp_path: Path, thickness: float) -> None:
     """By draws from the tolerances of its numbers."""
     made, bare = covered(thickness), bare_views(3, 8, NOISE)

@@ -29,6 +29,7 @@ def covered(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_lens_that_is_missing_is_asked_about_once_and_can_be_lent_later(tmp_path: Path, covered: Path) -> None:
     session = tmp_path / "session"
     drive(_lent(session, f"folder:{covered}"))

@@ -139,6 +139,7 @@ async def _from_nothing(address: str, folder: Path) -> None:
         assert phone.complaints == []
 
 
+@pytest.mark.slow
 def test_the_ghost_board_is_an_outline_over_the_live_picture(tmp_path: Path) -> None:
     """And what is refused is heard once; what was typed on another screen goes nowhere."""
     picture = cv2.imread(str(next(iter(sorted((FIXTURE / "frames").glob("*.jpg"))))))
