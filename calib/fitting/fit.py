@@ -23,10 +23,9 @@ from calib.fitting.second_look import LOOKS, SecondLook, look_again
 from calib.fitting.stages import Fitted, Settings, Setup, fit_stages
 from calib.fitting.view_noise import VIEW_NOISE, with_own_noise
 from calib.progress import Progress, Silent
-from calib.session.session import Session
+from calib.session.session import FEWEST_VIEWS, Session
 from calib.threads import single_thread
 
-FEWEST_VIEWS = 3
 GAUGES = {
     "bare": "camera frame at the pinhole",
     "paper": "camera frame at the pinhole; cover and intrinsics held as stated, or as bare/ gives them; poses as a smooth cover gives them",

@@ -16,6 +16,7 @@ from calib.session.numbers import check_correlations
 from calib.session.schema import Number, Section
 
 __all__ = [
+    "FEWEST_VIEWS",
     "Board",
     "Camera",
     "Cover",
@@ -29,6 +30,8 @@ __all__ = [
 ]
 
 FORMAT = 1
+FEWEST_VIEWS = 3
+"""Of a fit."""
 PRIOR = "prior"
 MINIMAL = "{format: 1, board: {columns: 9, rows: 6, square_mm: 25.0}, camera: {width: 1640, height: 1232}, cover: {shape: none}}"
 

@@ -1,9 +1,11 @@
 """Pictures without the cover that were no good, such as those of a camera that had it on: all are set aside, and taken anew."""
 
-from itertools import count
 from pathlib import Path
 
 from capture.disk import locked, sync_folder, writing
+from capture.tui.drop import places
+
+ASIDE = "bare-aside"
 
 
 def set_bare_aside(session: Path) -> Path:
@@ -13,8 +15,7 @@ def set_bare_aside(session: Path) -> Path:
     """
     bare = session / "bare"
     with locked(session), writing(bare):
-        places = (session / f"bare-aside{f'-{number}' if number else ''}" for number in count())
-        aside = next(place for place in places if not place.exists())
+        aside = next(place for place in places(session, ASIDE) if not place.exists())
         bare.rename(aside)
         sync_folder(session)
     return aside

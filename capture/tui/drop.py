@@ -29,7 +29,7 @@ def drop(session: Path, file: str) -> Dropped:
     aside = frames / DROPPED
     with writing(aside):
         aside.mkdir(exist_ok=True)
-        place = next(place for place in _places(aside, file) if not place.exists())
+        place = next(place for place in places(aside, file) if not place.exists())
         (frames / file).rename(place)
         sync_folder(frames)
     return Dropped(file, place)
@@ -40,7 +40,7 @@ def dropped(session: Path, files: Iterable[str]) -> list[Dropped]:
     frames = session / "frames"
     found = []
     for file in files:
-        there = [] if (frames / file).exists() else list(takewhile(Path.exists, _places(frames / DROPPED, file)))
+        there = [] if (frames / file).exists() else list(takewhile(Path.exists, places(frames / DROPPED, file)))
         if there:
             found.append(Dropped(file, there[-1]))
     return found
@@ -56,8 +56,8 @@ def dropped_before(session: Path, files: Iterable[str]) -> list[Dropped]:
     return sorted(there, key=lambda each: each.now.stat().st_ctime_ns)  # of its name, not of what is in it
 
 
-def _places(aside: Path, file: str) -> Iterable[Path]:
-    """Where a picture may come to lie, the first free one first."""
+def places(aside: Path, file: str) -> Iterable[Path]:
+    """Where what is set aside may come to lie: of that name, or one with a number."""
     return (aside / f"{Path(file).stem}{f'-{number}' if number else ''}{Path(file).suffix}" for number in count())
 
 

@@ -4,12 +4,9 @@ from pathlib import Path
 
 from calib.errors import InputError
 from calib.io.images import list_images
-from calib.session.session import read_session
+from calib.session.session import FEWEST_VIEWS, read_session
 from capture.session_file import Setup, read_setup
 from capture.tui.camera import Task
-
-FEWEST = 3
-"""Views of a fit."""
 
 
 def no_lens(session: Path) -> str:
@@ -59,9 +56,9 @@ def lacking(session: Path) -> str:
     try:
         if lens_missing(session):
             return no_lens(session)
-        if (count := len(list_images(frames))) < FEWEST:
-            more = f"{FEWEST - count} more view{'s' * (FEWEST - count > 1)}"
-            return f"A fit needs {FEWEST} views and there {'is' if count == 1 else 'are'} {count}: take {more}."
+        if (count := len(list_images(frames))) < FEWEST_VIEWS:
+            more = f"{FEWEST_VIEWS - count} more view{'s' * (FEWEST_VIEWS - count > 1)}"
+            return f"A fit needs {FEWEST_VIEWS} views and there {'is' if count == 1 else 'are'} {count}: take {more}."
         read_session(session)
     except InputError as error:
         return str(error)

@@ -52,7 +52,6 @@ def test_valid_exits_with_0(cameras: Made, saved: Path, tmp_path: Path, capsys: 
     assert f"Next: calib report {saved}" in said
 
 
-@pytest.mark.slow
 def test_not_valid_exits_with_5_and_says_what_changed(
     cameras: Made, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

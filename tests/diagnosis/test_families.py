@@ -78,7 +78,6 @@ def test_a_pupil_that_moves_far_is_named_alone() -> None:
     assert not finding.families
 
 
-@pytest.mark.slow
 def test_structure_of_no_cause_gets_no_name() -> None:
     """In each view another smooth wave over the board: a motion or a board that flexes follows it, and neither is what it is."""
     made = hidden(None, {})

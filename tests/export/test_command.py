@@ -58,8 +58,8 @@ def test_what_lies_beside_from_an_earlier_fit_is_named(small: Calibration, tmp_p
     saved, out = tmp_path / "saved", tmp_path / "out"
     small.save(saved)
     made = (saved / "calibration.yaml").stat().st_mtime
+    out.mkdir()
     for name, age_s in (("map_0.3m.npz", 60), ("map_0.4m.npz", -60), ("notes.npz", 60), ("map_0.5m.npz", 60)):
-        out.mkdir(exist_ok=True)
         (out / name).write_bytes(b"")
         os.utime(out / name, (made - age_s, made - age_s))
     assert main(["export", str(saved), "--format", "npz", "--depth", "0.5", "-o", str(out)]) == 0

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import pytest
 import torch
 
 from calib.estimation.residuals import residuals
@@ -11,7 +10,6 @@ from calib.verdict.verdict import Word
 from fixtures.degenerate import bare_session, calibration_of
 
 
-@pytest.mark.slow
 def test_views_in_one_line_are_judged_though_a_corner_is_out_of_sight(tmp_path: Path) -> None:
     found = calibration_of(bare_session("line", 5099), tmp_path)
     path, values = found.model()
