@@ -12,6 +12,8 @@ from typing import Any
 
 from aiohttp import ClientSession, ClientWebSocketResponse
 
+from tests.capture.tui.driving import HANGS_S
+
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking", "--remote-debugging-port=0")
 HOOK = """
@@ -73,10 +75,10 @@ class Browser:
     async def shown(self) -> str:
         return str(await self.evaluate(TEXT))
 
-    async def see(self, words: str, within_s: float = 240) -> None:
+    async def see(self, words: str) -> None:
         begun = time.monotonic()
         while words not in " ".join((await self.shown()).split()):
-            assert time.monotonic() - begun < within_s, f"{words!r} never came:\n{await self.shown()}"
+            assert time.monotonic() - begun < HANGS_S, f"{words!r} never came:\n{await self.shown()}"
             await asyncio.sleep(0.2)
 
     async def press(self, *keys: str) -> None:

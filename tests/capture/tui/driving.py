@@ -13,6 +13,8 @@ from textual.pilot import Pilot
 
 from capture.tui.app import CaptureApp
 
+HANGS_S = 900.0
+"""After which nothing comes any more, however busy the machine is."""
 SIZES = ((80, 24), (120, 40))
 CONE = ("41.95", "-0.105", "0, -30", "0, 0", "3", "1.5", "1")
 """The fixtures' cover, in the order of the form."""
@@ -40,17 +42,17 @@ def shown(pilot: Pilot[None]) -> str:
     return "\n".join(line.text.rstrip() for line in pilot.app.screen._compositor.render_strips())
 
 
-async def see(pilot: Pilot[None], words: str, within_s: float = 900) -> None:
+async def see(pilot: Pilot[None], words: str) -> None:
     """Wait until these words stand on the screen, wherever its lines break."""
-    await until(pilot, lambda: words in " ".join(shown(pilot).split()), within_s)
+    await until(pilot, lambda: words in " ".join(shown(pilot).split()))
 
 
-async def until(pilot: Pilot[None], holds: Callable[[], bool], within_s: float = 900) -> None:
+async def until(pilot: Pilot[None], holds: Callable[[], bool]) -> None:
     """Looks again after a twentieth of the time that it waited, for a process that fits needs the processor more."""
     begun = time.monotonic()
     while not holds():
         waited = time.monotonic() - begun
-        assert waited < within_s, f"it never came:\n{shown(pilot)}"
+        assert waited < HANGS_S, f"it never came:\n{shown(pilot)}"
         await pilot.pause(min(0.02 + waited / 20, 0.2))
     await pilot.pause()
 

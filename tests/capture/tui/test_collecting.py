@@ -157,7 +157,7 @@ async def _glass(session: Path, empty: Path) -> None:
         panel, glass = pilot.app.screen.query_one(Panel), pilot.app.screen.query_one("#glass", Line)
         await until(pilot, lambda: panel.progress is not None)
         assert panel.progress
-        await see(pilot, "computed yet.", 60)
+        await see(pilot, "computed yet.")
         assert str(glass.content).splitlines()[0] == "Glass"
         panel.progress = replace(panel.progress, sigma_px=0.31)
-        await see(pilot, "Glass crossed", 60)
+        await see(pilot, "Glass crossed")

@@ -15,9 +15,6 @@ from capture.tui.command import Done
 from capture.tui.export import ExportScreen, depths, far_off
 from tests.capture.tui.driving import drive, running, see, shown, until, write
 
-SOON_S = 20
-"""Nothing here calculates."""
-
 
 def test_who_leaves_while_it_writes_is_told_when_it_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     left = Event()
@@ -97,13 +94,13 @@ def test_a_depth_far_from_every_board_is_asked_about_once(tmp_path: Path, asked:
 async def _far(session: Path, asked: list[Sequence[str]]) -> None:
     async with running(session) as pilot:
         pilot.app.push_screen(ExportScreen(session, session / "calibration", 1.0, (0.25, 1.1)))
-        await see(pilot, "depths in metres", SOON_S)
+        await see(pilot, "depths in metres")
         await write(pilot, "50")
         await pilot.press("ctrl+s")
-        await see(pilot, "50 m is far from your boards, which were 0.25 to 1.10 m away", SOON_S)
+        await see(pilot, "50 m is far from your boards, which were 0.25 to 1.10 m away")
         assert not asked
         await pilot.press("ctrl+s")
-        await see(pilot, "Wrote rays.npz map_50m.npz", SOON_S)
+        await see(pilot, "Wrote rays.npz map_50m.npz")
 
 
 def test_every_form_has_a_line_that_the_list_has_room_for() -> None:
@@ -115,7 +112,7 @@ def test_every_form_has_a_line_that_the_list_has_room_for() -> None:
 async def exporting(session: Path, *, notices: bool = False) -> AsyncIterator[Pilot[None]]:
     async with running(session, notices=notices) as pilot:
         pilot.app.push_screen(ExportScreen(session, session / "calibration", 1.0))
-        await see(pilot, "depths in metres", SOON_S)
+        await see(pilot, "depths in metres")
         yield pilot
 
 
@@ -143,17 +140,17 @@ async def _refuse(session: Path) -> None:
     async with exporting(session) as pilot:
         await write(pilot, "1,5")
         await pilot.press("ctrl+s")
-        await see(pilot, "write 1.5 with a point, or 1 5 for two", SOON_S)
+        await see(pilot, "write 1.5 with a point, or 1 5 for two")
         await pilot.press("shift+tab")
         await write(pilot, "1.5")
         await pilot.press("tab")
         await write(pilot, "")
         await pilot.press("ctrl+s")
-        await see(pilot, "No folder is named", SOON_S)
+        await see(pilot, "No folder is named")
         await pilot.press("shift+tab")
         await write(pilot, "~nobody-by-this-name/maps")
         await pilot.press("ctrl+s")
-        await see(pilot, "write the whole path", SOON_S)
+        await see(pilot, "write the whole path")
 
 
 def test_a_home_is_found_and_the_whole_folder_named(tmp_path: Path, asked: list[Sequence[str]], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -169,9 +166,9 @@ async def _at_home(session: Path) -> None:
         await pilot.press("tab")
         await write(pilot, "~/maps")
         await pilot.press("ctrl+s")
-        await see(pilot, "Wrote rays.npz map_0.5m.npz map_2m.npz", SOON_S)
-        await see(pilot, "in /home/of-me/maps", SOON_S)
-        await see(pilot, "That is all", SOON_S)
+        await see(pilot, "Wrote rays.npz map_0.5m.npz map_2m.npz")
+        await see(pilot, "in /home/of-me/maps")
+        await see(pilot, "That is all")
 
 
 def test_without_a_depth_it_is_said_that_there_is_no_map(tmp_path: Path, asked: list[Sequence[str]]) -> None:
@@ -183,7 +180,7 @@ async def _no_depth(session: Path) -> None:
     async with exporting(session) as pilot:
         await write(pilot, "")
         await pilot.press("ctrl+s")
-        await see(pilot, "No map, as no depth was named.", SOON_S)
+        await see(pilot, "No map, as no depth was named.")
         assert "Wrote rays.npz " in shown(pilot)
         assert "That is all" not in shown(pilot)
 
@@ -203,11 +200,11 @@ def test_a_late_success_leaves_what_is_wrong_now(tmp_path: Path, monkeypatch: py
 async def _late(session: Path, changed: Event) -> None:
     async with exporting(session) as pilot:
         await pilot.press("ctrl+s")
-        await see(pilot, "Being written", SOON_S)
+        await see(pilot, "Being written")
         await pilot.press("end", "m")
-        await see(pilot, "'1m' is not a depth", SOON_S)
+        await see(pilot, "'1m' is not a depth")
         changed.set()
-        await until(pilot, lambda: any("Wrote map_1m.npz" in each.message for each in pilot.app._notifications), SOON_S)
+        await until(pilot, lambda: any("Wrote map_1m.npz" in each.message for each in pilot.app._notifications))
         assert "'1m' is not a depth" in shown(pilot)
 
 
@@ -223,7 +220,7 @@ async def _twice(session: Path) -> None:
         for depths in ("500", "0.5 1"):
             await write(pilot, depths)
             await pilot.press("shift+tab", "ctrl+s")
-            await see(pilot, f"map_{depths.split()[-1]}m.npz", SOON_S)
+            await see(pilot, f"map_{depths.split()[-1]}m.npz")
         *told, following = pilot.app.farewell  # type: ignore[attr-defined]
     assert [Path(line.split()[-1]).name for line in told[1:]] == ["rays.npz", "map_0.5m.npz", "map_1m.npz"]
     assert " --depth 0.5 " in following

@@ -124,7 +124,7 @@ async def _cancelled_fit(session: Path) -> None:
     async with fitting(session) as (pilot, pid):
         await pilot.press("escape")
         await see(pilot, "[THROUGH COVER]")
-        await until(pilot, lambda: not _runs(pid), 5)
+        await until(pilot, lambda: not _runs(pid))
         assert not (session / "calibration").exists() or not list((session / "calibration").iterdir())
 
 
@@ -235,7 +235,7 @@ async def _blind(session: Path) -> None:
         await pilot.resize_terminal(60, 20)
         await see(pilot, "no key does anything")
         await pilot.press("q")
-        await until(pilot, lambda: not pilot.app.is_running, 20)
+        await until(pilot, lambda: not pilot.app.is_running)
 
 
 def test_another_recorder_is_said(session: Path) -> None:

@@ -13,7 +13,6 @@ from capture.tui.lent_lens import lend_lens, lens_of
 from tests.capture.tui.driving import describe, drive, running, see, shown, until, write
 from tests.capture.tui.test_session import FIXTURE
 
-SOON_S = 60
 KNOWN = FIXTURE.parent / "tilted"
 """A session that knows its lens, of pictures of the same size."""
 LARGE = FIXTURE.parent / "bumps"
@@ -40,31 +39,31 @@ def test_a_lens_that_is_missing_is_asked_about_once_and_can_be_lent_later(tmp_pa
 
 async def _lent(session: Path, source: str) -> None:
     async with running(session) as pilot:
-        await see(pilot, "a new session", SOON_S)
+        await see(pilot, "a new session")
         await describe(pilot, source)
         await pilot.press("down", "down", "enter", "ctrl+s")
-        await see(pilot, "record now through the cover", SOON_S)
-        await see(pilot, "choose record now: without the cover, or name a session that knows it beside like. Start once more", SOON_S)
+        await see(pilot, "record now through the cover")
+        await see(pilot, "choose record now: without the cover, or name a session that knows it beside like. Start once more")
         like = pilot.app.screen.query_one("#like", Input)
-        await until(pilot, lambda: pilot.app.focused is like, SOON_S)
+        await until(pilot, lambda: pilot.app.focused is like)
         assert not session.exists()
         await pilot.press("ctrl+s")
-        await see(pilot, "2 views", SOON_S)
-        await see(pilot, "The lens is not known yet. In the set-up, choose record now: without the cover", SOON_S)
+        await see(pilot, "2 views")
+        await see(pilot, "The lens is not known yet. In the set-up, choose record now: without the cover")
         await pilot.press("escape")
-        await see(pilot, "continued", SOON_S)
+        await see(pilot, "continued")
         await pilot.press("ctrl+r")
-        await see(pilot, "or write camera.intrinsics into", SOON_S)
+        await see(pilot, "or write camera.intrinsics into")
         like.focus()
-        await see(pilot, "that knows the lens: that alone is taken from there", SOON_S)
+        await see(pilot, "that knows the lens: that alone is taken from there")
         await pilot.press(*str(FIXTURE), "ctrl+s")
-        await see(pilot, "does not know its lens either", SOON_S)
+        await see(pilot, "does not know its lens either")
         like.value = str(KNOWN)
         await pilot.press("ctrl+s")
-        await see(pilot, "[THROUGH COVER]", SOON_S)
-        await see(pilot, "f Fit", SOON_S)
+        await see(pilot, "[THROUGH COVER]")
+        await see(pilot, "f Fit")
         await pilot.press("escape")
-        await until(pilot, lambda: like.disabled, SOON_S)
+        await until(pilot, lambda: like.disabled)
 
 
 def test_a_lens_of_larger_pictures_is_not_taken_for_theirs(tmp_path: Path, covered: Path) -> None:
@@ -73,13 +72,13 @@ def test_a_lens_of_larger_pictures_is_not_taken_for_theirs(tmp_path: Path, cover
 
 async def _larger(session: Path, source: str) -> None:
     async with running(session, source) as pilot:
-        await see(pilot, "a new session", SOON_S)
+        await see(pilot, "a new session")
         await pilot.press("enter")
         await write(pilot, str(LARGE))
-        await see(pilot, "record now through the cover", SOON_S)
+        await see(pilot, "record now through the cover")
         await pilot.press("ctrl+s")
-        await see(pilot, "2 views", SOON_S)
-        await see(pilot, "The lens is not known yet. In the set-up, choose record now: without the cover", SOON_S)
+        await see(pilot, "2 views")
+        await see(pilot, "The lens is not known yet. In the set-up, choose record now: without the cover")
         assert "f Fit" not in " ".join(shown(pilot).split())
 
 

@@ -23,7 +23,6 @@ from tests.capture.tui.driving import drive, running, see, shown, until, write
 from tests.capture.tui.test_session import FIXTURE
 from tests.capture.tui.test_snapshots import RESULT
 
-SOON_S = 30
 BEFORE = {**RESULT, "stages": [{"name": "pinhole", "title": "camera alone", "rms_px": 3.33, "rmse_cm": 0.2}]}
 
 
@@ -42,7 +41,7 @@ def session(tmp_path: Path) -> Path:
 async def results(session: Path) -> AsyncIterator[Pilot[None]]:
     async with running(session) as pilot:
         pilot.app.push_screen(ResultsScreen(session, RESULT, BEFORE))
-        await see(pilot, "x to export maps", SOON_S)
+        await see(pilot, "x to export maps")
         yield pilot
 
 
@@ -59,11 +58,11 @@ def test_what_was_set_aside_is_shown_so_and_comes_back(session: Path) -> None:
 
 async def _come_back(session: Path) -> None:
     async with results(session) as pilot:
-        await see(pilot, "2 views were set aside since this fit: f fits without them", SOON_S)
+        await see(pilot, "2 views were set aside since this fit: f fits without them")
         assert [line.split("  ")[0].strip() for line in shown(pilot).splitlines() if "px dropped" in line] == ["0001.jpg", "0002.jpg"]
-        await see(pilot, "worst: 0.50 px off", SOON_S)
+        await see(pilot, "worst: 0.50 px off")
         await pilot.press("down", "z")
-        await see(pilot, "0002.jpg is back", SOON_S)
+        await see(pilot, "0002.jpg is back")
         assert "0002.jpg          0.050 px █" in shown(pilot)
 
 
@@ -74,7 +73,7 @@ def test_maps_of_the_fit_before_views_were_set_aside_are_told_to_be_so(session: 
 async def _as_before(session: Path) -> None:
     async with results(session) as pilot:
         await pilot.press("x")
-        await see(pilot, "these maps are still of the fit", SOON_S)
+        await see(pilot, "these maps are still of the fit")
 
 
 def test_what_a_check_brought_up_to_date_is_what_is_exported(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -91,9 +90,9 @@ async def _renewed(session: Path) -> None:
             (folder / "calibration.yaml").touch()
         pilot.app.push_screen(HelpScreen())
         await pilot.press("escape")
-        await see(pilot, "A check has brought this calibration up to date, into updated/: x exports that.", SOON_S)
+        await see(pilot, "A check has brought this calibration up to date, into updated/: x exports that.")
         await pilot.press("x")
-        await see(pilot, "Of the calibration as a check", SOON_S)
+        await see(pilot, "Of the calibration as a check")
         assert pilot.app.screen.query_one("#folder", Input).value == str(updated / "export")
 
 
@@ -104,9 +103,9 @@ def test_a_picture_that_is_gone_cannot_be_set_aside(session: Path) -> None:
 
 async def _gone(session: Path) -> None:
     async with results(session) as pilot:
-        await see(pilot, "cannot be read any more", SOON_S)
+        await see(pilot, "cannot be read any more")
         await pilot.press("d")
-        await see(pilot, "0001.jpg is not there any more", SOON_S)
+        await see(pilot, "0001.jpg is not there any more")
 
 
 def test_a_second_picture_of_that_name_is_the_one_that_comes_back(session: Path) -> None:
@@ -120,7 +119,7 @@ def test_a_second_picture_of_that_name_is_the_one_that_comes_back(session: Path)
 async def _second(session: Path) -> None:
     async with results(session) as pilot:
         await pilot.press("z")
-        await see(pilot, "0001.jpg is back", SOON_S)
+        await see(pilot, "0001.jpg is back")
 
 
 def test_what_a_fit_went_on_without_comes_back_the_last_one_first(session: Path) -> None:
@@ -138,13 +137,13 @@ def test_what_a_fit_went_on_without_comes_back_the_last_one_first(session: Path)
 async def _earlier(session: Path, result: dict[str, object]) -> None:
     async with running(session) as pilot:
         pilot.app.push_screen(ResultsScreen(session, result))
-        await see(pilot, "z Undo", SOON_S)
+        await see(pilot, "z Undo")
         await pilot.press("d")
-        await see(pilot, "0003.jpg is set aside", SOON_S)
+        await see(pilot, "0003.jpg is set aside")
         for file in ("0003.jpg", "0001.jpg", "0002.jpg"):
             await pilot.press("z")
-            await see(pilot, f"{file} is back.", SOON_S)
-        await see(pilot, "Press f to fit with it.", SOON_S)
+            await see(pilot, f"{file} is back.")
+        await see(pilot, "Press f to fit with it.")
         assert "z Undo" not in " ".join(shown(pilot).split())
 
 
@@ -156,7 +155,7 @@ def test_the_verdict_stays_beside_the_report(session: Path, monkeypatch: pytest.
 async def _report(session: Path) -> None:
     async with results(session) as pilot:
         await pilot.press("r")
-        await see(pilot, "The report is s/calibration/report.html", SOON_S)
+        await see(pilot, "The report is s/calibration/report.html")
         said = " ".join(shown(pilot).split())
         assert "To be trusted where it has corners. Press r for the report, x to export maps, e to look for what the model lacks." in said
 
@@ -176,17 +175,17 @@ def test_a_report_that_is_there_is_said_to_be_written_anew(session: Path, monkey
 async def _anew(session: Path, asked: Event) -> None:
     async with results(session) as pilot:
         await pilot.press("r")
-        await see(pilot, "The report is being written, which takes some seconds.", SOON_S)
+        await see(pilot, "The report is being written, which takes some seconds.")
         asked.set()
-        await see(pilot, "The report is s/calibration/report.html", SOON_S)
+        await see(pilot, "The report is s/calibration/report.html")
         asked.clear()
         report = Path(str(RESULT["calibration"])).parent / "report.html"
         report.parent.mkdir(parents=True)
         report.touch()
         await pilot.press("r")
-        await see(pilot, "The report is being written anew, in place of the one that is there", SOON_S)
+        await see(pilot, "The report is being written anew, in place of the one that is there")
         asked.set()
-        await see(pilot, "The report is s/calibration/report.html", SOON_S)
+        await see(pilot, "The report is s/calibration/report.html")
 
 
 def test_back_from_an_export_it_is_said_what_was_written(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -198,18 +197,18 @@ def test_back_from_an_export_it_is_said_what_was_written(session: Path, monkeypa
 async def _back_from_export(session: Path, out: Path) -> None:
     async with results(session) as pilot:
         await pilot.press("x")
-        await see(pilot, "depths in metres", SOON_S)
+        await see(pilot, "depths in metres")
         await pilot.press("escape")
-        await see(pilot, "The error fell from", SOON_S)
+        await see(pilot, "The error fell from")
         await pilot.press("x")
         assert pilot.app.screen.query_one("#depths", Input).value == "0.55", "the middle of the views' depths"
         await write(pilot, "50")
         await pilot.press("ctrl+s")
-        await see(pilot, "50 m is far from your boards, which were 0.30 to 1.20 m away", SOON_S)
+        await see(pilot, "50 m is far from your boards, which were 0.30 to 1.20 m away")
         await pilot.press("ctrl+s")
-        await see(pilot, "Wrote rays.npz map_1m.npz", SOON_S)
+        await see(pilot, "Wrote rays.npz map_1m.npz")
         await pilot.press("escape")
-        await until(pilot, lambda: f"Wrote2filesin{out}." in "".join(shown(pilot).split()), SOON_S)
+        await until(pilot, lambda: f"Wrote2filesin{out}." in "".join(shown(pilot).split()))
         assert "The error fell from" not in shown(pilot)
 
 
@@ -234,10 +233,10 @@ async def _refit(session: Path) -> None:
     async with results(session) as pilot:
         assert "3.330" in shown(pilot)
         await pilot.press("f")
-        await see(pilot, "The views are being fitted", SOON_S)
+        await see(pilot, "The views are being fitted")
         await pilot.press("escape")
-        await see(pilot, "[RESULTS]", SOON_S)
-        await see(pilot, "f fits without them", SOON_S)
+        await see(pilot, "[RESULTS]")
+        await see(pilot, "f fits without them")
         assert "3.330" in shown(pilot), "the fit that they are compared with"
         assert farewell(pilot)[0] == "The last fit was ended before it had a result: the calibration is the one of before."
 
@@ -252,7 +251,7 @@ async def _end(session: Path, key: str) -> None:
     async with results(session) as pilot:
         assert not farewell(pilot)[0].startswith("The last fit")
         await pilot.press("f")
-        await see(pilot, "The views are being fitted", SOON_S)
+        await see(pilot, "The views are being fitted")
         await pilot.press(key)
     assert farewell(pilot)[0].startswith("The last fit was ended before it had a result")
 
@@ -265,7 +264,7 @@ def test_a_fit_that_had_written_its_calibration_was_not_cut_short(session: Path)
 async def _late(session: Path) -> None:
     async with results(session) as pilot:
         await pilot.press("f")
-        await see(pilot, "The views are being fitted", SOON_S)
+        await see(pilot, "The views are being fitted")
         folder = session / "calibration"
         folder.mkdir(exist_ok=True)
         (folder / "calibration.yaml").write_text("of this fit")
@@ -290,17 +289,17 @@ def test_a_fit_that_ends_behind_the_help_gives_its_results_when_that_is_closed(s
 async def _behind_help(session: Path) -> None:
     async with results(session) as pilot:
         await pilot.press("f")
-        await see(pilot, "The views are being fitted", SOON_S)
-        await see(pilot, "Loading (some seconds)", SOON_S)
+        await see(pilot, "The views are being fitted")
+        await see(pilot, "Loading (some seconds)")
         fitting = pilot.app.screen
         assert isinstance(fitting, FitScreen)
         await pilot.press("question_mark")
-        await see(pilot, "A camera behind a cover", SOON_S)
+        await see(pilot, "A camera behind a cover")
         (session / "end").touch()
-        await until(pilot, lambda: fitting.child is None, SOON_S)
+        await until(pilot, lambda: fitting.child is None)
         assert "A camera behind a cover" in shown(pilot)
         await pilot.press("escape")
-        await see(pilot, "[RESULTS]", SOON_S)
+        await see(pilot, "[RESULTS]")
         assert fitting not in pilot.app.screen_stack
 
 
@@ -315,5 +314,5 @@ def test_beside_what_a_diagnosis_found_no_same_numbers_stand(session: Path, of_a
 async def _compare(session: Path, before: dict[str, object], alone: bool) -> None:
     async with running(session) as pilot:
         pilot.app.push_screen(ResultsScreen(session, RESULT, before))
-        await see(pilot, "x to export maps", SOON_S)
+        await see(pilot, "x to export maps")
         assert ("on board before" not in shown(pilot)) == alone

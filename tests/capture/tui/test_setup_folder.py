@@ -90,7 +90,7 @@ async def _finished(session: Path) -> None:
         await see(pilot, "e Diagnose c Check r Report x Export")
         await pilot.press("r")
         await see(pilot, "The report is ")
-        await until(pilot, (session / "calibration" / "report.html").exists, 60)
+        await until(pilot, (session / "calibration" / "report.html").exists)
         assert isinstance(pilot.app, CaptureApp)
         assert pilot.app.farewell[0] == f"The calibration is in {session / 'calibration'}"
 
@@ -103,7 +103,7 @@ async def _interrupted(session: Path) -> None:
     async with running(session) as pilot:
         await see(pilot, "a new session")
         await pilot.press(*"folder:there", "ctrl+c")
-        await until(pilot, lambda: not pilot.app.is_running, 20)
+        await until(pilot, lambda: not pilot.app.is_running)
     async with running(session) as pilot:
         await see(pilot, "source folder:there")
 
@@ -145,7 +145,7 @@ async def _anew(session: Path, source: str) -> None:
         await see(pilot, f"record now without the cover, anew ({len(there)} go to bare-aside/)")
         await pilot.press("ctrl+s")
         await see(pilot, "[WITHOUT COVER]")
-        await see(pilot, "The source has no more pictures", 120)
+        await see(pilot, "The source has no more pictures")
         assert {picture.name: picture.read_bytes() for picture in list_images(session / "bare-aside")} == there
         taken = len(list_images(session / "bare"))
         assert taken

@@ -101,29 +101,29 @@ def test_u_asks_for_a_depth_and_shows_it_straight(session: Path, tmp_path: Path)
 
 async def _asked(session: Path) -> None:
     async with running(session, f"folder:{FIXTURE}") as pilot:
-        await see(pilot, "continued", 60)
+        await see(pilot, "continued")
         await pilot.press("ctrl+s")
-        await see(pilot, "u Undistort", 120)
-        await see(pilot, "The source has no more pictures. Press f to fit anew, ^o for the results,", 240)
+        await see(pilot, "u Undistort")
+        await see(pilot, "The source has no more pictures. Press f to fit anew, ^o for the results,")
         assert "a Auto f Fit o Reopen u Undistort ^o Results m Dots esc Set-up ? Help q Quit" in shown(pilot), "every key in 80 columns"
         screen = pilot.app.screen
         assert isinstance(screen, CollectScreen)
         assert screen._preview is not None
         before = screen._preview.image.copy()
         await pilot.press("u")
-        await see(pilot, "depth in metres", 60)
+        await see(pilot, "depth in metres")
         await write(pilot, "-1")
         await pilot.press("ctrl+s")
-        await see(pilot, "is not a depth", 60)
+        await see(pilot, "is not a depth")
         await write(pilot, "0.5")
         await pilot.press("ctrl+s")
-        await see(pilot, "Undistorted for 0.5 m", 240)
+        await see(pilot, "Undistorted for 0.5 m")
         assert np.abs(screen._preview.image.astype(float) - before).mean() > 1
-        await see(pilot, LINE, 60)
+        await see(pilot, LINE)
         await pilot.press("u")
         await pilot.pause()
         assert (screen._preview.image == before).all()
         await pilot.press("ctrl+o")
-        await see(pilot, "The error fell from", 240)
+        await see(pilot, "The error fell from")
         await pilot.press("escape")
-        await see(pilot, "^o for the results", 240)
+        await see(pilot, "^o for the results")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.capture.tui.driving import CONE
+from tests.capture.tui.driving import CONE, HANGS_S
 from tests.capture.tui.test_session import FIXTURE
 
 if not shutil.which("tmux"):
@@ -36,10 +36,10 @@ class Tmux:
         """A line that the terminal broke is one; what scrolled out at the top is there, too."""
         return self._do("capture-pane", "-p", "-J", "-S", "-")
 
-    def see(self, words: str, within_s: float = 900) -> None:
+    def see(self, words: str) -> None:
         begun = time.monotonic()
         while words not in " ".join(self.shown().split()):
-            assert time.monotonic() - begun < within_s, f"{words!r} never came:\n{self.shown()}"
+            assert time.monotonic() - begun < HANGS_S, f"{words!r} never came:\n{self.shown()}"
             time.sleep(0.2)
 
     def hang_up(self) -> None:

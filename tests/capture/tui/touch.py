@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from tests.capture.tui.browser import Browser, connected
+from tests.capture.tui.driving import HANGS_S
 
 SIZE = (390, 844)
 """Points, as most telephones have, in portrait."""
@@ -30,21 +31,21 @@ WORDS = 'document.getElementById("thumb").hidden ? "" : document.getElementById(
 
 
 class Telephone(Browser):
-    async def see(self, words: str, within_s: float = 180) -> None:
+    async def see(self, words: str) -> None:
         """Wait until the page shows these words."""
         begun = time.monotonic()
         while words not in " ".join((await self.words()).split()):
-            assert time.monotonic() - begun < within_s, f"{words!r} never came:\n{await self.words()}"
+            assert time.monotonic() - begun < HANGS_S, f"{words!r} never came:\n{await self.words()}"
             await asyncio.sleep(0.1)
 
     async def words(self) -> str:
         return str(await self.evaluate(WORDS))
 
-    async def until(self, holds: str, within_s: float = 120) -> None:
+    async def until(self, holds: str) -> None:
         """Wait until this script says yes."""
         begun = time.monotonic()
         while not await self.evaluate(holds):
-            assert time.monotonic() - begun < within_s, f"{holds} never came:\n{await self.words()}"
+            assert time.monotonic() - begun < HANGS_S, f"{holds} never came:\n{await self.words()}"
             await asyncio.sleep(0.1)
 
     async def let_go(self) -> None:
