@@ -26,10 +26,10 @@ from tests.capture.tui.driving import drive, running, see, shown
 
 async def story(session, source):
     async with running(session, source) as pilot:
-        await see(pilot, "continued, 0 views without cover", 60)
+        await see(pilot, "continued, 0 views without cover")
         await pilot.press("ctrl+s")
         for words in ("[THROUGH COVER]", "Judged by picture, depth and", "This machine has no torch, so", "the plain guide serves"):
-            await see(pilot, words, 120)
+            await see(pilot, words)
         print(shown(pilot))
 
 drive(story(Path(sys.argv[1]), sys.argv[2]))
