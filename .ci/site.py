@@ -1,6 +1,8 @@
-"""What the site needs beside docs/: the files that pages link to outside of it come along, so that every link is one within the site.
+"""What the site needs beside docs/: the files that pages link to outside of it come along, so that
+every link is one within the site.
 
-mkdocs calls these as hooks (mkdocs.yml). A page outside docs/, such as fixtures/README.md, becomes a page; any other file is copied.
+mkdocs calls these as hooks (mkdocs.yml). A page outside docs/, such as fixtures/README.md, becomes
+a page; any other file is copied.
 """
 
 import os
@@ -19,7 +21,11 @@ OUTSIDE = "source"
 def links(text: str) -> list[str]:
     """Where a page's relative links lead, without their anchors; blocks of code are left out."""
     prose = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
-    return [target.partition("#")[0] for _, target, _ in LINK.findall(prose) if not re.match(r"\w+:|#", target)]
+    return [
+        target.partition("#")[0]
+        for _, target, _ in LINK.findall(prose)
+        if not re.match(r"\w+:|#", target)
+    ]
 
 
 def target_of(page: Path, link: str) -> Path:
@@ -42,7 +48,12 @@ def from_outside() -> list[Path]:
     while waiting:
         page = waiting.pop()
         for path in (target_of(page, link) for link in links(page.read_text(encoding="utf-8"))):
-            if path.is_file() and path not in found and path.is_relative_to(ROOT) and not path.is_relative_to(DOCS):
+            if (
+                path.is_file()
+                and path not in found
+                and path.is_relative_to(ROOT)
+                and not path.is_relative_to(DOCS)
+            ):
                 found.append(path)
                 waiting += [path] if path.suffix == ".md" else []
     return sorted(found)
@@ -52,7 +63,9 @@ def on_files(files: Any, config: Any) -> Any:
     from mkdocs.structure.files import File, InclusionLevel
 
     for path in from_outside():
-        file = File.generated(config, place_of(path), abs_src_path=str(path), inclusion=InclusionLevel.NOT_IN_NAV)
+        file = File.generated(
+            config, place_of(path), abs_src_path=str(path), inclusion=InclusionLevel.NOT_IN_NAV
+        )
         files.append(file)
     for file in files:
         if re.match(r"(effects|decisions)/(?!README)", file.src_uri):  # reached from their README

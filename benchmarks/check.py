@@ -1,11 +1,14 @@
-"""What `calib check` says of pictures that are taken later: `python -m benchmarks.check [--checks 400] [--first 1000] [--jobs 2]`.
+"""What `calib check` says of pictures that are taken later: `python -m benchmarks.check [--checks
+400] [--first 1000] [--jobs 2]`.
 
-Synthetic cameras behind a cone, a dome and a window are calibrated from 20 views of 81 corners with 0.1 px noise per axis, every declared
-number off within its tolerance, and checked with 3, 4 or 5 other views each: half of the checks unchanged, the others changed in a random
-direction by 1, 3 and 10 times the smallest size that moves a corner by the noise, poses adapted. Absorbed is the part of the shift's sum of
-squares that what the calibration does not know can do as well; a change of which 95 % and more is absorbed, or that is more than five times
-its tolerance, is not judged. Beside them stand pictures whose mode, mirroring or single view is wrong. Thresholds were chosen on seeds
-below 100.
+Synthetic cameras behind a cone, a dome and a window are calibrated from 20 views of 81 corners with
+0.1 px noise per axis, every declared number off within its tolerance, and checked with 3, 4 or 5
+other views each: half of the checks unchanged, the others changed in a random direction by 1, 3 and
+10 times the smallest size that moves a corner by the noise, poses adapted. Absorbed is the part of
+the shift's sum of squares that what the calibration does not know can do as well; a change of which
+95 % and more is absorbed, or that is more than five times its tolerance, is not judged. Beside them
+stand pictures whose mode, mirroring or single view is wrong. Thresholds were chosen on seeds below
+100.
 """
 
 from __future__ import annotations
@@ -75,7 +78,9 @@ def of_camera(shape: str, seed: int, clean: int, changed: int) -> list[Outcome]:
         for index in range(clean):
             later = Later.drawn(made, None, 1000 * seed + index, 3 + index % 3)
             found.append(_outcome(checker, later.views(), made, shape, "", 0))
-        kinds = [change for change in changes_of(calibration) if not isinstance(change, PictureMode)]
+        kinds = [
+            change for change in changes_of(calibration) if not isinstance(change, PictureMode)
+        ]
         for index in range(changed):
             kind = kinds[(index + seed * changed) % len(kinds)]
             later = Later.drawn(made, kind, 1000 * seed + 500 + index, 3 + index % 3)
@@ -92,7 +97,9 @@ def of_camera(shape: str, seed: int, clean: int, changed: int) -> list[Outcome]:
 
 
 def spoilt(way: str, later: Later) -> tuple[View, ...]:
-    """Pictures that are not to be had of the camera as it is, under the name that `calib check` has for each way."""
+    """Pictures that are not to be had of the camera as it is, under the name that `calib check` has
+    for each way.
+    """
     views = later.views()
     match way:
         case "picture_mode":
@@ -102,12 +109,18 @@ def spoilt(way: str, later: Later) -> tuple[View, ...]:
     return shaken(views, later.seed)
 
 
-def _outcome(checker: Checker, views: Sequence[View], made: Scene, shape: str, kind: str, size: int) -> Outcome:
+def _outcome(
+    checker: Checker, views: Sequence[View], made: Scene, shape: str, kind: str, size: int
+) -> Outcome:
     begun = time.perf_counter()
     answer = checker.check(Pictures(tuple(views), made.board))
     spent = time.perf_counter() - begun
     names = tuple(change.name for change in answer.changes)
-    if kind == "bad_view" and answer.word is Word.VALID and [one.name for one in answer.rejected] == [views[0].name]:
+    if (
+        kind == "bad_view"
+        and answer.word is Word.VALID
+        and [one.name for one in answer.rejected] == [views[0].name]
+    ):
         names = (kind,)
     return Outcome(shape, kind, size, answer.word.value, answer.p_value, names, float("nan"), spent)
 
@@ -117,16 +130,27 @@ def _absorbed(checker: Checker, later: Later) -> float:
     poses = later.made.poses
     observations = Observations.of(later.made.views, later.made.board).timed(None, HEIGHT)
     equations = Equations.of(checker.known, (later.effect,), observations, poses)
-    vector = np.concatenate([later.direction[u.param.name].numpy().ravel() / u.param.scale for u in later.effect.unknowns])
+    vector = np.concatenate(
+        [
+            later.direction[u.param.name].numpy().ravel() / u.param.scale
+            for u in later.effect.unknowns
+        ]
+    )
     own, place = equations.columns(later.effect.name), equations.places[later.effect.name]
     whole = equations.products[:, place, place].sum(0)
-    return 1 - float(vector @ equations.predicted()[own, own] @ vector) / float(vector @ whole @ vector)
+    return 1 - float(vector @ equations.predicted()[own, own] @ vector) / float(
+        vector @ whole @ vector
+    )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--checks", type=int, default=400)
-    parser.add_argument("--first", type=int, default=1000, help="the first seed; those below 100 were looked at")
+    parser.add_argument(
+        "--first", type=int, default=1000, help="the first seed; those below 100 were looked at"
+    )
     parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args()
     cameras = max(1, round(options.checks / PER_CAMERA))
@@ -134,8 +158,13 @@ def main() -> None:
     changed = -(-options.checks // (2 * len(SIZES) * cameras))
     shapes = list(COVERS)
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
-        asked = [pool.submit(of_camera, shapes[i % len(shapes)], options.first + i, clean, changed) for i in range(cameras)]
-        found = [one for future in track(asked, "cameras", transient=True) for one in future.result()]
+        asked = [
+            pool.submit(of_camera, shapes[i % len(shapes)], options.first + i, clean, changed)
+            for i in range(cameras)
+        ]
+        found = [
+            one for future in track(asked, "cameras", transient=True) for one in future.result()
+        ]
     report(found, cameras)
 
 
@@ -144,11 +173,25 @@ def report(found: Sequence[Outcome], cameras: int) -> None:
     unchanged = [one for one in found if not one.kind]
     alarms = [one for one in unchanged if one.word != "valid"]
     rate = 100 * len(alarms) / len(unchanged)
-    below = ", ".join(f"{sum(one.p_value < level for one in unchanged)} of them have p < {level}" for level in (ALPHA, 0.05, 0.5))
-    console.print(f"{len(unchanged)} unchanged checks of {cameras} calibrations: {len(alarms)} false alarms ({rate:.1f} %); {below}.\n")
-    console.print("| change | " + " | ".join(f"{size} x" for size in SIZES) + " |\n|---|" + "---|" * len(SIZES), markup=False)
+    below = ", ".join(
+        f"{sum(one.p_value < level for one in unchanged)} of them have p < {level}"
+        for level in (ALPHA, 0.05, 0.5)
+    )
+    console.print(
+        f"{len(unchanged)} unchanged checks of {cameras} calibrations: {len(alarms)} false alarms"
+        f" ({rate:.1f} %); {below}.\n"
+    )
+    console.print(
+        "| change | "
+        + " | ".join(f"{size} x" for size in SIZES)
+        + " |\n|---|"
+        + "---|" * len(SIZES),
+        markup=False,
+    )
     for kind in dict.fromkeys(one.kind for one in found if one.size):
-        cells = [_cell([one for one in found if one.kind == kind and one.size == size]) for size in SIZES]
+        cells = [
+            _cell([one for one in found if one.kind == kind and one.size == size]) for size in SIZES
+        ]
         console.print(f"| {kind} | " + " | ".join(cells) + " |", markup=False)
     cells = [_cell([one for one in found if one.size == size]) for size in SIZES]
     console.print("| all | " + " | ".join(cells) + " |", markup=False)
@@ -158,12 +201,24 @@ def report(found: Sequence[Outcome], cameras: int) -> None:
         console.print(f"{words}: {sum(one.right for one in own)} of {len(own)} named.")
     for size in SIZES:
         judged = [one for one in found if one.size == size and one.judged]
-        right, alone = sum(one.right for one in judged), sum(one.right and len(one.names) == 1 for one in judged)
-        said = f"{right} of {len(judged)} named right ({100 * right / max(1, len(judged)):.0f} %), {alone} of them alone"
+        right, alone = (
+            sum(one.right for one in judged),
+            sum(one.right and len(one.names) == 1 for one in judged),
+        )
+        said = (
+            f"{right} of {len(judged)} named right ({100 * right / max(1, len(judged)):.0f} %),"
+            f" {alone} of them alone"
+        )
         console.print(f"{size} x: {said}, {sum(one.word != 'valid' for one in judged)} noticed.")
-    wrong = Counter((one.shape, one.kind, one.names) for one in found if one.size == SIZES[-1] and one.judged and not one.right)
+    wrong = Counter(
+        (one.shape, one.kind, one.names)
+        for one in found
+        if one.size == SIZES[-1] and one.judged and not one.right
+    )
     for (shape, kind, names), count in wrong.items():
-        console.print(f"not right at {SIZES[-1]} x: {shape} {kind}: {', '.join(names) or 'nothing'} ({count})")
+        console.print(
+            f"not right at {SIZES[-1]} x: {shape} {kind}: {', '.join(names) or 'nothing'} ({count})"
+        )
     spent = [one.seconds for one in found if one.word]
     console.print(f"A check took {np.median(spent):.2f} s, at most {max(spent):.1f} s.")
 

@@ -1,4 +1,5 @@
-"""How far corners of boards with markers are off, in rendered pictures that show them wholly or in part.
+"""How far corners of boards with markers are off, in rendered pictures that show them wholly or in
+part.
 
 python -m benchmarks.coded_corners
 """
@@ -27,7 +28,10 @@ def main() -> None:
                     errors.append(off[np.isfinite(off)])
             every = np.concatenate(errors)
             rms, median = np.sqrt((every**2).mean()), np.median(every)
-            said = f"{rms:.4f} px RMS, {median:.4f} median, {every.max():.3f} most; {len(every)} found, {inside} inside"
+            said = (
+                f"{rms:.4f} px RMS, {median:.4f} median, {every.max():.3f} most; {len(every)}"
+                f" found, {inside} inside"
+            )
             print(f"{name:12} blur {blur} px: {said}")
 
 

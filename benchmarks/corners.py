@@ -1,15 +1,20 @@
-"""How well corners are measured, against what their pixels allow: `python -m benchmarks.corners [PICTURES]`.
+"""How well corners are measured, against what their pixels allow: `python -m benchmarks.corners
+[PICTURES]`.
 
-Drawn pictures of known truth, each scene from its reference changed in one way: noise, blur, contrast, tilt, the size of squares, JPEG,
-sharpening, uneven light. Errors are over the Cramer-Rao bound of the noise that was drawn, which knows nothing of a JPEG's own loss or of
-sharpening: no estimator reaches 1 there. Every estimator but `findChessboardCornersSB` and mrgingham, which is asked where it is installed,
-starts from the same places, half a pixel and less beside the truth. A view's bias is the mean of its corners' errors.
+Drawn pictures of known truth, each scene from its reference changed in one way: noise, blur,
+contrast, tilt, the size of squares, JPEG, sharpening, uneven light. Errors are over the Cramer-Rao
+bound of the noise that was drawn, which knows nothing of a JPEG's own loss or of
+sharpening: no estimator reaches 1 there. Every estimator but `findChessboardCornersSB` and
+    mrgingham, which is asked where it is installed,
+starts from the same places, half a pixel and less beside the truth. A view's bias is the mean of
+its corners' errors.
 """
 
 import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from statistics import median
 
@@ -36,14 +41,25 @@ GRID: dict[str, Scene] = {
     "reference": REFERENCE,
     **{f"noise {noise:g}": replace(REFERENCE, noise=noise) for noise in (0.5, 3.0, 8.0)},
     **{f"blur {blur:g} px": replace(REFERENCE, blur=blur) for blur in (0.5, 1.2, 2.5)},
-    **{f"contrast {contrast:g}": replace(REFERENCE, contrast=contrast) for contrast in (30.0, 80.0)},
+    **{
+        f"contrast {contrast:g}": replace(REFERENCE, contrast=contrast) for contrast in (30.0, 80.0)
+    },
     **{f"tilt {tilt:g} deg": replace(REFERENCE, tilt=tilt) for tilt in (0.0, 50.0, 65.0)},
-    **{f"squares of {square:g} px": replace(REFERENCE, square=square) for square in (8.0, 12.0, 20.0)},
-    **{f"squares of {square:g} px": replace(REFERENCE, square=square, board=FEW) for square in (80.0, 120.0)},
+    **{
+        f"squares of {square:g} px": replace(REFERENCE, square=square)
+        for square in (8.0, 12.0, 20.0)
+    },
+    **{
+        f"squares of {square:g} px": replace(REFERENCE, square=square, board=FEW)
+        for square in (80.0, 120.0)
+    },
     **{f"JPEG {quality}": replace(REFERENCE, jpeg=quality) for quality in (100, 95, 90, 80)},
     **{f"sharpened by {part:g}": replace(REFERENCE, sharpening=part) for part in (0.7, 1.5)},
     "sharpened by 1, JPEG 90": replace(REFERENCE, sharpening=1.0, jpeg=90),
-    **{f"light uneven by {part:g}": replace(REFERENCE, contrast=120.0, uneven=part) for part in (0.2, 0.4)},
+    **{
+        f"light uneven by {part:g}": replace(REFERENCE, contrast=120.0, uneven=part)
+        for part in (0.2, 0.4)
+    },
 }
 BUMPS = Path(__file__).parents[1] / "fixtures" / "bumps"
 WINDOWS = (3, 6, 11)  # px, cornerSubPix's half-sizes
@@ -52,35 +68,53 @@ LIMIT = 3.0  # px: a corner further off is none
 
 def _others(scene: Scene) -> Iterator[tuple[str, Callable[[Drawn, Floats], Floats | None]]]:
     yield "until now", lambda one, start: refine(one.picture, start, scene.board)
-    for name, flags in (("SB", 0), ("SB, ACCURACY", cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE)):
+    for name, flags in (
+        ("SB", 0),
+        ("SB, ACCURACY", cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE),
+    ):
         yield name, lambda one, _, flags=flags: _sectors(one, scene.board, flags)  # type: ignore[misc]
     for half in WINDOWS:
         yield f"cornerSubPix {half}", lambda one, start, half=half: _sub_pixel(one, start, half)  # type: ignore[misc]
     if mrgingham.can_find(scene.board):
         for way in mrgingham.WAYS:
-            yield way, lambda one, _, way=way: _near(mrgingham.find(one.picture, scene.board, way), one)  # type: ignore[misc]
+            find = partial(mrgingham.find, board=scene.board, way=way)
+            yield way, lambda one, _, find=find: _near(find(one.picture), one)  # type: ignore[misc]
 
 
 def _sectors(one: Drawn, board: Board, flags: int) -> Floats | None:
-    found, corners = cv2.findChessboardCornersSB(one.picture, (board.columns, board.rows), flags=flags)
+    found, corners = cv2.findChessboardCornersSB(
+        one.picture, (board.columns, board.rows), flags=flags
+    )
     return _near(np.asarray(corners, np.float64).reshape(-1, 2), one) if found else None
 
 
 def _near(found: Floats | None, one: Drawn) -> Floats | None:
     """(count, 2) px in the order of the truth; None where a corner has none."""
     own = None if found is None else mrgingham.nearest(found, one.corners)
-    return own if own is not None and np.linalg.norm(own - one.corners, axis=1).max() < LIMIT else None
+    return (
+        own if own is not None and np.linalg.norm(own - one.corners, axis=1).max() < LIMIT else None
+    )
 
 
 def _sub_pixel(one: Drawn, start: Floats, half: int) -> Floats:
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
-    corners = cv2.cornerSubPix(one.picture, start.reshape(-1, 1, 2).astype(np.float32), (half, half), (-1, -1), stop)
+    corners = cv2.cornerSubPix(
+        one.picture, start.reshape(-1, 1, 2).astype(np.float32), (half, half), (-1, -1), stop
+    )
     return np.asarray(corners, np.float64).reshape(-1, 2)
 
 
 def main(pictures: int = 6) -> None:
     names = [name for name, _ in _others(REFERENCE)]
-    table = Table("scene", "bound, px", "ours", "bias, px", "squared error over predicted", *names, title="RMS error over the bound")
+    table = Table(
+        "scene",
+        "bound, px",
+        "ours",
+        "bias, px",
+        "squared error over predicted",
+        *names,
+        title="RMS error over the bound",
+    )
     all_ours, best = [], []
     for number, (name, scene) in enumerate(GRID.items()):
         shown = drawn(scene, pictures, number)
@@ -89,33 +123,56 @@ def main(pictures: int = 6) -> None:
         scores = [_scored(measured, shown, bounds) for _, measured in _others(scene)]
         bound = float(np.sqrt(np.trace(bounds, axis1=2, axis2=3).mean()))
         others = [_said(*other, pictures) for other in scores]
-        table.add_row(name, f"{bound:.4f}", f"{own.over_bound:.2f}", f"{own.bias:.4f}", f"{own.over_predicted:.2f}", *others)
+        table.add_row(
+            name,
+            f"{bound:.4f}",
+            f"{own.over_bound:.2f}",
+            f"{own.bias:.4f}",
+            f"{own.over_predicted:.2f}",
+            *others,
+        )
         all_ours.append(own)
         best.append(np.nanmin([over for over, _ in scores[1:]]))
     predicted = [own.over_predicted for own in all_ours]
     Console(width=180).print(table)
     print(
-        f"median over the bound {median(own.over_bound for own in all_ours):.2f}; "
-        f"worst bias {max(own.bias for own in all_ours):.4f} px; "
-        f"squared error over predicted {min(predicted):.2f} to {max(predicted):.2f}; "
-        f"most over the best other {max(own.over_bound / other for own, other in zip(all_ours, best, strict=True)):.2f}"
+        f"median over the bound {median(own.over_bound for own in all_ours):.2f}; worst bias"
+        f" {max(own.bias for own in all_ours):.4f} px; squared error over predicted"
+        f" {min(predicted):.2f} to {max(predicted):.2f}; most over the best other"
+        f" {max(own.over_bound / other for own, other in zip(all_ours, best, strict=True)):.2f}"
     )
     _speed()
 
 
-def _scored(measured: Callable[[Drawn, Floats], Floats | None], shown: list[tuple[Drawn, Floats]], bounds: Floats) -> tuple[float, int]:
-    """The error over the bound in the pictures in which the board was found, and how many these are."""
+def _scored(
+    measured: Callable[[Drawn, Floats], Floats | None],
+    shown: list[tuple[Drawn, Floats]],
+    bounds: Floats,
+) -> tuple[float, int]:
+    """The error over the bound in the pictures in which the board was found, and how many these
+    are.
+    """
     found = [measured(one, start) for one, start in shown]
     off = [own - one.corners for own, (one, _) in zip(found, shown, strict=True) if own is not None]
-    return (score(np.stack(off), bounds[[own is not None for own in found]]).over_bound if off else float("nan")), len(off)
+    return (
+        score(np.stack(off), bounds[[own is not None for own in found]]).over_bound
+        if off
+        else float("nan")
+    ), len(off)
 
 
 def _said(over: float, found: int, pictures: int) -> str:
-    return f"{over:.2f}" + (f" ({found} of {pictures})" if found < pictures else "") if found else "not found"
+    return (
+        f"{over:.2f}" + (f" ({found} of {pictures})" if found < pictures else "")
+        if found
+        else "not found"
+    )
 
 
 def _speed() -> None:
-    """Of views through a cover: how a board is found, now and until now (SB), and what is done to its corners then."""
+    """Of views through a cover: how a board is found, now and until now (SB), and what is done to
+    its corners then.
+    """
     session = read_session(BUMPS)
     board, (saddles, sectors) = session.board, [search for _, search in SEARCHES[:2]]
     pictures = [eight_bits(read_grey(path)) for path in session.frames]

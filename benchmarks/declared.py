@@ -1,15 +1,17 @@
-"""What wrong numbers in session.yaml do to the maps: `python -m benchmarks.declared`, and what believing them would:
-`python -m benchmarks.declared SESSION ...`.
+"""What wrong numbers in session.yaml do to the maps: `python -m benchmarks.declared`, and what
+believing them would: `python -m benchmarks.declared SESSION ...`.
 
-`fixtures/clean` with one number made wrong at a time, or with its pictures turned, fitted with every number held, and as by default, where
-each may be estimated near what is declared, by the tolerance of its kind. Map errors are against the renderer's rays, turned as the
-pictures are.
+`fixtures/clean` with one number made wrong at a time, or with its pictures turned, fitted with
+every number held, and as by default, where each may be estimated near what is declared, by the
+tolerance of its kind. Map errors are against the renderer's rays, turned as the pictures are.
 
-Then what freeing costs where all that is declared is true: synthetic views at 0.6-1.2 m through 1.15 mm of uneven glass, 0.1 px of noise
-per axis, tested on 20 other views over more depths, and on 20 nearer than any that was fitted, with poses refitted.
+Then what freeing costs where all that is declared is true: synthetic views at 0.6-1.2 m through
+1.15 mm of uneven glass, 0.1 px of noise per axis, tested on 20 other views over more depths, and on
+20 nearer than any that was fitted, with poses refitted.
 
-Of sessions that are named, what `calib.fitting.believing` decides by: how much more probable the corners are with every number estimated
-than with every number held, how uneven the glass is with both, and which numbers would be contradicted.
+Of sessions that are named, what `calib.fitting.believing` decides by: how much more probable the
+corners are with every number estimated than with every number held, how uneven the glass is with
+both, and which numbers would be contradicted.
 """
 
 import copy
@@ -87,9 +89,13 @@ def fitted(said: Described, folder: Path, free: str = AUTO) -> Calibration:
 
 
 def turn(folder: Path, sign: tuple[float, float]) -> None:
-    """The frames as a driver would give them, without further loss or corners that were found before, and the true rays of their pixels."""
+    """The frames as a driver would give them, without further loss or corners that were found
+    before, and the true rays of their pixels.
+    """
     shutil.rmtree(folder / "frames")
-    shutil.copytree(SOURCE / "frames", folder / "frames", ignore=shutil.ignore_patterns("*.npz", "*.vnl"))
+    shutil.copytree(
+        SOURCE / "frames", folder / "frames", ignore=shutil.ignore_patterns("*.npz", "*.vnl")
+    )
     for picture in sorted(path for path in (folder / "frames").iterdir() if path.suffix in IMAGES):
         seen = cv2.imread(str(picture), cv2.IMREAD_UNCHANGED)
         assert seen is not None
@@ -101,7 +107,12 @@ def turn(folder: Path, sign: tuple[float, float]) -> None:
     camera = read_session(folder).camera
     size = np.array([camera.width, camera.height]) - 1.0
     pixels = np.where(np.array(sign) < 0, size - truth["pixels"], truth["pixels"])
-    np.savez(folder / "truth.npz", pixels=pixels, origins=along * truth["origins"], directions=along * truth["directions"])
+    np.savez(
+        folder / "truth.npz",
+        pixels=pixels,
+        origins=along * truth["origins"],
+        directions=along * truth["directions"],
+    )
 
 
 def _row(calibration: Calibration, truth: Path) -> tuple[str, str]:
@@ -118,7 +129,9 @@ def said_of(calibration: Calibration) -> str:
 
 
 def rows() -> Iterator[tuple[str, ...]]:
-    """The wrong sessions: name, errors of two stages, map errors and sigmas held and free, what is said."""
+    """The wrong sessions: name, errors of two stages, map errors and sigmas held and free, what is
+    said.
+    """
     described = yaml.safe_load((SOURCE / "session.yaml").read_text())
     with TemporaryDirectory() as place:
         folder = Path(place) / "clean"
@@ -134,8 +147,18 @@ def rows() -> Iterator[tuple[str, ...]]:
             errors = f"{free.stages[1].rms_px:.3f}", f"{free.stages[2].rms_px:.3f}"
             held = fitted(said, folder, NONE)
             gained = free.settings["log_evidence"] - held.settings["log_evidence"]
-            uneven = " -> ".join(f"{1e6 * height_spread(*one.model(), one.observations):.1f}" for one in (held, free))
-            yield name, *errors, *_row(held, truth), *_row(free, truth), f"{gained:+.0f}", uneven, said_of(free)
+            uneven = " -> ".join(
+                f"{1e6 * height_spread(*one.model(), one.observations):.1f}" for one in (held, free)
+            )
+            yield (
+                name,
+                *errors,
+                *_row(held, truth),
+                *_row(free, truth),
+                f"{gained:+.0f}",
+                uneven,
+                said_of(free),
+            )
 
 
 def cost(seed: int, views: int) -> Iterator[list[str]]:
@@ -144,39 +167,71 @@ def cost(seed: int, views: int) -> Iterator[list[str]]:
         scene(seed, count, (4, 4), 1e-5, NOISE, cover=GLASS, depths=depths)
         for count, depths in ((views, (0.6, 1.2)), (20, (0.3, 1.2)), (20, (0.17, 0.3)))
     )
-    floors = (f"{refit_poses(held.path, held.values, held.observations, held.poses)[1].rms_px:.3f}" for held in (other, near))
+    floors = (
+        f"{refit_poses(held.path, held.values, held.observations, held.poses)[1].rms_px:.3f}"
+        for held in (other, near)
+    )
     yield [f"{views} views, seed {seed}", "true glass", *floors, ""]
     for name, free in (("held", NONE), ("estimated", ALL)):
         settings = Settings(free=(free,))
-        found = fit_stages(Setup(made.board, CAMERA, INTRINSICS, GLASS).freed(settings), made.observations, settings, Silent())
+        found = fit_stages(
+            Setup(made.board, CAMERA, INTRINSICS, GLASS).freed(settings),
+            made.observations,
+            settings,
+            Silent(),
+        )
         assert found.joint
-        errors = (refit_poses(found.path, found.values, held.observations, held.poses)[1].rms_px for held in (other, near))
+        errors = (
+            refit_poses(found.path, found.values, held.observations, held.poses)[1].rms_px
+            for held in (other, near)
+        )
         yield ["", name, *(f"{error:.3f}" for error in errors), str(found.joint.iterations)]
 
 
 def said_to_be_wrong(session: Path) -> tuple[str, ...]:
     """A row of what would be believed."""
-    held, free, default = (fit(read_session(session), Settings(free=(free,)), Silent()) for free in (NONE, ALL, AUTO))
+    held, free, default = (
+        fit(read_session(session), Settings(free=(free,)), Silent()) for free in (NONE, ALL, AUTO)
+    )
     gained = free.settings["log_evidence"] - held.settings["log_evidence"]
     spreads = (f"{1e6 * height_spread(*one.model(), one.observations):.1f}" for one in (held, free))
-    wrong = ", ".join(f"{one.name} {one.estimated}" for one in comparisons(free) if one.contradicted)
-    return session.name, f"{gained:+.0f}", *spreads, wrong, "estimated" if any(not one.held for one in comparisons(default)) else "held"
+    wrong = ", ".join(
+        f"{one.name} {one.estimated}" for one in comparisons(free) if one.contradicted
+    )
+    return (
+        session.name,
+        f"{gained:+.0f}",
+        *spreads,
+        wrong,
+        "estimated" if any(not one.held for one in comparisons(default)) else "held",
+    )
 
 
 def main() -> None:
     sessions = [Path(name) for name in sys.argv[1:]]
     if sessions:
-        decided = Table("session", "log evidence, gained", "uneven by, held, um", "estimated, um", "contradicted", "by default")
+        decided = Table(
+            "session",
+            "log evidence, gained",
+            "uneven by, held, um",
+            "estimated, um",
+            "contradicted",
+            "by default",
+        )
         for session in track(sessions, "Sessions"):
             decided.add_row(*said_to_be_wrong(session))
         Console(width=170).print(decided)
         return
     kinds = (f"{how}: {what}" for how in ("held", "by default") for what in ("map error", "sigma"))
-    table = Table("told", "cover stage, px", "final, px", *kinds, "log evidence, gained", "uneven, um", "said")
+    table = Table(
+        "told", "cover stage, px", "final, px", *kinds, "log evidence, gained", "uneven, um", "said"
+    )
     for row in rows():
         table.add_row(*row)
     Console(width=170).print(table)
-    price = Table("all declared is true", "", "other views, px", "nearer views, px", "linearisations")
+    price = Table(
+        "all declared is true", "", "other views, px", "nearer views, px", "linearisations"
+    )
     with single_thread():
         for views in (12, 45):
             for seed in (1, 2):

@@ -1,9 +1,11 @@
-"""Sessions that say too little: is a calibration of them refused, or its sigma honest, or is it at least not called trusted?
+"""Sessions that say too little: is a calibration of them refused, or its sigma honest, or is it at
+least not called trusted?
 
-`python -m benchmarks.degenerate [--bare 120] [--covered 40] [--first 5000]`: so many random sessions of each kind, of simulated corners. A
-calibration is wrong where it is more than five of its own standard deviations from the truth: in any of fx, fy, cx and cy without a cover,
-in the maps near the training corners behind one (the root mean square over pixels and depths). The thresholds of `calib` were chosen on
-other seeds, below 5000.
+`python -m benchmarks.degenerate [--bare 120] [--covered 40] [--first 5000]`: so many random
+sessions of each kind, of simulated corners. A calibration is wrong where it is more than five of
+its own standard deviations from the truth: in any of fx, fy, cx and cy without a cover, in the maps
+near the training corners behind one (the root mean square over pixels and depths). The thresholds
+of `calib` were chosen on other seeds, below 5000.
 """
 
 import argparse
@@ -51,7 +53,10 @@ def bare_errors(shown: Shown, found: Calibration) -> float:
     """The largest error of fx, fy, cx and cy, in standard deviations."""
     k = found.camera.intrinsics
     assert k
-    return max(abs(n.value - true) / n.sigma for n, true in zip((k.fx, k.fy, k.cx, k.cy), shown.pinhole, strict=True))
+    return max(
+        abs(n.value - true) / n.sigma
+        for n, true in zip((k.fx, k.fy, k.cx, k.cy), shown.pinhole, strict=True)
+    )
 
 
 def covered_errors(shown: Shown, found: Calibration) -> float:
@@ -71,14 +76,26 @@ def outcome(kind: str, seed: int, covered: bool) -> Outcome:
             off = (covered_errors if covered else bare_errors)(shown, found)
         except RefracalError as error:
             unreadable = (Path(folder) / "calibration").exists()
-            return Outcome(kind, seed, "unreadable" if unreadable else "refused", float("nan"), str(error))
+            return Outcome(
+                kind, seed, "unreadable" if unreadable else "refused", float("nan"), str(error)
+            )
         except Exception as error:
             return Outcome(kind, seed, "crashed", float("nan"), f"{type(error).__name__}: {error}")
     return Outcome(kind, seed, verdict.word.value, off, " | ".join(verdict.sentences[1:]))
 
 
 def tabulated(found: list[Outcome], title: str) -> Table:
-    table = Table("kind", "sessions", "refused", "care, or do not use", "trusted", "wrong", "wrong and trusted", "crashed", title=title)
+    table = Table(
+        "kind",
+        "sessions",
+        "refused",
+        "care, or do not use",
+        "trusted",
+        "wrong",
+        "wrong and trusted",
+        "crashed",
+        title=title,
+    )
     for kind in (*KINDS, "all"):
         own = [one for one in found if kind in ("all", one.kind)]
         counts = (
@@ -95,7 +112,9 @@ def tabulated(found: list[Outcome], title: str) -> Table:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--bare", type=int, default=120)
     parser.add_argument("--covered", type=int, default=40)
     parser.add_argument("--first", type=int, default=5000, help="the first seed")
@@ -103,7 +122,10 @@ def main() -> None:
     parser.add_argument("--all", action="store_true", help="print every session that is wrong")
     asked = parser.parse_args()
     console = Console(width=160)
-    for count, covered, title in ((asked.bare, False, "without a cover"), (asked.covered, True, "behind a cone")):
+    for count, covered, title in (
+        (asked.bare, False, "without a cover"),
+        (asked.covered, True, "behind a cone"),
+    ):
         drawn = [(kind, seed) for kind in KINDS for seed in range(asked.first, asked.first + count)]
         if not drawn:
             continue
@@ -113,7 +135,10 @@ def main() -> None:
             for one in track(ran, title, total=len(drawn), console=Console(stderr=True)):
                 found.append(one)
                 if one.word in ("crashed", "unreadable") or (asked.all and one.wrong):
-                    console.print(f"{one.kind} {one.seed}: {one.word}, {one.off:.1f}: {one.said[:300]}", markup=False)
+                    console.print(
+                        f"{one.kind} {one.seed}: {one.word}, {one.off:.1f}: {one.said[:300]}",
+                        markup=False,
+                    )
         console.print(tabulated(found, title))
 
 

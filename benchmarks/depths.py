@@ -1,7 +1,9 @@
-"""What a calibration says nearer than it was trained, and how long it takes: `python -m benchmarks.depths`.
+"""What a calibration says nearer than it was trained, and how long it takes: `python -m
+benchmarks.depths`.
 
-45 views at 0.6-1.2 m through 1.15 mm of uneven glass, 0.1 px of noise per axis, 8x8 centres, tested on 20 views at 0.17-0.3 m with poses
-refitted, beside the paper's procedure (1000 steps) and what the true glass leaves on the same corners.
+45 views at 0.6-1.2 m through 1.15 mm of uneven glass, 0.1 px of noise per axis, 8x8 centres, tested
+on 20 views at 0.17-0.3 m with poses refitted, beside the paper's procedure (1000 steps) and what
+the true glass leaves on the same corners.
 """
 
 import time
@@ -28,7 +30,9 @@ def row(seed: int, bumps: int) -> list[str]:
     made = scene(seed, 45, (bumps, bumps), 1e-5, NOISE, cover=GLASS)
     near = scene(seed, 20, (bumps, bumps), 1e-5, NOISE, depths=(0.17, 0.3), cover=GLASS)
     smooth, values = covered_path(INTRINSICS, GLASS)
-    poses = refine_poses(smooth, values, made.observations, pinhole_poses(made.observations, values)).blocks
+    poses = refine_poses(
+        smooth, values, made.observations, pinhole_poses(made.observations, values)
+    ).blocks
     path = with_relief(smooth, Relief(*footprint(smooth, values, WIDTH, HEIGHT), CENTRES))
     flat = {**values, "relief.amplitudes": torch.zeros(CENTRES, dtype=torch.float64)}
     begun = time.perf_counter()
@@ -40,12 +44,25 @@ def row(seed: int, bumps: int) -> list[str]:
         refit_poses(p, v, near.observations, near.poses)[1].rms_px
         for p, v in ((near.path, near.values), (path, joint.values), (path, paper))
     )
-    spent = f"{between - begun:.1f} s", f"{ended - between:.1f} s", f"{(ended - between) / (between - begun):.0f}"
-    return [f"{bumps}x{bumps}, seed {seed}", f"{floor:.3f}", f"{ours:.3f}", f"{100 * (ours / floor - 1):+.0f} %", f"{theirs:.3f}", *spent]
+    spent = (
+        f"{between - begun:.1f} s",
+        f"{ended - between:.1f} s",
+        f"{(ended - between) / (between - begun):.0f}",
+    )
+    return [
+        f"{bumps}x{bumps}, seed {seed}",
+        f"{floor:.3f}",
+        f"{ours:.3f}",
+        f"{100 * (ours / floor - 1):+.0f} %",
+        f"{theirs:.3f}",
+        *spent,
+    ]
 
 
 def main() -> None:
-    table = Table("bumps", "true glass, px", "joint, px", "over it", "paper, px", "joint", "paper", "ratio")
+    table = Table(
+        "bumps", "true glass, px", "joint, px", "over it", "paper, px", "joint", "paper", "ratio"
+    )
     with single_thread():
         for bumps in (4, 10):
             for seed in (1, 2):

@@ -1,9 +1,11 @@
-"""What the diagnosis names when an effect of known size is hidden: `python -m benchmarks.diagnosis [--views 20] [--seeds 3] [--clean 40]`.
+"""What the diagnosis names when an effect of known size is hidden: `python -m benchmarks.diagnosis
+[--views 20] [--seeds 3] [--clean 40]`.
 
-Each session has so many views of 81 corners, 0.1 px noise per axis, uneven glass of 1.15 mm (none for flat_port, entrance_pupil), and one
-effect at once, three and ten times the smallest size that moves a corner by the noise: the largest shift over all corners, poses refitted,
-is then 0.1, 0.3 and 1 px. Absorbed is the part of the shift's sum of squares that the fit of the glass takes up; a diagnosis can see the
-rest.
+Each session has so many views of 81 corners, 0.1 px noise per axis, uneven glass of 1.15 mm (none
+for flat_port, entrance_pupil), and one effect at once, three and ten times the smallest size that
+moves a corner by the noise: the largest shift over all corners, poses refitted, is then 0.1, 0.3
+and 1 px. Absorbed is the part of the shift's sum of squares that the fit of the glass takes up; a
+diagnosis can see the rest.
 """
 
 from __future__ import annotations
@@ -43,7 +45,9 @@ class Outcome:
 
     said: str
     """right, by name or by a family that the truth is in, wrong, missed, or
-    unseen: so large that some corner is out of sight, a window in air thicker than 20 mm, or a pupil beyond its prior."""
+    unseen: so large that some corner is out of sight, a window in air thicker than 20 mm, or a
+        pupil beyond its prior.
+    """
     wrong: tuple[str, ...] = ()
     shift: float = float("nan")
     """px RMS, poses refitted."""
@@ -70,9 +74,15 @@ class Row:
                 yield "unseen"
                 continue
             seen = [outcome for outcome in found if outcome.said != "unseen"]
-            absorbed, shift = (np.median([getattr(outcome, of) for outcome in seen]) for of in ("absorbed", "shift"))
+            absorbed, shift = (
+                np.median([getattr(outcome, of) for outcome in seen])
+                for of in ("absorbed", "shift")
+            )
             judged = sum(outcome.judged for outcome in seen)
-            yield f"{counts['right']}/{counts['wrong']}/{counts['missed']} ({judged}; {shift:.3f} px, {100 * absorbed:.0f} %)"
+            yield (
+                f"{counts['right']}/{counts['wrong']}/{counts['missed']} ({judged}; {shift:.3f} px,"
+                f" {100 * absorbed:.0f} %)"
+            )
 
 
 def finding_of(fit: Calibration) -> Diagnosis:
@@ -90,7 +100,11 @@ def outcome(hidden: Hidden, size: int) -> Outcome:
     spent = time.process_time() - begun
     truth = hidden.effect.name
     families = [family.members.keys() for family in finding.families if truth in family.members]
-    wrong = tuple(name for name in finding.accepted if name != truth and not any(name in members for members in families))
+    wrong = tuple(
+        name
+        for name in finding.accepted
+        if name != truth and not any(name in members for members in families)
+    )
     said = "wrong" if wrong else "right" if finding.accepted else "missed"
     shift = float(np.sqrt((hidden.shift(size) ** 2).sum(-1).mean()))
     return Outcome(said, wrong, shift, hidden.absorbed(size, fit), spent)
@@ -117,10 +131,17 @@ def alarm(seed: int, views: int) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--views", type=int, default=20)
     parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--first", type=int, default=10, help="the first seed; 0 to 9 were looked at when the loop was made")
+    parser.add_argument(
+        "--first",
+        type=int,
+        default=10,
+        help="the first seed; 0 to 9 were looked at when the loop was made",
+    )
     parser.add_argument("--clean", type=int, default=40)
     parser.add_argument("--effects", nargs="*", default=[kind.name for kind in EFFECTS])
     add_workers(parser)
@@ -129,7 +150,11 @@ def main() -> None:
     seeds = range(options.first, options.first + options.seeds)
     rows, views = [], options.views
     with workers_of(options) as pool:
-        asked = {kind: [pool.submit(hidden_one, kind, seed, views) for seed in seeds] for kind in EFFECTS if kind.name in options.effects}
+        asked = {
+            kind: [pool.submit(hidden_one, kind, seed, views) for seed in seeds]
+            for kind in EFFECTS
+            if kind.name in options.effects
+        }
         in_water = [pool.submit(port, seed, views) for seed in seeds]
         clean = [pool.submit(alarm, options.first + seed, views) for seed in range(options.clean)]
         for kind, found in asked.items():
@@ -141,20 +166,35 @@ def main() -> None:
         ports = [one.result() for one in track(in_water, "water", transient=True)]
         false = Counter(one.result() for one in track(clean, "clean", transient=True))
         scaled = pool.scaled
-    table = Table("effect", *(f"{size} x" for size in SIZES), title=f"{views} views: right/wrong/missed (judged; shift RMS, absorbed)")
+    table = Table(
+        "effect",
+        *(f"{size} x" for size in SIZES),
+        title=f"{views} views: right/wrong/missed (judged; shift RMS, absorbed)",
+    )
     for shown in rows:
         table.add_row(shown.name, *shown.cells())
     console.print(table)
     for size in SIZES:
         judged = [o for shown in rows for o in shown.outcomes.get(size, []) if o.judged]
         right = sum(o.said == "right" for o in judged)
-        console.print(f"{size} x: {right} of {len(judged)} named right, of those absorbed by less than {100 * ABSORBED:.0f} %.")
+        console.print(
+            f"{size} x: {right} of {len(judged)} named right, of those absorbed by less than"
+            f" {100 * ABSORBED:.0f} %."
+        )
     water = Counter(o.said for o in ports)
-    console.print(f"A port under water: right {water['right']}, wrong {water['wrong']}, missed {water['missed']}.")
-    every = [o for shown in rows for found in shown.outcomes.values() for o in found]
-    console.print("Wrong names:", dict(Counter(name for o in every for name in o.wrong)) or "none", f"in {len(every)} sessions.")
     console.print(
-        f"A diagnosis took {np.nanmedian([o.seconds for o in every]):.1f} s of CPU, at most {np.nanmax([o.seconds for o in every]):.1f} s."
+        f"A port under water: right {water['right']}, wrong {water['wrong']}, missed"
+        f" {water['missed']}."
+    )
+    every = [o for shown in rows for found in shown.outcomes.values() for o in found]
+    console.print(
+        "Wrong names:",
+        dict(Counter(name for o in every for name in o.wrong)) or "none",
+        f"in {len(every)} sessions.",
+    )
+    console.print(
+        f"A diagnosis took {np.nanmedian([o.seconds for o in every]):.1f} s of CPU, at most"
+        f" {np.nanmax([o.seconds for o in every]):.1f} s."
     )
     console.print(f"False alarms in {options.clean} clean sessions: {dict(false)}.")
     console.print(scaled)

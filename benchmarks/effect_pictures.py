@@ -1,6 +1,8 @@
-"""The pictures of docs/effects: what each effect leaves of a session's corners when a model without it may only move the boards.
+"""The pictures of docs/effects: what each effect leaves of a session's corners when a model without
+it may only move the boards.
 
-`python -m benchmarks.effect_pictures [NAME...]` draws them and prints the sizes; `--alike` prints which effects imitate which.
+`python -m benchmarks.effect_pictures [NAME...]` draws them and prints the sizes; `--alike` prints
+which effects imitate which.
 """
 
 from __future__ import annotations
@@ -95,9 +97,18 @@ EXAMPLES = (
     Example("focal", BARE, {"change": 5e-3}, ("views", "image")),
     Example("focal_drift", BARE, {"over_session": 1e-2}, ("views", "time")),
     Example("rolling_shutter", BARE, {}, ("views", "row")),
-    Example("flat_port", BARE, {"distance": 0.025, "thickness": 6e-3, "outside_index": 1.333}, ("views", "image"), "water", 1.4),
+    Example(
+        "flat_port",
+        BARE,
+        {"distance": 0.025, "thickness": 6e-3, "outside_index": 1.333},
+        ("views", "image"),
+        "water",
+        1.4,
+    ),
     Example("cover_tilt", CONE, {"x": 0.02, "z": 0.0}, ("views", "image")),
-    Example("cover_offset", CONE, {"axis_offset.x": 1e-3, "axis_offset.z": 0.0}, ("views", "image")),
+    Example(
+        "cover_offset", CONE, {"axis_offset.x": 1e-3, "axis_offset.z": 0.0}, ("views", "image")
+    ),
     Example("cover_radius", CONE, {"inner_radius": 1e-3}, ("views", "image")),
     Example("thickness", CONE, {"thickness": 5e-4}, ("views", "image")),
     Example("refractive_index", CONE, {"refractive_index": 0.02}, ("views", "image")),
@@ -126,7 +137,10 @@ def main() -> None:
             left = Left.of(example)
             _draw(example, left)
             size = (FOLDER / f"{example.name}.png").stat().st_size
-            print(f"{example.name:18} leaves {left.rms:7.4f} px RMS  picture {size / 1e3:.0f} kB", flush=True)
+            print(
+                f"{example.name:18} leaves {left.rms:7.4f} px RMS  picture {size / 1e3:.0f} kB",
+                flush=True,
+            )
 
 
 def base(cover: Cover) -> CameraModel:
@@ -135,26 +149,36 @@ def base(cover: Cover) -> CameraModel:
     if cover.shape == "none":
         return CameraModel(path, values, NONE)
     path = with_relief(path, Relief(*footprint(path, values, WIDTH, HEIGHT), GRID))
-    return CameraModel(path, values | {"relief.amplitudes": torch.zeros(GRID, dtype=torch.float64)}, NONE)
+    return CameraModel(
+        path, values | {"relief.amplitudes": torch.zeros(GRID, dtype=torch.float64)}, NONE
+    )
 
 
 def proposed(kinds: tuple[type[Effect], ...], model: CameraModel) -> list[Effect]:
-    """Every form of every effect that is possible; finer glass where the camera looks at left of the middle."""
+    """Every form of every effect that is possible; finer glass where the camera looks at left of
+    the middle.
+    """
     place = None
     if model.path.cover:
         outer = model.path.cover[-1]
-        rays = model.path.trace(torch.tensor([[0.35 * WIDTH, 0.5 * HEIGHT]], dtype=torch.float64), model.means)
+        rays = model.path.trace(
+            torch.tensor([[0.35 * WIDTH, 0.5 * HEIGHT]], dtype=torch.float64), model.means
+        )
         place = torch.cat(outer.surface.chart(outer.frame.at(model.means).enter(rays.origin)))
     there = Surroundings(BOARD, WIDTH, HEIGHT, model.path, model.means, place=place)
     return [effect for kind in kinds for effect in kind.propose(there)]
 
 
 def poses_of(model: CameraModel) -> Array:
-    """(VIEWS, 6) with all corners in the image: six side by side, evenly among the others in the order of time."""
+    """(VIEWS, 6) with all corners in the image: six side by side, evenly among the others in the
+    order of time.
+    """
     rng = np.random.default_rng(11)
     points = torch.from_numpy(BOARD.points())
     poses: list[Array] = []
-    tiles = dict(zip(np.linspace(0, VIEWS - 1, SHOWN).astype(int).tolist(), np.ndindex(3, 2), strict=True))
+    tiles = dict(
+        zip(np.linspace(0, VIEWS - 1, SHOWN).astype(int).tolist(), np.ndindex(3, 2), strict=True)
+    )
     while len(poses) < VIEWS:
         depth = rng.uniform(*DEPTHS)
         across = rng.uniform(-1, 1, 2) * [0.62, 0.46] * depth
@@ -163,7 +187,11 @@ def poses_of(model: CameraModel) -> Array:
             across = (np.array(tiles[len(poses)]) - [1, 0.5]) * depth * [0.4, 0.43]
         turn = rng.uniform(0.25, 0.6, 2) * rng.choice([-1, 1], 2)
         pose = torch.from_numpy(np.concatenate([turn, rng.uniform(-0.3, 0.3, 1), across, [depth]]))
-        pixels = project(model.path, model.means, model.path.place(points, model.means, pose.expand(BOARD.count, 6)))
+        pixels = project(
+            model.path,
+            model.means,
+            model.path.place(points, model.means, pose.expand(BOARD.count, 6)),
+        )
         if bool(((pixels > 30) & (pixels < torch.tensor([WIDTH - 30, HEIGHT - 30]))).all()):
             poses.append(pose.numpy())
     return np.stack(poses)
@@ -175,9 +203,11 @@ def seen(model: CameraModel, values: dict[str, Tensor], poses: Array) -> Observa
     points = torch.from_numpy(BOARD.points())
     views = []
     for view, pose in enumerate(poses):
-        parameters = torch.from_numpy(np.concatenate([pose, *(rng.normal(0, DRAWN[part]) for part in model.path.view_parts[1:])])).expand(
-            BOARD.count, -1
-        )
+        parameters = torch.from_numpy(
+            np.concatenate(
+                [pose, *(rng.normal(0, DRAWN[part]) for part in model.path.view_parts[1:])]
+            )
+        ).expand(BOARD.count, -1)
         time = torch.full((BOARD.count,), view / (VIEWS - 1) - 0.5, dtype=torch.float64)
         pixels = torch.full((BOARD.count, 2), HEIGHT / 2, dtype=torch.float64)
         for _ in range(8 if model.path.shutter else 1):  # a corner's row says when it was read
@@ -202,7 +232,11 @@ class Left:
     @staticmethod
     def of(example: Example) -> Left:
         without = base(example.cover)
-        effect = next(e for e in proposed(KINDS, without) if e.name == example.name and example.choice in _choices(e))
+        effect = next(
+            e
+            for e in proposed(KINDS, without)
+            if e.name == example.name and example.choice in _choices(e)
+        )
         true = without.with_effect(effect)
         rng = np.random.default_rng(3)
         values = dict(true.means)
@@ -232,7 +266,9 @@ def _draw(example: Example, left: Left) -> None:
     drawn = BytesIO()
     figure.savefig(drawn, dpi=84)
     plt.close(figure)
-    Image.open(drawn).convert("RGB").quantize(64).save(FOLDER / f"{example.name}.png", optimize=True)
+    Image.open(drawn).convert("RGB").quantize(64).save(
+        FOLDER / f"{example.name}.png", optimize=True
+    )
 
 
 def _views(panel: Axes, left: Left) -> None:
@@ -290,8 +326,12 @@ def _time(panel: Axes, left: Left) -> None:
     constant = next(example for example in EXAMPLES if example.name == "focal")
     pattern = Left.of(constant).errors
     shown = [
-        (left.errors[rows] * pattern[rows]).sum() / (pattern[rows] ** 2).sum() * constant.parameters["change"]
-        for rows in (part.numpy() for part in left.observations.per_view(torch.arange(len(pattern))))
+        (left.errors[rows] * pattern[rows]).sum()
+        / (pattern[rows] ** 2).sum()
+        * constant.parameters["change"]
+        for rows in (
+            part.numpy() for part in left.observations.per_view(torch.arange(len(pattern)))
+        )
     ]
     panel.plot(np.arange(VIEWS), 100 * np.array(shown), "o", color="#222222", markersize=3)
     panel.set(xlabel="view, in the order of time", ylabel="focal length that the view asks for, %")
@@ -302,17 +342,30 @@ def _phase(panel: Axes, left: Left) -> None:
     """The error to the right by the corner's place in its pixel."""
     x = left.observations.pixels.numpy()[:, 0]
     panel.plot(x - np.round(x), left.errors[:, 0], ".", color="#222222", markersize=2)
-    panel.set(xlabel="corner's place in its pixel, px right of its middle", ylabel="error to the right, px")
+    panel.set(
+        xlabel="corner's place in its pixel, px right of its middle",
+        ylabel="error to the right, px",
+    )
     _title(panel, "by sub-pixel phase")
 
 
-PANELS = {"views": _views, "image": _image, "board": _board, "row": _row, "time": _time, "phase": _phase}
+PANELS = {
+    "views": _views,
+    "image": _image,
+    "board": _board,
+    "row": _row,
+    "time": _time,
+    "phase": _phase,
+}
 
 
 def _means(label: NDArray[np.int64], at: Array, errors: Array, least: int) -> tuple[Array, Array]:
     """(K, 2) places and (K, 2) mean errors of the labels that occur often enough."""
     _, index, count = np.unique(label, return_inverse=True, return_counts=True)
-    sums = [np.stack([np.bincount(index, part[:, axis]) for axis in range(2)], -1) / count[:, None] for part in (at, errors)]
+    sums = [
+        np.stack([np.bincount(index, part[:, axis]) for axis in range(2)], -1) / count[:, None]
+        for part in (at, errors)
+    ]
     return sums[0][count >= least], sums[1][count >= least]
 
 
@@ -324,7 +377,17 @@ def _magnified(errors: Array, longest: float) -> float:
 
 
 def _arrows(panel: Axes, at: Array, shift: Array, colour: str, width: float = 0.0022) -> None:
-    panel.quiver(*at.T, *shift.T, angles="xy", scale_units="xy", scale=1, color=colour, width=width, headwidth=4, headlength=4)
+    panel.quiver(
+        *at.T,
+        *shift.T,
+        angles="xy",
+        scale_units="xy",
+        scale=1,
+        color=colour,
+        width=width,
+        headwidth=4,
+        headlength=4,
+    )
 
 
 def _title(panel: Axes, words: str) -> None:
@@ -340,14 +403,23 @@ def _print_alike() -> None:
     for cover in (BARE, CONE):
         model = base(cover)
         if cover is BARE:  # as a fit whose intrinsics come from the same views
-            model = replace(model, priors=Priors({"camera.fx": 60.0, "camera.fy": 60.0, "camera.cx": 100.0, "camera.cy": 100.0}))
+            model = replace(
+                model,
+                priors=Priors(
+                    {"camera.fx": 60.0, "camera.fy": 60.0, "camera.cx": 100.0, "camera.cy": 100.0}
+                ),
+            )
         poses = poses_of(model)
         observations = seen(model, dict(model.means), poses)
         noise = torch.from_numpy(np.random.default_rng(1).normal(0, 0.1, observations.pixels.shape))
         observations = replace(observations, pixels=observations.pixels + noise)
         at = Optimum(model, observations, model.fitted(observations, torch.from_numpy(poses)))
         columns = at.candidates(proposed(tuple(k for k in KINDS if k not in FIELDS), model))
-        spans = {c.effect.name + _choices(c.effect)[1].join("()" * bool(_choices(c.effect)[1])): c for c in columns if c.jacobian.size}
+        spans = {
+            c.effect.name + _choices(c.effect)[1].join("()" * bool(_choices(c.effect)[1])): c
+            for c in columns
+            if c.jacobian.size
+        }
         print(f"cover: {cover.shape}")
         for name, one in spans.items():
             alike = []
@@ -355,7 +427,9 @@ def _print_alike() -> None:
                 if two.effect.name != one.effect.name:
                     cosines = np.linalg.svd(one.span().T @ two.span(), compute_uv=False)
                     alike.append((float(cosines[0] ** 2), other))
-            best = ", ".join(f"{other} {size:.2f}" for size, other in sorted(alike, reverse=True)[:3])
+            best = ", ".join(
+                f"{other} {size:.2f}" for size, other in sorted(alike, reverse=True)[:3]
+            )
             print(f"  {name:22} absorbed {one.absorbed:.4f}  most alike: {best}")
 
 

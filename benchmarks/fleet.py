@@ -1,11 +1,13 @@
-"""A fleet of simulated cameras, ten of them broken in ten ways, on a local cluster whose workers are killed as it goes: the figures of
-docs/fleet.md.
+"""A fleet of simulated cameras, ten of them broken in ten ways, on a local cluster whose workers
+are killed as it goes: the figures of docs/fleet.md.
 
-`python -m benchmarks.fleet 40` makes the sessions of 40 cameras, calibrates every fourth one's session of an earlier day as its prior, and
-runs `calib batch`. Every 30 s a worker is killed by signal 9, and once, halfway, the command itself with the scheduler in it, which is then
-started again. It prints what was named, and the time. `--keep FOLDER` keeps sessions and fleet there.
+`python -m benchmarks.fleet 40` makes the sessions of 40 cameras, calibrates every fourth one's
+session of an earlier day as its prior, and runs `calib batch`. Every 30 s a worker is killed by
+signal 9, and once, halfway, the command itself with the scheduler in it, which is then started
+again. It prints what was named, and the time. `--keep FOLDER` keeps sessions and fleet there.
 
-`python -m benchmarks.fleet --alarms` prints how many fleets of normal numbers, without a fault, have a camera that stands out.
+`python -m benchmarks.fleet --alarms` prints how many fleets of normal numbers, without a fault,
+have a camera that stands out.
 """
 
 import argparse
@@ -39,7 +41,12 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("cameras", type=int, nargs="?", default=40)
     parser.add_argument("--keep", type=Path)
-    parser.add_argument("--every", type=float, default=EVERY_S, help="seconds between two deaths; 0: nothing is killed")
+    parser.add_argument(
+        "--every",
+        type=float,
+        default=EVERY_S,
+        help="seconds between two deaths; 0: nothing is killed",
+    )
     parser.add_argument("--alarms", action="store_true")
     asked = parser.parse_args()
     if asked.alarms:
@@ -53,28 +60,72 @@ def main() -> None:
 
 def run(folder: Path, line: Line, every: float) -> None:
     begun = time.monotonic()
-    with_prior = [number for number in range(line.cameras) if number % PRIORS == 0 or line.fault(number) == "turned-cover"]
+    with_prior = [
+        number
+        for number in range(line.cameras)
+        if number % PRIORS == 0 or line.fault(number) == "turned-cover"
+    ]
     manifest = folder / "sessions" / "fleet.csv"
     if not manifest.exists():
         for number in with_prior:
             write_session(folder / "before" / line.name(number), line, number, sound=True, again=1)
-        write_fleet(folder / "sessions", line, {n: folder / "priors" / "cameras" / line.name(n) for n in with_prior})
-    print(f"{line.cameras} sessions, {len(with_prior)} earlier ones: {time.monotonic() - begun:.0f} s", flush=True)
+        write_fleet(
+            folder / "sessions",
+            line,
+            {n: folder / "priors" / "cameras" / line.name(n) for n in with_prior},
+        )
+    print(
+        f"{line.cameras} sessions, {len(with_prior)} earlier ones:"
+        f" {time.monotonic() - begun:.0f} s",
+        flush=True,
+    )
     begun = time.monotonic()
-    command = [sys.executable, "-m", "calib", "batch", str(folder / "before" / "*"), "-o", str(folder / "priors"), *OPTIONS]
+    command = [
+        sys.executable,
+        "-m",
+        "calib",
+        "batch",
+        str(folder / "before" / "*"),
+        "-o",
+        str(folder / "priors"),
+        *OPTIONS,
+    ]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     print(f"their calibrations: {time.monotonic() - begun:.0f} s", flush=True)
     begun = time.monotonic()
-    command = [sys.executable, "-m", "calib", "batch", str(manifest), "-o", str(folder / "fleet"), *OPTIONS, "--json"]
+    command = [
+        sys.executable,
+        "-m",
+        "calib",
+        "batch",
+        str(manifest),
+        "-o",
+        str(folder / "fleet"),
+        *OPTIONS,
+        "--json",
+    ]
     said, deaths, restarts = hounded(command, folder / "fleet", line, every)
     seconds = time.monotonic() - begun
     named = set(said["stand_out"])
-    broken = {line.name(number): line.fault(number) for number in range(line.cameras) if line.fault(number)}
+    broken = {
+        line.name(number): line.fault(number)
+        for number in range(line.cameras)
+        if line.fault(number)
+    }
     results = [read_result(folder / "fleet", line.name(number)) for number in range(line.cameras)]
     whole = sum(result is not None for result in results)
-    print(f"{whole} of {line.cameras} results in {seconds:.0f} s; {deaths} workers were killed, and the scheduler {restarts} times")
-    print(f"cameras took {sorted(r.seconds for r in results if r)[len(results) // 2]:.1f} s in the median; states {said['states']}")
-    print(f"named: {len(named & set(broken))} of {len(broken)} that are broken, {len(named - set(broken))} of the others")
+    print(
+        f"{whole} of {line.cameras} results in {seconds:.0f} s; {deaths} workers were killed, and"
+        f" the scheduler {restarts} times"
+    )
+    print(
+        f"cameras took {sorted(r.seconds for r in results if r)[len(results) // 2]:.1f} s in the"
+        f" median; states {said['states']}"
+    )
+    print(
+        f"named: {len(named & set(broken))} of {len(broken)} that are broken,"
+        f" {len(named - set(broken))} of the others"
+    )
     for camera, fault in broken.items():
         print(f"  {fault}: {'; '.join(said['stand_out'].get(camera, ['NOT NAMED'])[:2])}")
     for camera in sorted(named - set(broken)):
@@ -82,10 +133,14 @@ def run(folder: Path, line: Line, every: float) -> None:
 
 
 def hounded(command: list[str], fleet: Path, line: Line, every: float) -> tuple[dict, int, int]:
-    """What the command prints once it ends, how many workers died, and how often it was started again."""
+    """What the command prints once it ends, how many workers died, and how often it was started
+    again.
+    """
     deaths = restarts = 0
     chance = random.Random(1)
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
     last = time.monotonic()
     while process.poll() is None:
         time.sleep(1)
@@ -94,11 +149,17 @@ def hounded(command: list[str], fleet: Path, line: Line, every: float) -> tuple[
             process.send_signal(signal.SIGKILL)
             process.wait()
             restarts += 1
-            process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+            process = subprocess.Popen(
+                command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+            )
             last = time.monotonic()
         elif every and time.monotonic() - last > every:
             last = time.monotonic()
-            workers = [child.pid for child in psutil.Process(process.pid).children() if "spawn_main" in " ".join(child.cmdline())]
+            workers = [
+                child.pid
+                for child in psutil.Process(process.pid).children()
+                if "spawn_main" in " ".join(child.cmdline())
+            ]
             if workers:
                 with suppress(ProcessLookupError):
                     os.kill(chance.choice(workers), signal.SIGKILL)

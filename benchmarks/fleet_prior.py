@@ -1,10 +1,12 @@
-"""What a fleet's own prior saves: how many views a new camera takes until its maps are right, with the prior and without.
+"""What a fleet's own prior saves: how many views a new camera takes until its maps are right, with
+the prior and without.
 
-`python -m benchmarks.fleet_prior [--fleet 12] [--cameras 8] [--seed 1] [--first 100]` calibrates a fleet of simulated cameras behind
-the paper's cone, 16 views each, makes its prior, and fits new cameras of the same line to ever more of their views. A map's error is that
-of the undistorted position over the middles of 12x9 cells of the whole picture at three trained depths, root mean square, after the rigid
-motion of all rays that fits best. Then cameras that are not of the line are fitted with its prior: how many are told, and what it does to
-their maps.
+`python -m benchmarks.fleet_prior [--fleet 12] [--cameras 8] [--seed 1] [--first 100]` calibrates a
+fleet of simulated cameras behind the paper's cone, 16 views each, makes its prior, and fits new
+cameras of the same line to ever more of their views. A map's error is that of the undistorted
+position over the middles of 12x9 cells of the whole picture at three trained depths, root mean
+square, after the rigid motion of all rays that fits best. Then cameras that are not of the line are
+fitted with its prior: how many are told, and what it does to their maps.
 """
 
 import argparse
@@ -59,7 +61,10 @@ class Tried:
 
 def map_error(made: Scene, calibration: Calibration) -> float:
     """px"""
-    x, y = ((np.arange(n) + 0.5) / n * length - 0.5 for n, length in zip(CELLS, (WIDTH, HEIGHT), strict=True))
+    x, y = (
+        (np.arange(n) + 0.5) / n * length - 0.5
+        for n, length in zip(CELLS, (WIDTH, HEIGHT), strict=True)
+    )
     pixels = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     ours, true = calibration.rays(pixels), rays_of(made.path, made.values, pixels)
     at = [np.full(len(pixels), depth) for depth in DEPTHS]
@@ -82,7 +87,9 @@ def tried(folder: Path, made: Scene, prior: Path, count: int) -> tuple[Tried, Tr
     alone = fit(read_session(few), SETTINGS)
     (few / "session.yaml").write_text(yaml.safe_dump(said | {"prior": str(prior)}))
     found = fit(read_session(few), SETTINGS)
-    return Tried(map_error(made, alone)), Tried(map_error(made, found), bool(found.settings[KEY]["used"]))
+    return Tried(map_error(made, alone)), Tried(
+        map_error(made, found), bool(found.settings[KEY]["used"])
+    )
 
 
 def made_prior(folder: Path, line: Line) -> Path:
@@ -94,7 +101,8 @@ def made_prior(folder: Path, line: Line) -> Path:
     place = folder / "prior.yaml"
     place.write_text(fleet_prior_yaml(prior, VERSION))
     print(
-        f"prior of {prior.cameras} cameras; left out: {', '.join(f'{camera} ({because})' for camera, because in prior.left_out) or 'none'}"
+        f"prior of {prior.cameras} cameras; left out:"
+        f" {', '.join(f'{camera} ({because})' for camera, because in prior.left_out) or 'none'}"
     )
     return place
 
@@ -107,7 +115,9 @@ def views_needed(errors: Sequence[float], limit: float) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--fleet", type=int, default=12, help="cameras that the prior is made from")
     parser.add_argument("--cameras", type=int, default=8, help="new ones")
     parser.add_argument("--seed", type=int, default=1, help="of the fleet")
@@ -121,40 +131,84 @@ def main() -> None:
         for number in track(range(asked.cameras), "new cameras"):
             place = folder / "new" / whole.name(number)
             write_session(place, whole, number)
-            found.append([tried(place, true_scene(whole, number), prior, count) for count in COUNTS])
+            found.append(
+                [tried(place, true_scene(whole, number), prior, count) for count in COUNTS]
+            )
         strangers: dict[str, list[list[tuple[Tried, Tried]]]] = {}
         for fault in track(STRANGERS, "strangers"):
             line = replace(whole, broken=(fault,) * (2 * whole.cameras), views=max(STRANGE_COUNTS))
             for number in range(min(4, asked.cameras)):
                 place = folder / fault / line.name(number)
                 write_session(place, line, number)
-                ended = [tried(place, true_scene(line, number), prior, count) for count in STRANGE_COUNTS]
+                ended = [
+                    tried(place, true_scene(line, number), prior, count) for count in STRANGE_COUNTS
+                ]
                 strangers.setdefault(fault, []).append(ended)
     report(found, strangers)
     print(f"fleet of seed {asked.seed}, {asked.fleet} cameras; new ones of seed {asked.first}")
 
 
-def report(found: list[list[tuple[Tried, Tried]]], strangers: dict[str, list[list[tuple[Tried, Tried]]]]) -> None:
+def report(
+    found: list[list[tuple[Tried, Tried]]], strangers: dict[str, list[list[tuple[Tried, Tried]]]]
+) -> None:
     console = Console(width=130)
-    errors = np.array([[[one.error for one in pair] for pair in camera] for camera in found])  # (camera, count, 2)
-    table = Table("views", "map error without, px: median", "worst", "with the prior: median", "worst", "prior refused")
+    errors = np.array(
+        [[[one.error for one in pair] for pair in camera] for camera in found]
+    )  # (camera, count, 2)
+    table = Table(
+        "views",
+        "map error without, px: median",
+        "worst",
+        "with the prior: median",
+        "worst",
+        "prior refused",
+    )
     for at, count in enumerate(COUNTS):
         refused = sum(not camera[at][1].used for camera in found)
-        cells = (f"{value:.3f}" for way in (0, 1) for value in (np.median(errors[:, at, way]), errors[:, at, way].max()))
+        cells = (
+            f"{value:.3f}"
+            for way in (0, 1)
+            for value in (np.median(errors[:, at, way]), errors[:, at, way].max())
+        )
         table.add_row(str(count), *cells, f"{refused} of {len(found)}")
     console.print(table)
-    needed = Table("map error within", "views without, median camera", "with the prior", "cameras that get there")
+    needed = Table(
+        "map error within",
+        "views without, median camera",
+        "with the prior",
+        "cameras that get there",
+    )
     for limit in LIMITS:
-        ways = [np.array([views_needed(camera[:, way], limit) for camera in errors]) for way in (0, 1)]
-        words = [f"{m:g}" if np.isfinite(m := float(np.median(way))) else f"more than {COUNTS[-1]}" for way in ways]
-        needed.add_row(f"{limit:g} px", *words, " and ".join(f"{np.isfinite(way).sum()}" for way in ways) + f" of {len(found)}")
+        ways = [
+            np.array([views_needed(camera[:, way], limit) for camera in errors]) for way in (0, 1)
+        ]
+        words = [
+            f"{m:g}" if np.isfinite(m := float(np.median(way))) else f"more than {COUNTS[-1]}"
+            for way in ways
+        ]
+        needed.add_row(
+            f"{limit:g} px",
+            *words,
+            " and ".join(f"{np.isfinite(way).sum()}" for way in ways) + f" of {len(found)}",
+        )
     console.print(needed)
-    others = Table("camera that is another", "views", "prior refused", "map error without, median px", "with a session that names it")
+    others = Table(
+        "camera that is another",
+        "views",
+        "prior refused",
+        "map error without, median px",
+        "with a session that names it",
+    )
     for fault, cameras in strangers.items():
         for at, count in enumerate(STRANGE_COUNTS):
             pairs = [camera[at] for camera in cameras]
             medians = (f"{np.median([pair[way].error for pair in pairs]):.3f}" for way in (0, 1))
-            others.add_row(fault, str(count), f"{sum(not pair[1].used for pair in pairs)} of {len(pairs)}", *medians)
+            others.add_row(
+                fault,
+                str(count),
+                f"{sum(not pair[1].used for pair in pairs)} of {len(pairs)}",
+                *medians,
+            )
     console.print(others)
 
 

@@ -1,13 +1,16 @@
-"""How fast the live finder is, what it costs in corners, and how often the gate is wrong: `python -m benchmarks.gate [SEED]`.
+"""How fast the live finder is, what it costs in corners, and how often the gate is wrong: `python
+-m benchmarks.gate [SEED]`.
 
-500 good views: the fixtures' 92 pictures, rendered by Mitsuba, four times each with a flip, another exposure and more noise; and 132
-pictures that `benchmarks.views` warps, of 9x9 and 9x6 corners at 1640x1232. Each is judged with a frame before it, of the same pose with
-its own noise, 0.1 s earlier. Each is then spoiled in one way at a time, rendered or warped alike: streaked by 3 px of motion in a random
-direction; blurred to a sigma of 2.5 px and more; moved by 3 px since the frame before; overexposed until white is cut off; cut by a border
-that runs through the outermost corners or squares; and offered again. The speed at 3280x2464 is taken on warped pictures of that size,
-without a board on their clutter alone. Boards with
-markers are drawn (fixtures/coded_pictures.py), half a minute each. Thresholds were chosen with other seeds than the one
-that runs by default.
+500 good views: the fixtures' 92 pictures, rendered by Mitsuba, four times each with a flip, another
+    exposure and more noise; and 132
+pictures that `benchmarks.views` warps, of 9x9 and 9x6 corners at 1640x1232. Each is judged with a
+frame before it, of the same pose with its own noise, 0.1 s earlier. Each is then spoiled in one way
+at a time, rendered or warped alike: streaked by 3 px of motion in a random direction; blurred to a
+sigma of 2.5 px and more; moved by 3 px since the frame before; overexposed until white is cut off;
+cut by a border that runs through the outermost corners or squares; and offered again. The speed at
+3280x2464 is taken on warped pictures of that size, without a board on their clutter alone. Boards
+with markers are drawn (fixtures/coded_pictures.py), half a minute each. Thresholds were chosen with
+other seeds than the one that runs by default.
 """
 
 import sys
@@ -50,7 +53,9 @@ CODED_POSES = {
 """rad and m"""
 
 NOISE_SHIFT = 400  # px
-NOISE = np.random.default_rng(0).standard_normal((BINNED[1] + NOISE_SHIFT, BINNED[0] + NOISE_SHIFT), np.float32)
+NOISE = np.random.default_rng(0).standard_normal(
+    (BINNED[1] + NOISE_SHIFT, BINNED[0] + NOISE_SHIFT), np.float32
+)
 
 Floats = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
@@ -64,10 +69,16 @@ class Scene:
     noise: float
     """Grey levels, sigma of what each frame adds."""
 
-    def frame(self, rng: np.random.Generator, light: Floats | None = None, time_s: float = 1.0) -> Frame:
+    def frame(
+        self, rng: np.random.Generator, light: Floats | None = None, time_s: float = 1.0
+    ) -> Frame:
         shown = self.light if light is None else light
-        row, column = rng.integers(0, NOISE_SHIFT, 2)  # another part of one field: drawing a field would take longer than the look
-        noisy = shown + self.noise * NOISE[row : row + shown.shape[0], column : column + shown.shape[1]]
+        row, column = rng.integers(
+            0, NOISE_SHIFT, 2
+        )  # another part of one field: drawing a field would take longer than the look
+        noisy = (
+            shown + self.noise * NOISE[row : row + shown.shape[0], column : column + shown.shape[1]]
+        )
         return Frame(np.asarray(np.clip(np.rint(noisy), 0, 255), np.uint8), 0, time_s)
 
 
@@ -85,7 +96,10 @@ def _speed(rng: np.random.Generator) -> None:
     def add(name: str, pictures: list[Bytes], board: Board) -> None:
         finder, size = Finder(board), (board.columns, board.rows)
         live = median(_milliseconds(partial(_live, finder, picture), 15) for picture in pictures)
-        peer = median(_milliseconds(partial(cv2.findChessboardCornersSB, picture, size), 3) for picture in pictures)
+        peer = median(
+            _milliseconds(partial(cv2.findChessboardCornersSB, picture, size), 3)
+            for picture in pictures
+        )
         table.add_row(f"verdict, {name}", f"{live:.1f}", f"{peer:.0f}", f"{peer / live:.1f}")
 
     for size in (BINNED, FULL):
@@ -99,7 +113,9 @@ def _speed(rng: np.random.Generator) -> None:
 
 
 def _coded_speed() -> None:
-    """Of boards with markers, whole and reaching out of the picture, beside a checkerboard at the same size."""
+    """Of boards with markers, whole and reaching out of the picture, beside a checkerboard at the
+    same size.
+    """
     table = Table("median, 2 threads", "live, ms", "kept, ms", "corners seen")
     lens = Lens(*BINNED, focal=0.78 * BINNED[0])
     for name, kind in (("charuco", CHARUCO), ("aprilgrid", GRID)):
@@ -108,8 +124,16 @@ def _coded_speed() -> None:
             finder = finder_of(kind.board)
             sighting = finder.look(frame)
             seen = 0 if sighting.corners is None else int(np.isfinite(sighting.corners[:, 0]).sum())
-            live, kept = _milliseconds(partial(finder.look, frame), 9), _milliseconds(partial(finder.refine, frame, sighting), 3)
-            table.add_row(f"{name} {kind.board}, {where}", f"{live:.1f}", f"{kept:.0f}", f"{seen} of {kind.board.count}")
+            live, kept = (
+                _milliseconds(partial(finder.look, frame), 9),
+                _milliseconds(partial(finder.refine, frame, sighting), 3),
+            )
+            table.add_row(
+                f"{name} {kind.board}, {where}",
+                f"{live:.1f}",
+                f"{kept:.0f}",
+                f"{seen} of {kind.board.count}",
+            )
     Console().print(table)
 
 
@@ -140,9 +164,18 @@ def _verdicts(rng: np.random.Generator) -> None:
             caught[name].append(not _is_kept(finder, scene, light, rng))
         angle = rng.uniform(0, 2 * np.pi)
         shift = np.array([[1, 0, 3 * np.cos(angle)], [0, 1, 3 * np.sin(angle)]])
-        moved = np.asarray(cv2.warpAffine(scene.light, shift, scene.light.shape[::-1], borderMode=cv2.BORDER_REPLICATE), np.float32)
-        caught["moving"].append(not judge(finder.look(scene.frame(rng, moved, 1.0)), before, ()).keep)
-        caught["offered again"].append(not judge(now, before, [_corners(now) if corners is None else corners]).keep)
+        moved = np.asarray(
+            cv2.warpAffine(
+                scene.light, shift, scene.light.shape[::-1], borderMode=cv2.BORDER_REPLICATE
+            ),
+            np.float32,
+        )
+        caught["moving"].append(
+            not judge(finder.look(scene.frame(rng, moved, 1.0)), before, ()).keep
+        )
+        caught["offered again"].append(
+            not judge(now, before, [_corners(now) if corners is None else corners]).keep
+        )
     table = Table("views", "how many", "refused", "share")
     table.add_row("good", str(GOOD_VIEWS), str(len(refused)), f"{len(refused) / GOOD_VIEWS:.1%}")
     for name, outcomes in caught.items():
@@ -151,7 +184,10 @@ def _verdicts(rng: np.random.Generator) -> None:
     for sentence in sorted(set(refused)):
         print(f"{refused.count(sentence)} good views refused: {sentence}")
     rms, worst = np.sqrt(np.mean(np.square(apart))), max(apart)
-    print(f"Refined corners are {rms:.4f} px RMS from those of the whole frame in {len(apart)} good views, {worst:.4f} px in the worst.")
+    print(
+        f"Refined corners are {rms:.4f} px RMS from those of the whole frame in {len(apart)} good"
+        f" views, {worst:.4f} px in the worst."
+    )
 
 
 def _is_kept(finder: Finder, scene: Scene, light: Floats, rng: np.random.Generator) -> bool:
@@ -161,15 +197,26 @@ def _is_kept(finder: Finder, scene: Scene, light: Floats, rng: np.random.Generat
 
 
 def _scenes(rng: np.random.Generator) -> Iterator[Scene]:
-    paths = [path for folder in sorted(Path("fixtures").glob("**/")) if folder.name in ("frames", "bare") for path in list_images(folder)]
+    paths = [
+        path
+        for folder in sorted(Path("fixtures").glob("**/"))
+        if folder.name in ("frames", "bare")
+        for path in list_images(folder)
+    ]
     for path in paths:
         rendered = eight_bits(read_grey(path))
         for flip in range(AUGMENTED):
-            light = rendered[:: (1, -1)[flip // 2], :: (1, -1)[flip % 2]].astype(np.float32) * np.float32(rng.uniform(0.5, 1.1))
+            light = rendered[:: (1, -1)[flip // 2], :: (1, -1)[flip % 2]].astype(
+                np.float32
+            ) * np.float32(rng.uniform(0.5, 1.1))
             yield Scene(RENDERED, np.ascontiguousarray(light), float(rng.uniform(0.5, 2.5)))
     for number in range(GOOD_VIEWS - AUGMENTED * len(paths)):
         board = (RENDERED, SMALLER)[number % 2]
-        yield Scene(board, warped_view(rng, board.columns, board.rows, BINNED).light, float(rng.uniform(0.5, 2.5)))
+        yield Scene(
+            board,
+            warped_view(rng, board.columns, board.rows, BINNED).light,
+            float(rng.uniform(0.5, 2.5)),
+        )
 
 
 Spoil = Callable[[Floats, NDArray[np.float64], Board, np.random.Generator], Floats]
@@ -185,19 +232,28 @@ def _defocused(light: Floats, _corners: NDArray, _board: Board, rng: np.random.G
     return np.asarray(cv2.GaussianBlur(light, (0, 0), rng.uniform(2.5, 4)), np.float32)
 
 
-def _overexposed(light: Floats, corners: NDArray, _board: Board, rng: np.random.Generator) -> Floats:
-    area = light[int(corners[:, 1].min()) : int(corners[:, 1].max()), int(corners[:, 0].min()) : int(corners[:, 0].max())]
+def _overexposed(
+    light: Floats, corners: NDArray, _board: Board, rng: np.random.Generator
+) -> Floats:
+    area = light[
+        int(corners[:, 1].min()) : int(corners[:, 1].max()),
+        int(corners[:, 0].min()) : int(corners[:, 0].max()),
+    ]
     return np.asarray(light * (rng.uniform(1.1, 1.6) * 255 / np.percentile(area, 80)), np.float32)
 
 
 def _cut(light: Floats, corners: NDArray, board: Board, rng: np.random.Generator) -> Floats:
-    """Ends the picture on one side between the outermost corner and two and a half squares further in."""
+    """Ends the picture on one side between the outermost corner and two and a half squares further
+    in.
+    """
     grid = corners.reshape(board.rows, board.columns, 2)
     square = np.linalg.norm(np.diff(grid, axis=0), axis=-1).mean()
     inward = rng.uniform(0, 2.5) * square
     left, top = np.ceil(corners.min(0) + inward).astype(int)
     right, bottom = np.floor(corners.max(0) - inward).astype(int)
-    return np.ascontiguousarray((light[:, left:], light[top:], light[:, : right + 1], light[: bottom + 1])[rng.integers(4)])
+    return np.ascontiguousarray(
+        (light[:, left:], light[top:], light[:, : right + 1], light[: bottom + 1])[rng.integers(4)]
+    )
 
 
 SPOILED: dict[str, Spoil] = {

@@ -1,11 +1,14 @@
-"""What following the guide is worth: `python -m benchmarks.guidance [--seeds 20] [--first 2000] [--bumps 4]`.
+"""What following the guide is worth: `python -m benchmarks.guidance [--seeds 20] [--first 2000]
+[--bumps 4]`.
 
-Each seed has its own glass (random bumps that nobody declared), camera noise of 0.1 px per axis, and a person who holds a 9x9 board of 20
-mm squares between 0.6 and 1.2 m: at random wherever the gate agrees, or near where the guide asks, with 3 % of the depth of error
-sideways, 5 % in depth and 6 degrees in each angle (standard deviations; what the gate refuses is tried again). The guide knows the
-nominal cover, is told of each view, and is computed anew after every fourth, so between these a view counts as the pose of the bank next
-to it. A map's error is that of the undistorted position over the middles of 9x12 cells of the whole picture at three depths, after the
-rigid motion of all rays that fits best there.
+Each seed has its own glass (random bumps that nobody declared), camera noise of 0.1 px per axis,
+and a person who holds a 9x9 board of 20 mm squares between 0.6 and 1.2 m: at random wherever the
+gate agrees, or near where the guide asks, with 3 % of the depth of error sideways, 5 % in depth and
+6 degrees in each angle (standard deviations; what the gate refuses is tried again). The guide knows
+the nominal cover, is told of each view, and is computed anew after every fourth, so between these a
+view counts as the pose of the bank next to it. A map's error is that of the undistorted position
+over the middles of 9x12 cells of the whole picture at three depths, after the rigid motion of all
+rays that fits best there.
 """
 
 import argparse
@@ -69,17 +72,30 @@ class Person:
         """As in fixtures.synthetic."""
         depth = self.rng.uniform(REACH.near, REACH.far)
         across = self.rng.uniform(-1, 1, 2) * [0.62, 0.46] * depth
-        return np.concatenate([self.rng.uniform(-0.6, 0.6, 2), self.rng.uniform(-0.3, 0.3, 1), across, [depth]])
+        return np.concatenate(
+            [self.rng.uniform(-0.6, 0.6, 2), self.rng.uniform(-0.3, 0.3, 1), across, [depth]]
+        )
 
     def _hold(self, draw: Callable[[], Array]) -> None:
         while True:
-            points = self.truth.path.place(torch.from_numpy(BOARD.points()), self.truth.values, torch.from_numpy(draw()))
+            points = self.truth.path.place(
+                torch.from_numpy(BOARD.points()), self.truth.values, torch.from_numpy(draw())
+            )
             corners = project(self.truth.path, self.truth.values, points).numpy()
             if not np.all((corners >= BORDER) & (corners <= [WIDTH - BORDER, HEIGHT - BORDER])):
                 continue
             corners = corners + self.rng.normal(0, NOISE, corners.shape)
-            square = float(np.linalg.norm(np.diff(corners.reshape(9, 9, 2), axis=1), axis=-1).mean())
-            if new(Sighting(corners, WIDTH, HEIGHT, 0.0, square=square), None, [view.corners for view in self.views]) is None:
+            square = float(
+                np.linalg.norm(np.diff(corners.reshape(9, 9, 2), axis=1), axis=-1).mean()
+            )
+            if (
+                new(
+                    Sighting(corners, WIDTH, HEIGHT, 0.0, square=square),
+                    None,
+                    [view.corners for view in self.views],
+                )
+                is None
+            ):
                 self.views.append(View(f"{len(self.views):04d}", corners, np.ones(BOARD.count)))
                 return
 
@@ -124,9 +140,18 @@ def judged(person: Person) -> tuple[float, float]:
     """The error of the map that these views give, and what the guide predicts for it, px."""
     known = estimate(SETUP, person.views, GRID)
     design = design_of(known)
-    x, y = ((np.arange(n) + 0.5) / n * length - 0.5 for n, length in zip(CELLS[::-1], (WIDTH, HEIGHT), strict=True))
+    x, y = (
+        (np.arange(n) + 0.5) / n * length - 0.5
+        for n, length in zip(CELLS[::-1], (WIDTH, HEIGHT), strict=True)
+    )
     pixels = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
-    ours, true = (rays_of(p, dict(v), pixels) for p, v in ((known.model.path, known.model.means), (person.truth.path, person.truth.values)))
+    ours, true = (
+        rays_of(p, dict(v), pixels)
+        for p, v in (
+            (known.model.path, known.model.means),
+            (person.truth.path, person.truth.values),
+        )
+    )
     at = [np.full(len(pixels), depth) for depth in REACH.levels()]
     off = np.concatenate([(seen_at(*true, depth) - seen_at(*ours, depth)).ravel() for depth in at])
     moved = np.concatenate([motions(*ours, depth) for depth in at])
@@ -158,25 +183,56 @@ def ways_of(seed: int, bumps: int) -> Judged:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=2000, help="the first seed")
-    parser.add_argument("--bumps", type=int, default=4, help="of the true glass, along each side of the paper's patch")
+    parser.add_argument(
+        "--bumps",
+        type=int,
+        default=4,
+        help="of the true glass, along each side of the paper's patch",
+    )
     add_workers(parser)
     asked = parser.parse_args()
     with workers_of(asked) as pool:
-        seeds = list(pool.each(ways_of, [(seed, asked.bumps) for seed in range(asked.first, asked.first + asked.seeds)], "seeds"))
+        seeds = list(
+            pool.each(
+                ways_of,
+                [(seed, asked.bumps) for seed in range(asked.first, asked.first + asked.seeds)],
+                "seeds",
+            )
+        )
         scaled = pool.scaled
     found = {name: [one[name] for one in seeds] for name in seeds[0]}
-    table = Table("", "map error, px: median", "10 % to 90 %", "predicted, median", "error / predicted, RMS", "median", "10 % to 90 %")
+    table = Table(
+        "",
+        "map error, px: median",
+        "10 % to 90 %",
+        "predicted, median",
+        "error / predicted, RMS",
+        "median",
+        "10 % to 90 %",
+    )
     for name, pairs in found.items():
         error, sigma = np.array(pairs).T
         ratio = error / sigma
-        spread, ratios = (" to ".join(f"{v:.2f}" for v in np.quantile(part, (0.1, 0.9))) for part in (error, ratio))
-        cells = f"{np.median(error):.3f}", spread, f"{np.median(sigma):.3f}", f"{np.sqrt((error**2).mean() / (sigma**2).mean()):.2f}"
+        spread, ratios = (
+            " to ".join(f"{v:.2f}" for v in np.quantile(part, (0.1, 0.9)))
+            for part in (error, ratio)
+        )
+        cells = (
+            f"{np.median(error):.3f}",
+            spread,
+            f"{np.median(sigma):.3f}",
+            f"{np.sqrt((error**2).mean() / (sigma**2).mean()):.2f}",
+        )
         table.add_row(name, *cells, f"{np.median(ratio):.2f}", ratios)
     Console(width=150).print(table)
-    print(f"{asked.bumps}x{asked.bumps} bumps, seeds {asked.first} to {asked.first + asked.seeds - 1}")
+    print(
+        f"{asked.bumps}x{asked.bumps} bumps, seeds {asked.first} to {asked.first + asked.seeds - 1}"
+    )
     print(scaled)
 
 

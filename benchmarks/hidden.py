@@ -1,4 +1,6 @@
-"""Synthetic sessions with an effect of a known size that nobody declares, for `benchmarks.diagnosis`."""
+"""Synthetic sessions with an effect of a known size that nobody declares, for
+`benchmarks.diagnosis`.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,9 @@ DRAWN = {MOTION: [1e-4] * 3 + [1e-5] * 3, FLEX: [1e-5] * 3}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hidden:
-    """One scene and one effect, of which a size of 1 moves some corner by the noise, poses refitted."""
+    """One scene and one effect, of which a size of 1 moves some corner by the noise, poses
+    refitted.
+    """
 
     made: Scene
     effect: Effect
@@ -53,15 +57,26 @@ class Hidden:
 
     @classmethod
     def drawn(cls, kind: type[Effect], seed: int, views: int) -> Self | None:
-        """An effect in a random direction of its parameters, at a random place. None: it cannot be seen here."""
+        """An effect in a random direction of its parameters, at a random place.
+
+        None: it cannot be seen here.
+        """
         rng = np.random.default_rng(seed)
-        made = bare(seed, views) if kind in (FlatPort, EntrancePupil) else scene(1000 + seed, views, (4, 4), 1e-5, 0.0, cover=GLASS)
+        made = (
+            bare(seed, views)
+            if kind in (FlatPort, EntrancePupil)
+            else scene(1000 + seed, views, (4, 4), 1e-5, 0.0, cover=GLASS)
+        )
         outer = made.path.cover[-1] if made.path.cover else None
         place = None
         if outer and outer.relief:
             low, high = (np.array(end) for end in (outer.relief.low, outer.relief.high))
-            place = torch.from_numpy(rng.uniform(low + 0.35 * (high - low), high - 0.35 * (high - low)))
-        forms = kind.propose(Surroundings(made.board, WIDTH, HEIGHT, made.path, made.values, place=place))
+            place = torch.from_numpy(
+                rng.uniform(low + 0.35 * (high - low), high - 0.35 * (high - low))
+            )
+        forms = kind.propose(
+            Surroundings(made.board, WIDTH, HEIGHT, made.path, made.values, place=place)
+        )
         if not forms:
             return None
         spread = DRAWN.get(forms[0].per_view, ())
@@ -72,16 +87,25 @@ class Hidden:
     def under_water(cls, seed: int, views: int) -> Self:
         """A port in water, which has no size: it is there or not."""
         port = FlatPort("water")
-        there = {u.param.name: torch.tensor(u.begin - u.neutral, dtype=torch.float64) for u in port.unknowns}
+        there = {
+            u.param.name: torch.tensor(u.begin - u.neutral, dtype=torch.float64)
+            for u in port.unknowns
+        }
         return cls(bare(seed, views), port, there, torch.zeros(views, 0, dtype=torch.float64), seed)
 
     def possible(self, size: float) -> bool:
         """Whether there is such a thing, and every corner is still seen."""
-        if isinstance(self.effect, FlatPort) and size * float(self.direction["flat_port.thickness"]) > THICKEST:
+        if (
+            isinstance(self.effect, FlatPort)
+            and size * float(self.direction["flat_port.thickness"]) > THICKEST
+        ):
             return False
         if isinstance(self.effect, EntrancePupil):
             spread = {u.param.name: u.sigma for u in self.effect.unknowns}
-            if max(size * abs(float(step)) / spread[name] for name, step in self.direction.items()) > FARTHEST:
+            if (
+                max(size * abs(float(step)) / spread[name] for name, step in self.direction.items())
+                > FARTHEST
+            ):
                 return False
         return all(np.isfinite(view.corners).all() for view in self.session(size).views)
 
@@ -89,37 +113,57 @@ class Hidden:
         size = 1.0
         for _ in range(4):
             size *= NOISE / float(np.linalg.norm(self.shift(size), axis=-1).max())
-        return replace(self, direction={name: size * step for name, step in self.direction.items()}, own=size * self.own)
+        return replace(
+            self,
+            direction={name: size * step for name, step in self.direction.items()},
+            own=size * self.own,
+        )
 
     def session(self, size: float, noise: float = NOISE) -> Scene:
-        """The scene with its corners where the effect puts them. They are NaN where it puts them out of sight."""
+        """The scene with its corners where the effect puts them.
+
+        They are NaN where it puts them out of sight.
+        """
         path = self.effect.apply(self.made.path)
-        moved = {u.param.name: u.neutral + size * self.direction.get(u.param.name, torch.zeros(())) for u in self.effect.unknowns}
+        moved = {
+            u.param.name: u.neutral + size * self.direction.get(u.param.name, torch.zeros(()))
+            for u in self.effect.unknowns
+        }
         values = {**self.made.values, **moved}
         poses = torch.cat([self.made.poses, size * self.own], 1)
         seen = self.made.observations.timed([float(i) for i in range(len(self.made.views))], HEIGHT)
         timed = seen.with_times(values)
-        pixels = project(path, timed, path.place(seen.corners, timed, poses[seen.view]), start=seen.pixels).numpy()
+        pixels = project(
+            path, timed, path.place(seen.corners, timed, poses[seen.view]), start=seen.pixels
+        ).numpy()
         return with_corners(self.made, self.noisy(pixels, noise))
 
     def shift(self, size: float) -> Array:
         """(M, 2) px by which corners are moved, poses refitted to the true path."""
         moved = self.session(size, noise=0.0).observations
-        return refit_poses(self.made.path, self.made.values, moved, self.made.poses)[1].image.numpy()
+        return refit_poses(self.made.path, self.made.values, moved, self.made.poses)[
+            1
+        ].image.numpy()
 
     def noisy(self, pixels: Array, sigma: float) -> Array:
         """(M, 2) px with noise that is the same for every size."""
         return np.asarray(pixels + np.random.default_rng(self.seed).normal(0, sigma, pixels.shape))
 
     def absorbed(self, size: float, fit: Calibration) -> float:
-        """The part of the shift's sum of squares that the fit takes up: what is left of it with the very same noise is compared."""
+        """The part of the shift's sum of squares that the fit takes up: what is left of it with the
+        very same noise is compared.
+        """
         pixels = self.made.observations.pixels.numpy()
-        left = left_by(fit) - left_by(calibrate(with_corners(self.made, self.noisy(pixels, NOISE)), Settings()))
+        left = left_by(fit) - left_by(
+            calibrate(with_corners(self.made, self.noisy(pixels, NOISE)), Settings())
+        )
         return 1.0 - float((left**2).sum() / (self.shift(size) ** 2).sum())
 
 
 def direction(effect: Effect, rng: np.random.Generator) -> dict[str, Tensor]:
-    """By how much each of its parameters differs from neutral: at random, in proportion of what may well be."""
+    """By how much each of its parameters differs from neutral: at random, in proportion of what may
+    well be.
+    """
     match effect:
         case FlatPort():
             return {"flat_port.thickness": torch.tensor(WALL / 100, dtype=torch.float64)}
@@ -127,10 +171,22 @@ def direction(effect: Effect, rng: np.random.Generator) -> dict[str, Tensor]:
             bump = torch.zeros(CENTRES, dtype=torch.float64)
             bump[CENTRES[0] // 2, CENTRES[1] // 2] = SMALL["m"]
             return {"fine_surface.amplitudes": bump}
-    widest = {u.param.unit: max(float(np.max(v.sigma)) for v in effect.unknowns if v.param.unit == u.param.unit) for u in effect.unknowns}
+    widest = {
+        u.param.unit: max(
+            float(np.max(v.sigma)) for v in effect.unknowns if v.param.unit == u.param.unit
+        )
+        for u in effect.unknowns
+    }
 
     def drawn(u: Unknown) -> Tensor:
-        return torch.from_numpy(np.asarray(rng.normal(size=u.param.shape) * SMALL[u.param.unit] * u.sigma / widest[u.param.unit]))
+        return torch.from_numpy(
+            np.asarray(
+                rng.normal(size=u.param.shape)
+                * SMALL[u.param.unit]
+                * u.sigma
+                / widest[u.param.unit]
+            )
+        )
 
     return {u.param.name: drawn(u) for u in effect.unknowns}
 
@@ -141,14 +197,22 @@ def bare(seed: int, views: int) -> Scene:
     path = replace(covered.path, cover=())
     values = {name: value for name, value in covered.values.items() if name.startswith("camera.")}
     seen = covered.observations
-    pixels = project(path, values, path.place(seen.corners, values, covered.poses[seen.view]), start=seen.pixels).numpy()
+    pixels = project(
+        path, values, path.place(seen.corners, values, covered.poses[seen.view]), start=seen.pixels
+    ).numpy()
     return with_corners(replace(covered, cover=Cover("none", {}), path=path, values=values), pixels)
 
 
 def with_corners(made: Scene, pixels: Array) -> Scene:
     """The scene with other (M, 2) px."""
     per_view = pixels.reshape(len(made.views), made.board.count, 2)
-    return replace(made, views=tuple(View(view.name, own, view.weight) for view, own in zip(made.views, per_view, strict=True)))
+    return replace(
+        made,
+        views=tuple(
+            View(view.name, own, view.weight)
+            for view, own in zip(made.views, per_view, strict=True)
+        ),
+    )
 
 
 def left_by(fit: Calibration) -> Array:

@@ -1,14 +1,18 @@
-"""How good a calibration made in air is under water: `python -m benchmarks.immerse [--sessions 16] [--pictures 24]`.
+"""How good a calibration made in air is under water: `python -m benchmarks.immerse [--sessions 16]
+[--pictures 24]`.
 
-For each rendered pair, wet-flat, wet-dome and wet-cone: the session in air is fitted and put under water as `calib immerse` does. Its maps
-there are compared with the rays that Mitsuba traced under water, after the rigid motion of all rays that fits best, and with their
-predicted sigma. The same of the session whose cover is stated without sigmas: each number then has the tolerance of its kind. Held-out
-views under water are evaluated by the calibration as it was and as it became. Then the maps with the number that the command asks for,
-measured as well as it asks, in four sessions in which each of its components is off by just that. And with the first three pictures of
-the pool, as `calib check --update` takes them, the maps once more.
+For each rendered pair, wet-flat, wet-dome and wet-cone: the session in air is fitted and put under
+water as `calib immerse` does. Its maps there are compared with the rays that Mitsuba traced under
+water, after the rigid motion of all rays that fits best, and with their predicted sigma. The same
+of the session whose cover is stated without sigmas: each number then has the tolerance of its kind.
+Held-out views under water are evaluated by the calibration as it was and as it became. Then the
+maps with the number that the command asks for, measured as well as it asks, in four sessions in
+which each of its components is off by just that. And with the first three pictures of the pool, as
+`calib check --update` takes them, the maps once more.
 
-Then synthetic sessions in air of an uneven cone, every declared number drawn from the tolerance of its kind: how far off the maps are under
-water, over what is predicted, with the covariance as the fit has it and as `immersed` carries it.
+Then synthetic sessions in air of an uneven cone, every declared number drawn from the tolerance of
+its kind: how far off the maps are under water, over what is predicted, with the covariance as the
+fit has it and as `immersed` carries it.
 """
 
 import argparse
@@ -57,8 +61,12 @@ def vague(session: Session) -> Session:
     return replace(session, cover=Cover(session.cover.shape, numbers))
 
 
-def measured(session: Session, loose: Loose, true: Mapping[str, float], signs: Sequence[int]) -> Session:
-    """The same with the number that is asked for as sure as that, each component off by just so much."""
+def measured(
+    session: Session, loose: Loose, true: Mapping[str, float], signs: Sequence[int]
+) -> Session:
+    """The same with the number that is asked for as sure as that, each component off by just so
+    much.
+    """
     assert loose.measured_to is not None
     sigma = loose.measured_to / SHOWN[SI[loose.unit]][1]
     numbers, sign = dict(session.cover.parameters), iter(signs)
@@ -75,7 +83,9 @@ def updated(calibration: Calibration, water: Path) -> Calibration:
 
 
 def drawn(seed: int) -> tuple[float, float, float]:
-    """px off under water, root mean square at 0.6 m, and over predicted sigma: with the covariance of the fit, and as it is carried."""
+    """px off under water, root mean square at 0.6 m, and over predicted sigma: with the covariance
+    of the fit, and as it is carried.
+    """
     cover = paper_cone(0.00115)
     made = scene(seed, 20, (4, 4), 3e-6, 0.1, cover=cover)
     intrinsics, said = misdeclared(np.random.default_rng(seed), INTRINSICS, cover)
@@ -84,7 +94,10 @@ def drawn(seed: int) -> tuple[float, float, float]:
     dry = all_free(replace(dry, settings={**dry.settings, "free": list(Settings().free)}))
     carried = immersed(dry, Number(WATER))
     values = {**made.values, "cover.outside_index": torch.tensor(WATER, dtype=torch.float64)}
-    ratios = [_ratio(replace(made, values=values), one) for one in (replace(carried, covariance=dry.covariance), carried)]
+    ratios = [
+        _ratio(replace(made, values=values), one)
+        for one in (replace(carried, covariance=dry.covariance), carried)
+    ]
     return ratios[0][0], ratios[0][1], ratios[1][1]
 
 
@@ -96,26 +109,47 @@ def _off(session: Session, folder: Path) -> tuple[list[float], list[float]]:
 
 
 def _ratio(made: Scene, wet: Calibration) -> tuple[float, float]:
-    rows = [(float(np.mean(off**2)), float(np.nanmean(sigma**2))) for off, sigma in errors(made, wet)]
+    rows = [
+        (float(np.mean(off**2)), float(np.nanmean(sigma**2))) for off, sigma in errors(made, wet)
+    ]
     return rows[1][0] ** 0.5, float(np.mean([off / sigma for off, sigma in rows])) ** 0.5
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.immerse", description=__doc__)
-    parser.add_argument("--sessions", type=int, default=16, metavar="N", help="synthetic ones, 3 s each")
-    parser.add_argument("--pictures", type=int, default=24, metavar="N", help="of the 24 that were taken in air, evenly chosen")
+    parser.add_argument(
+        "--sessions", type=int, default=16, metavar="N", help="synthetic ones, 3 s each"
+    )
+    parser.add_argument(
+        "--pictures",
+        type=int,
+        default=24,
+        metavar="N",
+        help="of the 24 that were taken in air, evenly chosen",
+    )
     args = parser.parse_args()
     sessions, pictures = args.sessions, args.pictures
     console = Console()
     at = [f"{depth:g} m" for depth in DEPTHS]
-    maps = Table("glass", "stated", *(f"off, {one}" for one in at), *(f"sigma, {one}" for one in at), "ratio", "most is left open by")
+    maps = Table(
+        "glass",
+        "stated",
+        *(f"off, {one}" for one in at),
+        *(f"sigma, {one}" for one in at),
+        "ratio",
+        "most is left open by",
+    )
     views = Table("glass", "as it was", "immersed")
     pool = Table("glass", *(f"off, {one}" for one in at), *(f"sigma, {one}" for one in at))
-    asked = Table("glass", "asked for", *(f"off, {one}" for one in at), *(f"sigma, {one}" for one in at))
+    asked = Table(
+        "glass", "asked for", *(f"off, {one}" for one in at), *(f"sigma, {one}" for one in at)
+    )
     for shape in SHAPES:
         folder = FIXTURES / f"wet-{shape}"
         session = read_session(folder)
-        session = replace(session, frames=session.frames[:: max(1, len(session.frames) // pictures)])
+        session = replace(
+            session, frames=session.frames[:: max(1, len(session.frames) // pictures)]
+        )
         for title, one in (("as measured", session), ("by its kind", vague(session))):
             dry = fit(one)
             put = immerse(all_free(dry), Number(WATER))
@@ -123,16 +157,39 @@ def main() -> None:
             px, sigma = error.by_depth.values(), error.predicted.values()
             ratio = max(off / expected for off, expected in zip(px, sigma, strict=True))
             most = ", ".join(loose.name for loose in put.loose[:2])
-            maps.add_row(shape, title, *(f"{value:.3f}" for value in (*px, *sigma)), f"{ratio:.2f}", most)
+            maps.add_row(
+                shape, title, *(f"{value:.3f}" for value in (*px, *sigma)), f"{ratio:.2f}", most
+            )
             if one is session:
                 water = read_session(folder / "water")
-                views.add_row(shape, *(f"{evaluate(which, water).rms_px:.3f} px" for which in (dry, put.calibration)))
-                after = map_error(updated(put.calibration, folder / "water"), folder / "water" / "truth.npz", NEAR)
+                views.add_row(
+                    shape,
+                    *(
+                        f"{evaluate(which, water).rms_px:.3f} px"
+                        for which in (dry, put.calibration)
+                    ),
+                )
+                after = map_error(
+                    updated(put.calibration, folder / "water"), folder / "water" / "truth.npz", NEAR
+                )
                 loose = next(each for each in put.loose if each.measured_to is not None)
-                rows = np.array([list(_off(measured(session, loose, GLASS[shape], signs), folder)) for signs in SIGNS])  # (4, 2, D)
+                rows = np.array(
+                    [
+                        list(_off(measured(session, loose, GLASS[shape], signs), folder))
+                        for signs in SIGNS
+                    ]
+                )  # (4, 2, D)
                 wanted = f"{loose.name} to {loose.measured_to:.2g} {loose.unit}"
-                asked.add_row(shape, wanted, *(f"{value:.3f}" for value in np.sqrt((rows**2).mean(0)).ravel()))
-                pool.add_row(shape, *(f"{value:.3f}" for value in (*after.by_depth.values(), *after.predicted.values())))
+                asked.add_row(
+                    shape, wanted, *(f"{value:.3f}" for value in np.sqrt((rows**2).mean(0)).ravel())
+                )
+                pool.add_row(
+                    shape,
+                    *(
+                        f"{value:.3f}"
+                        for value in (*after.by_depth.values(), *after.predicted.values())
+                    ),
+                )
     every = np.array([drawn(seed) for seed in range(sessions)]).reshape(-1, 3)
     console.print("Maps under water, px RMS", maps, "Held-out views under water", views, sep="\n")
     console.print("Maps under water, with the number measured that is asked for", asked, sep="\n")
@@ -140,8 +197,9 @@ def main() -> None:
     if sessions:
         off, fitted, carried = np.sqrt((every**2).mean(0))
         console.print(
-            f"{sessions} synthetic sessions: off by {off:.2g} px at 0.6 m, {fitted:.2f} times what the fit's own covariance predicts, "
-            f"{carried:.2f} times what is predicted where no number of the cover is surer than declared",
+            f"{sessions} synthetic sessions: off by {off:.2g} px at 0.6 m, {fitted:.2f} times what"
+            f" the fit's own covariance predicts, {carried:.2f} times what is predicted where no"
+            " number of the cover is surer than declared",
             soft_wrap=True,
             highlight=False,
         )

@@ -1,7 +1,9 @@
-"""Lens models on sessions without a cover: the error on held-out views of each, before any diagnosis.
+"""Lens models on sessions without a cover: the error on held-out views of each, before any
+diagnosis.
 
-Four folds over the views; a held-out view's pose is fitted to its corners. `all` is the root mean square over views; `choice` is what
-`camera.lens: auto` compares, the mean over views of which none counts for more than four times the median.
+Four folds over the views; a held-out view's pose is fitted to its corners. `all` is the root mean
+square over views; `choice` is what `camera.lens: auto` compares, the mean over views of which none
+counts for more than four times the median.
 
     python -m benchmarks.lens_models SESSION... [--every N]
 """
@@ -33,9 +35,13 @@ Size = tuple[int, int]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("sessions", nargs="+", type=Path)
-    parser.add_argument("--every", type=int, default=1, metavar="N", help="take each N-th view (default: all)")
+    parser.add_argument(
+        "--every", type=int, default=1, metavar="N", help="take each N-th view (default: all)"
+    )
     args = parser.parse_args()
     table = Table("session", "views", "lens", "choice, px", "all, px", "CPU s")
     for folder in args.sessions:
@@ -43,7 +49,9 @@ def main() -> None:
         views = with_poses(read_views(session, Silent())[0], session.board)[0][:: args.every]
         size = session.camera.width, session.camera.height
         for name, choice, rms, seconds in _rows(views, session.board, size):
-            table.add_row(folder.name, str(len(views)), name, f"{choice:.4f}", f"{rms:.4f}", f"{seconds:.0f}")
+            table.add_row(
+                folder.name, str(len(views)), name, f"{choice:.4f}", f"{rms:.4f}", f"{seconds:.0f}"
+            )
     Console(width=100).print(table)
 
 
@@ -58,11 +66,20 @@ def _rows(views: Sequence[View], board: Board, size: Size) -> list[tuple[str, fl
         except NotEnoughDataError:
             errors = np.full(len(views), np.nan)
         name = str(lens) if isinstance(lens, RayLens) else f"opencv {lens}"
-        rows.append((name, summed(errors), float(np.sqrt(np.mean(errors**2))), time.process_time() - begun))
+        rows.append(
+            (name, summed(errors), float(np.sqrt(np.mean(errors**2))), time.process_time() - begun)
+        )
     return rows
 
 
-def _fit(lens: RayLens | int, plain: dict[int, LensFit], board: Board, size: Size, views: Sequence[View], fold: int) -> Fitted:
+def _fit(
+    lens: RayLens | int,
+    plain: dict[int, LensFit],
+    board: Board,
+    size: Size,
+    views: Sequence[View],
+    fold: int,
+) -> Fitted:
     if isinstance(lens, int):
         return fit_opencv(views, board, size, lens)
     if fold not in plain:

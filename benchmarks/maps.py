@@ -1,7 +1,7 @@
 """How long a map takes, and what it is worth: `python -m benchmarks.maps`.
 
-The 3280x2464 map of one depth from the ray field, against projecting the point behind every pixel (of every 64th, scaled up), in the same
-run. Median of five.
+The 3280x2464 map of one depth from the ray field, against projecting the point behind every pixel
+(of every 64th, scaled up), in the same run. Median of five.
 """
 
 import resource
@@ -26,7 +26,13 @@ def main() -> None:
     made = scene(1, views=1, grid=(8, 8), amplitude=3e-5)
     v = {name: float(made.values[f"camera.{name}"]) for name in ("fx", "fy", "cx", "cy")}
     rows, columns = np.mgrid[0:HEIGHT:EVERY, 0:WIDTH:EVERY].reshape(2, -1)
-    points = np.column_stack([(columns - v["cx"]) / v["fx"] * DEPTH, (rows - v["cy"]) / v["fy"] * DEPTH, np.full(rows.size, DEPTH)])
+    points = np.column_stack(
+        [
+            (columns - v["cx"]) / v["fx"] * DEPTH,
+            (rows - v["cy"]) / v["fy"] * DEPTH,
+            np.full(rows.size, DEPTH),
+        ]
+    )
 
     def traced() -> torch.Tensor:
         return project(made.path, made.values, torch.from_numpy(points))
@@ -35,13 +41,21 @@ def main() -> None:
         return ray_field(made.path, made.values, WIDTH, HEIGHT)
 
     kept = field()
-    whole, one_more, direct = seconds(lambda: field().map_at(DEPTH)), seconds(lambda: kept.map_at(DEPTH)), seconds(traced) * EVERY**2
+    whole, one_more, direct = (
+        seconds(lambda: field().map_at(DEPTH)),
+        seconds(lambda: kept.map_at(DEPTH)),
+        seconds(traced) * EVERY**2,
+    )
     made_map, seen = kept.map_at(DEPTH), traced().numpy()
-    off = np.hypot(made_map.x[rows, columns] - seen[:, 0], made_map.y[rows, columns] - seen[:, 1])[made_map.valid[rows, columns]]
+    off = np.hypot(made_map.x[rows, columns] - seen[:, 0], made_map.y[rows, columns] - seen[:, 1])[
+        made_map.valid[rows, columns]
+    ]
     table = Table("3280x2464, one depth", "seconds", "ratio")
     table.add_row("every pixel traced", f"{direct:.1f}", "1")
     table.add_row("ray field and its map", f"{whole:.2f}", f"{direct / whole:.0f} times faster")
-    table.add_row("another depth from the field", f"{one_more:.2f}", f"{direct / one_more:.0f} times faster")
+    table.add_row(
+        "another depth from the field", f"{one_more:.2f}", f"{direct / one_more:.0f} times faster"
+    )
     Console().print(table)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
     print(f"The map is off tracing by {np.nanmax(off):.5f} px at most; peak memory {peak:.2f} GB.")

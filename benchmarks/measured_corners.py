@@ -1,9 +1,13 @@
-"""Corners of pictures, by how well a fit to other views predicts them: `python -m benchmarks.measured_corners SESSION [EFFECT ...]`.
+"""Corners of pictures, by how well a fit to other views predicts them: `python -m
+benchmarks.measured_corners SESSION [EFFECT ...]`.
 
-Nobody knows where the corners of a measured picture are. So each estimator's corners calibrate the camera, and are predicted by a fit to
-other views: to those of the session, where it has a holdout folder, else in folds. The board's shape and a free field of its print are
-estimated, and what else is known to be in the session. The error is the estimator's and the model's, and the model is one. Every corner
-weighs alike, and only views that all estimators have are compared; one that finds less than nine tenths of the views is left out.
+Nobody knows where the corners of a measured picture are. So each estimator's corners calibrate the
+camera, and are predicted by a fit to
+other views: to those of the session, where it has a holdout folder, else in folds. The board's
+    shape and a free field of its print are
+estimated, and what else is known to be in the session. The error is the estimator's and the
+model's, and the model is one. Every corner weighs alike, and only views that all estimators have
+are compared; one that finds less than nine tenths of the views is left out.
 """
 
 import shutil
@@ -72,7 +76,9 @@ def estimators(board: Board) -> dict[str, Estimator]:
 
     return {
         OURS: lambda _, start: start,
-        "cornerSubPix on an enlarged, smoothed picture": lambda grey, start: refine(grey, start, board),
+        "cornerSubPix on an enlarged, smoothed picture": lambda grey, start: refine(
+            grey, start, board
+        ),
         "SB": sectors(0),
         "SB, ACCURACY": sectors(cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE),
         **{f"cornerSubPix {half}": sub_pixel(half) for half in WINDOWS},
@@ -92,7 +98,9 @@ def _near(found: Floats | None, start: Floats) -> Floats | None:
 
 
 def _sub_pixel(grey: NDArray[np.uint8], start: Floats, half: int) -> Floats:
-    found = cv2.cornerSubPix(grey, start.astype(np.float32).reshape(-1, 1, 2), (half, half), (-1, -1), STOP)
+    found = cv2.cornerSubPix(
+        grey, start.astype(np.float32).reshape(-1, 1, 2), (half, half), (-1, -1), STOP
+    )
     return np.asarray(found, np.float64).reshape(-1, 2)
 
 
@@ -110,21 +118,32 @@ def measured(path: Path) -> Folder:
 
 
 def take(folder: Folder, name: str, kept: Sequence[bool], *, weighted: bool) -> None:
-    """Make the folder a session of one estimator's corners, all of one weight, or as their own covariances weigh them."""
+    """Make the folder a session of one estimator's corners, all of one weight, or as their own
+    covariances weigh them.
+    """
     chosen = []
     for view, corners, keep in zip(folder.views, folder.by[name], kept, strict=True):
         if keep and corners is not None:
-            chosen.append(replace(view, covariance=None) if weighted else View(view.name, corners, np.ones(len(corners))))
+            chosen.append(
+                replace(view, covariance=None)
+                if weighted
+                else View(view.name, corners, np.ones(len(corners)))
+            )
     write_corners(folder.path / "corners.vnl", chosen)
     described = yaml.safe_load((folder.path / "session.yaml").read_text())
-    (folder.path / "session.yaml").write_text(yaml.safe_dump({**described, "corners": "corners.vnl"}))
+    (folder.path / "session.yaml").write_text(
+        yaml.safe_dump({**described, "corners": "corners.vnl"})
+    )
 
 
 def judged(path: Path, effects: Sequence[str]) -> tuple[float, float]:
     """Fitted and held out, px RMS."""
     made = with_named(fit(read_session(path), Settings(), Silent()), (*effects, *PATTERN), Silent())
     if (path / "holdout").is_dir():
-        return made.stages[-1].rms_px, evaluate(made, read_session(path / "holdout"), Silent()).rms_px
+        return (
+            made.stages[-1].rms_px,
+            evaluate(made, read_session(path / "holdout"), Silent()).rms_px,
+        )
     model, observations = model_of(made), made.observations
     with single_thread():
         joint = model.fitted(observations, torch.from_numpy(made.poses))
@@ -138,11 +157,25 @@ def main(session: Path, effects: Sequence[str]) -> None:
         shutil.copytree(session, path)
         folders = [measured(part) for part in (path, path / "holdout") if part.is_dir()]
         every = sum(len(folder.views) for folder in folders)
-        found = {name: sum(own is not None for folder in folders for own in folder.by[name]) for name in folders[0].by}
+        found = {
+            name: sum(own is not None for folder in folders for own in folder.by[name])
+            for name in folders[0].by
+        }
         compared = [name for name, count in found.items() if count >= ENOUGH * every]
-        kept = [[all(folder.by[name][view] is not None for name in compared) for view in range(len(folder.views))] for folder in folders]
+        kept = [
+            [
+                all(folder.by[name][view] is not None for name in compared)
+                for view in range(len(folder.views))
+            ]
+            for folder in folders
+        ]
         views = " and ".join(str(sum(own)) for own in kept)
-        table = Table("corners", "fitted, px", "held out, px", title=f"{session.name}: {views} views that all of them have")
+        table = Table(
+            "corners",
+            "fitted, px",
+            "held out, px",
+            title=f"{session.name}: {views} views that all of them have",
+        )
         for name, weighted in track([*((name, False) for name in compared), (OURS, True)], "Fits"):
             for folder, own in zip(folders, kept, strict=True):
                 take(folder, name, own, weighted=weighted)

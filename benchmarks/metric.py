@@ -1,12 +1,18 @@
-"""What a calibration is worth in millimetres, beside OpenCV and mrcal on the same views: `python -m benchmarks.metric`.
+"""What a calibration is worth in millimetres, beside OpenCV and mrcal on the same views: `python -m
+benchmarks.metric`.
 
-The rendered fixtures: calibrated from their 24 training views, tried on 10 held-out ones, whose boards were 0.25 to 1.6 m away. Every peer
-gets the same detected corners, gives the rays of the held-out corners, and its boards' poses are refitted to those rays.
+The rendered fixtures: calibrated from their 24 training views, tried on 10 held-out ones, whose
+    boards were 0.25 to 1.6 m away. Every peer
+gets the same detected corners, gives the rays of the held-out corners, and its boards' poses are
+refitted to those rays.
 
-- lines: how far the corners of each row and column lie from their straight line in the undistorted picture, over what the noise of
-  the corners alone leaves (the detected corners minus the true ones, added to a true pinhole picture). Ours at the depth of each corner on
-  its board; and of corners found again in the picture that was undistorted with the board's depth image.
-- distances: between the same corner of the boards of every two held-out views, each measured where its ray meets its board, against
+- lines: how far the corners of each row and column lie from their straight line in the undistorted
+  picture, over what the noise of
+  the corners alone leaves (the detected corners minus the true ones, added to a true pinhole
+  picture). Ours at the depth of each corner on its board; and of corners found again in the picture
+  that was undistorted with the board's depth image.
+- distances: between the same corner of the boards of every two held-out views, each measured where
+  its ray meets its board, against
   the truth.
 """
 
@@ -84,9 +90,17 @@ def main() -> None:
     console = Console(width=130)
     with Bars() as bars, tempfile.TemporaryDirectory() as scratch:
         for name in ("clean", "bumps"):
-            folder = Path(shutil.copytree(FIXTURES / name, Path(scratch, name), ignore=shutil.ignore_patterns(".detections.json")))
+            folder = Path(
+                shutil.copytree(
+                    FIXTURES / name,
+                    Path(scratch, name),
+                    ignore=shutil.ignore_patterns(".detections.json"),
+                )
+            )
             fitted = fit(read_session(folder), Settings(), bars)
-            calibration = replace(fitted, board=replace(fitted.board, square_sigma=0.0))  # the renderer's
+            calibration = replace(
+                fitted, board=replace(fitted.board, square_sigma=0.0)
+            )  # the renderer's
             seen = held_out(folder / "holdout")
             rows = {
                 "ours": ours(calibration, seen),
@@ -100,7 +114,14 @@ def main() -> None:
             console.print(table(name, rows))
     print(
         f"OpenCV {cv2.__version__}"
-        + ("" if splined else "; mrcal is not installed: on Debian or Ubuntu, apt-get install mrcal python3-mrcal.")
+        + (
+            ""
+            if splined
+            else (
+                "; mrcal is not installed: on Debian or Ubuntu, apt-get install mrcal"
+                " python3-mrcal."
+            )
+        )
     )
 
 
@@ -108,7 +129,9 @@ def held_out(folder: Path) -> HeldOut:
     session = read_session(folder)
     views = detect(session.frames, session.board).views
     with np.load(folder / "truth.npz") as file:
-        corners, turns, shifts, board = (file[key] for key in ("corners", "rotations", "translations", "board"))
+        corners, turns, shifts, board = (
+            file[key] for key in ("corners", "rotations", "translations", "board")
+        )
     points = np.einsum("vij,nj->vni", turns, board) + shifts[:, None]
     noise = np.stack([view.corners for view in views]) - corners
     for i, view in enumerate(views):
@@ -133,35 +156,68 @@ def true_glass(calibration: Calibration, folder: Path) -> Calibration:
 
 
 def ours(calibration: Calibration, seen: HeldOut) -> Score:
-    """By calib.apply.measure, and points undistorted at the depth at which their rays meet the board."""
+    """By calib.apply.measure, and points undistorted at the depth at which their rays meet the
+    board.
+    """
     measurer = Measurer(calibration)
     boards = [measurer.board_pose(view) for view in seen.views]
     count = calibration.board.count
-    measured = measurer.on_planes(seen.pixels.reshape(-1, 2), boards, np.repeat(np.arange(len(boards)), count).tolist())
+    measured = measurer.on_planes(
+        seen.pixels.reshape(-1, 2), boards, np.repeat(np.arange(len(boards)), count).tolist()
+    )
     field = calibration.ray_field()
-    straight = field.undistorted(seen.pixels.reshape(-1, 2), measured.points[:, 2]).reshape(seen.pixels.shape)
+    straight = field.undistorted(seen.pixels.reshape(-1, 2), measured.points[:, 2]).reshape(
+        seen.pixels.shape
+    )
     errors, sigmas = [], []
     for first, second in combinations(range(len(boards)), 2):
         for corner in range(0, count, 8):
             metres, sigma = measured.distance(first * count + corner, second * count + corner)
-            errors.append(metres - float(np.linalg.norm(seen.points[second, corner] - seen.points[first, corner])))
+            errors.append(
+                metres
+                - float(np.linalg.norm(seen.points[second, corner] - seen.points[first, corner]))
+            )
             sigmas.append(sigma)
-    ratio = float(np.sqrt(np.mean((np.array(errors) / sigmas) ** 2))) if calibration.covariance.size else None
-    return Score(bend(straight) / floor(calibration, seen), *distances(measured.points.reshape(seen.points.shape), seen), ratio)
+    ratio = (
+        float(np.sqrt(np.mean((np.array(errors) / sigmas) ** 2)))
+        if calibration.covariance.size
+        else None
+    )
+    return Score(
+        bend(straight) / floor(calibration, seen),
+        *distances(measured.points.reshape(seen.points.shape), seen),
+        ratio,
+    )
 
 
 def in_pictures(calibration: Calibration, seen: HeldOut, interpolation: int) -> Score:
-    """Lines only: each picture is undistorted with the depth image of its board's plane, and its corners are found once more."""
+    """Lines only: each picture is undistorted with the depth image of its board's plane, and its
+    corners are found once more.
+    """
     measurer, camera = Measurer(calibration), calibration.camera
-    across, down = np.meshgrid(np.arange(camera.width, dtype=np.float64), np.arange(camera.height, dtype=np.float64))
+    across, down = np.meshgrid(
+        np.arange(camera.width, dtype=np.float64), np.arange(camera.height, dtype=np.float64)
+    )
     undistorter, straight = None, []
     for frame, view in zip(seen.session.frames, seen.views, strict=True):
         pose = measurer.board_pose(view).pose
         normal = cv2.Rodrigues(pose[:3])[0][:, 2]
-        k = Undistorter(calibration, 1.0).camera_matrix if undistorter is None else undistorter.camera_matrix
-        towards = normal[0] * (across - k[0, 2]) / k[0, 0] + normal[1] * (down - k[1, 2]) / k[1, 1] + normal[2]
+        k = (
+            Undistorter(calibration, 1.0).camera_matrix
+            if undistorter is None
+            else undistorter.camera_matrix
+        )
+        towards = (
+            normal[0] * (across - k[0, 2]) / k[0, 0]
+            + normal[1] * (down - k[1, 2]) / k[1, 1]
+            + normal[2]
+        )
         depth = (normal @ pose[3:]) / np.where(np.abs(towards) < 1e-9, np.nan, towards)
-        undistorter = undistorter.at(depth) if undistorter else Undistorter(calibration, depth, interpolation=interpolation)
+        undistorter = (
+            undistorter.at(depth)
+            if undistorter
+            else Undistorter(calibration, depth, interpolation=interpolation)
+        )
         found = find_corners(undistorter.undistort(read_grey(frame)), calibration.board)
         assert found, f"no board in the undistorted {frame.name}"
         straight.append(found.corners)
@@ -178,17 +234,28 @@ def peer(rays: Callable[[Array], Array], calibration: Calibration, seen: HeldOut
         turn, shift = cv2.solvePnPRefineLM(board, some, np.eye(3), None, turn, shift)
         pose = np.concatenate([np.ravel(turn), np.ravel(shift)])
         directions = np.column_stack([some, np.ones(len(some))])
-        points.append(intersect(np.zeros_like(directions), directions, np.tile(pose, (len(some), 1))))
-    return Score(bend(tangents * focal(calibration)) / floor(calibration, seen), *distances(np.stack(points), seen))
+        points.append(
+            intersect(np.zeros_like(directions), directions, np.tile(pose, (len(some), 1)))
+        )
+    return Score(
+        bend(tangents * focal(calibration)) / floor(calibration, seen),
+        *distances(np.stack(points), seen),
+    )
 
 
 def opencv(calibration: Calibration) -> Callable[[Array], Array]:
-    board = np.column_stack([calibration.board.points(), np.zeros(calibration.board.count)]).astype(np.float32)
+    board = np.column_stack([calibration.board.points(), np.zeros(calibration.board.count)]).astype(
+        np.float32
+    )
     seen = [view.corners.astype(np.float32)[:, None] for view in calibration.views]
     size = calibration.camera.width, calibration.camera.height
-    _, matrix, lens, *_ = cv2.calibrateCamera([board] * len(seen), seen, size, None, None, flags=cv2.CALIB_RATIONAL_MODEL)
+    _, matrix, lens, *_ = cv2.calibrateCamera(
+        [board] * len(seen), seen, size, None, None, flags=cv2.CALIB_RATIONAL_MODEL
+    )
     fx, fy, cx, cy = (Number(float(matrix[at])) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
-    path, values = pinhole_path(Intrinsics(fx, fy, cx, cy, tuple(Number(float(k)) for k in np.ravel(lens)[:8])))
+    path, values = pinhole_path(
+        Intrinsics(fx, fy, cx, cy, tuple(Number(float(k)) for k in np.ravel(lens)[:8]))
+    )
 
     def rays(pixels: Array) -> Array:
         """OpenCV's own inversion stops after a few steps; this one goes on."""
@@ -203,7 +270,10 @@ def mrcal(calibration: Calibration, scratch: Path) -> Callable[[Array], Array] |
     if not command:
         return None
     folder = Path(tempfile.mkdtemp(dir=scratch))
-    views = [replace(view, name=f"view{i:04d}.png", covariance=None) for i, view in enumerate(calibration.views)]
+    views = [
+        replace(view, name=f"view{i:04d}.png", covariance=None)
+        for i, view in enumerate(calibration.views)
+    ]
     write_corners(folder / "corners.vnl", views)
     board, camera = calibration.board, calibration.camera
     options: dict[str, list[object]] = {
@@ -218,8 +288,14 @@ def mrcal(calibration: Calibration, scratch: Path) -> Callable[[Array], Array] |
     }
     words = [str(word) for name, values in options.items() for word in [name, *values]]
     subprocess.run([command, *words, "view*.png"], check=True, capture_output=True)
-    code = "import mrcal, numpy, sys; f = sys.argv[1]; m = mrcal.cameramodel(f + '/camera-0.cameramodel'); "
-    code += "v = mrcal.unproject(numpy.load(f + '/pixels.npy'), *m.intrinsics()); numpy.save(f + '/rays.npy', v[:, :2] / v[:, 2:])"
+    code = (
+        "import mrcal, numpy, sys; f = sys.argv[1]; m = mrcal.cameramodel(f +"
+        " '/camera-0.cameramodel'); "
+    )
+    code += (
+        "v = mrcal.unproject(numpy.load(f + '/pixels.npy'), *m.intrinsics()); numpy.save(f +"
+        " '/rays.npy', v[:, :2] / v[:, 2:])"
+    )
 
     def rays(pixels: Array) -> Array:
         np.save(folder / "pixels.npy", pixels)
@@ -230,7 +306,9 @@ def mrcal(calibration: Calibration, scratch: Path) -> Callable[[Array], Array] |
 
 
 def bend(pixels: Array) -> float:
-    """RMS px of (V, n, 2) corners of 9x9 boards across the straight lines through their rows and columns."""
+    """RMS px of (V, n, 2) corners of 9x9 boards across the straight lines through their rows and
+    columns.
+    """
     lattice = pixels.reshape(len(pixels), 9, 9, 2)
     lines = np.concatenate([lattice, lattice.swapaxes(1, 2)]).reshape(-1, 9, 2)
     across = np.linalg.svd(lines - lines.mean(1, keepdims=True), compute_uv=False)[:, 1]
@@ -244,11 +322,18 @@ def floor(calibration: Calibration, seen: HeldOut) -> float:
 def distances(points: Array, seen: HeldOut) -> tuple[float, float, float]:
     """RMS mm of all and of those in BAND, and the median of all."""
     pairs = list(combinations(range(len(points)), 2))
-    apart, true = (np.stack([np.linalg.norm(at[i] - at[j], axis=-1) for i, j in pairs]) for at in (points, seen.points))
+    apart, true = (
+        np.stack([np.linalg.norm(at[i] - at[j], axis=-1) for i, j in pairs])
+        for at in (points, seen.points)
+    )
     off = 1e3 * (apart - true)
     depth = seen.points.mean(1)[:, 2]
     within = [all(BAND[0] <= depth[i] <= BAND[1] for i in pair) for pair in pairs]
-    return float(np.sqrt((off**2).mean())), float(np.sqrt((off[within] ** 2).mean())), float(np.median(np.abs(off)))
+    return (
+        float(np.sqrt((off**2).mean())),
+        float(np.sqrt((off[within] ** 2).mean())),
+        float(np.median(np.abs(off))),
+    )
 
 
 def focal(calibration: Calibration) -> float:
@@ -257,11 +342,21 @@ def focal(calibration: Calibration) -> float:
 
 
 def table(name: str, rows: dict[str, Score]) -> Table:
-    heads = ("lines, over noise", "distances 0.25-1.6 m, mm RMS", f"{BAND[0]:g}-{BAND[1]:g} m", "median", "error over sigma, RMS")
+    heads = (
+        "lines, over noise",
+        "distances 0.25-1.6 m, mm RMS",
+        f"{BAND[0]:g}-{BAND[1]:g} m",
+        "median",
+        "error over sigma, RMS",
+    )
     made = Table(name, *heads)
     for row, score in rows.items():
         figures = (score.all_mm, score.band_mm, score.median_mm, score.sigma_ratio)
-        made.add_row(row, f"{score.lines:.2f}", *("" if n is None or np.isnan(n) else f"{n:.3f}" for n in figures))
+        made.add_row(
+            row,
+            f"{score.lines:.2f}",
+            *("" if n is None or np.isnan(n) else f"{n:.3f}" for n in figures),
+        )
     return made
 
 

@@ -1,9 +1,11 @@
-"""What a page for a thumb costs: the app's processor time with one and with a terminal, and what goes over the network.
+"""What a page for a thumb costs: the app's processor time with one and with a terminal, and what
+goes over the network.
 
     python -m benchmarks.phone [--seconds 20]
 
-The app is served on this machine and collects from a recording of 20 frames a second, 1640x1232, of one of a fixture's pictures. A
-window of the one kind, then of the other, takes what it is sent; that of the page says of each picture that it was drawn.
+The app is served on this machine and collects from a recording of 20 frames a second, 1640x1232, of
+one of a fixture's pictures. A window of the one kind, then of the other, takes what it is sent;
+that of the page says of each picture that it was drawn.
 """
 
 import argparse
@@ -68,7 +70,12 @@ async def start(link: ClientWebSocketResponse) -> None:
 async def window(port: int, server: int, seconds: float, *, phone: bool) -> str:
     pictures: list[int] = []
     sizes = 0
-    async with ClientSession() as session, session.ws_connect(f"http://127.0.0.1:{port}/ws?width=120&height=40", max_msg_size=0) as link:
+    async with (
+        ClientSession() as session,
+        session.ws_connect(
+            f"http://127.0.0.1:{port}/ws?width=120&height=40", max_msg_size=0
+        ) as link,
+    ):
         if phone:
             await link.send_json(["phone", {"view": True}])
         started = asyncio.get_running_loop().time()
@@ -81,13 +88,22 @@ async def window(port: int, server: int, seconds: float, *, phone: bool) -> str:
             sizes += len(message.data)
             if message.type is WSMsgType.BINARY and message.data[:1] == b"\xff":
                 pictures.append(len(message.data))
-            elif message.type is WSMsgType.TEXT and (said := json.loads(message.data)[1]) and "number" in said:
+            elif (
+                message.type is WSMsgType.TEXT
+                and (said := json.loads(message.data)[1])
+                and "number" in said
+            ):
                 await link.send_json(["phone", {"drawn": said["number"]}])
         await starting
         length, spent, resident = now - begun, used_s(server) - used, resident_mb(server)
-    line = f"{100 * spent / length:.0f} % of a core, {resident:.0f} MB, {sizes / length / 1000:.0f} kB/s"
+    line = (
+        f"{100 * spent / length:.0f} % of a core, {resident:.0f} MB, {sizes / length / 1000:.0f}"
+        " kB/s"
+    )
     if pictures:
-        line += f", {len(pictures) / length:.1f} pictures a second of {np.mean(pictures) / 1000:.0f} kB"
+        line += (
+            f", {len(pictures) / length:.1f} pictures a second of {np.mean(pictures) / 1000:.0f} kB"
+        )
     return line
 
 
@@ -107,7 +123,9 @@ def encoding_ms() -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seconds", type=float, default=20.0)
     seconds: float = parser.parse_args().seconds
     print(f"reduced and encoded: {encoding_ms():.1f} ms a picture")
@@ -131,7 +149,9 @@ def main() -> None:
                 "--source",
                 f"folder:{source}",
             ]
-            with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+            with subprocess.Popen(
+                command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+            ) as process:
                 assert process.stdout
                 process.stdout.readline()
                 time.sleep(1.0)

@@ -1,6 +1,8 @@
-"""The README's picture: bent lines and straight ones, the screen that guides, how the error falls. `python -m benchmarks.picture`.
+"""The README's picture: bent lines and straight ones, the screen that guides, how the error falls.
+`python -m benchmarks.picture`.
 
-All figures in it are of the fit of `fixtures/bumps`, as `calib fit` prints them, and are printed. The screen is of docs/tui.gif.
+All figures in it are of the fit of `fixtures/bumps`, as `calib fit` prints them, and are printed.
+The screen is of docs/tui.gif.
 """
 
 from pathlib import Path
@@ -39,7 +41,8 @@ def main() -> None:
     calibration = fit(session, Settings(), Silent())
     evidence = gather_evidence(calibration)
     view, lines = max(
-        enumerate(list(lines_across(evidence, view)) for view in range(len(calibration.views))), key=lambda one: _bend(one[1])
+        enumerate(list(lines_across(evidence, view)) for view in range(len(calibration.views))),
+        key=lambda one: _bend(one[1]),
     )
     depth = float(np.median(evidence.depth[evidence.view == view]))
     frame = read_grey(session.path / "frames" / calibration.views[view].name)
@@ -47,15 +50,32 @@ def main() -> None:
     off = np.concatenate([line.undistorted - _on(line.undistorted, line.after) for line in lines])
     left = float(np.sqrt((off**2).sum(-1).mean()))
 
-    figure, panels = plt.subplots(2, 2, figsize=(11, 7.7), gridspec_kw={"wspace": 0.04, "hspace": 0.14})
-    _panel(panels[0, 0], frame, lines, f"Through the cover: lines bend by up to {_bend(lines):.1f} px", after=False)
-    _panel(panels[0, 1], straight, lines, f"Undistorted for {depth:.2f} m: corners straight to {left:.2f} px", after=True)
+    figure, panels = plt.subplots(
+        2, 2, figsize=(11, 7.7), gridspec_kw={"wspace": 0.04, "hspace": 0.14}
+    )
+    _panel(
+        panels[0, 0],
+        frame,
+        lines,
+        f"Through the cover: lines bend by up to {_bend(lines):.1f} px",
+        after=False,
+    )
+    _panel(
+        panels[0, 1],
+        straight,
+        lines,
+        f"Undistorted for {depth:.2f} m: corners straight to {left:.2f} px",
+        after=True,
+    )
     panels[1, 0].imshow(_screen(), interpolation="antialiased")
     panels[1, 0].set_title("The screen guides: where to hold the board next", fontsize=12)
     for panel in panels.flat[:3]:
         panel.set_axis_off()
     _bars(panels[1, 1], [(TITLES[stage.name], stage.rms_px) for stage in calibration.stages])
-    said = f"Rows and columns of the board, continued. What they bend is drawn {MAGNIFIED} times as large, in both pictures alike."
+    said = (
+        f"Rows and columns of the board, continued. What they bend is drawn {MAGNIFIED} times as"
+        " large, in both pictures alike."
+    )
     figure.text(0.5, 0.497, said, ha="center", color="#64748b", fontsize=10)
     figure.savefig("docs/picture.png", dpi=110, bbox_inches="tight")
     print(
@@ -65,7 +85,9 @@ def main() -> None:
     )
 
 
-def _panel(panel: Axes, picture: NDArray[Any], lines: list[Line], title: str, *, after: bool) -> None:
+def _panel(
+    panel: Axes, picture: NDArray[Any], lines: list[Line], title: str, *, after: bool
+) -> None:
     panel.imshow(picture, cmap="gray", vmin=0, vmax=255)
     height, width = picture.shape
     panel.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
@@ -78,7 +100,9 @@ def _panel(panel: Axes, picture: NDArray[Any], lines: list[Line], title: str, *,
 
 def _bars(panel: Axes, errors: list[tuple[str, float]]) -> None:
     places = range(len(errors))[::-1]
-    bars = panel.barh(places, [error for _, error in errors], color=["#b0543a", "#c9a24b", "#3f7d58"], height=0.45)
+    bars = panel.barh(
+        places, [error for _, error in errors], color=["#b0543a", "#c9a24b", "#3f7d58"], height=0.45
+    )
     panel.bar_label(bars, [f" {error:.3f} px" for _, error in errors], fontsize=13)
     for place, (name, _) in zip(places, errors, strict=True):
         panel.text(0, place + 0.27, name, fontsize=11, va="bottom")
@@ -89,7 +113,13 @@ def _bars(panel: Axes, errors: list[tuple[str, float]]) -> None:
 
 def _bend(lines: list[Line]) -> float:
     """px, the most that one of them is away from a straight line."""
-    return max((float(np.linalg.norm(line.before - _on(line.before, line.before), axis=-1).max()) for line in lines), default=0.0)
+    return max(
+        (
+            float(np.linalg.norm(line.before - _on(line.before, line.before), axis=-1).max())
+            for line in lines
+        ),
+        default=0.0,
+    )
 
 
 def _on(points: Array, line: Array) -> Array:
@@ -111,7 +141,9 @@ def _screen() -> NDArray[np.uint8]:
         for number in range(getattr(film, "n_frames", 1)):
             film.seek(number)
             pictures.append(np.asarray(film.convert("RGB")))
-    return max(pictures, key=lambda picture: int((np.abs(picture.astype(int) - GHOST).max(-1) < 60).sum()))
+    return max(
+        pictures, key=lambda picture: int((np.abs(picture.astype(int) - GHOST).max(-1) < 60).sum())
+    )
 
 
 if __name__ == "__main__":

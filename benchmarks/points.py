@@ -1,9 +1,11 @@
 """How fast many rays and points are: `python -m benchmarks.points`.
 
-A cone of the paper, uneven by 8x8 bumps of 30 um, 3280x2464 px. A million pixels' rays, and the pixels of the points that these rays meet
-from 0.15 to 3 m, by `Calibration.rays` and `project`, which take such numbers through the field of rays; to trace the field is within the
-time. Beside them, in the same run: each traced (20,000 of them), and a camera without a cover in OpenCV, five coefficients
-(cv2.undistortPoints, cv2.projectPoints). Medians of three, CPU seconds of one thread. How far the field is from tracing is of the 20,000.
+A cone of the paper, uneven by 8x8 bumps of 30 um, 3280x2464 px. A million pixels' rays, and the
+pixels of the points that these rays meet from 0.15 to 3 m, by `Calibration.rays` and `project`,
+which take such numbers through the field of rays; to trace the field is within the time. Beside
+them, in the same run: each traced (20,000 of them), and a camera without a cover in OpenCV, five
+coefficients (cv2.undistortPoints, cv2.projectPoints). Medians of three, CPU seconds of one thread.
+How far the field is from tracing is of the 20,000.
 """
 
 import os
@@ -45,10 +47,18 @@ def main() -> None:
     origins, directions = calibration.rays(pixels)
     depth = rng.uniform(0.15, 3.0, MANY)
     points = origins + directions * ((depth - origins[:, 2]) / directions[:, 2])[:, None]
-    matrix = np.array([[INTRINSICS.fx.value, 0, INTRINSICS.cx.value], [0, INTRINSICS.fy.value, INTRINSICS.cy.value], [0, 0, 1]])
+    matrix = np.array(
+        [
+            [INTRINSICS.fx.value, 0, INTRINSICS.cx.value],
+            [0, INTRINSICS.fy.value, INTRINSICS.cy.value],
+            [0, 0, 1],
+        ]
+    )
     traced, found = calibration.rays(pixels[:FEW])[1], calibration.project(points[:FEW])
     off = {
-        "rays": float(np.linalg.norm(traced - directions[:FEW], axis=1).max()) * INTRINSICS.fx.value,
+        "rays": (
+            float(np.linalg.norm(traced - directions[:FEW], axis=1).max()) * INTRINSICS.fx.value
+        ),
         "project": float(np.abs(calibration.project(points)[:FEW] - found).max()),
     }
     work: dict[str, tuple[Callable[[], object], Callable[[], object], Callable[[], object]]] = {
@@ -63,13 +73,23 @@ def main() -> None:
             lambda: cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, LENS),
         ),
     }
-    table = Table("million a second", "many", "bar", "each traced", "times", "OpenCV, no cover", "worst, px")
+    table = Table(
+        "million a second", "many", "bar", "each traced", "times", "OpenCV, no cover", "worst, px"
+    )
     cv2.setNumThreads(1)
     with single_thread():
         for name, (ours, each, theirs) in work.items():
             many, few, peer = rate(MANY, ours), rate(FEW, each), rate(MANY, theirs)
             bar = f"{BARS[name]:g} {'met' if many >= BARS[name] else 'MISSED'}"
-            table.add_row(name, f"{many:.2f}", bar, f"{few:.3f}", f"{many / few:.1f}", f"{peer:.2f}", f"{off[name]:.1e}")
+            table.add_row(
+                name,
+                f"{many:.2f}",
+                bar,
+                f"{few:.3f}",
+                f"{many / few:.1f}",
+                f"{peer:.2f}",
+                f"{off[name]:.1e}",
+            )
     Console(width=120).print(table)
     print(f"Load of the machine in the last minute: {os.getloadavg()[0]:.1f}.")
 

@@ -1,15 +1,17 @@
 """How exactly tags are placed, over depth: `python -m benchmarks.pose [--sessions 8]`.
 
-The pictures in fixtures/bumps/tags, which Mitsuba rendered through the 3 mm cone of that session: tags of 50 and 100 mm at 0.2 to 1.5 m,
-two families, six tags to a picture. `calib pose` with the calibration that `fixtures/bumps` gives, against OpenCV on the same pictures: of
-the central cameras with 5, 8 and 12 coefficients that cv2.calibrateCamera fits to the same session, the best on its held-out views;
-solvePnP with SOLVEPNP_IPPE_SQUARE, refined; with the same corners, and with those that cv2.aruco refines itself. Beside them, the central
-camera that `calib export` makes of our calibration for 0.5 m. Errors are root mean squares of the distance, each after the one rigid
-motion of all tags that fits best, as a calibration by boards leaves that open.
+The pictures in fixtures/bumps/tags, which Mitsuba rendered through the 3 mm cone of that session:
+tags of 50 and 100 mm at 0.2 to 1.5 m, two families, six tags to a picture. `calib pose` with the
+calibration that `fixtures/bumps` gives, against OpenCV on the same pictures: of the central cameras
+with 5, 8 and 12 coefficients that cv2.calibrateCamera fits to the same session, the best on its
+held-out views; solvePnP with SOLVEPNP_IPPE_SQUARE, refined; with the same corners, and with those
+that cv2.aruco refines itself. Beside them, the central camera that `calib export` makes of our
+calibration for 0.5 m. Errors are root mean squares of the distance, each after the one rigid motion
+of all tags that fits best, as a calibration by boards leaves that open.
 
-The same of these pictures stored with the tones of sRGB, which make black look narrower. Then many synthetic sessions, whose corners and
-tags come from our own forward projection, each calibrated anew from noisy corners: the error over what is predicted. Last, the time for a
-tag of both.
+The same of these pictures stored with the tones of sRGB, which make black look narrower. Then many
+synthetic sessions, whose corners and tags come from our own forward projection, each calibrated
+anew from noisy corners: the error over what is predicted. Last, the time for a tag of both.
 """
 
 import argparse
@@ -80,7 +82,9 @@ def srgb(grey: NDArray) -> NDArray[np.uint8]:
     return np.rint(255 * curved).astype(np.uint8)
 
 
-def pictures(calibration: Calibration, central: Central, truth: TagTruth, *, curved: bool = False) -> list[Placed]:
+def pictures(
+    calibration: Calibration, central: Central, truth: TagTruth, *, curved: bool = False
+) -> list[Placed]:
     model = best_central(calibration, EXPORTED_AT, OPENCV)
     exported = Central(model.matrix, np.array(model.distortion), model.lens.coefficients, 0.0, 0.0)
     found = []
@@ -88,20 +92,31 @@ def pictures(calibration: Calibration, central: Central, truth: TagTruth, *, cur
         family, grey = name.split("-")[0], read_grey(truth.folder / name)
         grey = srgb(grey) if curved else grey
         theirs = refined(grey.astype(np.uint8), family)
-        for tag in TagLocator(calibration, DICTIONARIES[family], side, side_sigma=0.0).locate(grey).tags:
-            ours, own = central.position(tag.corners, side), central.position(theirs[tag.number], side)
+        for tag in (
+            TagLocator(calibration, DICTIONARIES[family], side, side_sigma=0.0).locate(grey).tags
+        ):
+            ours, own = (
+                central.position(tag.corners, side),
+                central.position(theirs[tag.number], side),
+            )
             by_export = exported.position(tag.corners, side) + model.centre
-            found.append(Placed(picture, tag, truth.translations[picture, tag.number], ours, own, by_export))
+            found.append(
+                Placed(picture, tag, truth.translations[picture, tag.number], ours, own, by_export)
+            )
     return found
 
 
 def refined(grey: NDArray[np.uint8], family: str) -> dict[int, Array]:
-    """(4, 2) px by number, as cv2.aruco refines them by cornerSubPix, in the order of the upright tag."""
+    """(4, 2) px by number, as cv2.aruco refines them by cornerSubPix, in the order of the upright
+    tag.
+    """
     options = cv2.aruco.DetectorParameters()
     options.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARIES[family]))
     corners, numbers, _ = cv2.aruco.ArucoDetector(dictionary, options).detectMarkers(grey)
-    turned = np.roll(np.asarray(corners, np.float64).reshape(-1, 4, 2), 2 if family == "april" else 0, 1)
+    turned = np.roll(
+        np.asarray(corners, np.float64).reshape(-1, 4, 2), 2 if family == "april" else 0, 1
+    )
     return {int(number): own for number, own in zip(np.ravel(numbers), turned, strict=True)}
 
 
@@ -116,20 +131,45 @@ def by_depth(placed: list[Placed], truth: TagTruth, title: str) -> Table:
     left = [np.linalg.norm(aligned(places, true), axis=-1) for places in ways]
     spread = np.array([np.linalg.norm(one.tag.poses[0].sigma[3:]) for one in placed])
     at = np.array([(truth.sides[one.picture], truth.depths[one.picture]) for one in placed])
-    wide = [np.linalg.norm(one.tag.corners - np.roll(one.tag.corners, 1, 0), axis=-1).mean() for one in placed]
-    titles = ("side", "depth", "in the picture", "calib pose", "its sigma", "OpenCV", "ratio", "OpenCV, its corners", "exported for 0.5 m")
+    wide = [
+        np.linalg.norm(one.tag.corners - np.roll(one.tag.corners, 1, 0), axis=-1).mean()
+        for one in placed
+    ]
+    titles = (
+        "side",
+        "depth",
+        "in the picture",
+        "calib pose",
+        "its sigma",
+        "OpenCV",
+        "ratio",
+        "OpenCV, its corners",
+        "exported for 0.5 m",
+    )
     table = Table(*titles, title=f"{title}: error of a tag's place, mm RMS; 12 tags a row")
     for side, depth in np.unique(at, axis=0).tolist():
         here = (at == (side, depth)).all(-1)
-        ours, opencv, own, exported = (1e3 * float(np.sqrt((one[here] ** 2).mean())) for one in left)
+        ours, opencv, own, exported = (
+            1e3 * float(np.sqrt((one[here] ** 2).mean())) for one in left
+        )
         sigma = 1e3 * float(np.sqrt((spread[here] ** 2).mean()))
         cells = (f"{1e3 * side:.0f} mm", f"{depth:g} m", f"{np.mean(np.array(wide)[here]):.0f} px")
-        table.add_row(*cells, f"{ours:.3f}", f"{sigma:.3f}", f"{opencv:.2f}", f"{opencv / ours:.1f}", f"{own:.2f}", f"{exported:.2f}")
+        table.add_row(
+            *cells,
+            f"{ours:.3f}",
+            f"{sigma:.3f}",
+            f"{opencv:.2f}",
+            f"{opencv / ours:.1f}",
+            f"{own:.2f}",
+            f"{exported:.2f}",
+        )
     return table
 
 
 def distances(placed: list[Placed], depths: Array) -> dict[float, float]:
-    """By depth, the error of the distances between tags of one picture over their sigma, root mean square."""
+    """By depth, the error of the distances between tags of one picture over their sigma, root mean
+    square.
+    """
     ratios: dict[float, list[float]] = {}
     for one, other in combinations(placed, 2):
         if one.picture == other.picture:
@@ -144,7 +184,10 @@ def tags_of(made: Scene, depth: float, rng: np.random.Generator) -> tuple[Array,
     places: list[Array] = []
     corners: list[Array] = []
     while len(places) < TAGS:
-        turn, place = cv2.Rodrigues(rng.uniform(-0.6, 0.6, 3))[0], np.array([*rng.uniform(-0.6, 0.6, 2), 1.0]) * depth
+        turn, place = (
+            cv2.Rodrigues(rng.uniform(-0.6, 0.6, 3))[0],
+            np.array([*rng.uniform(-0.6, 0.6, 2), 1.0]) * depth,
+        )
         square = SIDE * SQUARE * [1, -1, 1] @ turn.T + place
         pixels = project(made.path, made.values, torch.from_numpy(square)).numpy()
         if (pixels > 20).all() and (pixels < [WIDTH - 20, HEIGHT - 20]).all():
@@ -154,7 +197,9 @@ def tags_of(made: Scene, depth: float, rng: np.random.Generator) -> tuple[Array,
 
 
 def synthetic(seed: int) -> tuple[Array, list[list[float]]]:
-    """(depths,) m RMS, and by depth the squared error over the predicted variance, of each tag and of all together."""
+    """(depths,) m RMS, and by depth the squared error over the predicted variance, of each tag and
+    of all together.
+    """
     made = scene(seed, 24, (4, 4), 3e-5, NOISE, depths=(0.3, 1.1))
     locator = TagLocator(calibrate(made, Settings()), "DICT_4X4_50", SIDE, side_sigma=0.0)
     rng = np.random.default_rng(seed)
@@ -163,17 +208,36 @@ def synthetic(seed: int) -> tuple[Array, list[list[float]]]:
         true, corners = tags_of(made, depth, rng)
         seen = corners + rng.normal(0, NOISE, corners.shape)
         ways = locator.place(seen, np.broadcast_to(NOISE**2 * np.eye(8), (TAGS, 8, 8)))
-        best = [(one[0], place) for one, place in zip(ways, true, strict=True) if isinstance(one, tuple) and one[0].probability > SURE]
+        best = [
+            (one[0], place)
+            for one, place in zip(ways, true, strict=True)
+            if isinstance(one, tuple) and one[0].probability > SURE
+        ]
         poses, kept = [one for one, _ in best], np.array([place for _, place in best])
-        errors.append(float(np.sqrt((aligned(np.array([one.position for one in poses]), kept) ** 2).sum(-1).mean())))
-        ratios.append([error_over_sigma(poses, kept, together=together) for together in (False, True)])
+        errors.append(
+            float(
+                np.sqrt(
+                    (aligned(np.array([one.position for one in poses]), kept) ** 2).sum(-1).mean()
+                )
+            )
+        )
+        ratios.append(
+            [error_over_sigma(poses, kept, together=together) for together in (False, True)]
+        )
     return np.array(errors), ratios
 
 
-def milliseconds(placed: list[Placed], calibration: Calibration, central: Central, truth: TagTruth) -> tuple[float, float, float]:
-    """For a tag, the least of some repeats: from the picture with its tags read to poses, from corners to poses, and by solvePnP."""
+def milliseconds(
+    placed: list[Placed], calibration: Calibration, central: Central, truth: TagTruth
+) -> tuple[float, float, float]:
+    """For a tag, the least of some repeats: from the picture with its tags read to poses, from
+    corners to poses, and by solvePnP.
+    """
     at = truth.names.index("aruco-050-0500.jpg")
-    grey, locator = read_grey(truth.folder / truth.names[at]).astype(np.uint8), TagLocator(calibration, "DICT_4X4_50", SIDE)
+    grey, locator = (
+        read_grey(truth.folder / truth.names[at]).astype(np.uint8),
+        TagLocator(calibration, "DICT_4X4_50", SIDE),
+    )
     corners = np.array([one.tag.corners for one in placed if one.picture == at])
     noise = np.broadcast_to(NOISE**2 * np.eye(8), (len(corners), 8, 8))
 
@@ -186,37 +250,72 @@ def milliseconds(placed: list[Placed], calibration: Calibration, central: Centra
         return 1e3 * min(spent) / len(corners)
 
     reading = least(lambda: read_markers(grey, "DICT_4X4_50", 1))
-    solved, opencv = least(lambda: locator.place(corners, noise)), least(lambda: [central.position(one, SIDE) for one in corners])
+    solved, opencv = (
+        least(lambda: locator.place(corners, noise)),
+        least(lambda: [central.position(one, SIDE) for one in corners]),
+    )
     return least(lambda: locator.locate(grey)) - reading, solved, opencv
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.pose", description=__doc__)
-    parser.add_argument("--sessions", type=int, default=8, metavar="N", help="synthetic ones, 10 s each")
+    parser.add_argument(
+        "--sessions", type=int, default=8, metavar="N", help="synthetic ones, 10 s each"
+    )
     sessions = parser.parse_args().sessions
     console = Console(width=120)
-    calibration, truth = fit(read_session(FIXTURES / "bumps")), TagTruth.of(FIXTURES / "bumps" / "tags")
+    calibration, truth = (
+        fit(read_session(FIXTURES / "bumps")),
+        TagTruth.of(FIXTURES / "bumps" / "tags"),
+    )
     held, _ = read_views(read_session(FIXTURES / "bumps" / "holdout"), Silent())
     camera = calibration.camera
     assert camera.intrinsics
-    central = Central.best(calibration.views, held, calibration.board, (camera.width, camera.height), camera.intrinsics)
+    central = Central.best(
+        calibration.views, held, calibration.board, (camera.width, camera.height), camera.intrinsics
+    )
     errors_px = f"{central.rms_px:.3f} px, held out {central.held_out_px:.3f}"
     console.print(f"OpenCV's central camera: {central.coefficients} coefficients, {errors_px}.")
     placed = pictures(calibration, central, truth)
     console.print(by_depth(placed, truth, "As rendered"))
-    console.print(by_depth(pictures(calibration, central, truth, curved=True), truth, "Stored with the tones of sRGB"))
+    console.print(
+        by_depth(
+            pictures(calibration, central, truth, curved=True),
+            truth,
+            "Stored with the tones of sRGB",
+        )
+    )
     poses, true = [one.tag.poses[0] for one in placed], np.array([one.true for one in placed])
-    each, together = (error_over_sigma(poses, true, together=together) for together in (False, True))
-    console.print(f"{len(placed)} rendered tags: squared error over predicted variance {each:.2f} each, {together:.2f} together.")
-    told = ", ".join(f"{over:.2f} at {depth:g} m" for depth, over in distances(placed, truth.depths).items())
+    each, together = (
+        error_over_sigma(poses, true, together=together) for together in (False, True)
+    )
+    console.print(
+        f"{len(placed)} rendered tags: squared error over predicted variance {each:.2f} each,"
+        f" {together:.2f} together."
+    )
+    told = ", ".join(
+        f"{over:.2f} at {depth:g} m" for depth, over in distances(placed, truth.depths).items()
+    )
     console.print(f"Distances between tags of a picture, error over sigma: {told}.")
     if sessions:
-        errors, ratios = (np.array(part) for part in zip(*map(synthetic, range(sessions)), strict=True))
-        title = f"{sessions} synthetic sessions, {TAGS} tags of {1e3 * SIDE:.0f} mm to a depth in each"
-        table = Table("depth", "error, mm RMS", "squared error over predicted variance: each", "together", title=title)
+        errors, ratios = (
+            np.array(part) for part in zip(*map(synthetic, range(sessions)), strict=True)
+        )
+        title = (
+            f"{sessions} synthetic sessions, {TAGS} tags of {1e3 * SIDE:.0f} mm to a depth in each"
+        )
+        table = Table(
+            "depth",
+            "error, mm RMS",
+            "squared error over predicted variance: each",
+            "together",
+            title=title,
+        )
         for at, depth in enumerate(DEPTHS):
             table.add_row(
-                f"{depth:g} m", f"{1e3 * np.sqrt((errors[:, at] ** 2).mean()):.3f}", *(f"{ratio:.2f}" for ratio in ratios[:, at].mean(0))
+                f"{depth:g} m",
+                f"{1e3 * np.sqrt((errors[:, at] ** 2).mean()):.3f}",
+                *(f"{ratio:.2f}" for ratio in ratios[:, at].mean(0)),
             )
         console.print(table)
     whole, solved, opencv = milliseconds(placed, calibration, central, truth)

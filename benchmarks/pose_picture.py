@@ -1,4 +1,7 @@
-"""The picture of docs/pose.md: tags placed in a rendered picture, and the error over depth. `python -m benchmarks.pose_picture`."""
+"""The picture of docs/pose.md: tags placed in a rendered picture, and the error over depth.
+
+`python -m benchmarks.pose_picture`.
+"""
 
 import matplotlib as mpl
 import numpy as np
@@ -23,13 +26,20 @@ WAYS = (("calib pose", "#3f7d58", "o-"), ("OpenCV's best central camera", "#b054
 
 
 def main() -> None:
-    calibration, truth = fit(read_session(FIXTURES / "bumps")), TagTruth.of(FIXTURES / "bumps" / "tags")
+    calibration, truth = (
+        fit(read_session(FIXTURES / "bumps")),
+        TagTruth.of(FIXTURES / "bumps" / "tags"),
+    )
     held, _ = read_views(read_session(FIXTURES / "bumps" / "holdout"), Silent())
     camera = calibration.camera
     assert camera.intrinsics
-    central = Central.best(calibration.views, held, calibration.board, (camera.width, camera.height), camera.intrinsics)
+    central = Central.best(
+        calibration.views, held, calibration.board, (camera.width, camera.height), camera.intrinsics
+    )
     placed = pictures(calibration, central, truth)
-    figure, (left, right) = plt.subplots(1, 2, figsize=(13, 4.6), layout="constrained", width_ratios=(1.25, 1))
+    figure, (left, right) = plt.subplots(
+        1, 2, figsize=(13, 4.6), layout="constrained", width_ratios=(1.25, 1)
+    )
     _draw(left, calibration, [one for one in placed if truth.names[one.picture] == SHOWN], truth)
     _chart(right, placed, truth)
     figure.savefig("docs/pose.png", dpi=80)
@@ -39,20 +49,38 @@ def _draw(panel: Axes, calibration: Calibration, placed: list[Placed], truth: Ta
     panel.imshow(read_grey(truth.folder / SHOWN), cmap="gray")
     for one in placed:
         pose, side = one.tag.poses[0], truth.sides[one.picture]
-        ends = calibration.project(pose.position + np.concatenate([np.zeros((1, 3)), 0.8 * side * pose.turn.T * [[1], [1], [-1]]]))
+        ends = calibration.project(
+            pose.position
+            + np.concatenate([np.zeros((1, 3)), 0.8 * side * pose.turn.T * [[1], [1], [-1]]])
+        )
         for end, (_, colour) in zip(ends[1:], AXES, strict=True):
             panel.plot(*np.stack([ends[0], end], -1), color=colour, lw=3)
         x, y, z = 1000 * pose.position
         at_x, at_y = float(one.tag.corners[:, 0].mean()), float(one.tag.corners[:, 1].max()) + 45
-        panel.text(at_x, at_y, f"{x:.2f}, {y:.2f}, {z:.2f}", ha="center", va="top", fontsize=9, color="white")
-    panel.set_title("tags of 50 mm, 0.3 m away, behind the uneven cone: x red, y green, -z blue; mm")
+        panel.text(
+            at_x,
+            at_y,
+            f"{x:.2f}, {y:.2f}, {z:.2f}",
+            ha="center",
+            va="top",
+            fontsize=9,
+            color="white",
+        )
+    panel.set_title(
+        "tags of 50 mm, 0.3 m away, behind the uneven cone: x red, y green, -z blue; mm"
+    )
     panel.set_axis_off()
 
 
 def _chart(panel: Axes, placed: list[Placed], truth: TagTruth) -> None:
     true = np.array([one.true for one in placed])
-    side, depth = (np.array([part[one.picture] for one in placed]) for part in (truth.sides, truth.depths))
-    places = (np.array([one.tag.poses[0].position for one in placed]), np.array([one.opencv for one in placed]))
+    side, depth = (
+        np.array([part[one.picture] for one in placed]) for part in (truth.sides, truth.depths)
+    )
+    places = (
+        np.array([one.tag.poses[0].position for one in placed]),
+        np.array([one.opencv for one in placed]),
+    )
     for (name, colour, mark), found in zip(WAYS, places, strict=True):
         off = 1000 * np.linalg.norm(aligned(found, true), axis=-1)
         for size in np.unique(side).tolist():
@@ -60,8 +88,22 @@ def _chart(panel: Axes, placed: list[Placed], truth: TagTruth) -> None:
             rms = [np.sqrt((off[(side == size) & (depth == one)] ** 2).mean()) for one in at]
             small = size == side.min()
             label, face = f"{name}, {1000 * size:.0f} mm", colour if small else "white"
-            panel.plot(at, rms, mark, color=colour, label=label, markerfacecolor=face, alpha=1 if small else 0.7)
-    panel.set(xscale="log", yscale="log", ylim=(0.003, 30), xlabel="depth, m", ylabel="error of the place, mm RMS")
+            panel.plot(
+                at,
+                rms,
+                mark,
+                color=colour,
+                label=label,
+                markerfacecolor=face,
+                alpha=1 if small else 0.7,
+            )
+    panel.set(
+        xscale="log",
+        yscale="log",
+        ylim=(0.003, 30),
+        xlabel="depth, m",
+        ylabel="error of the place, mm RMS",
+    )
     panel.set_title("the same pictures, the same corners")
     panel.set_xticks([0.2, 0.3, 0.5, 0.75, 1, 1.5], ["0.2", "0.3", "0.5", "0.75", "1", "1.5"])
     panel.minorticks_off()

@@ -1,9 +1,12 @@
-"""How soon the terminal UI answers a key, and how often its picture changes, while it detects boards and refits.
+"""How soon the terminal UI answers a key, and how often its picture changes, while it detects
+boards and refits.
 
     python -m benchmarks.screen [--keys 100] [--runs 3]
 
-The UI runs in a pseudo-terminal of 80x24 on a recording of 20 frames a second, 1640x1232, made of a fixture's pictures, in a session that
-has twelve views already: every new view starts a refit in the guide's process. A key is answered when the screen's new words have come
+The UI runs in a pseudo-terminal of 80x24 on a recording of 20 frames a second, 1640x1232, made of a
+fixture's pictures, in a session that
+has twelve views already: every new view starts a refit in the guide's process. A key is answered
+    when the screen's new words have come
 out of the pseudo-terminal. The target: 95 of 100 keys within 100 ms, and 8 pictures a second.
 """
 
@@ -73,7 +76,9 @@ def record(folder: Path, seconds: float) -> None:
     """The fixture's other poses, each held for a while, over and over."""
     (folder / "frames").mkdir(parents=True)
     rows = ["file,time_s,sequence"]
-    pictures = sorted((FIXTURE / "frames").glob("*.jpg"))[12:] + sorted((FIXTURE / "holdout" / "frames").glob("*.jpg"))
+    pictures = sorted((FIXTURE / "frames").glob("*.jpg"))[12:] + sorted(
+        (FIXTURE / "holdout" / "frames").glob("*.jpg")
+    )
     for number in range(int(seconds * RATE)):
         name = f"{number:05d}.jpg"
         (folder / "frames" / name).symlink_to(pictures[number // SAME % len(pictures)])
@@ -103,8 +108,12 @@ def run(keys: int) -> tuple[np.ndarray, float]:
                 begin = len(terminal.out)
                 pressed = time.monotonic()
                 terminal.press("a")
-                taken.append(terminal.wait(b"auto OFF" if number % 2 == 0 else b"auto ON", begin) - pressed)
-                time.sleep(0.1 + 0.1 * np.random.default_rng(number).random())  # in no step with the pictures
+                taken.append(
+                    terminal.wait(b"auto OFF" if number % 2 == 0 else b"auto ON", begin) - pressed
+                )
+                time.sleep(
+                    0.1 + 0.1 * np.random.default_rng(number).random()
+                )  # in no step with the pictures
             seconds = time.monotonic() - begun
             return np.array(taken), len(ROW.findall(terminal.out[from_byte:])) / seconds
         finally:
@@ -112,7 +121,9 @@ def run(keys: int) -> tuple[np.ndarray, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--keys", type=int, default=100)
     parser.add_argument("--runs", type=int, default=3)
     args = parser.parse_args()
@@ -120,7 +131,10 @@ def main() -> None:
         taken, rate = run(args.keys)
         median, most, worst = 1000 * np.percentile(taken, (50, 95, 100))
         load = os.getloadavg()[0]
-        print(f"key {median:.0f} ms (median), {most:.0f} ms (95 %), {worst:.0f} ms (worst); {rate:.1f} pictures a second; load {load:.1f}")
+        print(
+            f"key {median:.0f} ms (median), {most:.0f} ms (95 %), {worst:.0f} ms (worst);"
+            f" {rate:.1f} pictures a second; load {load:.1f}"
+        )
 
 
 if __name__ == "__main__":

@@ -1,6 +1,8 @@
-"""What `calib fit` takes for many corners, in time and memory: `python -m benchmarks.size [--corners 10000 100000 1000000]`.
+"""What `calib fit` takes for many corners, in time and memory: `python -m benchmarks.size
+[--corners 10000 100000 1000000]`.
 
-Views of one large board behind the paper's cone, from a corners file to the report. Linear means that the last two columns stay.
+Views of one large board behind the paper's cone, from a corners file to the report. Linear means
+that the last two columns stay.
 """
 
 import argparse
@@ -24,21 +26,35 @@ def taken(command: list[str]) -> tuple[int, float, float, float]:
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
         print(said.decode(errors="replace")[-400:], file=sys.stderr)
-    return process.returncode, time.monotonic() - begun, used.ru_utime + used.ru_stime, used.ru_maxrss / 1e6
+    return (
+        process.returncode,
+        time.monotonic() - begun,
+        used.ru_utime + used.ru_stime,
+        used.ru_maxrss / 1e6,
+    )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--corners", type=int, nargs="+", default=[10_000, 100_000, 1_000_000])
     parser.add_argument("--views", type=int, default=10)
     asked = parser.parse_args()
-    print("| corners | views | exit code | s | processor s | GB | processor ms a corner | KB a corner |\n|---|---|---|---|---|---|---|---|")
+    print(
+        "| corners | views | exit code | s | processor s | GB | processor ms a corner | KB a corner"
+        " |\n|---|---|---|---|---|---|---|---|"
+    )
     for corners in asked.corners:
         with TemporaryDirectory() as folder:
             count = write_session(Path(folder), corners, asked.views)
             code, wall, processor, memory = taken([sys.executable, "-m", "calib", "fit", folder])
         each = f"{1e3 * processor / count:.2f} | {1e6 * memory / count:.1f}"
-        print(f"| {count} | {asked.views} | {code} | {wall:.0f} | {processor:.0f} | {memory:.2f} | {each} |", flush=True)
+        print(
+            f"| {count} | {asked.views} | {code} | {wall:.0f} | {processor:.0f} | {memory:.2f} |"
+            f" {each} |",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,9 @@
-"""What scipy's splines would cost where calib.undistortion.spline keeps its own: `python -m benchmarks.splines`.
+"""What scipy's splines would cost where calib.undistortion.spline keeps its own: `python -m
+benchmarks.splines`.
 
-For two components at once, over a 3280x2464 picture with nodes 64, 16 and 4 px apart. In pairs, ours then scipy's, by the time of all
-threads; the ratio is the median of the pairs'. The values must agree.
+For two components at once, over a 3280x2464 picture with nodes 64, 16 and 4 px apart. In pairs,
+ours then scipy's, by the time of all threads; the ratio is the median of the pairs'. The values
+must agree.
 """
 
 import time
@@ -27,7 +29,9 @@ SPACINGS = (64, 16, 4)
 POINTS = (2_000, 8_000, 40_000)
 """Of one step of Newton's method."""
 ROUNDING = 1e-9
-"""px: coordinates of 3280 px in float64, whose errors grow at most 243-fold on their way to coefficients."""
+"""px: coordinates of 3280 px in float64, whose errors grow at most 243-fold on their way to
+coefficients.
+"""
 
 
 def main() -> None:
@@ -38,13 +42,29 @@ def main() -> None:
         values = at + 20 * np.sin(at[..., ::-1] / 500)
         ours, theirs = Spline.through(columns, rows, values), fitted(columns, rows, values)
         nodes = f"{len(columns)}x{len(rows)}"
-        table.add_row(nodes, "fit", *pairs(partial(Spline.through, columns, rows, values), partial(fitted, columns, rows, values)))
-        table.add_row("", "fit, even knots", *pairs(partial(even, values), partial(scipy_even, values)))
+        table.add_row(
+            nodes,
+            "fit",
+            *pairs(
+                partial(Spline.through, columns, rows, values),
+                partial(fitted, columns, rows, values),
+            ),
+        )
+        table.add_row(
+            "", "fit, even knots", *pairs(partial(even, values), partial(scipy_even, values))
+        )
         for count in POINTS:
             points = in_order(count)
-            off = max(np.abs(a - b).max() for a, b in zip(ours.at(points), evaluated(theirs, points), strict=True))
+            off = max(
+                np.abs(a - b).max()
+                for a, b in zip(ours.at(points), evaluated(theirs, points), strict=True)
+            )
             assert off < ROUNDING, off
-            table.add_row("", f"{count} points", *pairs(partial(ours.at, points), partial(evaluated, theirs, points)))
+            table.add_row(
+                "",
+                f"{count} points",
+                *pairs(partial(ours.at, points), partial(evaluated, theirs, points)),
+            )
     Console(width=80).print(table)
 
 
@@ -60,11 +80,15 @@ def evaluated(spline: NdBSpline, points: Array) -> tuple[Array, Array]:
 
 
 def even(values: Array) -> Array:
-    return Spline.through(np.arange(float(values.shape[1])), np.arange(float(values.shape[0])), values).coefficients
+    return Spline.through(
+        np.arange(float(values.shape[1])), np.arange(float(values.shape[0])), values
+    ).coefficients
 
 
 def scipy_even(values: Array) -> Array:
-    """make_interp_spline's, as coefficients of B-splines with even knots: a value less a sixth of its second derivative."""
+    """make_interp_spline's, as coefficients of B-splines with even knots: a value less a sixth of
+    its second derivative.
+    """
     for _ in range(2):
         nodes = np.arange(float(len(values)))
         inner = values - make_interp_spline(nodes, values, 3, check_finite=False)(nodes, 2) / 6
@@ -75,7 +99,9 @@ def scipy_even(values: Array) -> Array:
 
 
 def in_order(count: int) -> Array:
-    """Row by row over the picture, as Newton's method has them, each moved from its place in the row by up to 20 px."""
+    """Row by row over the picture, as Newton's method has them, each moved from its place in the
+    row by up to 20 px.
+    """
     across = round(np.sqrt(count * WIDTH / HEIGHT))
     xs, ys = np.linspace(25, WIDTH - 25, across), np.linspace(25, HEIGHT - 25, count // across)
     at = np.stack(np.meshgrid(xs, ys), -1).reshape(-1, 2)
@@ -85,7 +111,10 @@ def in_order(count: int) -> Array:
 def pairs(ours: Callable[[], object], theirs: Callable[[], object]) -> tuple[str, str]:
     """Our median time, and the median ratio, after a first pair that does not count."""
     spent = [(seconds(ours), seconds(theirs)) for _ in range(PAIRS + 1)][1:]
-    return f"{1e3 * median(own for own, _ in spent):.2f}", f"{median(other / own for own, other in spent):.2f}"
+    return (
+        f"{1e3 * median(own for own, _ in spent):.2f}",
+        f"{median(other / own for own, other in spent):.2f}",
+    )
 
 
 def seconds(work: Callable[[], object]) -> float:

@@ -1,11 +1,15 @@
-"""Whether the maps are as sure as they say: `python -m benchmarks.uncertainty [--repeats 50] [--sessions 100] [--clean 40]`.
+"""Whether the maps are as sure as they say: `python -m benchmarks.uncertainty [--repeats 50]
+[--sessions 100] [--clean 40]`.
 
-Each repeat draws new glass, new board poses and new noise, calibrates, and compares the undistorted position of pixels near the training
-corners with that of the true rays, after the rigid motion of all rays that fits best at the training corners. A ratio of error to
-predicted sigma with a root mean square of 1 is honest; above, the prediction is too small.
+Each repeat draws new glass, new board poses and new noise, calibrates, and compares the undistorted
+position of pixels near the training corners with that of the true rays, after the rigid motion of
+all rays that fits best at the training corners. A ratio of error to predicted sigma with a root
+mean square of 1 is honest; above, the prediction is too small.
 
-The first table's sessions declare the truth, exactly. In the second, every declared number of cover and intrinsics is drawn from its own
-tolerance: the ratio of each session is that of its root mean squares over the depths, and what it has to say is counted. In the third,
+The first table's sessions declare the truth, exactly. In the second, every declared number of cover
+and intrinsics is drawn from its own
+tolerance: the ratio of each session is that of its root mean squares over the depths, and what it
+    has to say is counted. In the third,
 again the truth: what it has to say is a false alarm.
 """
 
@@ -31,7 +35,10 @@ VIEWS = 20
 NOISE = 0.1
 """px per axis"""
 FIGURE = 3e-6
-"""m: the bumps' height. They overlap to six times as much: glass that is uneven by 20 um, twice what cheap windows are."""
+"""m: the bumps' height.
+
+They overlap to six times as much: glass that is uneven by 20 um, twice what cheap windows are.
+"""
 
 
 @dataclass(frozen=True)
@@ -59,12 +66,26 @@ def outcome(seed: int, views: int, wrong: bool, free: str) -> Outcome:
 def _outcome(seed: int, views: int, wrong: bool, free: str) -> Outcome:
     cover = paper_cone()
     made = scene(seed, views, (4, 4), FIGURE, NOISE, cover=cover)
-    said = misdeclared(np.random.default_rng(seed), INTRINSICS, cover) if wrong else (INTRINSICS, cover)
+    said = (
+        misdeclared(np.random.default_rng(seed), INTRINSICS, cover)
+        if wrong
+        else (INTRINSICS, cover)
+    )
     found = calibrated(made, Setup(made.board, CAMERA, *said), Settings(free=(free,)))
-    off, predicted = zip(*((np.sqrt(np.mean(e**2)), np.sqrt(np.mean(s**2))) for e, s in errors(made, found)), strict=True)
+    off, predicted = zip(
+        *((np.sqrt(np.mean(e**2)), np.sqrt(np.mean(s**2))) for e, s in errors(made, found)),
+        strict=True,
+    )
     verdict = judge(found)
     contradicted = tuple(one.name for one in comparisons(found) if one.contradicted)
-    return Outcome(seed, off, predicted, contradicted, verdict.word.value, tuple(reason.sentence for reason in verdict.reasons))
+    return Outcome(
+        seed,
+        off,
+        predicted,
+        contradicted,
+        verdict.word.value,
+        tuple(reason.sentence for reason in verdict.reasons),
+    )
 
 
 def exact(seed: int, bumps: int, amplitude: float) -> list[tuple[float, float, float]]:
@@ -72,25 +93,47 @@ def exact(seed: int, bumps: int, amplitude: float) -> list[tuple[float, float, f
     with single_thread():
         made = scene(seed, VIEWS, (bumps, bumps), amplitude, NOISE, cover=GLASS)
         found = errors(made, calibrate(made, Settings()))
-        return [(float(np.mean(e**2)), float(np.mean(s**2)), float(np.mean((e / s) ** 2))) for e, s in found]
+        return [
+            (float(np.mean(e**2)), float(np.mean(s**2)), float(np.mean((e / s) ** 2)))
+            for e, s in found
+        ]
 
 
 def exactly_declared(repeats: int, pool: Workers) -> Table:
-    table = Table("glass", *(f"{depth} m: error, predicted px; ratio" for depth in DEPTHS), "ratio in all", title="The truth, exactly")
+    table = Table(
+        "glass",
+        *(f"{depth} m: error, predicted px; ratio" for depth in DEPTHS),
+        "ratio in all",
+        title="The truth, exactly",
+    )
     for bumps, amplitude in ((4, 1e-5), (10, 1e-5)):
         rows = [(seed, bumps, amplitude) for seed in range(100, 100 + repeats)]
         roots = np.sqrt(np.mean(list(pool.each(exact, rows, f"{bumps}x{bumps} bumps")), axis=0))
         cells = (f"{error:.3f}, {sigma:.3f}; {ratio:.2f}" for error, sigma, ratio in roots)
-        table.add_row(f"{bumps}x{bumps}, {amplitude:g} m", *cells, f"{np.sqrt((roots[:, 2] ** 2).mean()):.2f}")
+        table.add_row(
+            f"{bumps}x{bumps}, {amplitude:g} m", *cells, f"{np.sqrt((roots[:, 2] ** 2).mean()):.2f}"
+        )
     return table
 
 
 def spread(found: list[Outcome], title: str) -> Table:
-    table = Table("depth", "map error: median, root mean square, worst", "predicted: median", title=f"{len(found)} sessions, {title}")
-    off, predicted = np.array([one.off for one in found]), np.array([one.predicted for one in found])
+    table = Table(
+        "depth",
+        "map error: median, root mean square, worst",
+        "predicted: median",
+        title=f"{len(found)} sessions, {title}",
+    )
+    off, predicted = (
+        np.array([one.off for one in found]),
+        np.array([one.predicted for one in found]),
+    )
     for depth, error, sigma in zip(DEPTHS, off.T, predicted.T, strict=True):
         root = np.sqrt(np.mean(error**2))
-        table.add_row(f"{depth} m", f"{np.median(error):.3f}, {root:.3f}, {error.max():.3f} px", f"{np.median(sigma):.3f} px")
+        table.add_row(
+            f"{depth} m",
+            f"{np.median(error):.3f}, {root:.3f}, {error.max():.3f} px",
+            f"{np.median(sigma):.3f} px",
+        )
     return table
 
 
@@ -98,32 +141,52 @@ def said(console: Console, found: list[Outcome], title: str) -> None:
     console.print(spread(found, title))
     ratios = np.array([one.ratio for one in found])
     console.print(
-        f"Map error over predicted sigma: median {np.median(ratios):.2f}, root mean square {np.sqrt(np.mean(ratios**2)):.2f}, "
-        f"above 2.5 in {100 * np.mean(ratios > 2.5):.0f} %."
+        f"Map error over predicted sigma: median {np.median(ratios):.2f}, root mean square"
+        f" {np.sqrt(np.mean(ratios**2)):.2f}, above 2.5 in {100 * np.mean(ratios > 2.5):.0f} %."
     )
-    console.print(f"Numbers called contradicted: {dict(Counter(name for one in found for name in one.contradicted))}.")
+    console.print(
+        "Numbers called contradicted:"
+        f" {dict(Counter(name for one in found for name in one.contradicted))}."
+    )
     console.print(f"Verdicts: {dict(Counter(one.word for one in found))}.")
-    for sentence, count in Counter(reason.split(":")[0][:90] for one in found for reason in one.reasons).most_common():
+    for sentence, count in Counter(
+        reason.split(":")[0][:90] for one in found for reason in one.reasons
+    ).most_common():
         console.print(f"{count}: {sentence}", markup=False)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--repeats", type=int, default=50)
     parser.add_argument("--sessions", type=int, default=100)
     parser.add_argument("--clean", type=int, default=40)
-    parser.add_argument("--views", type=int, default=30, help="of those sessions: so many fill the picture at random")
+    parser.add_argument(
+        "--views",
+        type=int,
+        default=30,
+        help="of those sessions: so many fill the picture at random",
+    )
     parser.add_argument("--first", type=int, default=2000, help="their first seed")
-    parser.add_argument("--free", choices=(AUTO, ALL, NONE), default=AUTO, help="how they are fitted")
+    parser.add_argument(
+        "--free", choices=(AUTO, ALL, NONE), default=AUTO, help="how they are fitted"
+    )
     add_workers(parser)
     asked = parser.parse_args()
     console = Console(width=140)
     with workers_of(asked) as pool:
         if asked.repeats:
             console.print(exactly_declared(asked.repeats, pool))
-        for count, wrong, title in ((asked.sessions, True, "every number drawn"), (asked.clean, False, "every number true")):
+        for count, wrong, title in (
+            (asked.sessions, True, "every number drawn"),
+            (asked.clean, False, "every number true"),
+        ):
             if count:
-                rows = [(seed, asked.views, wrong, asked.free) for seed in range(asked.first, asked.first + count)]
+                rows = [
+                    (seed, asked.views, wrong, asked.free)
+                    for seed in range(asked.first, asked.first + count)
+                ]
                 said(console, list(pool.each(outcome, rows, "Sessions")), title)
         console.print(pool.scaled)
 

@@ -1,7 +1,9 @@
-"""How fast pictures are undistorted, and what a file that holds all depths is worth: `python -m benchmarks.undistort`.
+"""How fast pictures are undistorted, and what a file that holds all depths is worth: `python -m
+benchmarks.undistort`.
 
-A cone of the paper, uneven by 8x8 bumps of 30 um. Times are medians; the stream alternates frame by frame with bare cv2.remap on the same
-maps into the same kind of buffer. Every figure has its bar, and the exit code says whether all are met.
+A cone of the paper, uneven by 8x8 bumps of 30 um. Times are medians; the stream alternates frame by
+frame with bare cv2.remap on the same maps into the same kind of buffer. Every figure has its bar,
+and the exit code says whether all are met.
 """
 
 import os
@@ -54,9 +56,14 @@ def main() -> int:
     rows = [*streaming(made), new_map(made), depth_images(made), *saved(made)]
     table = Table("", "measured", "bar", "")
     for what, value, bar, text in rows:
-        table.add_row(what, f"{value:.3g}", f"{text} {bar:g}", "met" if met(value, bar, text) else "MISSED")
+        table.add_row(
+            what, f"{value:.3g}", f"{text} {bar:g}", "met" if met(value, bar, text) else "MISSED"
+        )
     Console(width=110).print(table)
-    print(f"OpenCV {cv2.__version__}, {cv2.getNumThreads()} threads. Load of the machine in the last minute: {os.getloadavg()[0]:.1f}.")
+    print(
+        f"OpenCV {cv2.__version__}, {cv2.getNumThreads()} threads. Load of the machine in the last"
+        f" minute: {os.getloadavg()[0]:.1f}."
+    )
     return int(not all(met(*row[1:]) for row in rows))
 
 
@@ -74,17 +81,37 @@ def streaming(made: Scene) -> list[Row]:
         ratios, spent = [], []
         for _ in range(FRAMES):
             took = seconds(partial(undistorter.undistort, frame, ours))
-            ratios.append(took.wall / seconds(partial(cv2.remap, frame, *undistorter.maps, cv2.INTER_LINEAR, bare)).wall)
+            ratios.append(
+                took.wall
+                / seconds(partial(cv2.remap, frame, *undistorter.maps, cv2.INTER_LINEAR, bare)).wall
+            )
             spent.append(took)
         assert np.array_equal(ours, bare)
-        rows.append((f"stream 1920x1080 {name}, over bare cv2.remap ({1e3 * typical(spent).wall:.1f} ms)", median(ratios), 1.1, "at most"))
+        rows.append(
+            (
+                (
+                    f"stream 1920x1080 {name}, over bare cv2.remap"
+                    f" ({1e3 * typical(spent).wall:.1f} ms)"
+                ),
+                median(ratios),
+                1.1,
+                "at most",
+            )
+        )
     return rows
 
 
 def new_map(made: Scene) -> Row:
     field = known(made, WIDTH, HEIGHT).ray_field()
-    took = typical([seconds(partial(field.map_at, depth)) for depth in np.linspace(0.3, 1.0, MAPS).tolist()])
-    return f"a new depth's map at {WIDTH}x{HEIGHT}, s (cpu {took.cpu:.3f})", took.wall, 0.25, "at most"
+    took = typical(
+        [seconds(partial(field.map_at, depth)) for depth in np.linspace(0.3, 1.0, MAPS).tolist()]
+    )
+    return (
+        f"a new depth's map at {WIDTH}x{HEIGHT}, s (cpu {took.cpu:.3f})",
+        took.wall,
+        0.25,
+        "at most",
+    )
 
 
 def depth_images(made: Scene) -> Row:
@@ -97,7 +124,12 @@ def depth_images(made: Scene) -> Row:
         undistorter.at(depth).undistort(frame, straight)
 
     took = typical([seconds(partial(show, depths[i % 3])) for i in range(MAPS)])
-    return f"a depth for each pixel at 1640x1232, frames/s (cpu {took.cpu:.3f} s a frame)", 1 / took.wall, 5, "at least"
+    return (
+        f"a depth for each pixel at 1640x1232, frames/s (cpu {took.cpu:.3f} s a frame)",
+        1 / took.wall,
+        5,
+        "at least",
+    )
 
 
 def saved(made: Scene) -> list[Row]:
@@ -113,14 +145,24 @@ def saved(made: Scene) -> list[Row]:
     k = INTRINSICS
     worst = 0.0
     for depth in DEPTHS:
-        points = np.column_stack([(h - k.cx.value) / k.fx.value, (v - k.cy.value) / k.fy.value, np.ones(h.size)]) * depth
+        points = (
+            np.column_stack(
+                [(h - k.cx.value) / k.fx.value, (v - k.cy.value) / k.fy.value, np.ones(h.size)]
+            )
+            * depth
+        )
         seen = project(*calibration.model(), torch.from_numpy(points)).numpy()
         at = field.map_at(depth)
         off = np.hypot(at.x[v, h] - seen[:, 0], at.y[v, h] - seen[:, 1])[at.valid[v, h]]
         worst = max(worst, float(off.max()))
     return [
         ("a saved calibration with all depths, MB", size / 1e6, 2, "at most"),
-        (f"its maps off tracing, every {EVERY}th pixel, {DEPTHS[0]:g}-{DEPTHS[-1]:g} m, px", worst, 0.01, "at most"),
+        (
+            f"its maps off tracing, every {EVERY}th pixel, {DEPTHS[0]:g}-{DEPTHS[-1]:g} m, px",
+            worst,
+            0.01,
+            "at most",
+        ),
     ]
 
 

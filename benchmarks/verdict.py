@@ -1,6 +1,8 @@
-"""What the verdict says of rendered and of synthetic sessions, and how long it takes: the figures of docs/verdict.md.
+"""What the verdict says of rendered and of synthetic sessions, and how long it takes: the figures
+of docs/verdict.md.
 
-`python -m benchmarks.verdict` for the rendered ones, `python -m benchmarks.verdict synthetic` for random ones without any fault.
+`python -m benchmarks.verdict` for the rendered ones, `python -m benchmarks.verdict synthetic` for
+random ones without any fault.
 """
 
 import sys
@@ -37,20 +39,31 @@ def rows(name: str, folder: Path) -> Iterator[str]:
             verdict = judge(calibration)
             spent = time.process_time() - begun
         command = " ".join(verdict.next.split()[:2])
-        yield f"| {name} | {said} | {verdict.word.value} | {', '.join(verdict.suspects)} | `{command}` | {spent:.2f} |"
+        yield (
+            f"| {name} | {said} | {verdict.word.value} | {', '.join(verdict.suspects)} |"
+            f" `{command}` | {spent:.2f} |"
+        )
 
 
 def faultless(seed: int, rng: np.random.Generator) -> tuple[str, Scene]:
     """A synthetic scene, and what it is of."""
-    views, noise, bumps = int(rng.integers(15, 30)), float(rng.choice([0.02, 0.05, 0.1, 0.2])), float(rng.choice([1e-6, 5e-6, 1e-5]))
+    views, noise, bumps = (
+        int(rng.integers(15, 30)),
+        float(rng.choice([0.02, 0.05, 0.1, 0.2])),
+        float(rng.choice([1e-6, 5e-6, 1e-5])),
+    )
     glass = float(rng.choice([0.00115, 0.003, 0.005]))
-    made = scene(seed, views=views, noise=noise, amplitude=bumps, depths=(0.3, 1.2), cover=paper_cone(glass))
+    made = scene(
+        seed, views=views, noise=noise, amplitude=bumps, depths=(0.3, 1.2), cover=paper_cone(glass)
+    )
     return f"{views} views, {noise:g} px, bumps of {1e6 * bumps:g} µm on {1e3 * glass:g} mm", made
 
 
 def main() -> None:
     """The tables."""
-    print("| session | numbers | word | suspects | next | judged in, s |\n|---|---|---|---|---|---|")
+    print(
+        "| session | numbers | word | suspects | next | judged in, s |\n|---|---|---|---|---|---|"
+    )
     if sys.argv[1:] != ["synthetic"]:
         for name in RENDERED:
             print(*rows(name, FIXTURES / name), sep="\n", flush=True)
@@ -59,8 +72,12 @@ def main() -> None:
     for seed in SEEDS:
         title, made = faultless(seed, rng)
         with TemporaryDirectory() as folder:
-            setup = session_to_yaml(made.board, Camera(WIDTH, HEIGHT, intrinsics=INTRINSICS), made.cover)
-            (Path(folder) / "session.yaml").write_text(yaml.safe_dump({"format": 1, **setup, "corners": "corners.vnl"}))
+            setup = session_to_yaml(
+                made.board, Camera(WIDTH, HEIGHT, intrinsics=INTRINSICS), made.cover
+            )
+            (Path(folder) / "session.yaml").write_text(
+                yaml.safe_dump({"format": 1, **setup, "corners": "corners.vnl"})
+            )
             write_corners(Path(folder) / "corners.vnl", made.views)
             print(*rows(title, Path(folder)), sep="\n", flush=True)
 

@@ -1,7 +1,8 @@
-"""Pictures of a checkerboard, made fast: a print warped by a homography, apart from `calib` and from the renderer of the fixtures.
+"""Pictures of a checkerboard, made fast: a print warped by a homography, apart from `calib` and
+from the renderer of the fixtures.
 
-The print is warped into a picture of 3x3 samples per pixel, blurred there by lens and motion, put before a background of clutter, dimmed
-towards the corners, and given the noise of a sensor.
+The print is warped into a picture of 3x3 samples per pixel, blurred there by lens and motion, put
+before a background of clutter, dimmed towards the corners, and given the noise of a sensor.
 """
 
 from dataclasses import dataclass
@@ -28,13 +29,21 @@ class View:
         """(H, W): with the noise of reading and of photons, and cut off."""
         light = gain * self.light
         noise = rng.standard_normal(light.shape, np.float32)
-        return np.asarray(np.clip(np.rint(light + noise * np.sqrt(1 + light / 150)), 0, 255), np.uint8)
+        return np.asarray(
+            np.clip(np.rint(light + noise * np.sqrt(1 + light / 150)), 0, 255), np.uint8
+        )
 
 
 def warped_view(
-    rng: np.random.Generator, columns: int, rows: int, size: tuple[int, int], defocus: float = 0.6, motion: tuple[float, float] = (0, 0)
+    rng: np.random.Generator,
+    columns: int,
+    rows: int,
+    size: tuple[int, int],
+    defocus: float = 0.6,
+    motion: tuple[float, float] = (0, 0),
 ) -> View:
-    """A board in a random pose, wholly in a picture of this width and height, its squares at least 13 px apart.
+    """A board in a random pose, wholly in a picture of this width and height, its squares at least
+    13 px apart.
 
     Args:
         defocus: px, sigma of the lens's blur.
@@ -45,15 +54,27 @@ def warped_view(
     fine_from_px = np.array([[FINE, 0, (FINE - 1) / 2], [0, FINE, (FINE - 1) / 2], [0, 0, 1]])
     sheet = _print(columns, rows)
     fine_size = FINE * width, FINE * height
-    paper = cv2.warpPerspective(sheet, fine_from_px @ px_from_print, fine_size, flags=cv2.INTER_NEAREST)
+    paper = cv2.warpPerspective(
+        sheet, fine_from_px @ px_from_print, fine_size, flags=cv2.INTER_NEAREST
+    )
     clutter = cv2.resize(_clutter(rng, size), fine_size, interpolation=cv2.INTER_NEAREST)
-    fine = cv2.GaussianBlur(np.where(paper > 0, paper, clutter).astype(np.float32), (0, 0), FINE * defocus)
+    fine = cv2.GaussianBlur(
+        np.where(paper > 0, paper, clutter).astype(np.float32), (0, 0), FINE * defocus
+    )
     if any(motion):
         fine = cv2.filter2D(fine, -1, _streak(FINE * motion[0], FINE * motion[1]))
     light = np.asarray(cv2.resize(fine, size, interpolation=cv2.INTER_AREA), np.float32)
-    u, v = np.linspace(-1, 1, width, dtype=np.float32), np.linspace(-1, 1, height, dtype=np.float32)[:, None]
-    inner = np.stack(np.meshgrid(np.arange(1, columns + 1), np.arange(1, rows + 1)), -1).reshape(-1, 2) + MARGIN
-    corners = np.asarray(cv2.perspectiveTransform((inner * TEXEL - 0.5).reshape(-1, 1, 2), px_from_print), np.float64).reshape(-1, 2)
+    u, v = (
+        np.linspace(-1, 1, width, dtype=np.float32),
+        np.linspace(-1, 1, height, dtype=np.float32)[:, None],
+    )
+    inner = (
+        np.stack(np.meshgrid(np.arange(1, columns + 1), np.arange(1, rows + 1)), -1).reshape(-1, 2)
+        + MARGIN
+    )
+    corners = np.asarray(
+        cv2.perspectiveTransform((inner * TEXEL - 0.5).reshape(-1, 1, 2), px_from_print), np.float64
+    ).reshape(-1, 2)
     return View(light * np.float32(rng.uniform(0.6, 1.0)) * (1 - 0.12 * (u**2 + v**2)), corners)
 
 
@@ -68,14 +89,27 @@ def motion_blurred(picture: NDArray, motion: tuple[float, float]) -> NDArray:
     return np.asarray(cv2.filter2D(picture, -1, _streak(*motion), borderType=cv2.BORDER_REPLICATE))
 
 
-def _pose(rng: np.random.Generator, columns: int, rows: int, size: tuple[int, int]) -> NDArray[np.float64]:
-    """(3, 3) px from the print's pixels, drawn until the board with half its margin is in the picture and large enough."""
+def _pose(
+    rng: np.random.Generator, columns: int, rows: int, size: tuple[int, int]
+) -> NDArray[np.float64]:
+    """(3, 3) px from the print's pixels, drawn until the board with half its margin is in the
+    picture and large enough.
+    """
     focal = 0.78 * size[0]
     camera = np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1]])
     wide, high = columns + 1 + 2 * MARGIN, rows + 1 + 2 * MARGIN
-    squares_from_texels = np.array([[1 / TEXEL, 0, -wide / 2], [0, 1 / TEXEL, -high / 2], [0, 0, 1]])
+    squares_from_texels = np.array(
+        [[1 / TEXEL, 0, -wide / 2], [0, 1 / TEXEL, -high / 2], [0, 0, 1]]
+    )
     edge = MARGIN * TEXEL / 2
-    outline = np.array([[edge, edge], [wide * TEXEL - edge, edge], [edge, high * TEXEL - edge], [wide * TEXEL - edge, high * TEXEL - edge]])
+    outline = np.array(
+        [
+            [edge, edge],
+            [wide * TEXEL - edge, edge],
+            [edge, high * TEXEL - edge],
+            [wide * TEXEL - edge, high * TEXEL - edge],
+        ]
+    )
     while True:
         rotation = np.eye(3)
         for axis, most in zip(np.eye(3), (0.7, 0.7, np.pi), strict=True):
@@ -84,7 +118,9 @@ def _pose(rng: np.random.Generator, columns: int, rows: int, size: tuple[int, in
         place = np.array([*rng.uniform(-0.5, 0.5, 2) * np.array(size) / focal * distance, distance])
         px_from_print = camera @ np.column_stack([rotation[:, :2], place]) @ squares_from_texels
         seen = cv2.perspectiveTransform(outline.reshape(-1, 1, 2), px_from_print).reshape(-1, 2)
-        sides = np.linalg.norm(np.diff(seen[[0, 1, 3, 2, 0]], axis=0), axis=1) / np.array([wide - 1, high - 1, wide - 1, high - 1])
+        sides = np.linalg.norm(np.diff(seen[[0, 1, 3, 2, 0]], axis=0), axis=1) / np.array(
+            [wide - 1, high - 1, wide - 1, high - 1]
+        )
         if (seen > 0).all() and (seen < np.array(size) - 1).all() and sides.min() > 13:
             return np.asarray(px_from_print)
 

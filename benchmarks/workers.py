@@ -1,6 +1,8 @@
-"""Where a large benchmark's sessions run: in processes of this machine, or on a Dask cluster by the adapter of `calib batch`.
+"""Where a large benchmark's sessions run: in processes of this machine, or on a Dask cluster by the
+adapter of `calib batch`.
 
-A cluster's workers need this checkout, at the same place: python -m benchmarks.diagnosis --scheduler tcp://head:8786
+A cluster's workers need this checkout, at the same place: python -m benchmarks.diagnosis
+--scheduler tcp://head:8786
 """
 
 from __future__ import annotations
@@ -64,7 +66,9 @@ class Workers:
         """Args: function: of a module that workers can import, or of the one that was started."""
         return Session(self.submit_one(timed, importable(function), *arguments), self)
 
-    def each(self, function: Callable[..., T], rows: Sequence[Sequence[object]], title: str) -> Iterator[T]:
+    def each(
+        self, function: Callable[..., T], rows: Sequence[Sequence[object]], title: str
+    ) -> Iterator[T]:
         """Results in the order of their arguments."""
         for one in track([self.submit(function, *row) for row in rows], title, transient=True):
             yield one.result()
@@ -75,16 +79,30 @@ class Workers:
         workers = f"{count} worker{'s' * (count != 1)}"
         longest = max(self.spent, default=0.0)
         return (
-            f"{len(self.spent)} sessions in {wall:.0f} s on {workers}: {work:.0f} s of work, {work / wall:.2f} times as fast as one after "
-            f"the other, {100 * work / wall / max(1, count):.0f} % of the workers' time; the longest took {longest:.0f} s."
+            f"{len(self.spent)} sessions in {wall:.0f} s on {workers}: {work:.0f} s of work,"
+            f" {work / wall:.2f} times as fast as one after the other,"
+            f" {100 * work / wall / max(1, count):.0f} % of the workers' time; the longest took"
+            f" {longest:.0f} s."
         )
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("--jobs", type=int, default=1, help="sessions at once, in processes of this machine (default: %(default)s)")
-    where.add_argument("--scheduler", default="", metavar="ADDRESS", help="a Dask cluster that exists, such as tcp://head:8786")
-    where.add_argument("--jobqueue", default="", choices=[*QUEUES], help="send workers as jobs of this queue")
+    where.add_argument(
+        "--jobs",
+        type=int,
+        default=1,
+        help="sessions at once, in processes of this machine (default: %(default)s)",
+    )
+    where.add_argument(
+        "--scheduler",
+        default="",
+        metavar="ADDRESS",
+        help="a Dask cluster that exists, such as tcp://head:8786",
+    )
+    where.add_argument(
+        "--jobqueue", default="", choices=[*QUEUES], help="send workers as jobs of this queue"
+    )
     parser.add_argument("--workers", type=int, metavar="N", help="of the queue")
 
 
@@ -96,7 +114,9 @@ def workers_of(options: argparse.Namespace) -> Iterator[Workers]:
             yield Workers(pool.submit, lambda: options.jobs)
         return
     try:
-        with client_of(Place(options.scheduler, options.jobqueue, options.workers), CHECKOUT) as client:
+        with client_of(
+            Place(options.scheduler, options.jobqueue, options.workers), CHECKOUT
+        ) as client:
 
             def submit(function: Callable[..., Any], /, *arguments: object) -> Future:
                 return client.submit(function, *arguments, pure=False)  # type: ignore[no-any-return]

@@ -1,4 +1,5 @@
-"""Calibrates a camera that looks through a refractive cover: the whole interface of the library, which docs/library.md shows at work.
+"""Calibrates a camera that looks through a refractive cover: the whole interface of the library,
+which docs/library.md shows at work.
 
 A name is imported when it is first asked for, so that reading a session does not wait for torch.
 """

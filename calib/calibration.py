@@ -1,6 +1,8 @@
-"""The result: what rays a camera behind a cover sees along, with everything that it was fitted from.
+"""The result: what rays a camera behind a cover sees along, with everything that it was fitted
+from.
 
-calibration.yaml is for people, calibration.npz beside it holds the arrays. Together they are enough to fit again.
+calibration.yaml is for people, calibration.npz beside it holds the arrays. Together they are enough
+to fit again.
 """
 
 import math
@@ -52,7 +54,12 @@ LOOKS = 2
 
 MANY = 20_000
 """Rays or points for which it pays to trace a field first."""
-TITLES = {"pinhole": "camera alone", "cover": "smooth cover", "cover+rbf": "uneven cover", "cover+rbf+effects": "effects found"}
+TITLES = {
+    "pinhole": "camera alone",
+    "cover": "smooth cover",
+    "cover+rbf": "uneven cover",
+    "cover+rbf+effects": "effects found",
+}
 """The stages of a fit as people are told them."""
 
 
@@ -74,12 +81,16 @@ class Stage:
 
 @dataclass(frozen=True, slots=True)
 class Declared:
-    """What the session says of the camera and its cover, each number with its tolerance: its prior's standard deviation; 0 where held."""
+    """What the session says of the camera and its cover, each number with its tolerance: its
+    prior's standard deviation; 0 where held.
+    """
 
     intrinsics: Intrinsics
     cover: Cover
     doubted: tuple[str, ...] = ()
-    """Numbers that the views contradict, as the ray path calls them: the fit widened their prior by calib.estimation.doubt.DOUBT."""
+    """Numbers that the views contradict, as the ray path calls them: the fit widened their prior by
+    calib.estimation.doubt.DOUBT.
+    """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,13 +118,17 @@ class Calibration:
     views: tuple[View, ...]
     """The views that it was fitted to."""
     poses: NDArray[np.float64]
-    """(V, 6) T_camera_board of each view: rotation vector (rad) and translation (m); (V, 12) where boards move during the readout."""
+    """(V, 6) T_camera_board of each view: rotation vector (rad) and translation (m); (V, 12) where
+    boards move during the readout.
+    """
     covariance: NDArray[np.float64]
     """(S, S) of `camera_model().parameters`, poses marginalised. (0, 0): not estimated."""
     rejected: tuple[Rejected, ...]
     stages: tuple[Stage, ...]
     noise_px: float
-    """The corners' noise, root mean square of the two-dimensional error, from the residual's short-scale part."""
+    """The corners' noise, root mean square of the two-dimensional error, from the residual's
+    short-scale part.
+    """
     settings: dict[str, Any]
     """What the fit was asked to do."""
     gauge: str
@@ -125,16 +140,22 @@ class Calibration:
     refracal: str = VERSION
     """The version that made it."""
     corners_at: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
-    """(N, 3) px and m, of a calibration that was put into another medium and has no views: where training corners were, and their depth."""
+    """(N, 3) px and m, of a calibration that was put into another medium and has no views: where
+    training corners were, and their depth.
+    """
 
     @property
     def observations(self) -> Observations:
         """The seen corners of its views, with when each was seen."""
-        return Observations.of(self.views, self.board).timed(capture_times(self.views), self.camera.height)
+        return Observations.of(self.views, self.board).timed(
+            capture_times(self.views), self.camera.height
+        )
 
     @property
     def declared(self) -> Declared:
-        """The means and standard deviations of the priors that camera and cover were fitted with."""
+        """The means and standard deviations of the priors that camera and cover were fitted
+        with.
+        """
         assert self.camera.intrinsics
         return self.stated or Declared(self.camera.intrinsics, self.cover)
 
@@ -147,25 +168,37 @@ class Calibration:
             values["relief.amplitudes"] = torch.from_numpy(self.amplitudes)
         for found in self.effects:
             path = found.effect.apply(path)
-            values |= {name: torch.from_numpy(value) for name, (value, _) in found.parameters.items()}
+            values |= {
+                name: torch.from_numpy(value) for name, (value, _) in found.parameters.items()
+            }
         return path, values
 
     def camera_model(self) -> CameraModel:
-        """The ray path at the calibration's values, with the priors of what its fit estimated, the effects' parameters among them."""
+        """The ray path at the calibration's values, with the priors of what its fit estimated, the
+        effects' parameters among them.
+        """
         assert self.camera.intrinsics
         path, values = self.model()
         priors = priors_of(self.camera.intrinsics, self.cover, path)
-        priors = priors.beside({unknown.param.name: unknown.sigma for found in self.effects for unknown in found.effect.unknowns})
+        priors = priors.beside(
+            {
+                unknown.param.name: unknown.sigma
+                for found in self.effects
+                for unknown in found.effect.unknowns
+            }
+        )
         return CameraModel(path, values, priors, tuple(found.effect for found in self.effects))
 
     def rays(self, pixels: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The rays along which pixels see; of MANY and more, through the field of rays, to 0.001 px.
+        """The rays along which pixels see; of MANY and more, through the field of rays, to 0.001
+        px.
 
         Args:
             pixels: (N, 2) px; (0, 0) is the centre of the top-left pixel.
 
         Returns:
-            (N, 3) m where each ray leaves the cover and (N, 3) unit where it goes, in the camera frame; NaN where none leaves it.
+            (N, 3) m where each ray leaves the cover and (N, 3) unit where it goes, in the camera
+            frame; NaN where none leaves it.
         """
         at = _rows(pixels, 2, "pixels")
         field = _point_field(self) if len(at) >= MANY else None
@@ -177,8 +210,10 @@ class Calibration:
         return origins, directions
 
     def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N, 3) m in the camera frame to the (N, 2) px that see them; NaN for a point that none sees. Of MANY and more, those on the
-        picture and next to it go through the field of rays, to 0.001 px."""
+        """(N, 3) m in the camera frame to the (N, 2) px that see them; NaN for a point that none
+        sees. Of MANY and more, those on the picture and next to it go through the field of rays, to
+        0.001 px.
+        """
         path, values = self.model()
         at = _rows(points, 3, "points")
         field = None if path.directly_projects or len(at) < MANY else _point_field(self)
@@ -193,7 +228,9 @@ class Calibration:
         path, values = self.model()
         rays = path.trace(pixels, values)
         lost = (rays.failure != 0).unsqueeze(-1)
-        origins, directions = (torch.where(lost, torch.nan, v.stacked()).numpy() for v in (rays.origin, rays.direction))
+        origins, directions = (
+            torch.where(lost, torch.nan, v.stacked()).numpy() for v in (rays.origin, rays.direction)
+        )
         return origins, directions
 
     def ray_field(self) -> RayField:
@@ -201,9 +238,11 @@ class Calibration:
         return _field_of(self)
 
     def undistort_maps(self, depth: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Maps for cv2.remap that show the scene at `depth` m as the bare pinhole camera would: (height, width) each.
+        """Maps for cv2.remap that show the scene at `depth` m as the bare pinhole camera would:
+        (height, width) each.
 
-        A pixel that the camera does not see through the cover has -1, outside the picture, so cv2.remap's constant border fills it.
+        A pixel that the camera does not see through the cover has -1, outside the picture, so
+        cv2.remap's constant border fills it.
         """
         made = self.ray_field().map_at(depth)
         return made.x, made.y
@@ -211,7 +250,8 @@ class Calibration:
     def save(self, folder: str | FilePath) -> FilePath:
         """Write calibration.yaml and calibration.npz into a folder, and return the first's path.
 
-        They change together; what the folder has of an earlier calibration, its rays, maps and report, goes with that.
+        They change together; what the folder has of an earlier calibration, its rays, maps and
+        report, goes with that.
 
         Raises:
             NotEnoughDataError: it has numbers that could not be read back; nothing is written then.
@@ -222,7 +262,8 @@ class Calibration:
         return path
 
     def write(self, files: FileSet) -> FilePath:
-        """Add calibration.yaml and calibration.npz to the files of a folder, and return the first's path.
+        """Add calibration.yaml and calibration.npz to the files of a folder, and return the first's
+        path.
 
         Raises:
             NotEnoughDataError: as `save`.
@@ -230,7 +271,9 @@ class Calibration:
         said, arrays = self._as_mapping(self.digest), self._arrays()
         _check_readable(said, arrays)
         files.write("calibration.npz", arrays)
-        return files.write("calibration.yaml", yaml.safe_dump(said, sort_keys=False, allow_unicode=True, width=120))
+        return files.write(
+            "calibration.yaml", yaml.safe_dump(said, sort_keys=False, allow_unicode=True, width=120)
+        )
 
     @property
     def digest(self) -> str:
@@ -242,15 +285,22 @@ class Calibration:
             "amplitudes": self.amplitudes,
             "poses": self.poses,
             "covariance": self.covariance,
-            "times_s": np.array([math.nan if view.time_s is None else view.time_s for view in self.views], dtype=np.float64),
+            "times_s": np.array(
+                [math.nan if view.time_s is None else view.time_s for view in self.views],
+                dtype=np.float64,
+            ),
             "pose_ids": np.array([view.pose_id or "" for view in self.views], dtype=str),
             "names": np.array([view.name for view in self.views]),
-            "corners": np.array([view.corners for view in self.views]).reshape(-1, self.board.count, 2),
+            "corners": (
+                np.array([view.corners for view in self.views]).reshape(-1, self.board.count, 2)
+            ),
             "weights": np.array([view.weight for view in self.views]).reshape(-1, self.board.count),
         }
         if self.corners_at.size:
             arrays["corners_at"] = self.corners_at
-        return npz(arrays, compressed=False)  # the same bytes wherever it is saved, whatever compresses there
+        return npz(
+            arrays, compressed=False
+        )  # the same bytes wherever it is saved, whatever compresses there
 
     def _as_mapping(self, digest: str) -> dict[str, object]:
         relief = self.relief and {
@@ -275,7 +325,9 @@ class Calibration:
             "gauge": self.gauge,
             "settings": self.settings,
             "noise_px": self.noise_px,
-            "stages": [{"name": s.name, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in self.stages],
+            "stages": [
+                {"name": s.name, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in self.stages
+            ],
             "frames_rejected": [{"file": r.name, "reason": r.reason} for r in self.rejected],
         }
 
@@ -289,7 +341,9 @@ class Calibration:
         try:
             return _from_mapping(said, arrays, path)
         except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
-            raise InputError(f"{path} is not a whole calibration ({brief(error)}): fit the session again.") from error
+            raise InputError(
+                f"{path} is not a whole calibration ({brief(error)}): fit the session again."
+            ) from error
 
 
 def _check_readable(said: dict[str, Any], arrays: memoryview) -> None:
@@ -298,8 +352,9 @@ def _check_readable(said: dict[str, Any], arrays: memoryview) -> None:
         _from_mapping(said, decode_npz(bytes(arrays)), FilePath("calibration.yaml"))
     except (InputError, ValueError) as error:
         raise NotEnoughDataError(
-            f"The views leave a number of the camera or cover open, so that no calibration is written: take more views, tilted, near "
-            f"and far, or hold more numbers with --free ({str(error).rstrip('.')})."
+            "The views leave a number of the camera or cover open, so that no calibration is"
+            " written: take more views, tilted, near and far, or hold more numbers with --free"
+            f" ({str(error).rstrip('.')})."
         ) from error
 
 
@@ -309,23 +364,41 @@ def _read_pair(path: FilePath) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]
         place = in_force(path)
         if not place.is_file():
             within = path.parent / "calibration"
-            there = f"the session's is {within}" if (within / path.name).is_file() else "give the calibration.yaml that calib fit wrote"
+            there = (
+                f"the session's is {within}"
+                if (within / path.name).is_file()
+                else "give the calibration.yaml that calib fit wrote"
+            )
             raise InputError(f"{path} does not exist: {there}.")
         said = read_yaml(place)
         if said.get("format") != FORMAT:
             shown = brief(repr(said.get("format")))
-            raise InputError(f"{path}: format is {shown} where this version of calib reads {FORMAT}: fit the session again.")
+            raise InputError(
+                f"{path}: format is {shown} where this version of calib reads {FORMAT}: fit the"
+                " session again."
+            )
         arrays, digest = read_arrays(in_force(path.with_suffix(".npz")))
         if said.get("arrays_sha256", digest) == digest:
             return said, arrays
-    raise InputError(f"{path} and {path.with_suffix('.npz').name} do not belong together: fit the session again.")
+    raise InputError(
+        f"{path} and {path.with_suffix('.npz').name} do not belong together: fit the session again."
+    )
 
 
-def _from_mapping(said: dict[str, Any], arrays: dict[str, NDArray[Any]], path: FilePath) -> Calibration:
+def _from_mapping(
+    said: dict[str, Any], arrays: dict[str, NDArray[Any]], path: FilePath
+) -> Calibration:
     CALIBRATION(said, "")
-    board, camera, cover = session_from_mapping({key: said[key] for key in ("board", "camera", "cover")}, str(path))
+    board, camera, cover = session_from_mapping(
+        {key: said[key] for key in ("board", "camera", "cover")}, str(path)
+    )
     _, declared, declared_cover = session_from_mapping(
-        {"board": said["board"], "camera": said["declared"]["camera"], "cover": said["declared"]["cover"]}, f"{path}: declared"
+        {
+            "board": said["board"],
+            "camera": said["declared"]["camera"],
+            "cover": said["declared"]["cover"],
+        },
+        f"{path}: declared",
     )
     if not (camera.intrinsics and declared.intrinsics):
         raise ValueError("camera.intrinsics is missing")
@@ -333,7 +406,12 @@ def _from_mapping(said: dict[str, Any], arrays: dict[str, NDArray[Any]], path: F
     if relief and cover.shape == "none":
         raise ValueError("there is a relief and no cover")
     effects = tuple(AddedEffect(*effect_from_yaml(one)) for one in said["effects"])
-    check_arrays(arrays, relief, board, sum(PARTS[part] for part in (POSE, *(added.effect.per_view for added in effects)) if part))
+    check_arrays(
+        arrays,
+        relief,
+        board,
+        sum(PARTS[part] for part in (POSE, *(added.effect.per_view for added in effects)) if part),
+    )
     read = Calibration(
         board=board,
         camera=camera,
@@ -342,25 +420,42 @@ def _from_mapping(said: dict[str, Any], arrays: dict[str, NDArray[Any]], path: F
         amplitudes=arrays["amplitudes"],
         exact_hit=bool(said["relief"]["exact_hit"]) if relief else True,
         views=tuple(
-            View(str(name), corners, weight, None if math.isnan(time_s) else float(time_s), str(pose_id) or None)
+            View(
+                str(name),
+                corners,
+                weight,
+                None if math.isnan(time_s) else float(time_s),
+                str(pose_id) or None,
+            )
             for name, corners, weight, time_s, pose_id in zip(
-                *(arrays[key] for key in ("names", "corners", "weights", "times_s", "pose_ids")), strict=True
+                *(arrays[key] for key in ("names", "corners", "weights", "times_s", "pose_ids")),
+                strict=True,
             )
         ),
         poses=arrays["poses"],
         covariance=arrays["covariance"],
         rejected=tuple(Rejected(r["file"], r["reason"]) for r in said["frames_rejected"]),
-        stages=tuple(Stage(s["name"], float(s["rms_px"]), float(s["rmse_cm"])) for s in said["stages"]),
+        stages=tuple(
+            Stage(s["name"], float(s["rms_px"]), float(s["rmse_cm"])) for s in said["stages"]
+        ),
         noise_px=float(said["noise_px"]),
         settings=dict(said["settings"]),
         gauge=said["gauge"],
         effects=effects,
-        stated=Declared(declared.intrinsics, declared_cover, tuple(map(str, said["declared"].get("doubted", ())))),
+        stated=Declared(
+            declared.intrinsics,
+            declared_cover,
+            tuple(map(str, said["declared"].get("doubted", ()))),
+        ),
         refracal=said["refracal"],
         corners_at=arrays.get("corners_at", np.zeros((0, 3))),
     )
-    if read.covariance.size and len(read.covariance) != (count := read.camera_model().parameters.count):
-        raise ValueError(f"covariance is of {len(read.covariance)} parameters where {count} were estimated")
+    if read.covariance.size and len(read.covariance) != (
+        count := read.camera_model().parameters.count
+    ):
+        raise ValueError(
+            f"covariance is of {len(read.covariance)} parameters where {count} were estimated"
+        )
     return read
 
 
@@ -375,7 +470,9 @@ def _field_of(calibration: Calibration) -> RayField:
 def _point_field(calibration: Calibration) -> PointField | None:
     """None where no ray leaves the cover."""
     try:
-        return PointField.of(*calibration.model(), calibration.camera.width, calibration.camera.height)
+        return PointField.of(
+            *calibration.model(), calibration.camera.width, calibration.camera.height
+        )
     except InputError:
         return None
 

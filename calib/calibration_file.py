@@ -1,6 +1,8 @@
-"""The two files of a calibration, checked once, as they are read: what calibration.yaml says, and the arrays of calibration.npz.
+"""The two files of a calibration, checked once, as they are read: what calibration.yaml says, and
+the arrays of calibration.npz.
 
-CALIBRATION says what each key must be. Board, camera and cover are read by the rules of session.yaml, and have no shape here.
+CALIBRATION says what each key must be. Board, camera and cover are read by the rules of
+session.yaml, and have no shape here.
 """
 
 import math
@@ -16,7 +18,20 @@ from calib.errors import InputError, brief
 from calib.io.arrays import decode_npz
 from calib.io.files import read_file, reading
 from calib.io.frames_table import LATEST_S
-from calib.io.shapes import Shape, anything, either, flag, many, maybe, number, positive, record, table, text, whole
+from calib.io.shapes import (
+    Shape,
+    anything,
+    either,
+    flag,
+    many,
+    maybe,
+    number,
+    positive,
+    record,
+    table,
+    text,
+    whole,
+)
 from calib.optics.relief import Relief
 from calib.session.board import Board
 
@@ -57,16 +72,23 @@ SETTINGS: Mapping[str, Shape] = {
             "farthest_sigmas": number,
         }
     ),
-    "cross_validation": record({"folds": whole, "held_out_px": number, "fitted_px": number}, {"held_out_sigma_px": number}),
+    "cross_validation": record(
+        {"folds": whole, "held_out_px": number, "fitted_px": number}, {"held_out_sigma_px": number}
+    ),
     "outcome": text,
     "iterations": whole,
     "sigma_px": positive,
     "log_evidence": number,
     "relief_prior": maybe(record({"height_m": positive, "length_of_patch": positive})),
     "asked": record({}, {"effects": many(text), "depths": many(number)}),
-    "immersed": record({"from_index": number, "to_index": number, "sigma": number, "calibration": text}),
+    "immersed": record(
+        {"from_index": number, "to_index": number, "sigma": number, "calibration": text}
+    ),
     "diagnosed": many(record({"calibration": text, "holdout": text})),
-    "diagnosis": record({"candidates": many(_CANDIDATE)}, {"before": _QUALITY, "after": _QUALITY, "remarks": many(text)}),
+    "diagnosis": record(
+        {"candidates": many(_CANDIDATE)},
+        {"before": _QUALITY, "after": _QUALITY, "remarks": many(text)},
+    ),
 }
 """Each may be missing. A key of `Calibration.settings` that is read anywhere has its line here."""
 CALIBRATION = record(
@@ -76,10 +98,28 @@ CALIBRATION = record(
         "board": table(anything),
         "camera": table(anything),
         "cover": table(anything),
-        "declared": record({"camera": table(anything), "cover": table(anything)}, {"doubted": many(text)}),
-        "relief": maybe(record({"low": anything, "high": anything, "grid": anything, "beta": positive, "exact_hit": flag})),
+        "declared": record(
+            {"camera": table(anything), "cover": table(anything)}, {"doubted": many(text)}
+        ),
+        "relief": maybe(
+            record(
+                {
+                    "low": anything,
+                    "high": anything,
+                    "grid": anything,
+                    "beta": positive,
+                    "exact_hit": flag,
+                }
+            )
+        ),
         "effects": many(
-            record({"name": text, "form": table(either(flag, number, text, many(number), many(text))), "parameters": table(anything)})
+            record(
+                {
+                    "name": text,
+                    "form": table(either(flag, number, text, many(number), many(text))),
+                    "parameters": table(anything),
+                }
+            )
         ),
         "gauge": text,
         "settings": record({}, SETTINGS),
@@ -104,13 +144,19 @@ def relief_from_yaml(said: Mapping[str, Any]) -> Relief:
 
 def _pair(written: object, key: str) -> tuple[float, float]:
     match written:
-        case [int() | float() as first, int() | float() as second] if math.isfinite(first) and math.isfinite(second):
+        case [int() | float() as first, int() | float() as second] if math.isfinite(
+            first
+        ) and math.isfinite(second):
             return first, second
     raise ValueError(f"relief.{key} is not two numbers")
 
 
-def check_arrays(arrays: Mapping[str, NDArray[Any]], relief: Relief | None, board: Board, per_view: int) -> None:
-    """ValueError where an array has not the shape that the others ask for; `per_view` parameters of each view."""
+def check_arrays(
+    arrays: Mapping[str, NDArray[Any]], relief: Relief | None, board: Board, per_view: int
+) -> None:
+    """ValueError where an array has not the shape that the others ask for; `per_view` parameters of
+    each view.
+    """
     views, parameters = len(arrays["names"]), len(arrays["covariance"])
     shapes = {
         "amplitudes": relief.grid if relief else (0, 0),
@@ -125,7 +171,10 @@ def check_arrays(arrays: Mapping[str, NDArray[Any]], relief: Relief | None, boar
     for name, shape in shapes.items():
         array = arrays[name]
         if array.shape != shape or array.dtype != np.float64:
-            raise ValueError(f"{name} are {array.dtype} of shape {array.shape} where float64 of shape {shape} is expected")
+            raise ValueError(
+                f"{name} are {array.dtype} of shape {array.shape} where float64 of shape {shape} is"
+                " expected"
+            )
         if name not in ("corners", "times_s") and not (np.abs(array) < LARGEST).all():
             raise ValueError(f"{name} are not all numbers that a fit would leave")
     if not (np.abs(arrays["amplitudes"]) < HIGHEST).all():
@@ -134,13 +183,19 @@ def check_arrays(arrays: Mapping[str, NDArray[Any]], relief: Relief | None, boar
         if arrays[name].shape != (views,) or (views and arrays[name].dtype.kind != "U"):
             raise ValueError(f"{name} are not a text for each view")
     seen = arrays["weights"] > 0
-    if (arrays["weights"] < 0).any() or not seen.any(axis=1).all() or not (np.abs(arrays["corners"][seen]) < LARGEST).all():
+    if (
+        (arrays["weights"] < 0).any()
+        or not seen.any(axis=1).all()
+        or not (np.abs(arrays["corners"][seen]) < LARGEST).all()
+    ):
         raise ValueError("corners that were seen are not all somewhere, or a view has none")
     if (np.abs(arrays["times_s"]) >= LATEST_S).any():
         raise ValueError("times_s are not all times in s")
     covariance = arrays["covariance"]
     sigmas = np.sqrt(np.abs(covariance.diagonal()))
-    rounded = 1e-6 * np.outer(sigmas, sigmas)  # an entry near zero is rounded as its sigmas are, not as itself
+    rounded = 1e-6 * np.outer(
+        sigmas, sigmas
+    )  # an entry near zero is rounded as its sigmas are, not as itself
     if (np.abs(covariance - covariance.T) > rounded).any() or (covariance.diagonal() < 0).any():
         raise ValueError("covariance is not symmetric with variances of 0 or more")
 
@@ -149,7 +204,9 @@ def read_arrays(path: Path) -> tuple[dict[str, NDArray[Any]], str]:
     """The arrays, and the SHA-256 of their file."""
     with reading(path):
         if not path.exists():
-            raise InputError(f"{path} is missing: keep calibration.yaml and calibration.npz in one folder.")
+            raise InputError(
+                f"{path} is missing: keep calibration.yaml and calibration.npz in one folder."
+            )
     data = read_file(path)
     try:
         return decode_npz(data), sha256(data).hexdigest()

@@ -1,7 +1,9 @@
-"""Calibrates a camera that looks through a refractive cover, and undistorts its pictures at any depth.
+"""Calibrates a camera that looks through a refractive cover, and undistorts its pictures at any
+depth.
 
-stdout carries the result, stderr the progress and remarks. Exit codes: 0 done, 1 a bug, 2 wrong usage or input, 3 not enough good
-data, 5 a calibration that was checked is not valid, 6 a fleet's cluster is gone before all cameras were done.
+stdout carries the result, stderr the progress and remarks. Exit codes: 0 done, 1 a bug, 2 wrong
+usage or input, 3 not enough good data, 5 a calibration that was checked is not valid, 6 a fleet's
+cluster is gone before all cameras were done.
 """
 
 from collections.abc import Sequence

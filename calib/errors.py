@@ -1,4 +1,5 @@
-"""Everything that can go wrong by someone's input, in one tree. The message is one sentence that says what to do.
+"""Everything that can go wrong by someone's input, in one tree. The message is one sentence that
+says what to do.
 
 Anything else that is raised is a bug, and exits with 1.
 """
@@ -13,9 +14,11 @@ SHOWN = 80
 
 
 def harmless(foreign: str, most: int | None = None) -> str:
-    r"""A text that may be a stranger's, as a terminal may have it: on one line, and without anything that it would obey or hide.
+    r"""A text that may be a stranger's, as a terminal may have it: on one line, and without
+    anything that it would obey or hide.
 
-    Control characters, line breaks, marks of direction, and bytes that are no UTF-8 are written as their escapes, such as \x1b.
+    Control characters, line breaks, marks of direction, and bytes that are no UTF-8 are written as
+    their escapes, such as \x1b.
 
     Args:
         most: characters; a longer text is cut there. None: all of it.
@@ -26,7 +29,9 @@ def harmless(foreign: str, most: int | None = None) -> str:
 
 
 def brief(foreign: object) -> str:
-    """What a message repeats of a text that is not ours, or of an error that repeats one: harmless, and 80 characters at most."""
+    """What a message repeats of a text that is not ours, or of an error that repeats one: harmless,
+    and 80 characters at most.
+    """
     return harmless(str(foreign), SHOWN)
 
 
@@ -39,14 +44,27 @@ def _escaped(character: str) -> str:
 
 
 class RefracalError(Exception):
-    """A problem that the person at the keyboard can solve. The command prints the sentence and exits with `exit_code`."""
+    """A problem that the person at the keyboard can solve.
+
+    The command prints the sentence and exits with `exit_code`.
+    """
 
     exit_code = 2
 
     def __init__(self, sentence: str) -> None:
-        """What it repeats of files and their names is made harmless here, and a sentence that repeats too much is cut in its middle."""
-        said = harmless(sentence) if len(sentence) <= LONGEST else harmless(f"{sentence[:LONGEST]}\0{sentence[-LONGEST:]}")
-        super().__init__(said if len(said) <= LONGEST else f"{said[: LONGEST - LEAST_END - 3]}...{said[-LEAST_END:]}")
+        """What it repeats of files and their names is made harmless here, and a sentence that
+        repeats too much is cut in its middle.
+        """
+        said = (
+            harmless(sentence)
+            if len(sentence) <= LONGEST
+            else harmless(f"{sentence[:LONGEST]}\0{sentence[-LONGEST:]}")
+        )
+        super().__init__(
+            said
+            if len(said) <= LONGEST
+            else f"{said[: LONGEST - LEAST_END - 3]}...{said[-LEAST_END:]}"
+        )
 
 
 class InputError(RefracalError):

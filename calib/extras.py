@@ -1,6 +1,7 @@
 """What the optional parts need, and the command that installs it for this very Python.
 
-It names the packages themselves, so it is true of a checkout, of a wheel from anywhere, and of a copy that was never installed.
+It names the packages themselves, so it is true of a checkout, of a wheel from anywhere, and of a
+copy that was never installed.
 """
 
 import shlex
@@ -17,5 +18,7 @@ EXTRAS = {
 
 
 def how_to_install(extra: str) -> str:
-    """A command line for the shell, such as /home/pi/refracal/.venv/bin/python -m pip install 'textual-serve>=1.1,<2'."""
+    """A command line for the shell, such as /home/pi/refracal/.venv/bin/python -m pip install
+    'textual-serve>=1.1,<2'.
+    """
     return shlex.join([sys.executable or "python3", "-m", "pip", "install", *EXTRAS[extra]])

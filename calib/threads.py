@@ -11,8 +11,8 @@ from threadpoolctl import threadpool_limits
 def single_thread() -> Iterator[None]:
     """Within, torch and scipy compute on one thread.
 
-    A fit is thousands of operations of some microseconds each. Sharing one out over threads costs more than it saves, and on a
-    busy machine ten to a hundred times more than the operation.
+    A fit is thousands of operations of some microseconds each. Sharing one out over threads costs
+    more than it saves, and on a busy machine ten to a hundred times more than the operation.
     """
     before = torch.get_num_threads()
     torch.set_num_threads(1)

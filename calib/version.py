@@ -1,3 +1,5 @@
-"""The version of both packages: what `--version` prints, calibrations keep, and pyproject.toml builds."""
+"""The version of both packages: what `--version` prints, calibrations keep, and pyproject.toml
+builds.
+"""
 
 VERSION = "0.1.0"

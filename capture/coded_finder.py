@@ -1,9 +1,11 @@
 """Where a board with markers is in a live picture, as much of it as the picture shows.
 
-Its markers are read in a reduced picture; where they are small there, or none is found, in one twice as fine; and where there is none
-either, in one half as fine, which sees those that are out of focus. A ChArUco's markers stand free, and one threshold finds them where they
-are not small. If those that are read are not the declared board's, the picture is searched for what it shows instead: that takes as long
-as dozens of frames, so it is done at most a quarter of the time, and what it said is said until a board is found.
+Its markers are read in a reduced picture; where they are small there, or none is found, in one
+twice as fine; and where there is none either, in one half as fine, which sees those that are out of
+focus. A ChArUco's markers stand free, and one threshold finds them where they are not small. If
+those that are read are not the declared board's, the picture is searched for what it shows instead:
+that takes as long as dozens of frames, so it is done at most a quarter of the time, and what it
+said is said until a board is found.
 """
 
 import time
@@ -51,19 +53,40 @@ class CodedFinder:
         self._other = ""
         seen = np.isfinite(found[:, 0])
         if reason := no_pose(seen, self._board):
-            return Sighting(None, width, height, frame.time_s, part=found[seen], problem=f"{reason}: show more of the {self._board} board")
+            return Sighting(
+                None,
+                width,
+                height,
+                frame.time_s,
+                part=found[seen],
+                problem=f"{reason}: show more of the {self._board} board",
+            )
         light = measure_light(grey, found, self._board)
         square = side(found.reshape(self._board.rows, self._board.columns, 2))
-        return Sighting(found, width, height, frame.time_s, square=square, window=0.0, blur=light.blur, exposure=light.exposure)
+        return Sighting(
+            found,
+            width,
+            height,
+            frame.time_s,
+            square=square,
+            window=0.0,
+            blur=light.blur,
+            exposure=light.exposure,
+        )
 
     def refine(self, frame: Frame, sighting: Sighting) -> NDArray[np.float64] | None:
-        """As calib measures, in the whole picture: it shows markers that the reduced one does not, and to measure takes a third of the time
-        that reading them does."""
+        """As calib measures, in the whole picture: it shows markers that the reduced one does not,
+        and to measure takes a third of the time that reading them does.
+        """
         if sighting.corners is None:
             return None
         grey = grey_of(frame)
         found = find_coded(grey, grey, self._board)
-        return None if isinstance(found, NotFound) or no_pose(np.isfinite(found.corners[:, 0]), self._board) else found.corners
+        return (
+            None
+            if isinstance(found, NotFound) or no_pose(np.isfinite(found.corners[:, 0]), self._board)
+            else found.corners
+        )
 
     def _found(self, grey: NDArray[np.uint8]) -> NDArray[np.float64] | NotFound:
         """(count, 2) px of the whole picture."""
@@ -71,14 +94,18 @@ class CodedFinder:
         found = self._in(grey, factor, self._windows)
         if isinstance(found, NotFound) or self._cell_px(found) < CELL * factor:
             finer = self._in(grey, max(factor // 2, 1), WINDOWS_TRIED)
-            found = finer if isinstance(found, NotFound) or not isinstance(finer, NotFound) else found
+            found = (
+                finer if isinstance(found, NotFound) or not isinstance(finer, NotFound) else found
+            )
         if isinstance(found, NotFound) and found.markers == "none":
             coarser = self._in(grey, min(2 * factor, *grey.shape), WINDOWS_TRIED)
             if not isinstance(coarser, NotFound) and np.isfinite(coarser[:, 0]).mean() >= CLEARLY:
                 return coarser
         return found
 
-    def _in(self, grey: NDArray[np.uint8], factor: int, windows: tuple[int, ...]) -> NDArray[np.float64] | NotFound:
+    def _in(
+        self, grey: NDArray[np.uint8], factor: int, windows: tuple[int, ...]
+    ) -> NDArray[np.float64] | NotFound:
         found = live_corners(reduced(grey, factor), self._board, windows, closely=factor == 1)
         return found if isinstance(found, NotFound) else enlarged(found, factor)
 

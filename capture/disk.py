@@ -1,4 +1,6 @@
-"""The disk that a recording goes to: what fails is a sentence, what is written stays written, and one recorder holds a folder."""
+"""The disk that a recording goes to: what fails is a sentence, what is written stays written, and
+one recorder holds a folder.
+"""
 
 import errno
 import fcntl
@@ -55,9 +57,13 @@ def open_own(path: Path, flags: int) -> int:
 
     Raises:
         OSError: it cannot be opened.
-        InputError: it leads to something else: a session from a stranger may have a link there, to a file that is not to be touched.
+        InputError: it leads to something else: a session from a stranger may have a link there, to
+            a file that is not to be touched.
     """
-    elsewhere = InputError(f"{path} is not a file of the recorder's own but leads elsewhere: remove it, or record elsewhere.")
+    elsewhere = InputError(
+        f"{path} is not a file of the recorder's own but leads elsewhere: remove it, or record"
+        " elsewhere."
+    )
     try:
         handle = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
     except OSError as error:
@@ -73,7 +79,9 @@ def open_own(path: Path, flags: int) -> int:
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Around what writes at a path: CaptureError where the disk fails, InputError where the place is wrong."""
+    """Around what writes at a path: CaptureError where the disk fails, InputError where the place
+    is wrong.
+    """
     try:
         yield
     except (OSError, InputError) as error:
@@ -87,7 +95,10 @@ def writing(path: Path) -> Iterator[None]:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold a folder; InputError if another process does. The system lets go of it when this process ends, however it ends."""
+    """Hold a folder; InputError if another process does.
+
+    The system lets go of it when this process ends, however it ends.
+    """
     with writing(folder):
         handle = open_own(folder / ".recording", os.O_RDWR | os.O_CREAT)
     try:
@@ -95,8 +106,13 @@ def locked(folder: Path) -> Iterator[None]:
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                holder = harmless(os.pread(handle, 20, 0).decode(errors="replace").strip()) or "unknown"
-                raise InputError(f"Another recorder (process {holder}) writes to {folder}: end it first, or record elsewhere.") from None
+                holder = (
+                    harmless(os.pread(handle, 20, 0).decode(errors="replace").strip()) or "unknown"
+                )
+                raise InputError(
+                    f"Another recorder (process {holder}) writes to {folder}: end it first, or"
+                    " record elsewhere."
+                ) from None
             os.ftruncate(handle, 0)
             os.pwrite(handle, f"{os.getpid()}\n".encode(), 0)
         yield

@@ -1,4 +1,6 @@
-"""What fails on the device's side: a camera that is not there, busy or unplugged, a disk that is full."""
+"""What fails on the device's side: a camera that is not there, busy or unplugged, a disk that is
+full.
+"""
 
 from calib.errors import RefracalError
 

@@ -1,8 +1,8 @@
 """Where a checkerboard is in a live picture, quickly, and what the gate wants to know of it.
 
-The search runs in a picture reduced by a whole number, where squares of 5 px are found: of 10 px at 1640x1232, of 20 at 3280x2464. Only
-the board's squares are looked at in full: their edges for sharpness, their insides for the exposure, and their corners once a frame is to
-be kept.
+The search runs in a picture reduced by a whole number, where squares of 5 px are found: of 10 px at
+1640x1232, of 20 at 3280x2464. Only the board's squares are looked at in full: their edges for
+sharpness, their insides for the exposure, and their corners once a frame is to be kept.
 """
 
 from dataclasses import replace
@@ -33,7 +33,10 @@ class Finder:
         height, width = grey.shape
         factor = live_factor(grey)
         partial = Sighting(None, width, height, frame.time_s)
-        for coarser in (factor, min(2 * factor, height, width)):  # the second sees boards that are out of focus
+        for coarser in (
+            factor,
+            min(2 * factor, height, width),
+        ):  # the second sees boards that are out of focus
             small = reduced(grey, coarser)
             grid = find_grid(small, self._board)
             if grid is None:
@@ -45,11 +48,15 @@ class Finder:
                 return self._measured(grey, enlarged(corners, coarser), frame.time_s)
             if partial.part is None:
                 part, larger = enlarged(grid.points[grid.seen], coarser), self._is_larger(grid)
-                partial = replace(partial, part=part, too_large=larger, square=side(grid.points) * coarser)
+                partial = replace(
+                    partial, part=part, too_large=larger, square=side(grid.points) * coarser
+                )
         return partial
 
     def refine(self, frame: Frame, sighting: Sighting) -> NDArray[np.float64] | None:
-        """(count, 2) px, to some hundredths, as `calib.corners` starts from; only the board's area is touched. None: no regular board."""
+        """(count, 2) px, to some hundredths, as `calib.corners` starts from; only the board's area
+        is touched. None: no regular board.
+        """
         if sighting.corners is None:
             return None
         grey = grey_of(frame)
@@ -58,7 +65,11 @@ class Finder:
         high = np.ceil(sighting.corners.max(0)).astype(int) + around + 1
         area = np.ascontiguousarray(grey[low[1] : high[1], low[0] : high[0]])
         corners = refine(area, sighting.corners - low, self._board)
-        return canonical_order(area, corners, self._board) + low if is_regular(corners, self._board, area.shape) else None
+        return (
+            canonical_order(area, corners, self._board) + low
+            if is_regular(corners, self._board, area.shape)
+            else None
+        )
 
     def _whole(self, grid: SaddleGrid, small: NDArray[np.uint8]) -> NDArray[np.float64] | None:
         """(count, 2) px of the reduced picture, if the grid is the board."""
@@ -68,7 +79,9 @@ class Finder:
                 return canonical_order(small, corners, self._board)
         return None
 
-    def _measured(self, grey: NDArray[np.uint8], corners: NDArray[np.float64], time_s: float) -> Sighting:
+    def _measured(
+        self, grey: NDArray[np.uint8], corners: NDArray[np.float64], time_s: float
+    ) -> Sighting:
         height, width = grey.shape
         return Sighting(
             corners,
@@ -84,6 +97,6 @@ class Finder:
     def _is_larger(self, grid: SaddleGrid) -> bool:
         """Only lines that are at least half there count: a saddle or two at the rim are chance."""
         columns, rows = (int((grid.seen.mean(axis) > 0.5).sum()) for axis in (0, 1))
-        return max(columns, rows) > max(self._board.columns, self._board.rows) or min(columns, rows) > min(
-            self._board.columns, self._board.rows
-        )
+        return max(columns, rows) > max(self._board.columns, self._board.rows) or min(
+            columns, rows
+        ) > min(self._board.columns, self._board.rows)

@@ -1,6 +1,8 @@
-"""What every camera gives, and every recording that is played back as one: frames, each a picture with its time and what the camera said.
+"""What every camera gives, and every recording that is played back as one: frames, each a picture
+with its time and what the camera said.
 
-`Frame` is one of them. `FrameSource` is what the drivers in `capture.sources` look like to all that reads frames.
+`Frame` is one of them. `FrameSource` is what the drivers in `capture.sources` look like to all that
+reads frames.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,7 +15,8 @@ from numpy.typing import NDArray
 
 from calib.session.shutter import Shutter
 
-PAUSE_S = 1.0  # between two frames: from here on, the one says nothing about how fast the board moves in the other
+# between two frames: from here on, the one says nothing about how fast the board moves in the other
+PAUSE_S = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +34,9 @@ class Frame:
     name: str = ""
     """What the source calls it, if it has names: a recorded picture's file."""
     alone: bool = False
-    """A photograph by itself: none of the same stream is known to be less than PAUSE_S away, so none shows whether the board moved."""
+    """A photograph by itself: none of the same stream is known to be less than PAUSE_S away, so
+    none shows whether the board moved.
+    """
 
     @property
     def size(self) -> tuple[int, int]:
@@ -40,27 +45,43 @@ class Frame:
 
 
 class FrameSource(Protocol):
-    """Opened by `with`, read by `for`. Entering raises CaptureError if the camera cannot deliver; iteration ends when the source is
-    exhausted or `close` is called from any thread; it never yields None."""
+    """Opened by `with`, read by `for`. Entering raises CaptureError if the camera cannot deliver;
+    iteration ends when the source is exhausted or `close` is called from any thread; it never
+    yields None.
+    """
 
     @property
     def live(self) -> bool:
-        """Whether frames come in their own time, and are lost if nobody takes them. Otherwise they wait to be read."""
+        """Whether frames come in their own time, and are lost if nobody takes them.
+
+        Otherwise they wait to be read.
+        """
         ...
 
     @property
     def remarks(self) -> Sequence[str]:
-        """What a person should know of this camera before trusting its pictures, a sentence each. Known once entered."""
+        """What a person should know of this camera before trusting its pictures, a sentence each.
+
+        Known once entered.
+        """
         ...
 
     @property
     def shutter(self) -> Shutter | None:
-        """Of the sensor that the driver names. None: it names none that is known. Known once entered."""
+        """Of the sensor that the driver names.
+
+        None: it names none that is known. Known once entered.
+        """
         ...
 
     def __enter__(self) -> Self: ...
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None: ...
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None: ...
 
     def __iter__(self) -> Iterator[Frame]: ...
 

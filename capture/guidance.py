@@ -1,6 +1,8 @@
-"""Where a board tells most about this camera and its cover: asked here, and answered by a process that fits the views with torch.
+"""Where a board tells most about this camera and its cover: asked here, and answered by a process
+that fits the views with torch.
 
-`Guidance` sends the process a `Request` with every view there is, and gets one `Answer` or two. Both ends are this file.
+`Guidance` sends the process a `Request` with every view there is, and gets one `Answer` or two.
+Both ends are this file.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,7 +25,8 @@ from capture.process import Process
 GRID = (12, 12)  # centres of the relief, as a fit has them
 FOLDS = 4
 FEWEST_FOR_FOLDS = 6  # views
-AGREE = 1.25  # held-out over fitted error up to which folds agree, as calib.fitting.cross_validation.OVERFITS
+# held-out over fitted error up to which folds agree, as calib.fitting.cross_validation.OVERFITS
+AGREE = 1.25
 
 
 class GuidanceError(RefracalError):
@@ -52,9 +55,19 @@ class Answer:
 
 
 class Guidance:
-    """Asks the process, which is started with the first question and again after it has died. `close` ends it, from any thread."""
+    """Asks the process, which is started with the first question and again after it has died.
 
-    def __init__(self, board: Board, camera: Camera, cover: Cover, reach: Reach | None = None, target_px: float = TARGET) -> None:
+    `close` ends it, from any thread.
+    """
+
+    def __init__(
+        self,
+        board: Board,
+        camera: Camera,
+        cover: Cover,
+        reach: Reach | None = None,
+        target_px: float = TARGET,
+    ) -> None:
         self._board, self._camera, self._cover, self._target = board, camera, cover, target_px
         self._reach = reach or Reach.of(board, camera)
         self._turn = Lock()
@@ -68,19 +81,36 @@ class Guidance:
         return self._process.pid if self._process else 0
 
     def guides(self, views: Sequence[SeenView]) -> Iterator[InformedGuide]:
-        """The guide that knows these views, seconds later; and perhaps once more, when folds over them have been tried. Blocks.
+        """The guide that knows these views, seconds later; and perhaps once more, when folds over
+        them have been tried. Blocks.
 
         A later question, from another thread, ends it.
 
         Raises:
             GuidanceError: torch is absent, the views cannot be fitted, or the process has died.
         """
-        number = self._ask(Request(self._board, self._camera, self._cover, self._reach, tuple(v.corners for v in views), self._target))
+        number = self._ask(
+            Request(
+                self._board,
+                self._camera,
+                self._cover,
+                self._reach,
+                tuple(v.corners for v in views),
+                self._target,
+            )
+        )
         while (answer := self._answer(number)) is not None:
             if answer.design is None:
                 raise GuidanceError(answer.failure)
             agree, target = answer.folds_agree, self._target
-            yield InformedGuide(self._board, self._camera, self._reach, answer.design, folds_agree=agree, target_px=target)
+            yield InformedGuide(
+                self._board,
+                self._camera,
+                self._reach,
+                answer.design,
+                folds_agree=agree,
+                target_px=target,
+            )
             if answer.last:
                 return
 
@@ -117,7 +147,13 @@ class Guidance:
             answer = self._process.receive()
             assert isinstance(answer, Answer)
         except EOFError:
-            answer = Answer(None, failure=f"The guide's process has ended ({self._process.end().words}): the next view starts it again.")
+            answer = Answer(
+                None,
+                failure=(
+                    f"The guide's process has ended ({self._process.end().words}): the next view"
+                    " starts it again."
+                ),
+            )
             self._process = None
         self._answering = not answer.last
         return answer
@@ -126,7 +162,13 @@ class Guidance:
 def answers(request: Request) -> Iterator[Answer]:
     """In the process: first the design, and if that is sure enough, once more with the folds."""
     if request.camera.intrinsics is None or request.cover.shape == "none":
-        yield Answer(None, failure="The informed guide needs a cover and the camera's intrinsics: the plain one serves without.")
+        yield Answer(
+            None,
+            failure=(
+                "The informed guide needs a cover and the camera's intrinsics: the plain one serves"
+                " without."
+            ),
+        )
         return
     from calib.corners.view import View
     from calib.fitting.cross_validation import cross_validate
@@ -135,12 +177,17 @@ def answers(request: Request) -> Iterator[Answer]:
     from calib.progress import Silent
     from calib.threads import single_thread
 
-    views = [View(f"{number:04d}", corners, np.isfinite(corners[:, 0]).astype(np.float64)) for number, corners in enumerate(request.views)]
+    views = [
+        View(f"{number:04d}", corners, np.isfinite(corners[:, 0]).astype(np.float64))
+        for number, corners in enumerate(request.views)
+    ]
     setup = Setup(request.board, request.camera, request.camera.intrinsics, request.cover)
     poses = bank(request.board, request.camera, request.reach).poses
     with single_thread():
         design = estimate(setup, views, GRID).design(setup, poses, CELLS, request.reach.levels())
-        try_folds = len(views) >= FEWEST_FOR_FOLDS and design.sigma(design.known()) <= request.target_px
+        try_folds = (
+            len(views) >= FEWEST_FOR_FOLDS and design.sigma(design.known()) <= request.target_px
+        )
         yield Answer(design, last=not try_folds)
         if try_folds:
             found = cross_validate(setup, views, Settings(grid=GRID), FOLDS, Silent())
@@ -158,6 +205,10 @@ def serve(connection: Connection) -> None:
             for answer in answers(request):
                 connection.send(answer)
         except ImportError as error:
-            connection.send(Answer(None, failure=f"This machine has no torch, so the plain guide serves ({error})."))
+            connection.send(
+                Answer(
+                    None, failure=f"This machine has no torch, so the plain guide serves ({error})."
+                )
+            )
         except RefracalError as error:
             connection.send(Answer(None, failure=str(error)))

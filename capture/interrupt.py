@@ -13,7 +13,10 @@ class Wish:
 
 @contextmanager
 def ending_by(stop: Callable[[], None]) -> Iterator[Wish]:
-    """Within, the first SIGINT or SIGTERM calls `stop`, and a second one raises KeyboardInterrupt. For the main thread."""
+    """Within, the first SIGINT or SIGTERM calls `stop`, and a second one raises KeyboardInterrupt.
+
+    For the main thread.
+    """
     wish = Wish()
 
     def answer(number: int, _: object) -> None:

@@ -1,4 +1,6 @@
-"""What a recording without a screen says: kept pictures on stdout, what to do next and remarks on stderr."""
+"""What a recording without a screen says: kept pictures on stdout, what to do next and remarks on
+stderr.
+"""
 
 import sys
 from pathlib import Path
@@ -10,8 +12,12 @@ from capture.recording_loop import Step
 
 
 class Narrator:
-    def __init__(self, reader: Reader, recorder: Recorder, views: int | None, *, json: bool) -> None:
-        """`views` is how many are wanted, None where there is no such number; with `json`, stdout is left to the summary."""
+    def __init__(
+        self, reader: Reader, recorder: Recorder, views: int | None, *, json: bool
+    ) -> None:
+        """`views` is how many are wanted, None where there is no such number; with `json`, stdout
+        is left to the summary.
+        """
         self.sentence = ""
         """What to do now."""
         self.judged = 0
@@ -27,7 +33,9 @@ class Narrator:
             _remark(remark)
 
     def tell(self, step: Step) -> None:
-        """The picture, if it was kept; else the verdict, of a photograph by its name, of a stream if it is another than before."""
+        """The picture, if it was kept; else the verdict, of a photograph by its name, of a stream
+        if it is another than before.
+        """
         self.judged += 1
         if step.picture:
             self.kept(step.picture, step.view)
@@ -58,7 +66,9 @@ class Narrator:
     def as_json(self, *, ended: str) -> dict[str, object]:
         return {
             "session": str(self._recorder.session),
-            "pictures": [str(picture.relative_to(self._recorder.session)) for picture in self.pictures],
+            "pictures": [
+                str(picture.relative_to(self._recorder.session)) for picture in self.pictures
+            ],
             "views": self.views,
             "frames_judged": self.judged,
             "frames_passed_over": self._reader.unseen,
@@ -71,11 +81,16 @@ class Narrator:
         taken = f"{_count(self.judged or len(self.pictures), 'frame')} taken"
         passed = f", {self._reader.unseen} passed over meanwhile" if self._reader.unseen else ""
         lost = f", {self._reader.lost} lost by the camera" if self._reader.lost else ""
-        return f"{_count(self.views, 'view')} with {_count(len(self.pictures), 'picture')} ({taken}{passed}{lost})"
+        return (
+            f"{_count(self.views, 'view')} with {_count(len(self.pictures), 'picture')}"
+            f" ({taken}{passed}{lost})"
+        )
 
 
 class Waits:
-    """Says that no picture comes: at the first silence, and then at each that is twice as long as those before."""
+    """Says that no picture comes: at the first silence, and then at each that is twice as long as
+    those before.
+    """
 
     def __init__(self) -> None:
         self._longest = 0.0

@@ -1,4 +1,6 @@
-"""An app that is served ends with its server, however that ends: one that is left over would hold the session and its camera."""
+"""An app that is served ends with its server, however that ends: one that is left over would hold
+the session and its camera.
+"""
 
 import os
 import signal

@@ -1,8 +1,10 @@
-"""A function in a process of its own: the heavy libraries that it loads, its memory and its death stay there.
+"""A function in a process of its own: the heavy libraries that it loads, its memory and its death
+stay there.
 
-The process is a fresh interpreter (multiprocessing's spawn), for a copy of one with threads may hang. Both ends of one connection send
-each other Python objects. What the function prints, or a library under it, never reaches the terminal, on which a screen may stand: stdout
-goes nowhere, and of stderr the last line is kept as the process's last words.
+The process is a fresh interpreter (multiprocessing's spawn), for a copy of one with threads may
+hang. Both ends of one connection send each other Python objects. What the function prints, or a
+library under it, never reaches the terminal, on which a screen may stand: stdout goes nowhere, and
+of stderr the last line is kept as the process's last words.
 """
 
 import os
@@ -23,13 +25,16 @@ EXIT_S = 10.0  # after which a process that has closed its connection and does n
 
 _SPAWN = get_context("spawn")
 _CHILDREN = Lock()
-"""Held while a process is started, killed or waited for: as multiprocessing starts one, it collects others that have ended."""
+"""Held while a process is started, killed or waited for: as multiprocessing starts one, it collects
+others that have ended.
+"""
 
 
 def prepare() -> None:
     """Make processes possible from within a Textual app; to be called before it runs.
 
-    The first of them starts multiprocessing's tracker, which inherits sys.stderr; the app's stand-in for that has no file to inherit.
+    The first of them starts multiprocessing's tracker, which inherits sys.stderr; the app's
+    stand-in for that has no file to inherit.
     """
     resource_tracker.ensure_running()
 
@@ -48,7 +53,8 @@ class Process:
     """One that runs. Leaving its `with` kills it, and so does the end of this process."""
 
     def __init__(self, work: Callable[..., None], *arguments: object) -> None:
-        """`work`: a function of some module, called in the process with the connection's other end and these arguments.
+        """`work`: a function of some module, called in the process with the connection's other end
+        and these arguments.
 
         The process imports that module by its name; the arguments, and every message, are pickled.
         """
@@ -68,7 +74,12 @@ class Process:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self.kill()
         self.end()
 

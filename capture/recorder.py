@@ -1,7 +1,9 @@
-"""Writes a session folder so that nothing is lost: not by a kill, not by a full disk, not by a second recorder.
+"""Writes a session folder so that nothing is lost: not by a kill, not by a full disk, not by a
+second recorder.
 
-A picture is written under a temporary name, forced to the disk and renamed; then its row is added to frames.csv. So at every moment the
-folder is a session, and a recording that was cut short is continued by recording again.
+A picture is written under a temporary name, forced to the disk and renamed; then its row is added
+to frames.csv. So at every moment the folder is a session, and a recording that was cut short is
+continued by recording again.
 """
 
 import time
@@ -22,7 +24,12 @@ from capture.frames import Frame
 from capture.session_file import Setup, read_setup, write_setup
 from capture.settings_drift import State
 
-PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY)
+PNG = (
+    cv2.IMWRITE_PNG_COMPRESSION,
+    1,
+    cv2.IMWRITE_PNG_STRATEGY,
+    cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY,
+)
 """The fastest, and on noisy pictures the smallest: filters and repeats find nothing in noise."""
 
 DROPPED = "dropped"
@@ -33,10 +40,17 @@ class Recorder:
     """One session folder, opened by `with` and held by one recorder at a time."""
 
     def __init__(
-        self, session: Path, board: Board, *, like: Setup | None = None, bare: bool = False, shutter: Shutter | None = None
+        self,
+        session: Path,
+        board: Board,
+        *,
+        like: Setup | None = None,
+        bare: bool = False,
+        shutter: Shutter | None = None,
     ) -> None:
-        """`like` gives cover and camera to a folder that has no session.yaml, and the source its sensor's `shutter`; `bare` records the
-        camera without its cover."""
+        """`like` gives cover and camera to a folder that has no session.yaml, and the source its
+        sensor's `shutter`; `bare` records the camera without its cover.
+        """
         self.session = session
         self.remarks: list[str] = []
         """What a person should know of this recording, a sentence each, as they come up."""
@@ -67,7 +81,10 @@ class Recorder:
         with reading(self._folder):
             own = (self._folder / "session.yaml").exists()
         if own:
-            raise InputError(f"{self._folder} is a session of its own: record into it by capture record {self._folder}, without --bare.")
+            raise InputError(
+                f"{self._folder} is a session of its own: record into it by capture record"
+                f" {self._folder}, without --bare."
+            )
         with writing(self._folder):
             self._folder.mkdir(parents=True, exist_ok=True)
         with ExitStack() as held:
@@ -76,7 +93,12 @@ class Recorder:
             self._held = held.pop_all()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self._held.close()
 
     def check(self, frame: Frame) -> None:
@@ -84,12 +106,16 @@ class Recorder:
         if self._size and self._size != frame.size:
             (width, height), (asked, high) = frame.size, self._size
             raise InputError(
-                f"{frame.name or 'The picture'} is {width}x{height} px where {self.session / 'session.yaml'} says {asked}x{high}: set the "
-                f"camera to that size (?size={asked}x{high} after the source), or record another session."
+                f"{frame.name or 'The picture'} is {width}x{height} px where"
+                f" {self.session / 'session.yaml'} says {asked}x{high}: set the camera to that size"
+                f" (?size={asked}x{high} after the source), or record another session."
             )
 
     def keep(self, frame: Frame, *, same_view: bool = False) -> Path:
-        """Write a frame as the next picture. `same_view`: the board stands where it stood in the last one."""
+        """Write a frame as the next picture.
+
+        `same_view`: the board stands where it stood in the last one.
+        """
         self.check(frame)
         if self._size is None:
             self._describe(frame.size)
@@ -121,7 +147,9 @@ class Recorder:
         """Begin where a recording ended, and put in order what a kill left."""
         with reading(self._folder):
             for folder in (self._folder, self._table.parent):
-                for stale in folder.glob(f".{16 * '[0-9a-f]'}.tmp"):  # whoever wrote it is gone: the session is ours
+                for stale in folder.glob(
+                    f".{16 * '[0-9a-f]'}.tmp"
+                ):  # whoever wrote it is gone: the session is ours
                     stale.unlink()
         if (self.session / "session.yaml").exists():
             _, camera, _ = read_setup(self.session / "session.yaml")
@@ -133,24 +161,34 @@ class Recorder:
                 self._state.changes(row)
         recorded = read_table(self._table)
         self._rows = mended(recorded, pictures)
-        if recorded and pictures and not {row["file"] for row in recorded} & {picture.name for picture in pictures}:
+        if (
+            recorded
+            and pictures
+            and not {row["file"] for row in recorded} & {picture.name for picture in pictures}
+        ):
             raise InputError(
-                f"{self._table} tells of {recorded[0]['file']} and of no picture in {self._folder}: write names such as {pictures[0].name} "
-                "into its column file, or remove the table."
+                f"{self._table} tells of {recorded[0]['file']} and of no picture in {self._folder}:"
+                f" write names such as {pictures[0].name} into its column file, or remove the"
+                " table."
             )
         if self._rows:
             self._columns = columns(self._rows)
             whole = to_csv(self._rows, self._columns)
             if not self._table.exists() or self._table.read_text(errors="replace") != whole:
                 write_durably(self._table, whole)
-        self._next = 1 + max((int(picture.stem) for picture in pictures if picture.stem.isdecimal()), default=-1)
+        self._next = 1 + max(
+            (int(picture.stem) for picture in pictures if picture.stem.isdecimal()), default=-1
+        )
         self._view = last_view(self._rows)
 
     def _describe(self, size: tuple[int, int]) -> None:
         cover = write_setup(self.session, self._board, size, self._like, self._shutter)
         self._size = size
         file = self.session / "session.yaml"
-        self.remarks.append(f"Wrote {file} with cover.shape {cover.shape}: correct it there if the camera's cover is another.")
+        self.remarks.append(
+            f"Wrote {file} with cover.shape {cover.shape}: correct it there if the camera's cover"
+            " is another."
+        )
 
     def _compare(self, described: Shutter | None) -> None:
         """With the sensor's, where the driver names one."""
@@ -158,5 +196,12 @@ class Recorder:
         if told is None or (described and described.rolling == told.rolling):
             return
         kind, file = shutter_to_yaml(told)["type"], self.session / "session.yaml"
-        why = f"it says {shutter_to_yaml(described)['type']}" if described else "no effect is then named that it cannot have"
-        self.remarks.append(f"The camera's sensor has a {kind} shutter: write camera.shutter: {{type: {kind}}} in {file} ({why}).")
+        why = (
+            f"it says {shutter_to_yaml(described)['type']}"
+            if described
+            else "no effect is then named that it cannot have"
+        )
+        self.remarks.append(
+            f"The camera's sensor has a {kind} shutter: write camera.shutter: {{type: {kind}}} in"
+            f" {file} ({why})."
+        )

@@ -1,4 +1,6 @@
-"""The loop from frames to pictures: look, judge, keep. What shows it to a person stands above it."""
+"""The loop from frames to pictures: look, judge, keep. What shows it to a person stands above
+it.
+"""
 
 import math
 import threading
@@ -16,9 +18,13 @@ from capture.gate import KNOWN, MOVING, WAIT, Verdict, judge, new
 from capture.recorder import DROPPED, Recorder
 from capture.sighting import LiveFinder, Sighting
 
-UNMEASURED = Verdict(False, "Hold the board still and closer: its corners cannot be measured in the whole picture.")
+UNMEASURED = Verdict(
+    False, "Hold the board still and closer: its corners cannot be measured in the whole picture."
+)
 SET_ASIDE = Verdict(
-    False, f"This view was set aside: its picture is in {DROPPED}/. Move the board elsewhere, or go on with other pictures."
+    False,
+    f"This view was set aside: its picture is in {DROPPED}/. Move the board elsewhere, or go on"
+    " with other pictures.",
 )
 
 
@@ -43,8 +49,9 @@ class Shutter:
         self._pressed = threading.Event()
 
     def press(self) -> None:
-        """Keep the next frame in which the board's corners can be measured, whatever else is wrong with it; but no recorded picture
-        whose view is there already."""
+        """Keep the next frame in which the board's corners can be measured, whatever else is wrong
+        with it; but no recorded picture whose view is there already.
+        """
         self._pressed.set()
 
     def pressed(self) -> bool:
@@ -68,7 +75,9 @@ class Step:
 
 
 def refusal(step: Step) -> str:
-    """Why a board that is in view was not kept; empty where it was, or where it only has to be held still."""
+    """Why a board that is in view was not kept; empty where it was, or where it only has to be held
+    still.
+    """
     waits = step.verdict.keep or step.verdict.sentence in (WAIT, MOVING)
     return "" if waits or step.picture or step.sighting.corners is None else step.verdict.sentence
 
@@ -83,7 +92,8 @@ def record(
 ) -> Iterator[Step]:
     """Judge each frame, keep the good ones, and end after the planned views.
 
-    `kept` has the (count, 2) px corners of the views that the session has already; those of new views are added to it.
+    `kept` has the (count, 2) px corners of the views that the session has already; those of new
+    views are added to it.
     """
     shutter = shutter or Shutter()
     before: Sighting | None = None
@@ -105,11 +115,15 @@ def record(
                 aside = corners_of(recorder.set_aside, finder)
             known = [*kept, *(aside or ())] if frame.name else kept
             verdict = judge(now, before, known, alone=frame.alone)
-            there = bool(frame.name) and now.corners is not None and new(now, before, known) is not None
+            there = (
+                bool(frame.name) and now.corners is not None and new(now, before, known) is not None
+            )
             if there and verdict.sentence == KNOWN and new(now, before, kept) is None:
                 verdict = SET_ASIDE
             asked = now.corners is not None and not there and shutter.pressed()
-            if asked or (shutter.automatic and verdict.keep and frame.time_s - last_s >= plan.every_s):
+            if asked or (
+                shutter.automatic and verdict.keep and frame.time_s - last_s >= plan.every_s
+            ):
                 corners = finder.refine(frame, now)
                 if corners is not None:
                     picture = recorder.keep(frame)
@@ -124,6 +138,8 @@ def record(
 
 
 def corners_of(pictures: Iterable[Path], finder: LiveFinder) -> list[NDArray[np.float64]]:
-    """(count, 2) px for every picture in which the board is seen: what a session has before it is continued."""
+    """(count, 2) px for every picture in which the board is seen: what a session has before it is
+    continued.
+    """
     sightings = (finder.look(Frame(eight_bits(read_grey(picture)), 0, 0.0)) for picture in pictures)
     return [sighting.corners for sighting in sightings if sighting.corners is not None]

@@ -1,10 +1,12 @@
 """The terminal UI in a browser, for a phone or a laptop beside the camera.
 
-Nobody but the person at this machine may drive a camera through it. On a loopback address the request must name that address, so that no
-page of the web can reach it under another name; on any other address every request, the websocket's too, must bring the token that is
-printed once, in its address or in the cookie that the first page leaves. A websocket is opened only by our own page, which no other page
-can frame. There are as many apps as were asked for, one by default: the next window ends the oldest. An app ends with its window, with this
-server however that ends, and when nobody has touched it for hours.
+Nobody but the person at this machine may drive a camera through it. On a loopback address the
+request must name that address, so that no page of the web can reach it under another name; on any
+other address every request, the websocket's too, must bring the token that is printed once, in its
+address or in the cookie that the first page leaves. A websocket is opened only by our own page,
+which no other page can frame. There are as many apps as were asked for, one by default: the next
+window ends the oldest. An app ends with its window, with this server however that ends, and when
+nobody has touched it for hours.
 """
 
 import asyncio
@@ -42,10 +44,14 @@ WEB = Path(__file__).parent / "web"
 """Our own pages: the one around Textual's terminal, and what draws the same app for a thumb."""
 HEADERS = {
     "X-Frame-Options": "DENY",
-    "Content-Security-Policy": "frame-ancestors 'none'; base-uri 'none'; object-src 'none'; script-src 'self'",
+    "Content-Security-Policy": (
+        "frame-ancestors 'none'; base-uri 'none'; object-src 'none'; script-src 'self'"
+    ),
     "X-Content-Type-Options": "nosniff",
 }
-"""Of every answer: a page that framed ours could make a person press its keys, and no script runs but those that we serve."""
+"""Of every answer: a page that framed ours could make a person press its keys, and no script runs
+but those that we serve.
+"""
 IDLE_S = 4 * 3600.0
 """After which an app that nobody touched is ended: a board is moved for an hour at the most."""
 GRACE_S = 5.0
@@ -62,7 +68,9 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 class GuardedServer(Server):
     """textual-serve's server, behind the guard."""
 
-    def __init__(self, command: str, host: str, port: int, token: str | None, apps: int = 1) -> None:
+    def __init__(
+        self, command: str, host: str, port: int, token: str | None, apps: int = 1
+    ) -> None:
         """`token`: None serves a loopback address without one. `apps`: as many at a time."""
         super().__init__(command, host, port, title="Refracal", templates_path=WEB)
         self.token = token
@@ -109,7 +117,9 @@ class GuardedServer(Server):
         except ValueError:  # of what is no address
             return False
         if self.token is None:
-            return request.host in {f"{name}:{self.port}" for name in ("127.0.0.1", "localhost", "[::1]", self.host)}
+            return request.host in {
+                f"{name}:{self.port}" for name in ("127.0.0.1", "localhost", "[::1]", self.host)
+            }
         brought = request.query.get("token") or request.cookies.get(COOKIE, "")
         return hmac.compare_digest(brought.encode(errors="surrogateescape"), self.token.encode())
 
@@ -117,7 +127,9 @@ class GuardedServer(Server):
         """One window and its app, until either has ended."""
         websocket = web.WebSocketResponse(heartbeat=15, max_msg_size=LONGEST_MESSAGE)
         await websocket.prepare(request)
-        service = ServedApp(self.command, websocket, partial(_close, websocket), self.download_manager)
+        service = ServedApp(
+            self.command, websocket, partial(_close, websocket), self.download_manager
+        )
         async with self._opening:  # the session is free when the app before has ended
             while len(self._running) >= self._most:
                 oldest = next(iter(self._running))
@@ -128,7 +140,10 @@ class GuardedServer(Server):
             await service.start(size["width"], size["height"])
         try:
             await self._follow(websocket, service)
-        except (TimeoutError, ConnectionError):  # the app takes nothing any more, or the window has gone
+        except (
+            TimeoutError,
+            ConnectionError,
+        ):  # the app takes nothing any more, or the window has gone
             pass
         finally:
             await self._end(service)
@@ -140,7 +155,12 @@ class GuardedServer(Server):
         touched = time.monotonic()
         while (left := touched + IDLE_S - time.monotonic()) > 0:
             message = await websocket.receive(timeout=left)
-            if message.type in (WSMsgType.CLOSE, WSMsgType.CLOSING, WSMsgType.CLOSED, WSMsgType.ERROR):
+            if message.type in (
+                WSMsgType.CLOSE,
+                WSMsgType.CLOSING,
+                WSMsgType.CLOSED,
+                WSMsgType.ERROR,
+            ):
                 return
             match _said(message.data if message.type == WSMsgType.TEXT else ""):
                 case ["stdin", str() as keys]:
@@ -150,9 +170,13 @@ class GuardedServer(Server):
                         return
                 case ["resize", {"width": wide, "height": high}]:
                     size = _size({"width": wide, "height": high})
-                    await asyncio.wait_for(app_service.set_terminal_size(size["width"], size["height"]), GRACE_S)
+                    await asyncio.wait_for(
+                        app_service.set_terminal_size(size["width"], size["height"]), GRACE_S
+                    )
                 case ["phone", dict() as asked]:
-                    touched = touched if "drawn" in asked else time.monotonic()  # no person says that a picture was drawn
+                    touched = (
+                        touched if "drawn" in asked else time.monotonic()
+                    )  # no person says that a picture was drawn
                     await asyncio.wait_for(app_service.ask(asked), GRACE_S)
                 case ["ping", str() | int() | float() | None as sent]:
                     await websocket.send_json(["pong", sent])
@@ -203,7 +227,15 @@ def serve(session: Path, source: str, host: str, port: int, apps: int = 1) -> No
     """Serve until Ctrl-C; InputError if the address cannot be used."""
     listening = _listening(host, port)
     os.environ[SERVER] = str(os.getpid())
-    command = ["exec", sys.executable, "-m", "capture", "ui", str(session), *(["--source", source] if source else [])]
+    command = [
+        "exec",
+        sys.executable,
+        "-m",
+        "capture",
+        "ui",
+        str(session),
+        *(["--source", source] if source else []),
+    ]
     token = None if _is_loopback(host) else secrets.token_urlsafe(24)
     server = GuardedServer(shlex.join(command), host, port, token, apps)
     logging.getLogger("textual-serve").setLevel(logging.WARNING)
@@ -216,21 +248,33 @@ def serve(session: Path, source: str, host: str, port: int, apps: int = 1) -> No
     if token:
         _show_phones(address)
     else:
-        print("Only this machine reaches it; --host 0.0.0.0 serves a phone as well. Ctrl-C ends it.", file=sys.stderr, flush=True)
-    web.run_app(server._make_app(), sock=listening, print=None, access_log=None)  # a log would repeat the token
+        print(
+            "Only this machine reaches it; --host 0.0.0.0 serves a phone as well. Ctrl-C ends it.",
+            file=sys.stderr,
+            flush=True,
+        )
+    web.run_app(
+        server._make_app(), sock=listening, print=None, access_log=None
+    )  # a log would repeat the token
 
 
 def _show_phones(address: str) -> None:
     if sys.stderr.isatty() and "utf" in sys.stderr.encoding.lower():
         print(qr_code(address), file=sys.stderr)
-    print("Open this address on the phone, in the same network. Ctrl-C ends it.", file=sys.stderr, flush=True)
+    print(
+        "Open this address on the phone, in the same network. Ctrl-C ends it.",
+        file=sys.stderr,
+        flush=True,
+    )
 
 
 def _listening(host: str, port: int) -> list[socket.socket]:
     """Of every address that a name stands for."""
     held: list[socket.socket] = []
     try:
-        for family, kind, protocol, _, address in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE):
+        for family, kind, protocol, _, address in socket.getaddrinfo(
+            host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        ):
             held.append(socket.socket(family, kind, protocol))
             held[-1].setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             if family == socket.AF_INET6:
@@ -241,14 +285,18 @@ def _listening(host: str, port: int) -> list[socket.socket]:
         for one in held:
             one.close()
         why = error.strerror if isinstance(error, OSError) else "not an address"
-        raise InputError(f"{brief(host)}:{port} cannot be served on ({why}): choose another --host or --port.") from error
+        raise InputError(
+            f"{brief(host)}:{port} cannot be served on ({why}): choose another --host or --port."
+        ) from error
     return held
 
 
 def _own_address(host: str) -> str:
-    """The one that others reach this machine by, where it serves on all that it has; its name where it is in no network.
+    """The one that others reach this machine by, where it serves on all that it has; its name where
+    it is in no network.
 
-    Nothing is sent: a datagram socket that is connected knows by which of its addresses it would send. 192.0.2.1 and 2001:db8::1 are
+    Nothing is sent: a datagram socket that is connected knows by which of its addresses it would
+        send. 192.0.2.1 and 2001:db8::1 are
     nobody's (RFC 5737, RFC 3849).
     """
     try:

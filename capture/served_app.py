@@ -1,7 +1,9 @@
-"""One app behind a window of a browser: Textual's own, which also carries what the page for a thumb needs.
+"""One app behind a window of a browser: Textual's own, which also carries what the page for a thumb
+needs.
 
-That page gets the screen as data and the camera's picture as JPEG, in one websocket with the terminal's text: JSON beside Textual's own,
-and binary messages that begin with 0xFF, as every JPEG does and no text in UTF-8 can.
+That page gets the screen as data and the camera's picture as JPEG, in one websocket with the
+terminal's text: JSON beside Textual's own, and binary messages that begin with 0xFF, as every JPEG
+does and no text in UTF-8 can.
 """
 
 import json
@@ -14,15 +16,26 @@ from textual_serve.download_manager import DownloadManager
 
 DRIVER = "capture.tui.page_driver:PageDriver"
 PHONE = (120, 40)
-"""Columns and rows of the terminal that nobody sees while a page for a thumb stands before it: what is on it does not depend on the
-window, which a phone's keyboard makes small."""
+"""Columns and rows of the terminal that nobody sees while a page for a thumb stands before it: what
+is on it does not depend on the window, which a phone's keyboard makes small.
+"""
 
 
 class ServedApp(AppService):
     def __init__(
-        self, command: str, websocket: web.WebSocketResponse, close: Callable[[], Awaitable[None]], downloads: DownloadManager
+        self,
+        command: str,
+        websocket: web.WebSocketResponse,
+        close: Callable[[], Awaitable[None]],
+        downloads: DownloadManager,
     ) -> None:
-        super().__init__(command, write_bytes=websocket.send_bytes, write_str=websocket.send_str, close=close, download_manager=downloads)
+        super().__init__(
+            command,
+            write_bytes=websocket.send_bytes,
+            write_str=websocket.send_str,
+            close=close,
+            download_manager=downloads,
+        )
         self._on_phone = False
         self._window = (80, 24)
 

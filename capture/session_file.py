@@ -23,20 +23,29 @@ Setup = tuple[Board, Camera, Cover]
 def read_setup(file: Path) -> Setup:
     """Board, camera and cover of a session.yaml, whose folder may have no pictures yet."""
     written = read_yaml(file)
-    Section(written, str(file)).choice("format", (FORMAT,), f"{FORMAT}, the format that this version reads")
-    return session_from_mapping({key: value for key, value in written.items() if key not in ("format", "corners", PRIOR)}, str(file))
+    Section(written, str(file)).choice(
+        "format", (FORMAT,), f"{FORMAT}, the format that this version reads"
+    )
+    return session_from_mapping(
+        {key: value for key, value in written.items() if key not in ("format", "corners", PRIOR)},
+        str(file),
+    )
 
 
 def read_calibrated(calibration: Path) -> Setup:
     """Board, camera and cover as a calibration's file has them: with the lens that was found."""
     said = read_yaml(calibration)
-    return session_from_mapping({key: said[key] for key in ("board", "camera", "cover") if key in said}, str(calibration))
+    return session_from_mapping(
+        {key: said[key] for key in ("board", "camera", "cover") if key in said}, str(calibration)
+    )
 
 
 def board_of(session: Path, asked: Board | None, like: Setup | None = None) -> Board:
-    """The board that a session folder describes, or the one that was asked for where it describes none yet.
+    """The board that a session folder describes, or the one that was asked for where it describes
+    none yet.
 
-    InputError where it describes another board than was asked for, or another cover than `like` has.
+    InputError where it describes another board than was asked for, or another cover than `like`
+    has.
     """
     file = session / "session.yaml"
     with reading(file):
@@ -44,28 +53,36 @@ def board_of(session: Path, asked: Board | None, like: Setup | None = None) -> B
     if not described:
         if asked is None:
             raise InputError(
-                f"{session} has no session.yaml yet: describe the board by --board 9x9 --square-mm 20 (inner corners), with "
-                "--type where it has markers."
+                f"{session} has no session.yaml yet: describe the board by --board 9x9 --square-mm"
+                " 20 (inner corners), with --type where it has markers."
             )
         return asked
     if "corners" in read_yaml(file):
         raise InputError(
-            f"{file} names a corners file, so calib would not look at new pictures: drop the key corners, or record elsewhere."
+            f"{file} names a corners file, so calib would not look at new pictures: drop the key"
+            " corners, or record elsewhere."
         )
     board, _, cover = read_setup(file)
     if asked not in (None, board):
         raise InputError(
-            f"{file} describes a board of {_described(board)} where {_described(asked)} were asked for: "
-            "leave --board and what belongs to it out, correct the file, or record elsewhere."
+            f"{file} describes a board of {_described(board)} where {_described(asked)} were asked"
+            " for: leave --board and what belongs to it out, correct the file, or record"
+            " elsewhere."
         )
     if like and like[2] != cover:
-        raise InputError(f"{file} describes another cover than --cover-from's: leave that out, correct the file, or record elsewhere.")
+        raise InputError(
+            f"{file} describes another cover than --cover-from's: leave that out, correct the file,"
+            " or record elsewhere."
+        )
     return board
 
 
-def write_setup(session: Path, board: Board, size: tuple[int, int], like: Setup | None, shutter: Shutter | None) -> Cover:
-    """Describe a session whose pictures have this size, with another's cover and, if its pictures are as large, its camera; with `shutter`
-    where that says none."""
+def write_setup(
+    session: Path, board: Board, size: tuple[int, int], like: Setup | None, shutter: Shutter | None
+) -> Cover:
+    """Describe a session whose pictures have this size, with another's cover and, if its pictures
+    are as large, its camera; with `shutter` where that says none.
+    """
     camera, cover = Camera(*size), Cover("none", {})
     if like:
         cover = like[2]
@@ -73,7 +90,10 @@ def write_setup(session: Path, board: Board, size: tuple[int, int], like: Setup 
             camera = like[1]
     camera = replace(camera, shutter=camera.shutter or shutter)
     described = {"format": FORMAT, **session_to_yaml(board, camera, cover)}
-    write_durably(session / "session.yaml", yaml.safe_dump(described, sort_keys=False, allow_unicode=True, width=120))
+    write_durably(
+        session / "session.yaml",
+        yaml.safe_dump(described, sort_keys=False, allow_unicode=True, width=120),
+    )
     return cover
 
 
@@ -83,6 +103,9 @@ def _described(board: Board) -> str:
             return f"{board} corners and {board.square * 1000:g} mm"
         case Charuco(marker, dictionary, legacy_pattern):
             pattern = " in the legacy pattern" if legacy_pattern else ""
-            return f"{board}, {board.square * 1000:g} mm, with markers of {marker * 1000:g} mm of {dictionary}{pattern}"
+            return (
+                f"{board}, {board.square * 1000:g} mm, with markers of {marker * 1000:g} mm of"
+                f" {dictionary}{pattern}"
+            )
         case AprilGrid(spacing):
             return f"{board}, {board.square * 1000:g} mm, spacing {spacing:g}"

@@ -1,4 +1,6 @@
-"""The state of the camera that a calibration is true for, and what changed in it within a session."""
+"""The state of the camera that a calibration is true for, and what changed in it within a
+session.
+"""
 
 import math
 from collections.abc import Mapping
@@ -17,7 +19,9 @@ class State:
         self._said: set[str] = set()
 
     def changes(self, row: Mapping[str, str]) -> list[str]:
-        """What is other than in the rows before, a sentence each; of each key only the first time."""
+        """What is other than in the rows before, a sentence each; of each key only the first
+        time.
+        """
         sentences = []
         for key in KEYS:
             now = row.get(key, "")
@@ -25,8 +29,9 @@ class State:
             if now and key not in self._said and not _same(before, now):
                 self._said.add(key)
                 sentences.append(
-                    f"{key} changed within the session, from {before} to {now} at {row['file']}: a calibration is true for one state of "
-                    "the camera, so lock it and record these pictures again."
+                    f"{key} changed within the session, from {before} to {now} at {row['file']}: a"
+                    " calibration is true for one state of the camera, so lock it and record these"
+                    " pictures again."
                 )
             if now:
                 self._last[key] = now

@@ -17,8 +17,10 @@ class Sighting:
     """What was seen of the board in one frame."""
 
     corners: NDArray[np.float64] | None
-    """(count, 2) px of the full frame, of a checkerboard in the order of `canonical_order`, to some tenths of a pixel; NaN where a board
-    with markers hides one. None: no board, or not enough of it, was found."""
+    """(count, 2) px of the full frame, of a checkerboard in the order of `canonical_order`, to some
+    tenths of a pixel; NaN where a board with markers hides one. None: no board, or not enough of
+    it, was found.
+    """
     width: int
     height: int
     time_s: float
@@ -42,18 +44,29 @@ class LiveFinder(Protocol):
     def look(self, frame: Frame) -> Sighting: ...
 
     def refine(self, frame: Frame, sighting: Sighting) -> NDArray[np.float64] | None:
-        """(count, 2) px, to some hundredths, as `calib.corners` starts from, NaN where not seen. None: the corners cannot be measured."""
+        """(count, 2) px, to some hundredths, as `calib.corners` starts from, NaN where not seen.
+
+        None: the corners cannot be measured.
+        """
         ...
 
 
 def grey_of(frame: Frame) -> NDArray[np.uint8]:
     """(H, W)"""
     pixels = frame.pixels
-    return pixels if pixels.ndim == 2 else np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), np.uint8)
+    return (
+        pixels
+        if pixels.ndim == 2
+        else np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), np.uint8)
+    )
 
 
 def side(grid: NDArray) -> float:
-    """px, mean distance between neighbours in (rows, columns, 2), some of which may be NaN; NaN where there are none."""
-    steps = np.concatenate([np.linalg.norm(np.diff(grid, axis=axis), axis=-1).ravel() for axis in (0, 1)])
+    """px, mean distance between neighbours in (rows, columns, 2), some of which may be NaN; NaN
+    where there are none.
+    """
+    steps = np.concatenate(
+        [np.linalg.norm(np.diff(grid, axis=axis), axis=-1).ravel() for axis in (0, 1)]
+    )
     steps = steps[np.isfinite(steps)]
     return float(steps.mean()) if steps.size else np.nan

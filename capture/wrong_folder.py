@@ -1,4 +1,6 @@
-"""Pictures with and without the cover look alike to the program: whether a folder is named for the step that its pictures are of."""
+"""Pictures with and without the cover look alike to the program: whether a folder is named for the
+step that its pictures are of.
+"""
 
 from pathlib import Path
 
@@ -10,7 +12,9 @@ WANTED = ("without the cover", "through it")
 
 
 def half(source: str, *, covered: bool) -> str:
-    """The source itself; of a folder that is a session with both, that of its pictures without the cover where those are wanted."""
+    """The source itself; of a folder that is a session with both, that of its pictures without the
+    cover where those are wanted.
+    """
     place = _folder(source)
     if covered or not place or not (place / "bare").is_dir():
         return source
@@ -19,14 +23,22 @@ def half(source: str, *, covered: bool) -> str:
 
 
 def check_folder(source: str, *, covered: bool) -> None:
-    """InputError where `source` is a folder of a session that keeps the wanted pictures in another one."""
+    """InputError where `source` is a folder of a session that keeps the wanted pictures in another
+    one.
+    """
     place = _folder(source)
     if not place:
         return
     if not covered and (place / "bare").is_dir():
-        raise InputError(f"{source} gives a session's pictures through its cover: for those without, write folder:{place / 'bare'}.")
+        raise InputError(
+            f"{source} gives a session's pictures through its cover: for those without, write"
+            f" folder:{place / 'bare'}."
+        )
     if covered and place.name == "bare":
-        raise InputError(f"{source} has pictures without the cover: name those that were taken through it, as in folder:SESSION.")
+        raise InputError(
+            f"{source} has pictures without the cover: name those that were taken through it, as in"
+            " folder:SESSION."
+        )
 
 
 def doubt(source: str, *, covered: bool) -> str:

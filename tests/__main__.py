@@ -1,7 +1,8 @@
-"""The checks in one command: `python -m tests`. What follows is passed on to pytest; `-m slow` has the tests that are left out here.
+"""The checks in one command: `python -m tests`. What follows is passed on to pytest; `-m slow` has
+the tests that are left out here.
 
-`--cov` reports in one figure how much of both packages the tests run: to count lines takes up to a third of the time again. What tests run
-in processes of their own is not counted.
+`--cov` reports in one figure how much of both packages the tests run: to count lines takes up to a
+third of the time again. What tests run in processes of their own is not counted.
 """
 
 import subprocess
@@ -16,7 +17,17 @@ COVERAGE = ("--cov=calib", "--cov=capture", "--cov-report=")
 if __name__ == "__main__":
     asked = [argument for argument in sys.argv[1:] if argument != "--cov"]
     counted = len(asked) < len(sys.argv) - 1
-    pytest = ["pytest", "-n", WORKERS, "--dist", "loadfile", "-m", "not slow", *(COVERAGE if counted else ()), *asked]
+    pytest = [
+        "pytest",
+        "-n",
+        WORKERS,
+        "--dist",
+        "loadfile",
+        "-m",
+        "not slow",
+        *(COVERAGE if counted else ()),
+        *asked,
+    ]
     for check in (*STYLE, pytest, *([["coverage", "report", "--format=total"]] if counted else ())):
         print("$", *check, flush=True)
         code = subprocess.run([sys.executable, "-m", *check], check=False).returncode

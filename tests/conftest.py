@@ -16,18 +16,39 @@ from threadpoolctl import threadpool_limits
 
 settings.register_profile("refracal", derandomize=True, deadline=None, database=None)
 settings.load_profile("refracal")
-configuration.set_hypothesis_home_dir(Path(gettempdir()) / "refracal-hypothesis")  # its tables of Unicode: not into the checkout
-# It would draw constants from whatever modules of ours are loaded: others for each choice of tests and each worker.
+configuration.set_hypothesis_home_dir(
+    Path(gettempdir()) / "refracal-hypothesis"
+)  # its tables of Unicode: not into the checkout
+# It would draw constants from whatever modules of ours are loaded: others for each choice of tests
+# and each worker.
 setattr(providers, "_get_local_constants", Constants)  # noqa: B010
 
 LONGEST = (
     *("test_fixtures.py", "capture/tui/test_session.py", "commands/test_choices.py"),
-    *("commands/test_coded_boards.py", "diagnosis/test_diagnose.py", "test_library.py", "commands/test_cli.py", "optics/test_shapes.py"),
-    *("verdict/test_bare_pictures.py", "corners/test_other_coding.py", "verdict/test_orientation.py", "test_border_fixtures.py"),
+    *(
+        "commands/test_coded_boards.py",
+        "diagnosis/test_diagnose.py",
+        "test_library.py",
+        "commands/test_cli.py",
+        "optics/test_shapes.py",
+    ),
+    *(
+        "verdict/test_bare_pictures.py",
+        "corners/test_other_coding.py",
+        "verdict/test_orientation.py",
+        "test_border_fixtures.py",
+    ),
     *("checking/test_naming.py", "fleet/test_job.py", "fleet/test_run.py"),
-    *("capture/tui/test_snapshots.py", "capture/test_coded_live.py", "corners/test_detect_all.py", "capture/tui/test_faults.py"),
+    *(
+        "capture/tui/test_snapshots.py",
+        "capture/test_coded_live.py",
+        "corners/test_detect_all.py",
+        "capture/tui/test_faults.py",
+    ),
 )
-"""Files of half a minute of work and more: begun first, for whichever comes last leaves the other worker idle."""
+"""Files of half a minute of work and more: begun first, for whichever comes last leaves the other
+worker idle.
+"""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -49,7 +70,9 @@ def _own_state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 @pytest.fixture(autouse=True, scope="session")
 def _activated() -> Iterator[None]:
-    """As in an activated virtual environment: what the commands say to type next begins with their bare names."""
+    """As in an activated virtual environment: what the commands say to type next begins with their
+    bare names.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PATH", str(Path(sys.executable).parent), prepend=os.pathsep)
         yield
@@ -57,7 +80,9 @@ def _activated() -> Iterator[None]:
 
 @pytest.fixture
 def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A report's seven figures take longer than a small fit: for tests of something else, as those of the report draw them."""
+    """A report's seven figures take longer than a small fit: for tests of something else, as those
+    of the report draw them.
+    """
     monkeypatch.setattr("calib.report.write.DRAWINGS", ())
 
 
@@ -70,7 +95,9 @@ def _frozen() -> None:
 
 @pytest.fixture(autouse=True, scope="session")
 def _one_thread() -> Iterator[None]:
-    """Small tensors and matrices: threads only cost time, most of all on a busy machine; in processes that tests start, too."""
+    """Small tensors and matrices: threads only cost time, most of all on a busy machine; in
+    processes that tests start, too.
+    """
     torch.set_num_threads(1)
     with threadpool_limits(1, user_api="blas"), pytest.MonkeyPatch.context() as patch:
         for library in ("OMP", "OPENBLAS"):

@@ -9,7 +9,8 @@ ROOT = Path(__file__).parents[1]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 TYPED = re.compile(
-    r"(\S+=\S+ )*(\S*/)?(calib|capture|python3?|pip|smoke|pi\.sh|pi_wheel\.sh|sudo|apt-get|git|uname|rpicam-hello|cd|\.)(?= |$)"
+    r"(\S+=\S+"
+    r" )*(\S*/)?(calib|capture|python3?|pip|smoke|pi\.sh|pi_wheel\.sh|sudo|apt-get|git|uname|rpicam-hello|cd|\.)(?= |$)"  # noqa: E501
 )
 """How a line begins that is typed; all other lines of a block are what is printed."""
 
@@ -28,13 +29,21 @@ class Typed:
 
     @property
     def kind(self) -> str:
-        """`run`; `parsed`: ours, but it needs a camera, a person, a fleet, or hours; `shell`: it changes this machine, so bash reads it
-        alone."""
+        """`run`; `parsed`: ours, but it needs a camera, a person, a fleet, or hours; `shell`: it
+        changes this machine, so bash reads it alone.
+        """
         if self.line.startswith("calib fleet-prior"):
             return "parsed"
-        if self.program == "calib" or self.line in ("capture sources",) or "sha256sum" in self.line or "--print-completion" in self.line:
+        if (
+            self.program == "calib"
+            or self.line in ("capture sources",)
+            or "sha256sum" in self.line
+            or "--print-completion" in self.line
+        ):
             return "run"
-        if self.program == "capture" or (" -m " in self.line and not re.search(r" -m (venv|pip|build)", self.line)):
+        if self.program == "capture" or (
+            " -m " in self.line and not re.search(r" -m (venv|pip|build)", self.line)
+        ):
             return "parsed"
         return "shell"
 

@@ -1,4 +1,6 @@
-"""docs/architecture.md says what is there: its rooms are those of the import table, and its paths exist."""
+"""docs/architecture.md says what is there: its rooms are those of the import table, and its paths
+exist.
+"""
 
 import re
 from pathlib import Path

@@ -1,4 +1,6 @@
-"""The rendered boards with markers, a third of which reach out of the picture: from pictures to maps, at the picture's border above all."""
+"""The rendered boards with markers, a third of which reach out of the picture: from pictures to
+maps, at the picture's border above all.
+"""
 
 import numpy as np
 import pytest
@@ -18,7 +20,12 @@ from tests.test_fixtures import copied, with_true_glass
 WHOLE, REACHING = "bumps", ("charuco", "aprilgrid")
 FOLDERS = [name + inner for name in REACHING for inner in ("", "/holdout")]
 SIZE = np.array([1640, 1232])
-RMS = {"charuco": (0.0125, 0.038), "charuco/holdout": (0.0127, 0.037), "aprilgrid": (0.0151, 0.051), "aprilgrid/holdout": (0.0147, 0.044)}
+RMS = {
+    "charuco": (0.0125, 0.038),
+    "charuco/holdout": (0.0127, 0.037),
+    "aprilgrid": (0.0151, 0.051),
+    "aprilgrid/holdout": (0.0147, 0.044),
+}
 """px as measured: root mean square and worst."""
 MAPS = {"charuco": (0.0145, 0.0111, 0.0277), "aprilgrid": (0.0109, 0.0078, 0.0174)}
 """px as measured at 0.3, 0.5 and 1 m."""
@@ -28,7 +35,9 @@ PIXELS = {"charuco": 3300, "aprilgrid": 4000}
 @pytest.fixture(scope="module")
 def sessions(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Session]:
     folder = tmp_path_factory.mktemp("border")
-    found = {name: read_session(copied(FIXTURES / name, folder / name)) for name in (WHOLE, *REACHING)}
+    found = {
+        name: read_session(copied(FIXTURES / name, folder / name)) for name in (WHOLE, *REACHING)
+    }
     return found | {f"{name}/holdout": read_session(folder / name / "holdout") for name in REACHING}
 
 
@@ -48,13 +57,17 @@ def inside(corners: np.ndarray, margin: float = 0.0) -> np.ndarray:
 
 @pytest.mark.parametrize("name", FOLDERS)
 def test_boards_reach_out_where_they_should(name: str) -> None:
-    """Every third, and of the held-out ones all, which have as many corners at the picture's border as inside."""
+    """Every third, and of the held-out ones all, which have as many corners at the picture's border
+    as inside.
+    """
     corners = true_corners(name)
     seen = inside(corners)
     reaching = ~seen.all(1)
     held = name.endswith("/holdout")
     assert np.array_equal(reaching, np.ones(8, bool) if held else np.arange(24) % 3 == 2)
-    border = np.array([(at_border(own[here], *SIZE)).sum() for own, here in zip(corners, seen, strict=True)])
+    border = np.array(
+        [(at_border(own[here], *SIZE)).sum() for own, here in zip(corners, seen, strict=True)]
+    )
     assert (border[reaching] >= 10).all(), border
     if held:
         assert 0.4 < border.sum() / seen.sum() < 0.6
@@ -62,15 +75,20 @@ def test_boards_reach_out_where_they_should(name: str) -> None:
 
 @pytest.mark.parametrize("name", FOLDERS)
 def test_detected_corners_are_the_renderer_s(sessions: dict[str, Session], name: str) -> None:
-    """As those of whole boards, an eighth more than was measured allowed, a quarter for the worst. Nearly all are found that lie six pixels
-    and more inside, in the held-out AprilGrids 95 %: tags that the border cuts are not read. None is made up outside."""
+    """As those of whole boards, an eighth more than was measured allowed, a quarter for the worst.
+    Nearly all are found that lie six pixels and more inside, in the held-out AprilGrids 95 %: tags
+    that the border cuts are not read. None is made up outside.
+    """
     session = sessions[name]
     views, true = detect(session.frames, session.board).views, true_corners(name)
     off = detected_off(views, true)
     rms, worst = float(np.sqrt((off**2).sum(-1).mean())), float(np.hypot(*off.T).max())
     clear = inside(true, 6.0)
     found = np.array([view.seen for view in views])
-    print(f"{name}: {rms:.4f} px RMS, mean {off.mean(0).round(4)}, worst {worst:.3f}; {100 * found[clear].mean():.1f} % found")
+    print(
+        f"{name}: {rms:.4f} px RMS, mean {off.mean(0).round(4)}, worst {worst:.3f};"
+        f" {100 * found[clear].mean():.1f} % found"
+    )
     assert rms < 9 / 8 * RMS[name][0]
     assert worst < 5 / 4 * RMS[name][1]
     assert np.abs(off.mean(0)).max() < 0.002
@@ -79,7 +97,9 @@ def test_detected_corners_are_the_renderer_s(sessions: dict[str, Session], name:
 
 
 @pytest.mark.parametrize("name", REACHING)
-def test_every_view_is_used_and_the_calibration_trusted(fitted: dict[str, Calibration], name: str) -> None:
+def test_every_view_is_used_and_the_calibration_trusted(
+    fitted: dict[str, Calibration], name: str
+) -> None:
     calibration = fitted[name]
     assert calibration.rejected == ()
     assert len(calibration.views) == 24
@@ -90,9 +110,14 @@ def test_every_view_is_used_and_the_calibration_trusted(fitted: dict[str, Calibr
 
 @pytest.mark.parametrize("name", REACHING)
 def test_rays_are_the_renderer_s_to_the_border(fitted: dict[str, Calibration], name: str) -> None:
-    """As those of whole boards, in more of the picture: an eighth more than was measured is allowed."""
+    """As those of whole boards, in more of the picture: an eighth more than was measured is
+    allowed.
+    """
     error = map_error(fitted[name], FIXTURES / name / "truth.npz", near=40.0)
-    print(f"{name}: map error, px RMS by depth: {error.by_depth}, expected: {error.predicted}; {error.pixels} pixels")
+    print(
+        f"{name}: map error, px RMS by depth: {error.by_depth}, expected: {error.predicted};"
+        f" {error.pixels} pixels"
+    )
     assert error.pixels > PIXELS[name]
     assert (np.array(list(error.by_depth.values())) / MAPS[name] < 9 / 8).all()
 
@@ -101,10 +126,14 @@ def test_rays_are_the_renderer_s_to_the_border(fitted: dict[str, Calibration], n
 def test_held_out_views_are_within_5_percent_of_what_the_true_glass_leaves(
     fitted: dict[str, Calibration], sessions: dict[str, Session], name: str
 ) -> None:
-    """As of whole boards; 1.035 and 1.01 were measured, where each view has fewer corners than of those."""
+    """As of whole boards; 1.035 and 1.01 were measured, where each view has fewer corners than of
+    those.
+    """
     session = sessions[f"{name}/holdout"]
     ours = evaluate(fitted[name], session, Silent())
-    floor = evaluate(with_true_glass(fitted[name], session, FIXTURES / name / "truth.npz"), session, Silent())
+    floor = evaluate(
+        with_true_glass(fitted[name], session, FIXTURES / name / "truth.npz"), session, Silent()
+    )
     print(f"{name}: held out {ours.rms_px:.4f} px, true glass {floor.rms_px:.4f} px")
     assert ours.frames_used == 8
     assert ours.rms_px < 1.05 * floor.rms_px
@@ -114,7 +143,9 @@ def test_held_out_views_are_within_5_percent_of_what_the_true_glass_leaves(
 def test_the_border_is_a_quarter_better_than_with_whole_boards(
     fitted: dict[str, Calibration], sessions: dict[str, Session], judge_of: str
 ) -> None:
-    """The same camera, glass and number of views, judged by the same views, whichever board these show: 32 to 58 % were measured."""
+    """The same camera, glass and number of views, judged by the same views, whichever board these
+    show: 32 to 58 % were measured.
+    """
     errors = {}
     for name, calibration in fitted.items():
         every, border = held_out(calibration, sessions[f"{judge_of}/holdout"])

@@ -25,13 +25,17 @@ from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, Scene, scene
 
 SHORT = Settings(grid=(5, 5), steps=60)
 CORRELATIONS = ((0.99,), (0.5, 0.55), (0.0, 0.0, 0.2))
-BARE = Intrinsics(Number(2560, 3.0), Number(2559, 2.9), Number(1666, 1.5), Number(1274, 1.2), (), CORRELATIONS)
+BARE = Intrinsics(
+    Number(2560, 3.0), Number(2559, 2.9), Number(1666, 1.5), Number(1274, 1.2), (), CORRELATIONS
+)
 
 
 def write_session(folder: Path, made: Scene, views: tuple[View, ...] | None = None) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     setup = session_to_yaml(made.board, Camera(WIDTH, HEIGHT, intrinsics=INTRINSICS), made.cover)
-    (folder / "session.yaml").write_text(yaml.safe_dump({"format": 1, **setup, "corners": "corners.vnl"}))
+    (folder / "session.yaml").write_text(
+        yaml.safe_dump({"format": 1, **setup, "corners": "corners.vnl"})
+    )
     write_corners(folder / "corners.vnl", views or made.views)
     return folder
 
@@ -43,7 +47,9 @@ def made() -> Scene:
 
 @pytest.fixture(scope="module")
 def calibration(made: Scene, tmp_path_factory: pytest.TempPathFactory) -> Calibration:
-    return fit(read_session(write_session(tmp_path_factory.mktemp("session"), made)), SHORT, Silent())
+    return fit(
+        read_session(write_session(tmp_path_factory.mktemp("session"), made)), SHORT, Silent()
+    )
 
 
 def test_every_stage_is_better_than_the_one_before(calibration: Calibration) -> None:
@@ -54,7 +60,9 @@ def test_every_stage_is_better_than_the_one_before(calibration: Calibration) -> 
 
 
 def test_the_noise_is_found_from_the_residual(calibration: Calibration) -> None:
-    assert calibration.noise_px == pytest.approx(0.05 * 2**0.5, rel=0.15)  # 0.05 px in x and in y, from 648 corners
+    assert calibration.noise_px == pytest.approx(
+        0.05 * 2**0.5, rel=0.15
+    )  # 0.05 px in x and in y, from 648 corners
 
 
 def test_what_is_saved_comes_back(calibration: Calibration, tmp_path: Path) -> None:
@@ -68,29 +76,49 @@ def test_what_is_saved_comes_back(calibration: Calibration, tmp_path: Path) -> N
     assert back.settings == calibration.settings
     assert [view.name for view in back.views] == [view.name for view in calibration.views]
     assert np.array_equal(back.poses, calibration.poses)
-    assert all(np.array_equal(a.corners, b.corners) for a, b in zip(back.views, calibration.views, strict=True))
-    assert Calibration.load(tmp_path / "out").stages == calibration.stages, "the folder serves as well as the file"
+    assert all(
+        np.array_equal(a.corners, b.corners)
+        for a, b in zip(back.views, calibration.views, strict=True)
+    )
+    assert Calibration.load(tmp_path / "out").stages == calibration.stages, (
+        "the folder serves as well as the file"
+    )
 
 
-def test_a_saved_calibration_can_be_fitted_again_from_itself(calibration: Calibration, tmp_path: Path) -> None:
-    """It carries its inputs: the same board, camera, cover, corners and settings give the same rays."""
+def test_a_saved_calibration_can_be_fitted_again_from_itself(
+    calibration: Calibration, tmp_path: Path
+) -> None:
+    """It carries its inputs: the same board, camera, cover, corners and settings give the same
+    rays.
+    """
     calibration.save(tmp_path)
     back = Calibration.load(tmp_path)
-    described = session_to_yaml(back.board, replace(back.camera, intrinsics=back.declared.intrinsics), back.declared.cover)
+    described = session_to_yaml(
+        back.board, replace(back.camera, intrinsics=back.declared.intrinsics), back.declared.cover
+    )
     session = {"format": 1, **described, "corners": "corners.vnl"}
     (tmp_path / "session.yaml").write_text(yaml.safe_dump(session))
     write_corners(tmp_path / "corners.vnl", back.views)
     said = back.settings
-    again = fit(read_session(tmp_path), Settings(said["method"], tuple(said["grid"]), said["steps"], said["exact_hit"]), Silent())
+    again = fit(
+        read_session(tmp_path),
+        Settings(said["method"], tuple(said["grid"]), said["steps"], said["exact_hit"]),
+        Silent(),
+    )
     pixels = np.random.default_rng(2).uniform(0, [WIDTH, HEIGHT], (200, 2))
     for first, second in zip(calibration.rays(pixels), again.rays(pixels), strict=True):
         assert np.abs(first - second).max() < 1e-9
 
 
-def test_the_priors_of_a_bare_calibration_come_back(calibration: Calibration, tmp_path: Path) -> None:
-    """With their correlations, a doubted number's among them; a diagnosis starts from the same ones. A file from before there were any has
-    none."""
-    replace(calibration, stated=Declared(BARE, calibration.declared.cover, ("camera.fy",))).save(tmp_path)
+def test_the_priors_of_a_bare_calibration_come_back(
+    calibration: Calibration, tmp_path: Path
+) -> None:
+    """With their correlations, a doubted number's among them; a diagnosis starts from the same
+    ones. A file from before there were any has none.
+    """
+    replace(calibration, stated=Declared(BARE, calibration.declared.cover, ("camera.fy",))).save(
+        tmp_path
+    )
     back = Calibration.load(tmp_path)
     assert back.declared.intrinsics == BARE
     priors = base_model(back).priors
@@ -103,7 +131,11 @@ def test_the_priors_of_a_bare_calibration_come_back(calibration: Calibration, tm
 
 def test_views_that_gave_the_intrinsics_count_once(calibration: Calibration) -> None:
     """What they said of them is no prior for them."""
-    made = replace(calibration, stated=Declared(BARE, calibration.declared.cover), settings={"intrinsics_from": "views"})
+    made = replace(
+        calibration,
+        stated=Declared(BARE, calibration.declared.cover),
+        settings={"intrinsics_from": "views"},
+    )
     priors = base_model(made).priors
     assert priors.correlations == {}
     assert priors.sigmas["camera.fx"] == pytest.approx(128.0)
@@ -132,7 +164,10 @@ def test_maps_are_the_rays(calibration: Calibration) -> None:
     u, v = 1000, 700
     bare = calibration.camera.intrinsics
     assert bare
-    at = np.array([[(u - bare.cx.value) / bare.fx.value, (v - bare.cy.value) / bare.fy.value, 1.0]]) * 0.8
+    at = (
+        np.array([[(u - bare.cx.value) / bare.fx.value, (v - bare.cy.value) / bare.fy.value, 1.0]])
+        * 0.8
+    )
     assert np.abs(calibration.project(at)[0] - [map_x[v, u], map_y[v, u]]).max() < 0.01
 
 
@@ -141,7 +176,13 @@ def test_partly_seen_boards_are_welcome(made: Scene, tmp_path: Path) -> None:
     for i, view in enumerate(made.views):
         hidden = np.zeros(81, dtype=bool)
         hidden[: 9 * (i % 4)] = True
-        views.append(View(view.name, np.where(hidden[:, None], np.nan, view.corners), np.where(hidden, 0.0, 1.0)))
+        views.append(
+            View(
+                view.name,
+                np.where(hidden[:, None], np.nan, view.corners),
+                np.where(hidden, 0.0, 1.0),
+            )
+        )
     result = fit(read_session(write_session(tmp_path, made, tuple(views))), SHORT, Silent())
     assert len(result.views) == 8
     assert sum(view.count for view in result.views) == 8 * 81 - 2 * (9 + 18 + 27)
@@ -150,7 +191,9 @@ def test_partly_seen_boards_are_welcome(made: Scene, tmp_path: Path) -> None:
 
 def test_a_view_that_disagrees_is_rejected_and_listed(made: Scene, tmp_path: Path) -> None:
     wrong = made.views[3]
-    swapped = wrong.corners.reshape(9, 9, 2)[[1, 0, *range(2, 9)]].reshape(81, 2)  # two rows taken for each other
+    swapped = wrong.corners.reshape(9, 9, 2)[[1, 0, *range(2, 9)]].reshape(
+        81, 2
+    )  # two rows taken for each other
     views = (*made.views[:3], View(wrong.name, swapped, wrong.weight), *made.views[4:])
     result = fit(read_session(write_session(tmp_path, made, views)), SHORT, Silent())
     assert [rejected.name for rejected in result.rejected] == [wrong.name]
@@ -167,14 +210,22 @@ def test_too_few_views_say_so(made: Scene, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "says"),
     [
-        (lambda folder: (folder / "calibration.npz").unlink(), "keep calibration.yaml and calibration.npz in one folder"),
+        (
+            lambda folder: (folder / "calibration.npz").unlink(),
+            "keep calibration.yaml and calibration.npz in one folder",
+        ),
         (lambda folder: (folder / "calibration.npz").write_bytes(b"PK\x03\x04 cut"), "is damaged"),
         (lambda folder: (folder / "calibration.yaml").write_text("format: 7\n"), "format is 7"),
-        (lambda folder: (folder / "calibration.yaml").write_text("format: 2\n"), "is not a whole calibration"),
+        (
+            lambda folder: (folder / "calibration.yaml").write_text("format: 2\n"),
+            "is not a whole calibration",
+        ),
         (lambda folder: (folder / "calibration.yaml").unlink(), "does not exist"),
     ],
 )
-def test_a_damaged_calibration_gets_its_sentence(calibration: Calibration, tmp_path: Path, spoil: object, says: str) -> None:
+def test_a_damaged_calibration_gets_its_sentence(
+    calibration: Calibration, tmp_path: Path, spoil: object, says: str
+) -> None:
     calibration.save(tmp_path)
     spoil(tmp_path)  # type: ignore[operator]
     with pytest.raises(InputError, match=says):
@@ -202,27 +253,52 @@ def edit_yaml(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
     [
         (lambda said: said["relief"].update(grid=[5, 6]), "amplitudes are float64 of shape"),
         (lambda said: said["relief"].update(grid=["a", 5]), "relief.grid is not two numbers"),
-        (lambda said: said["relief"].update(grid=[1, 64]), "relief.grid is not two whole numbers of 2 or more"),
+        (
+            lambda said: said["relief"].update(grid=[1, 64]),
+            "relief.grid is not two whole numbers of 2 or more",
+        ),
         (lambda said: said["relief"].update(grid=[5.5, 5]), "relief.grid is not two whole numbers"),
         (lambda said: said["relief"].update(low=[1]), "relief.low is not two numbers"),
         (lambda said: said["relief"].update(low="ab"), "relief.low is not two numbers"),
-        (lambda said: said["relief"].update(low=said["relief"]["high"]), "relief.low is not below relief.high"),
+        (
+            lambda said: said["relief"].update(low=said["relief"]["high"]),
+            "relief.low is not below relief.high",
+        ),
         (lambda said: said["relief"].update(beta="wide"), "relief.beta is not a number"),
         (lambda said: said["settings"].update(made_by=[1]), "settings.made_by is not a mapping"),
-        (lambda said: said["settings"].update(made_by={"session": 5}), "settings.made_by.session is not a text"),
-        (lambda said: said["settings"].update(diagnosis="all"), "settings.diagnosis is not a mapping"),
-        (lambda said: said["settings"].update(diagnosis={"candidates": [{"effect": "lens"}]}), r"candidates\[0\]\.accepted is missing"),
+        (
+            lambda said: said["settings"].update(made_by={"session": 5}),
+            "settings.made_by.session is not a text",
+        ),
+        (
+            lambda said: said["settings"].update(diagnosis="all"),
+            "settings.diagnosis is not a mapping",
+        ),
+        (
+            lambda said: said["settings"].update(diagnosis={"candidates": [{"effect": "lens"}]}),
+            r"candidates\[0\]\.accepted is missing",
+        ),
         (lambda said: said["settings"].update(free="all"), "settings.free is not a list"),
         (lambda said: said["settings"].update(grid={"a": 1}), "settings.grid is not a list"),
         (lambda said: said["settings"].update(grid=[True, 5]), "settings.grid is not a list of 0"),
-        (lambda said: said["settings"].update(cross_validation={"folds": 5}), "settings.cross_validation.held_out_px is missing"),
-        (lambda said: said["settings"].update(sigma_px=0), "settings.sigma_px is not a number above 0"),
         (
-            lambda said: said["settings"].update(relief_prior={"height_m": 1e300, "length_of_patch": 1}),
+            lambda said: said["settings"].update(cross_validation={"folds": 5}),
+            "settings.cross_validation.held_out_px is missing",
+        ),
+        (
+            lambda said: said["settings"].update(sigma_px=0),
+            "settings.sigma_px is not a number above 0",
+        ),
+        (
+            lambda said: said["settings"].update(
+                relief_prior={"height_m": 1e300, "length_of_patch": 1}
+            ),
             "height_m is not a number that a fit",
         ),
         (
-            lambda said: said.update(effects=[{"name": "board_shape", "form": {"degree": "x"}, "parameters": {}}]),
+            lambda said: said.update(
+                effects=[{"name": "board_shape", "form": {"degree": "x"}, "parameters": {}}]
+            ),
             "form.degree of board_shape",
         ),
         (lambda said: said.update(relief=[]), "is not a whole calibration"),
@@ -281,7 +357,9 @@ def test_arrays_of_another_shape_get_their_sentence(
         Calibration.load(tmp_path)
 
 
-def test_entries_near_zero_may_differ_across_the_diagonal_as_their_sigmas_are_rounded(calibration: Calibration, tmp_path: Path) -> None:
+def test_entries_near_zero_may_differ_across_the_diagonal_as_their_sigmas_are_rounded(
+    calibration: Calibration, tmp_path: Path
+) -> None:
     calibration.save(tmp_path)
     uneven = calibration.covariance.copy()
     uneven[0, 1], uneven[1, 0] = 1e-10 * np.sqrt(uneven[0, 0] * uneven[1, 1]), 0.0
@@ -298,7 +376,9 @@ def test_a_new_npz_beside_an_old_yaml_is_refused(calibration: Calibration, tmp_p
         Calibration.load(tmp_path)
 
 
-def test_paths_that_cannot_be_looked_up_get_their_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_paths_that_cannot_be_looked_up_get_their_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with pytest.raises(InputError, match=r"cannot be read \(File name too long\)"):
         Calibration.load(tmp_path / ("x" * 300))
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
@@ -313,21 +393,34 @@ def test_paths_that_cannot_be_looked_up_get_their_sentence(tmp_path: Path, monke
         Calibration.load(tmp_path)
 
 
-def test_what_could_not_be_read_back_is_not_written(calibration: Calibration, tmp_path: Path) -> None:
+def test_what_could_not_be_read_back_is_not_written(
+    calibration: Calibration, tmp_path: Path
+) -> None:
     """A sigma that is not a number, and correlations that no numbers have."""
     k = calibration.camera.intrinsics
     assert k
-    for spoiled in (replace(k, fx=Number(k.fx.value, float("nan"))), replace(BARE, correlations=((0.99,), (0.99, -0.99), (0.0, 0.0, 0.0)))):
-        with pytest.raises(NotEnoughDataError, match=r"no calibration is written.*camera.intrinsics"):
-            replace(calibration, camera=replace(calibration.camera, intrinsics=spoiled)).save(tmp_path / "out")
+    for spoiled in (
+        replace(k, fx=Number(k.fx.value, float("nan"))),
+        replace(BARE, correlations=((0.99,), (0.99, -0.99), (0.0, 0.0, 0.0))),
+    ):
+        with pytest.raises(
+            NotEnoughDataError, match=r"no calibration is written.*camera.intrinsics"
+        ):
+            replace(calibration, camera=replace(calibration.camera, intrinsics=spoiled)).save(
+                tmp_path / "out"
+            )
         assert not (tmp_path / "out" / "calibration.yaml").exists()
         assert not (tmp_path / "out" / "calibration.npz").exists()
 
 
-def test_an_array_that_could_not_be_read_back_is_not_written(calibration: Calibration, tmp_path: Path) -> None:
+def test_an_array_that_could_not_be_read_back_is_not_written(
+    calibration: Calibration, tmp_path: Path
+) -> None:
     uneven = calibration.covariance.copy()
     uneven[0, 1] += 0.1 * np.sqrt(uneven[0, 0] * uneven[1, 1])
-    with pytest.raises(NotEnoughDataError, match=r"no calibration is written.*covariance is not symmetric"):
+    with pytest.raises(
+        NotEnoughDataError, match=r"no calibration is written.*covariance is not symmetric"
+    ):
         replace(calibration, covariance=uneven).save(tmp_path / "out")
     assert not list(tmp_path.glob("out/calibration.*"))
 

@@ -1,4 +1,6 @@
-"""What a run on devices says of itself: a group that ran nothing, though it could have, is a failure."""
+"""What a run on devices says of itself: a group that ran nothing, though it could have, is a
+failure.
+"""
 
 import sys
 from pathlib import Path
@@ -11,7 +13,10 @@ from tests.device.tally import Tally
 PASSES = "def test_a():\n    pass\n\n\ndef test_b():\n    pass\n"
 SKIPS = "import pytest\n\n\ndef test_a():\n    pytest.skip('no camera')\n"
 FAILS = "def test_a():\n    assert False\n"
-BREAKS = "import pytest\n\n\n@pytest.fixture\ndef guest():\n    raise OSError\n\n\ndef test_a(guest):\n    pass\n"
+BREAKS = (
+    "import pytest\n\n\n@pytest.fixture\ndef guest():\n    raise OSError\n\n\ndef test_a(guest):\n "
+    "   pass\n"
+)
 
 
 def run(folder: Path, missing: dict[str, str], **checks: str) -> Tally:
@@ -23,7 +28,16 @@ def run(folder: Path, missing: dict[str, str], **checks: str) -> Tally:
         file.write_text(text)
         sys.modules.pop(file.stem, None)  # of the test before
     pytest.main(
-        ["-q", "-p", "no:cacheprovider", "--import-mode=importlib", f"--rootdir={folder}", "-c", "/dev/null", *map(str, files)],
+        [
+            "-q",
+            "-p",
+            "no:cacheprovider",
+            "--import-mode=importlib",
+            f"--rootdir={folder}",
+            "-c",
+            "/dev/null",
+            *map(str, files),
+        ],
         plugins=[tally],
     )
     return tally
@@ -32,7 +46,9 @@ def run(folder: Path, missing: dict[str, str], **checks: str) -> Tally:
 def test_all_groups_ran(tmp_path: Path) -> None:
     tally = run(tmp_path, {}, loopback=PASSES, vivid=PASSES)
     assert tally.code == 0
-    assert str(tally).splitlines() == [f"Device checks, {group}: 2 ran, 0 failed, 0 skipped" for group in ("loopback", "vivid")]
+    assert str(tally).splitlines() == [
+        f"Device checks, {group}: 2 ran, 0 failed, 0 skipped" for group in ("loopback", "vivid")
+    ]
 
 
 def test_a_group_that_cannot_run_here_is_named_with_its_reason(tmp_path: Path) -> None:

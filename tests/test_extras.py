@@ -1,4 +1,6 @@
-"""What a message says to install is what pyproject.toml names, and no document promises a package that is on no index."""
+"""What a message says to install is what pyproject.toml names, and no document promises a package
+that is on no index.
+"""
 
 import re
 import shlex
@@ -13,12 +15,18 @@ from calib.extras import EXTRAS, how_to_install
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-WRITTEN = [path for folder in ("calib", "capture", "docs", "fixtures", "benchmarks") for path in (ROOT / folder).rglob("*")]
+WRITTEN = [
+    path
+    for folder in ("calib", "capture", "docs", "fixtures", "benchmarks")
+    for path in (ROOT / folder).rglob("*")
+]
 
 
 def test_they_are_those_of_the_project() -> None:
     assert {name: list(needed) for name, needed in EXTRAS.items()} == {
-        name: needed for name, needed in PROJECT["optional-dependencies"].items() if name not in ("dev", "docs")
+        name: needed
+        for name, needed in PROJECT["optional-dependencies"].items()
+        if name not in ("dev", "docs")
     }
 
 
@@ -31,7 +39,13 @@ def test_the_command_is_pip_of_this_very_python(extra: str) -> None:
 
 
 def test_nothing_says_to_install_what_is_on_no_index() -> None:
-    texts = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(path for path in WRITTEN if path.suffix in (".py", ".md", ".txt"))]
+    texts = [
+        ROOT / "README.md",
+        ROOT / "CONTRIBUTING.md",
+        *(path for path in WRITTEN if path.suffix in (".py", ".md", ".txt")),
+    ]
     assert len(texts) > 300
     for path in texts:
-        assert not re.search(r"install\s+'?refracal(\[|'|\s|$)", path.read_text(encoding="utf-8")), path
+        assert not re.search(
+            r"install\s+'?refracal(\[|'|\s|$)", path.read_text(encoding="utf-8")
+        ), path

@@ -11,14 +11,24 @@ ROOT = Path(__file__).parents[1]
 
 
 def test_the_hooks_are_the_checks() -> None:
-    (repository,) = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))["repos"]
+    (repository,) = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))[
+        "repos"
+    ]
     assert repository["repo"] == "local"
-    assert [hook["entry"] for hook in repository["hooks"]] == [" ".join([".venv/bin/python -m", *check]) for check in STYLE]
+    assert [hook["entry"] for hook in repository["hooks"]] == [
+        " ".join([".venv/bin/python -m", *check]) for check in STYLE
+    ]
 
 
 def test_github_runs_the_test_command_of_the_readme() -> None:
-    command = re.search(r"Run the checks .*?```\n(.*?)\n```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
-    job = yaml.safe_load((ROOT / ".github" / "workflows" / "checks.yml").read_text(encoding="utf-8"))["jobs"]["checks"]
+    command = re.search(
+        r"Run the checks .*?```\n(.*?)\n```",
+        (ROOT / "README.md").read_text(encoding="utf-8"),
+        re.DOTALL,
+    )
+    job = yaml.safe_load(
+        (ROOT / ".github" / "workflows" / "checks.yml").read_text(encoding="utf-8")
+    )["jobs"]["checks"]
     assert command
     assert command[1] in [step.get("run") for step in job["steps"]]
 
@@ -26,6 +36,16 @@ def test_github_runs_the_test_command_of_the_readme() -> None:
 def test_the_top_level_is_what_it_was_agreed_to_be() -> None:
     """Beside folders whose name begins with a dot, and what builds leave there."""
     left_by_builds = {"out", "build", "dist", "refracal.egg-info"}
-    agreed = {"pyproject.toml", "calib", "capture", "tests", "fixtures", "benchmarks", "docs", "README.md", "CONTRIBUTING.md"}
+    agreed = {
+        "pyproject.toml",
+        "calib",
+        "capture",
+        "tests",
+        "fixtures",
+        "benchmarks",
+        "docs",
+        "README.md",
+        "CONTRIBUTING.md",
+    }
     there = {path.name for path in ROOT.iterdir() if not path.name.startswith(".")} - left_by_builds
     assert there == agreed | {"CHANGELOG.md", "LICENSE"}

@@ -1,4 +1,6 @@
-"""Who may import whom: the layers of both packages, read from the files; and what loads what, in fresh interpreters."""
+"""Who may import whom: the layers of both packages, read from the files; and what loads what, in
+fresh interpreters.
+"""
 
 import ast
 import json
@@ -38,7 +40,17 @@ LAYERS = {
     ),
     "capture": (
         ("typed_path",),
-        ("errors", "frames", "exposure", "sharpness", "settings_drift", "sensors", "interrupt", "orphan", "process"),
+        (
+            "errors",
+            "frames",
+            "exposure",
+            "sharpness",
+            "settings_drift",
+            "sensors",
+            "interrupt",
+            "orphan",
+            "process",
+        ),
         ("disk", "reader", "sources"),
         ("sighting", "coded_light", "session_file"),
         ("finder", "coded_finder", "wrong_folder"),
@@ -52,10 +64,23 @@ LAYERS = {
         ("__main__",),
     ),
 }
-"""Rooms from the bottom up. A room imports itself and what stands below it, no room beside it or above; `capture` imports all of `calib`,
-which imports nothing of `capture`."""
+"""Rooms from the bottom up. A room imports itself and what stands below it, no room beside it or
+above; `capture` imports all of `calib`, which imports nothing of `capture`.
+"""
 
-HEAVY = {"torch", "cv2", "numpy", "scipy", "rich", "textual", "matplotlib", "libcamera", "dask", "distributed", "fsspec"}
+HEAVY = {
+    "torch",
+    "cv2",
+    "numpy",
+    "scipy",
+    "rich",
+    "textual",
+    "matplotlib",
+    "libcamera",
+    "dask",
+    "distributed",
+    "fsspec",
+}
 
 LOADS = {
     "calib": set(),
@@ -102,7 +127,9 @@ LOADS = {
     "capture.sources.registry": {"numpy"},
     "capture.sources.libcamera": {"numpy"},
 }
-"""The module, and which of the slow libraries importing it may load: a Pi captures without torch, and help comes at once."""
+"""The module, and which of the slow libraries importing it may load: a Pi captures without torch,
+and help comes at once.
+"""
 
 Graph = dict[str, set[str]]
 
@@ -111,7 +138,11 @@ def imported(tree: ast.AST) -> set[str]:
     """Modules that it imports anywhere, within functions too, but not for annotations alone."""
     found: set[str] = set()
     for node in ast.iter_child_nodes(tree):
-        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
+        if (
+            isinstance(node, ast.If)
+            and isinstance(node.test, ast.Name)
+            and node.test.id == "TYPE_CHECKING"
+        ):
             continue
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
@@ -128,9 +159,15 @@ def graph() -> Graph:
     for package in (calib, capture):
         folder = Path(str(package.__file__)).parent
         inside = (path for path in folder.rglob("*.py") if path.name != "__init__.py")
-        files |= {".".join(path.relative_to(folder.parent).with_suffix("").parts): path for path in inside}
-    found = {name: imported(ast.parse(path.read_text())) & files.keys() for name, path in files.items()}
-    assert "calib.calibration" in found["calib.fitting.fit"]  # so that nothing found is not taken for nothing wrong
+        files |= {
+            ".".join(path.relative_to(folder.parent).with_suffix("").parts): path for path in inside
+        }
+    found = {
+        name: imported(ast.parse(path.read_text())) & files.keys() for name, path in files.items()
+    }
+    assert (
+        "calib.calibration" in found["calib.fitting.fit"]
+    )  # so that nothing found is not taken for nothing wrong
     assert "capture.tui.results" in found["capture.tui.fit"]
     return found
 
@@ -147,7 +184,11 @@ def test_every_import_runs_downwards(graph: Graph) -> None:
         package, layer, room = place(module)
         for other in others:
             below, under, beside = place(other)
-            allowed = (below, beside) == (package, room) or (below == package and under < layer) or (package, below) == ("capture", "calib")
+            allowed = (
+                (below, beside) == (package, room)
+                or (below == package and under < layer)
+                or (package, below) == ("capture", "calib")
+            )
             assert allowed, f"{module} imports {other}"
 
 
@@ -157,7 +198,9 @@ def test_no_files_import_each_other_in_a_circle(graph: Graph) -> None:
 
 def test_every_room_is_in_use(graph: Graph) -> None:
     rooms = {(package, room) for package, _, room in map(place, graph)}
-    assert rooms == {(package, room) for package, layers in LAYERS.items() for layer in layers for room in layer}
+    assert rooms == {
+        (package, room) for package, layers in LAYERS.items() for layer in layers for room in layer
+    }
 
 
 IMPORTER = """
@@ -172,7 +215,9 @@ for module in sys.argv[2].split():
     if os.wait()[1]:
         sys.exit(f"{module} cannot be imported")
 """
-"""Imports what may be loaded, once; then each module in a copy of that process, which says what is loaded."""
+"""Imports what may be loaded, once; then each module in a copy of that process, which says what is
+loaded.
+"""
 
 
 @pytest.fixture(scope="module")
@@ -195,14 +240,27 @@ def test_importing(module: str, loaded: dict[str, set[str]]) -> None:
 
 def test_reading_a_session_by_the_librarys_face_loads_no_torch() -> None:
     code = "import sys, calib; calib.read_session; print('\\n'.join(sys.modules))"
-    loaded = set(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split())
+    loaded = set(
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout.split()
+    )
     assert not loaded & {"torch", "rich", "capture"}
 
 
 def test_what_tests_and_benchmarks_share_is_a_fixture() -> None:
     root = Path(__file__).parents[1]
-    for folder, other in (("tests", "benchmarks"), ("benchmarks", "tests"), ("fixtures", "tests"), ("fixtures", "benchmarks")):
+    for folder, other in (
+        ("tests", "benchmarks"),
+        ("benchmarks", "tests"),
+        ("fixtures", "tests"),
+        ("fixtures", "benchmarks"),
+    ):
         files = list((root / folder).rglob("*.py"))
         assert files
         for path in files:
-            assert not {name for name in imported(ast.parse(path.read_text())) if name.split(".")[0] == other}, path
+            assert not {
+                name
+                for name in imported(ast.parse(path.read_text()))
+                if name.split(".")[0] == other
+            }, path

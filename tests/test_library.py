@@ -1,4 +1,6 @@
-"""The library's face: the names that `calib` offers, and the programs of docs/library.md, run as they stand there."""
+"""The library's face: the names that `calib` offers, and the programs of docs/library.md, run as
+they stand there.
+"""
 
 import ast
 import os
@@ -16,19 +18,29 @@ from calib import InputError
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
-PROGRAMS = dict(re.findall(r"## (.*?)\n\n```python\n(.*?)```\n\nprints\n\n```\n.*?```", PAGE, re.DOTALL))
-PRINTED = dict(re.findall(r"## (.*?)\n\n```python\n.*?```\n\nprints\n\n```\n(.*?)```", PAGE, re.DOTALL))
+PROGRAMS = dict(
+    re.findall(r"## (.*?)\n\n```python\n(.*?)```\n\nprints\n\n```\n.*?```", PAGE, re.DOTALL)
+)
+PRINTED = dict(
+    re.findall(r"## (.*?)\n\n```python\n.*?```\n\nprints\n\n```\n(.*?)```", PAGE, re.DOTALL)
+)
 FIT, *OTHERS = PROGRAMS
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 CLOSE = 0.1
-"""Another machine may round the last printed digit otherwise: 8 % of the shortest numbers, such as 0.013."""
+"""Another machine may round the last printed digit otherwise: 8 % of the shortest numbers, such as
+0.013.
+"""
 LAST = 1.5e-4
 """Or of a number that is 0 but for its error, such as 0.0003 ± 0.0013."""
 
 
 def test_every_name_is_there_for_type_checkers_and_at_run_time() -> None:
     tree = ast.parse(Path(calib.__file__).read_text(encoding="utf-8"))
-    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("calib.")]
+    imports = [
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("calib.")
+    ]
     seen = {alias.name: node.module for node in imports for alias in node.names}
     assert seen == calib._HOMES  # type: ignore[attr-defined]  # hidden from type checkers
     assert sorted(seen) == sorted(calib.__all__)
@@ -69,8 +81,12 @@ def test_the_first_program_prints_what_the_page_says(fitted: tuple[Path, str]) -
 SLOW = "Diagnose, and show how far it is"
 
 
-@pytest.mark.parametrize("title", [pytest.param(title, marks=[pytest.mark.slow] * (title == SLOW)) for title in OTHERS])
-def test_the_other_programs_print_what_the_page_says(title: str, fitted: tuple[Path, str], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "title", [pytest.param(title, marks=[pytest.mark.slow] * (title == SLOW)) for title in OTHERS]
+)
+def test_the_other_programs_print_what_the_page_says(
+    title: str, fitted: tuple[Path, str], tmp_path: Path
+) -> None:
     shutil.copytree(fitted[0] / "out", tmp_path / "out")
     _compare(_run(title, tmp_path), PRINTED[title])
 
@@ -79,9 +95,20 @@ def _run(title: str, folder: Path) -> str:
     """What a program prints in a folder that has the fixtures of which it speaks."""
     program = PROGRAMS[title]
     for name in set(re.findall(r"fixtures/(\w+)", program)):
-        shutil.copytree(ROOT / "fixtures" / name, folder / "fixtures" / name, ignore=shutil.ignore_patterns(".detections.json"))
+        shutil.copytree(
+            ROOT / "fixtures" / name,
+            folder / "fixtures" / name,
+            ignore=shutil.ignore_patterns(".detections.json"),
+        )
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run([sys.executable, "-c", program], cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 

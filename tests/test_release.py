@@ -1,4 +1,6 @@
-"""A release: the tag is the version, the workflows hang together, and each machine and Python gets one torch."""
+"""A release: the tag is the version, the workflows hang together, and each machine and Python gets
+one torch.
+"""
 
 import subprocess
 import tomllib
@@ -14,16 +16,23 @@ from calib.version import VERSION
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-WORKFLOWS = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / ".github" / "workflows").glob("*.yml")}
+WORKFLOWS = {
+    path.stem: path.read_text(encoding="utf-8")
+    for path in (ROOT / ".github" / "workflows").glob("*.yml")
+}
 PYTHONS = ["3.11", "3.12", "3.13", "3.14"]
 
 
 def jobs(name: str) -> dict[str, Any]:
-    read: dict[str, Any] = yaml.load(WORKFLOWS[name], yaml.BaseLoader)  # in which `on` is no truth value
+    read: dict[str, Any] = yaml.load(
+        WORKFLOWS[name], yaml.BaseLoader
+    )  # in which `on` is no truth value
     return dict(read["jobs"])
 
 
-@pytest.mark.parametrize(("tag", "code"), [(f"v{VERSION}", 0), (VERSION, 1), ("v99.0.0", 1), ("", 1)])
+@pytest.mark.parametrize(
+    ("tag", "code"), [(f"v{VERSION}", 0), (VERSION, 1), ("v99.0.0", 1), ("", 1)]
+)
 def test_a_tag_is_the_version_or_refused(tag: str, code: int) -> None:
     done = subprocess.run([ROOT / ".ci" / "tag", tag], capture_output=True, text=True, check=False)
     assert done.returncode == code
@@ -37,8 +46,14 @@ def test_a_release_is_checked_before_it_is_published() -> None:
     assert release["publish"]["needs"] == "checks"
     assert release["publish"]["permissions"] == {"id-token": "write"}
     download, publish = release["publish"]["steps"]
-    assert publish == {"uses": "pypa/gh-action-pypi-publish@release/v1"}, "no password: trusted publishing"
-    (upload,) = (step for step in jobs("checks")["wheel"]["steps"] if "upload-artifact" in step.get("uses", ""))
+    assert publish == {"uses": "pypa/gh-action-pypi-publish@release/v1"}, (
+        "no password: trusted publishing"
+    )
+    (upload,) = (
+        step
+        for step in jobs("checks")["wheel"]["steps"]
+        if "upload-artifact" in step.get("uses", "")
+    )
     assert upload["with"]["name"] == download["with"]["name"]
     assert yaml.load(WORKFLOWS["release"], yaml.BaseLoader)["on"] == {"push": {"tags": ["v*"]}}
     assert "workflow_call" in yaml.load(WORKFLOWS["checks"], yaml.BaseLoader)["on"]
@@ -46,13 +61,18 @@ def test_a_release_is_checked_before_it_is_published() -> None:
 
 def test_both_machines_and_every_python_run_the_checks_and_the_wheel() -> None:
     for name in ("checks", "smoke"):
-        assert jobs("checks")[name]["strategy"]["matrix"] == {"os": ["ubuntu-24.04", "ubuntu-24.04-arm"], "python": PYTHONS}
+        assert jobs("checks")[name]["strategy"]["matrix"] == {
+            "os": ["ubuntu-24.04", "ubuntu-24.04-arm"],
+            "python": PYTHONS,
+        }
     assert jobs("checks")["smoke"]["steps"][-1]["run"] == ".ci/smoke dist/*.whl"
 
 
 @pytest.mark.parametrize("name", WORKFLOWS)
 def test_a_workflow_is_well_formed(name: str) -> None:
-    """Its steps name an action of a version or run something; what they need is there; what they run is in the tree."""
+    """Its steps name an action of a version or run something; what they need is there; what they
+    run is in the tree.
+    """
     for job, described in jobs(name).items():
         needed = described.get("needs", [])
         assert {needed} if isinstance(needed, str) else set(needed) <= jobs(name).keys()
@@ -71,7 +91,9 @@ def test_a_workflow_is_well_formed(name: str) -> None:
 @pytest.mark.parametrize("machine", ["x86_64", "aarch64"])
 @pytest.mark.parametrize("python", [*PYTHONS, "3.15"])
 def test_each_machine_and_python_gets_one_torch(machine: str, python: str) -> None:
-    """By the markers: below 2.10 on aarch64, where later ones die on a Pi 4 or bring CUDA; on Python 3.15 the first that has a wheel."""
+    """By the markers: below 2.10 on aarch64, where later ones die on a Pi 4 or bring CUDA; on
+    Python 3.15 the first that has a wheel.
+    """
     named = [Requirement(line) for line in PROJECT["dependencies"] if line.startswith("torch")]
     environment = {"platform_machine": machine, "python_version": python}
     (chosen,) = (one for one in named if one.marker is None or one.marker.evaluate(environment))

@@ -1,5 +1,6 @@
-"""The sessions that hide an effect, against light traced apart: bisection and Snell's law in double precision, no mesh, nothing of
-`fixtures` and nothing of `calib.optics`."""
+"""The sessions that hide an effect, against light traced apart: bisection and Snell's law in double
+precision, no mesh, nothing of `fixtures` and nothing of `calib.optics`.
+"""
 
 from collections.abc import Callable
 
@@ -13,7 +14,14 @@ from fixtures.rays import FIXTURES
 
 Array = NDArray[np.float64]
 
-NEUTRAL = {"board_bow": (0, 0), "print_stretch": 0, "print_wave": (0, 1, 0), "bump": (), "cover_tilt": (0, 0), "line_s": 0}
+NEUTRAL = {
+    "board_bow": (0, 0),
+    "print_stretch": 0,
+    "print_wave": (0, 1, 0),
+    "bump": (),
+    "cover_tilt": (0, 0),
+    "line_s": 0,
+}
 HIDDEN: dict[str, dict[str, object]] = {
     "bow": {"board_bow": (1.0e-3, -0.6e-3)},
     "stretch": {"print_stretch": 4e-3},
@@ -24,7 +32,13 @@ HIDDEN: dict[str, dict[str, object]] = {
     "tilted": {"cover_tilt": (0.016, 0.012)},
 }
 FOLDERS = [name + inner for name in HIDDEN for inner in ("", "/holdout")]
-INNER_RADIUS, RADIUS_SLOPE, AXIS, THICKNESS, INDEX = 0.04195, -0.105, np.array([0.0, 0.0, -0.030]), 0.003, 1.5  # SI, as stated
+INNER_RADIUS, RADIUS_SLOPE, AXIS, THICKNESS, INDEX = (
+    0.04195,
+    -0.105,
+    np.array([0.0, 0.0, -0.030]),
+    0.003,
+    1.5,
+)  # SI, as stated
 
 each_folder = pytest.mark.parametrize("name", FOLDERS)
 
@@ -40,11 +54,15 @@ def printed(truth: dict[str, Array]) -> Array:
     size, length, phase = truth["print_wave"]
     x = x + truth["print_stretch"] * x + size * np.sin(2 * np.pi / length * x + phase)
     (first, second), half = truth["board_bow"], 0.08
-    return np.column_stack([x, y, first + second - first * (x / half) ** 2 - second * (y / half) ** 2])
+    return np.column_stack(
+        [x, y, first + second - first * (x / half) ** 2 - second * (y / half) ** 2]
+    )
 
 
 def corner_points(truth: dict[str, Array], view: int) -> Array:
-    """(81, 3) m in the camera frame, each at the time of its row: the middle row's is zero, and row 615 is the last."""
+    """(81, 3) m in the camera frame, each at the time of its row: the middle row's is zero, and row
+    615 is the last.
+    """
     time = (truth["corners"][view, :, 1] - 615 / 2)[:, None] * truth["line_s"]
     arm = printed(truth) @ truth["rotations"][view].T
     turned: Array = Rotation.from_rotvec(time * truth["spins"][view]).apply(arm)
@@ -55,7 +73,9 @@ def corner_points(truth: dict[str, Array], view: int) -> Array:
 def leave(truth: dict[str, Array], pixels: Array) -> tuple[Array, Array]:
     """(N, 2) px -> (N, 3) m where light leaves the glass, and (N, 3) its directions."""
     focal, centre = truth["intrinsics"][:2], truth["intrinsics"][2:]
-    cover_from_camera = Rotation.from_rotvec([truth["cover_tilt"][0], 0, truth["cover_tilt"][1]]).inv()
+    cover_from_camera = Rotation.from_rotvec(
+        [truth["cover_tilt"][0], 0, truth["cover_tilt"][1]]
+    ).inv()
     d = np.column_stack([(pixels - centre) / focal, np.ones(len(pixels))])
     d = cover_from_camera.apply(d / np.linalg.norm(d, axis=1, keepdims=True))
     o = np.tile(cover_from_camera.apply(-AXIS), (len(pixels), 1))
@@ -79,9 +99,13 @@ def leave(truth: dict[str, Array], pixels: Array) -> tuple[Array, Array]:
 
     for surface, ratio in ((inner, 1 / INDEX), (outer, INDEX)):
         o = o + intersect(surface, o, d)[:, None] * d
-        normal = np.column_stack([surface(o + step) - surface(o - step) for step in 1e-6 * np.eye(3)])
+        normal = np.column_stack(
+            [surface(o + step) - surface(o - step) for step in 1e-6 * np.eye(3)]
+        )
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        along = ratio * (d - (d * normal).sum(1, keepdims=True) * normal)  # the part in the surface keeps n sin
+        along = ratio * (
+            d - (d * normal).sum(1, keepdims=True) * normal
+        )  # the part in the surface keeps n sin
         d = along + np.sqrt(1 - (along**2).sum(1, keepdims=True)) * normal
     return cover_from_camera.inv().apply(o) + AXIS, cover_from_camera.inv().apply(d)
 
@@ -115,10 +139,15 @@ def test_light_of_every_true_corner_s_pixel_meets_that_corner(name: str) -> None
     assert error.max() < (5e-3 if name.startswith("bump") else 1e-3)
 
 
-@pytest.mark.parametrize(("name", "key"), [(name, key) for name, keys in HIDDEN.items() for key in keys])
+@pytest.mark.parametrize(
+    ("name", "key"), [(name, key) for name, keys in HIDDEN.items() for key in keys]
+)
 def test_without_a_hidden_effect_corners_would_lie_elsewhere(name: str, key: str) -> None:
     error = off({**loaded(name), key: np.asarray(NEUTRAL[key], dtype=float)})
-    print(f"{name} without {key}: {np.sqrt((error**2).mean()):.2f} px RMS, {error.max():.2f} at worst, {(error > 0.2).sum()} above 0.2 px")
+    print(
+        f"{name} without {key}: {np.sqrt((error**2).mean()):.2f} px RMS, {error.max():.2f} at"
+        f" worst, {(error > 0.2).sum()} above 0.2 px"
+    )
     assert error.max() > 0.25
 
 
@@ -132,6 +161,11 @@ def test_every_hidden_effect_and_no_other_is_in_the_truth(name: str) -> None:
 
 @pytest.mark.parametrize("name", HIDDEN)
 def test_no_session_declares_its_effect(name: str) -> None:
-    stated = [yaml.safe_load((FIXTURES / folder / "session.yaml").read_text()) for folder in (name, f"{name}/holdout", "clean")]
+    stated = [
+        yaml.safe_load((FIXTURES / folder / "session.yaml").read_text())
+        for folder in (name, f"{name}/holdout", "clean")
+    ]
     assert stated[0] == stated[1]
-    assert {key: stated[0][key] for key in ("board", "cover")} == {key: stated[2][key] for key in ("board", "cover")}
+    assert {key: stated[0][key] for key in ("board", "cover")} == {
+        key: stated[2][key] for key in ("board", "cover")
+    }

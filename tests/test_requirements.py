@@ -1,4 +1,6 @@
-"""docs/requirements/capture.txt suffices to record and be guided, in an environment that has what it names and nothing else; no torch."""
+"""docs/requirements/capture.txt suffices to record and be guided, in an environment that has what
+it names and nothing else; no torch.
+"""
 
 import json
 import os
@@ -34,7 +36,7 @@ async def story(session, source):
 
 drive(story(Path(sys.argv[1]), sys.argv[2]))
 print("torch" in sys.modules)
-"""
+"""  # noqa: E501
 
 
 def needed(requirement: str, seen: set[str]) -> Iterator[str]:
@@ -43,7 +45,11 @@ def needed(requirement: str, seen: set[str]) -> Iterator[str]:
     assert match
     name = match[0].lower().replace("_", "-")
     conditions = requirement.partition(";")[2]
-    if name in seen or "extra ==" in conditions or re.search(r"platform_system == .Windows|python_version < .3\.1[01]", conditions):
+    if (
+        name in seen
+        or "extra ==" in conditions
+        or re.search(r"platform_system == .Windows|python_version < .3\.1[01]", conditions)
+    ):
         return
     seen.add(name)
     yield name
@@ -60,7 +66,11 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
     seen: set[str] = set()
     for name in [name for requirement in NAMED for name in needed(requirement, seen)]:
         found = distribution(name)
-        for entry in {file.parts[0] for file in found.files or () if file.parts[0] not in ("..", "__pycache__")}:
+        for entry in {
+            file.parts[0]
+            for file in found.files or ()
+            if file.parts[0] not in ("..", "__pycache__")
+        }:
             place = Path(str(found.locate_file(entry)))
             if place.exists() and not (packages / entry).exists():
                 (packages / entry).symlink_to(place)
@@ -70,8 +80,17 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(python: Path, *words: str, path: Path | None = None) -> str:
-    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"} | ({"PYTHONPATH": str(path)} if path else {})
-    done = subprocess.run([str(python), *words], env=environment, capture_output=True, text=True, check=False, timeout=300)
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"} | (
+        {"PYTHONPATH": str(path)} if path else {}
+    )
+    done = subprocess.run(
+        [str(python), *words],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -81,7 +100,11 @@ def test_every_line_is_one_of_the_project() -> None:
 
 
 def test_the_file_for_all_names_extras_of_the_project() -> None:
-    (line,) = (line for line in (FOLDER / "all.txt").read_text(encoding="utf-8").splitlines() if not line.startswith("#"))
+    (line,) = (
+        line
+        for line in (FOLDER / "all.txt").read_text(encoding="utf-8").splitlines()
+        if not line.startswith("#")
+    )
     match = re.fullmatch(r"-e \.\[([\w,]+)\]", line)
     assert match
     assert set(match[1].split(",")) < PROJECT["optional-dependencies"].keys()
@@ -89,19 +112,42 @@ def test_the_file_for_all_names_extras_of_the_project() -> None:
 
 def test_the_environment_has_no_torch(python: Path) -> None:
     found = run(
-        python, "-c", "from importlib.util import find_spec as f; print(*map(bool, map(f, ['cv2', 'torch', 'scipy', 'matplotlib'])))"
+        python,
+        "-c",
+        "from importlib.util import find_spec as f; print(*map(bool, map(f, ['cv2', 'torch',"
+        " 'scipy', 'matplotlib'])))",
     )
     assert found.split() == ["True", "False", "False", "False"]
 
 
 def test_a_session_is_recorded(python: Path, tmp_path: Path) -> None:
-    options = ("--cover-from", str(FIXTURE / "session.yaml"), "--board", "9x9", "--square-mm", "20", "--json")
-    said = run(python, "-m", "capture", "record", str(tmp_path / "s"), "--source", f"folder:{FIXTURE / 'holdout'}?speed=max", *options)
+    options = (
+        "--cover-from",
+        str(FIXTURE / "session.yaml"),
+        "--board",
+        "9x9",
+        "--square-mm",
+        "20",
+        "--json",
+    )
+    said = run(
+        python,
+        "-m",
+        "capture",
+        "record",
+        str(tmp_path / "s"),
+        "--source",
+        f"folder:{FIXTURE / 'holdout'}?speed=max",
+        *options,
+    )
     assert json.loads(said)["views"] == len(list((tmp_path / "s" / "frames").iterdir())) >= 8
 
 
 def test_cameras_are_listed(python: Path) -> None:
-    assert set(json.loads(run(python, "-m", "capture", "sources", "--json"))) == {"cameras", "missing"}
+    assert set(json.loads(run(python, "-m", "capture", "sources", "--json"))) == {
+        "cameras",
+        "missing",
+    }
 
 
 def test_the_plain_guide_leads(python: Path, tmp_path: Path) -> None:
@@ -116,9 +162,17 @@ def test_nothing_is_named_that_is_not_used(python: Path, tmp_path: Path, missing
     """Without any one of them, the screen cannot be loaded."""
     name = re.match(r"\w+", missing)
     module = {"opencv": "cv2", "pyyaml": "yaml"}.get(name[0], name[0]) if name else ""
-    code = f"import sys; sys.modules['{module}'] = None\nimport capture.tui.app, capture.finder, capture.session_file, capture.coverage\n"
-    code += "from capture.coverage import PlainGuide\nfrom calib.session.camera import Camera\nfrom calib.session.board import Board\n"
+    code = (
+        f"import sys; sys.modules['{module}'] = None\nimport capture.tui.app, capture.finder,"
+        " capture.session_file, capture.coverage\n"
+    )
+    code += (
+        "from capture.coverage import PlainGuide\nfrom calib.session.camera import Camera\nfrom"
+        " calib.session.board import Board\n"
+    )
     code += "PlainGuide(Board(9, 9, 0.02), Camera(640, 480)).next_pose([])"
-    done = subprocess.run([str(python), "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [str(python), "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 1
     assert re.search(rf"import of {module} halted|'{module}' is not a package", done.stderr)

@@ -1,4 +1,6 @@
-"""The site: every link of the README and the pages leads somewhere, mkdocs builds it strictly, and it says what the code says."""
+"""The site: every link of the README and the pages leads somewhere, mkdocs builds it strictly, and
+it says what the code says.
+"""
 
 import importlib.util
 import os
@@ -19,7 +21,9 @@ from calib.session.schema import Section
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "fixtures/README.md")] + sorted(DOCS.rglob("*.md"))
+PAGES = [
+    ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "fixtures/README.md")
+] + sorted(DOCS.rglob("*.md"))
 LARGEST = 1_000_000
 """bytes, of the film."""
 
@@ -38,14 +42,21 @@ HOOKS = _hooks()
 
 def anchors(page: Path) -> set[str]:
     """As GitHub and the site make them of headings."""
-    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
-    headings = (re.sub(r"\[([^]]*)\]\([^)]*\)|[`*]", r"\1", line).strip() for line in re.findall(r"^#+ (.*)$", text, re.MULTILINE))
+    text = re.sub(
+        r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE
+    )
+    headings = (
+        re.sub(r"\[([^]]*)\]\([^)]*\)|[`*]", r"\1", line).strip()
+        for line in re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    )
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 def broken(page: Path) -> list[str]:
     """Links of a page that lead nowhere."""
-    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(
+        r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE
+    )
     found = []
     for _, link, _ in HOOKS.LINK.findall(text):
         if re.match(r"\w+:", link):
@@ -65,13 +76,16 @@ def test_every_link_leads_somewhere(page: Path) -> None:
 def test_a_broken_link_is_found(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text(
-        "# A heading, of `words`\n[1](page.md#a-heading-of-words) [2](other.md) [3](#elsewhere) [4](page.md)\n```\n[5](none)\n```\n"
+        "# A heading, of `words`\n[1](page.md#a-heading-of-words) [2](other.md) [3](#elsewhere)"
+        " [4](page.md)\n```\n[5](none)\n```\n"
     )
     assert broken(page) == ["other.md", "#elsewhere"]
 
 
 def test_the_reference_has_every_name_of_the_library() -> None:
-    named = re.findall(r"^::: ([\w.]+)$", (DOCS / "reference.md").read_text(encoding="utf-8"), re.MULTILINE)
+    named = re.findall(
+        r"^::: ([\w.]+)$", (DOCS / "reference.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
     homes = calib._HOMES  # type: ignore[attr-defined]  # hidden from type checkers
     assert sorted(named) == sorted(f"{home}.{name}" for name, home in homes.items())
 
@@ -79,15 +93,27 @@ def test_the_reference_has_every_name_of_the_library() -> None:
 def test_the_covers_of_the_measuring_page_are_read() -> None:
     """And every key of every shape is explained there."""
     page = (DOCS / "measuring.md").read_text(encoding="utf-8")
-    described = [yaml.safe_load(block)["cover"] for block in re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)]
-    assert [read_cover(Section(cover, "session.yaml")).shape for cover in described] == ["cone", "flat", "dome"]
+    described = [
+        yaml.safe_load(block)["cover"]
+        for block in re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
+    ]
+    assert [read_cover(Section(cover, "session.yaml")).shape for cover in described] == [
+        "cone",
+        "flat",
+        "dome",
+    ]
     for quantities in SHAPES.values():
         for quantity in quantities:
             assert f"`{quantity.key}" in page, quantity.key
 
 
 def test_the_drawings_are_what_the_program_draws(tmp_path: Path) -> None:
-    subprocess.run([sys.executable, "-m", "benchmarks.drawings", "-o", str(tmp_path)], cwd=ROOT, check=True, capture_output=True)
+    subprocess.run(
+        [sys.executable, "-m", "benchmarks.drawings", "-o", str(tmp_path)],
+        cwd=ROOT,
+        check=True,
+        capture_output=True,
+    )
     made = {path.name: path.read_text() for path in tmp_path.iterdir()}
     assert made == {path.name: path.read_text() for path in (DOCS / "drawings").iterdir()}
     page = (DOCS / "measuring.md").read_text(encoding="utf-8")
@@ -102,21 +128,42 @@ def test_the_film_is_small_and_moves() -> None:
 
 
 def build(config: Path, out: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--config-file", str(config), "--site-dir", str(out)]
+    command = [
+        sys.executable,
+        "-m",
+        "mkdocs",
+        "build",
+        "--strict",
+        "--config-file",
+        str(config),
+        "--site-dir",
+        str(out),
+    ]
     environment = os.environ | {"NO_MKDOCS_2_WARNING": "1"}
-    return subprocess.run(command, cwd=config.parent, env=environment, capture_output=True, text=True, check=False)
+    return subprocess.run(
+        command, cwd=config.parent, env=environment, capture_output=True, text=True, check=False
+    )
 
 
 @pytest.mark.slow
 def test_it_builds_strictly_and_fetches_nothing(tmp_path: Path) -> None:
-    pytest.importorskip("mkdocs", reason="mkdocs is not installed (pip install -e '.[docs]'): the site was not built")
+    pytest.importorskip(
+        "mkdocs",
+        reason="mkdocs is not installed (pip install -e '.[docs]'): the site was not built",
+    )
     done = build(ROOT / ".ci" / "mkdocs.yml", tmp_path)
     assert done.returncode == 0, done.stderr
-    pages = {path.relative_to(tmp_path).with_suffix(".md").as_posix() for path in tmp_path.rglob("*.html")}
+    pages = {
+        path.relative_to(tmp_path).with_suffix(".md").as_posix()
+        for path in tmp_path.rglob("*.html")
+    }
     written = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
     assert written <= {re.sub(r"(?<=/)index.md$", "README.md", page) for page in pages}
     for path in tmp_path.rglob("*.html"):
-        fetched = re.findall(r'<(?:script|img|link)[^>]+(?:src|href)="?(https?://[^" >]+)', path.read_text(encoding="utf-8"))
+        fetched = re.findall(
+            r'<(?:script|img|link)[^>]+(?:src|href)="?(https?://[^" >]+)',
+            path.read_text(encoding="utf-8"),
+        )
         assert fetched == [], path
     reference = (tmp_path / "reference.html").read_text(encoding="utf-8")
     assert 'id="calib.calibration.Calibration.undistort_maps"' in reference
@@ -124,10 +171,20 @@ def test_it_builds_strictly_and_fetches_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("page", "spoilt"), [("index.md", "[gone](gone.md)"), ("story.md", "[gone](measured.md#gone)"), ("new.md", "# New")]
+    ("page", "spoilt"),
+    [
+        ("index.md", "[gone](gone.md)"),
+        ("story.md", "[gone](measured.md#gone)"),
+        ("new.md", "# New"),
+    ],
 )
-def test_a_broken_link_and_a_forgotten_page_break_the_build(page: str, spoilt: str, tmp_path: Path) -> None:
-    pytest.importorskip("mkdocs", reason="mkdocs is not installed (pip install -e '.[docs]'): the site was not built")
+def test_a_broken_link_and_a_forgotten_page_break_the_build(
+    page: str, spoilt: str, tmp_path: Path
+) -> None:
+    pytest.importorskip(
+        "mkdocs",
+        reason="mkdocs is not installed (pip install -e '.[docs]'): the site was not built",
+    )
     for name in ("docs", "calib", ".ci", ".github"):
         shutil.copytree(ROOT / name, tmp_path / name)
     for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "fixtures/README.md", "LICENSE"):
@@ -142,6 +199,12 @@ def test_a_broken_link_and_a_forgotten_page_break_the_build(page: str, spoilt: s
 
 def test_every_page_is_in_the_navigation() -> None:
     """Effects and decisions are reached from their README."""
-    named = re.findall(r"(?:- |: )([\w/.-]+\.md)$", (ROOT / ".ci" / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE)
+    named = re.findall(
+        r"(?:- |: )([\w/.-]+\.md)$",
+        (ROOT / ".ci" / "mkdocs.yml").read_text(encoding="utf-8"),
+        re.MULTILINE,
+    )
     written = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
-    assert sorted(named) == sorted(page for page in written if not re.match(r"(effects|decisions)/(?!README)", page))
+    assert sorted(named) == sorted(
+        page for page in written if not re.match(r"(effects|decisions)/(?!README)", page)
+    )

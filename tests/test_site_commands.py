@@ -1,6 +1,8 @@
-"""Every command that the README and the site tell people to type: run where it needs nothing but files, else read by its own parser.
+"""Every command that the README and the site tell people to type: run where it needs nothing but
+files, else read by its own parser.
 
-What changes the machine (pip, apt, git) is read by bash, and what it names must be there. `-s -m slow` says how many are run.
+What changes the machine (pip, apt, git) is read by bash, and what it names must be there. `-s -m
+slow` says how many are run.
 """
 
 import argparse
@@ -38,7 +40,13 @@ def test_there_are_commands_of_every_kind() -> None:
     kinds = Counter(typed.kind for typed in ALL)
     assert kinds["run"] >= 30
     assert kinds["run"] > kinds["parsed"]
-    assert {typed.page for typed in ALL} > {"README.md", "docs/index.md", "docs/raspberry-pi.md", "docs/coming-from.md", "docs/story.md"}
+    assert {typed.page for typed in ALL} > {
+        "README.md",
+        "docs/index.md",
+        "docs/raspberry-pi.md",
+        "docs/coming-from.md",
+        "docs/story.md",
+    }
 
 
 @pytest.mark.parametrize("typed", ALL, ids=lambda typed: f"{typed.page}: {typed.line}")
@@ -48,12 +56,16 @@ def test_its_own_parser_reads_it(typed: Typed) -> None:
         _parser("calib", None, cli.COMMANDS).parse_args(words[1:])
     elif typed.program == "capture" and "--print-completion" not in words:
         names = {"record", "sources"}
-        _parser("capture", None, capture_cli.COMMANDS).parse_args(words[1:] if words[1] in names else ["ui", *words[1:]])
+        _parser("capture", None, capture_cli.COMMANDS).parse_args(
+            words[1:] if words[1] in names else ["ui", *words[1:]]
+        )
     elif typed.kind == "parsed":
         assert find_spec(words[words.index("-m") + 1]), "the module is there"
     else:
         subprocess.run(["bash", "-n", "-c", typed.line], check=True)
-    for path in re.findall(r"(?<![\w/.])(?:docs/requirements|tests|fixtures|\.ci)/[\w./-]+", typed.line):
+    for path in re.findall(
+        r"(?<![\w/.])(?:docs/requirements|tests|fixtures|\.ci)/[\w./-]+", typed.line
+    ):
         assert (ROOT / path).exists(), path
     for extras in re.findall(r"'\.\[([\w,]+)\]'", typed.line):
         assert set(extras.split(",")) <= {*EXTRAS, "dev", "docs"}
@@ -61,20 +73,32 @@ def test_its_own_parser_reads_it(typed: Typed) -> None:
 
 def options_of(parser: argparse.ArgumentParser) -> dict[str, set[str]]:
     """The options of each command, by its name."""
-    (choices,) = (action.choices for action in parser._actions if isinstance(action, argparse._SubParsersAction))
+    (choices,) = (
+        action.choices
+        for action in parser._actions
+        if isinstance(action, argparse._SubParsersAction)
+    )
     own = {option for action in parser._actions for option in action.option_strings}
     found = {"": own}
     for name, command in choices.items():
         found[name] = {option for action in command._actions for option in action.option_strings}
         for action in command._actions:
             if isinstance(action, argparse._SubParsersAction):
-                found[name] |= {option for inner in action.choices.values() for one in inner._actions for option in one.option_strings}
+                found[name] |= {
+                    option
+                    for inner in action.choices.values()
+                    for one in inner._actions
+                    for option in one.option_strings
+                }
     return found
 
 
 def test_what_sentences_name_is_there() -> None:
     """Commands, their options, and modules."""
-    known = {name: options_of(_parser(name, None, main.COMMANDS)) for name, main in (("calib", cli), ("capture", capture_cli))}
+    known = {
+        name: options_of(_parser(name, None, main.COMMANDS))
+        for name, main in (("calib", cli), ("capture", capture_cli))
+    }
     named = list(mentioned())
     assert len(named) > 100
     for page, line in named:
@@ -82,7 +106,15 @@ def test_what_sentences_name_is_there() -> None:
         if program == "python":
             assert find_spec(rest[0]), (page, line)
             continue
-        command = first if first in known[program] else "" if first.startswith("-") else "ui" if program == "capture" else None
+        command = (
+            first
+            if first in known[program]
+            else ""
+            if first.startswith("-")
+            else "ui"
+            if program == "capture"
+            else None
+        )
         assert command is not None, (page, line)
         options = {word.partition("=")[0] for word in (first, *rest) if re.match(r"-\w|--\w", word)}
         assert options <= known[program][command] | {"-m"}, (page, line)
@@ -109,18 +141,24 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
     np.save(folder / "left_depth.npy", np.full(picture.shape[:2], 0.5, np.float32))
     high, wide = picture.shape[:2]
     for name in ("film.mp4", "dive.mp4"):
-        film = cv2.VideoWriter(str(folder / name), cv2.VideoWriter.fourcc(*"mp4v"), 10, (wide, high))
+        film = cv2.VideoWriter(
+            str(folder / name), cv2.VideoWriter.fourcc(*"mp4v"), 10, (wide, high)
+        )
         for _ in range(3):
             film.write(picture)
         film.release()
-    (folder / "points.csv").write_text("name,image,x,y\nleft,picture.jpg,412.4,300.9\nright,picture.jpg,604.0,315.2\n")
+    (folder / "points.csv").write_text(
+        "name,image,x,y\nleft,picture.jpg,412.4,300.9\nright,picture.jpg,604.0,315.2\n"
+    )
     recordings.cameramodel(folder / "camera-0.cameramodel")
     recordings.tar(folder / "calibrationdata.tar.gz")
     recordings.kalibr(folder / "FOLDER")
     programs = folder / ".venv" / "bin"
     programs.mkdir(parents=True)
     for program in ("calib", "capture"):
-        (programs / program).write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m {program} "$@"\n')
+        (programs / program).write_text(
+            f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m {program} "$@"\n'
+        )
         (programs / program).chmod(0o755)
     (folder / ".local" / "share" / "bash-completion" / "completions").mkdir(parents=True)
     _bash(folder, "calib fit SESSION -o OUT")
@@ -141,7 +179,9 @@ def test_it_runs(page: str, world: Path, tmp_path: Path) -> None:
 
 @contextmanager
 def _without_what_it_makes(folder: Path, line: str) -> Iterator[None]:
-    """A new session is made where there is none: the one that others need stands aside meanwhile."""
+    """A new session is made where there is none: the one that others need stands aside
+    meanwhile.
+    """
     _, _, output = line.partition(" -o ")
     output = output.split(" ")[0]
     if output in MADE:
@@ -162,5 +202,13 @@ def _bash(folder: Path, line: str) -> None:
         "HOME": str(folder),
         "OMP_NUM_THREADS": "1",
     }
-    done = subprocess.run(["bash", "-ec", line], cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=600)
+    done = subprocess.run(
+        ["bash", "-ec", line],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=600,
+    )
     assert done.returncode == 0, f"{line}\n{done.stdout[-2000:]}{done.stderr[-2000:]}"

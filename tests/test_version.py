@@ -16,9 +16,19 @@ ROOT = Path(__file__).parents[1]
 @pytest.mark.parametrize("program", ["calib", "capture"])
 def test_a_checkout_that_is_not_installed_says_it(program: str, tmp_path: Path) -> None:
     for package in ("calib", "capture"):
-        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
-    command = [sys.executable, "-S", "-m", program, "--version"]  # -S: nothing that is installed, nor its metadata
-    done = subprocess.run(command, cwd=tmp_path, env={}, capture_output=True, text=True, check=False)
+        shutil.copytree(
+            ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__")
+        )
+    command = [
+        sys.executable,
+        "-S",
+        "-m",
+        program,
+        "--version",
+    ]  # -S: nothing that is installed, nor its metadata
+    done = subprocess.run(
+        command, cwd=tmp_path, env={}, capture_output=True, text=True, check=False
+    )
     assert (done.stdout, done.stderr) == (f"refracal {VERSION}\n", "")
 
 

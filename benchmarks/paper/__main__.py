@@ -17,8 +17,16 @@ PARTS = ("fig4a", "fig4b", "fig7", "fig8", "table1")
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.paper", description=__doc__)
-    parser.add_argument("parts", nargs="*", metavar="PART", help=f"all of them by default: {', '.join(PARTS)}")
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/paper"), help="for PART.txt and PART.svg; by default docs/paper")
+    parser.add_argument(
+        "parts", nargs="*", metavar="PART", help=f"all of them by default: {', '.join(PARTS)}"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("docs/paper"),
+        help="for PART.txt and PART.svg; by default docs/paper",
+    )
     options = parser.parse_args()
     if unknown := set(options.parts) - set(PARTS):
         parser.error(f"no part named {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")

@@ -47,16 +47,30 @@ class Fitted:
 
 
 def relief_fit(
-    path: Path, values: Values, relief: Relief, observations: Observations, poses: Tensor, steps: int
+    path: Path,
+    values: Values,
+    relief: Relief,
+    observations: Observations,
+    poses: Tensor,
+    steps: int,
 ) -> tuple[Path, dict[str, Tensor]]:
-    """A smooth cover's path and numbers to those with amplitudes, descended from zero with the poses held."""
+    """A smooth cover's path and numbers to those with amplitudes, descended from zero with the
+    poses held.
+    """
     uneven = with_relief(path, relief)
     start = {**values, "relief.amplitudes": torch.zeros(relief.grid, dtype=torch.float64)}
-    return uneven, {**start, "relief.amplitudes": descend(uneven, start, observations, poses, steps=steps)}
+    return uneven, {
+        **start,
+        "relief.amplitudes": descend(uneven, start, observations, poses, steps=steps),
+    }
 
 
-def procedure(intrinsics: Intrinsics, cover: Cover, observations: Observations, width: int, height: int) -> Fitted:
-    """Poses by the pinhole model, then through the perfect cone; then 1000 steps on 8x8 amplitudes over the glass that is seen."""
+def procedure(
+    intrinsics: Intrinsics, cover: Cover, observations: Observations, width: int, height: int
+) -> Fitted:
+    """Poses by the pinhole model, then through the perfect cone; then 1000 steps on 8x8 amplitudes
+    over the glass that is seen.
+    """
     bare, camera = pinhole_path(intrinsics)
     poses = pinhole_poses(observations, camera)
     pinhole = residuals(bare, camera, observations, poses).rmse_cm
@@ -66,4 +80,12 @@ def procedure(intrinsics: Intrinsics, cover: Cover, observations: Observations, 
     cone = residuals(path, values, observations, poses).rmse_cm
     relief = Relief(*footprint(path, values, width, height), (8, 8))
     path, values = relief_fit(path, values, relief, observations, poses, steps=1000)
-    return Fitted(path, values, poses, pinhole, elsewhere, cone, residuals(path, values, observations, poses).rmse_cm)
+    return Fitted(
+        path,
+        values,
+        poses,
+        pinhole,
+        elsewhere,
+        cone,
+        residuals(path, values, observations, poses).rmse_cm,
+    )

@@ -1,4 +1,7 @@
-"""Fig. 4b: how many centres a glass with 10x10 bumps needs, around the cone and along it. Noise-free, all poses known, 500 steps."""
+"""Fig. 4b: how many centres a glass with 10x10 bumps needs, around the cone and along it.
+
+Noise-free, all poses known, 500 steps.
+"""
 
 from dataclasses import replace
 from itertools import product
@@ -17,24 +20,33 @@ from calib.progress import Progress
 from fixtures.synthetic import INTRINSICS, PATCH, Scene, paper_cone, scene
 
 COUNTS = (2, 3, 4, 5, 7, 10)
-AMPLITUDE = 1e-5  # m, the mean: the middle of Fig. 4a's range; the standard deviation is a quarter of it, as there
+# m, the mean: the middle of Fig. 4a's range; the standard deviation is a quarter of it, as there
+AMPLITUDE = 1e-5
 SEEDS = (0, 1)
 WIDTHS = (1, 2)
-"""Of the true Gaussians, in spacings of their centres (the square root of beta), which the paper does not state."""
+"""Of the true Gaussians, in spacings of their centres (the square root of beta), which the paper
+does not state.
+"""
 
 
 def run(progress: Progress) -> Result:
     advance = progress.task("Fig. 4b", len(WIDTHS) * len(SEEDS) * len(COUNTS) ** 2)
     smooth, values = covered_path(INTRINSICS, paper_cone(THICKNESS))
     cone = np.empty((len(WIDTHS), len(SEEDS)))  # cm
-    rmse = np.empty((len(WIDTHS), len(SEEDS), len(COUNTS), len(COUNTS)))  # cm; rows: along, columns: around
+    rmse = np.empty(
+        (len(WIDTHS), len(SEEDS), len(COUNTS), len(COUNTS))
+    )  # cm; rows: along, columns: around
     done = 0
     for w, s in np.ndindex(cone.shape):
-        made = scene(SEEDS[s], views=10, grid=(10, 10), amplitude=AMPLITUDE, cover=paper_cone(THICKNESS))
+        made = scene(
+            SEEDS[s], views=10, grid=(10, 10), amplitude=AMPLITUDE, cover=paper_cone(THICKNESS)
+        )
         seen = _seen(made, WIDTHS[w])
         cone[w, s] = residuals(smooth, values, seen, made.poses).rmse_cm
         for (i, along), (j, around) in product(enumerate(COUNTS), repeat=2):
-            uneven, fitted = relief_fit(smooth, values, Relief(*PATCH, (along, around)), seen, made.poses, steps=500)
+            uneven, fitted = relief_fit(
+                smooth, values, Relief(*PATCH, (along, around)), seen, made.poses, steps=500
+            )
             rmse[w, s, i, j] = residuals(uneven, fitted, seen, made.poses).rmse_cm
             done += 1
             advance(done, f"{around} around x {along} along")
@@ -45,21 +57,42 @@ def _seen(made: Scene, width: int) -> Observations:
     """The scene's corners through its bumps, made `width` spacings wide."""
     path = with_relief(made.path, Relief(*PATCH, (10, 10), beta=float(width**2)))
     seen = made.observations
-    return replace(seen, pixels=project(path, made.values, path.place(seen.corners, made.values, made.poses[seen.view])))
+    return replace(
+        seen,
+        pixels=project(
+            path, made.values, path.place(seen.corners, made.values, made.poses[seen.view])
+        ),
+    )
 
 
 def _text(cone: np.ndarray, rmse: np.ndarray) -> str:
-    lines = [f"Fig. 4b  RMSE in cm of cone + RBF, mean of {len(SEEDS)} seeds; truth 10x10 centres, mean 10 um, sigma 2.5 um"]
+    lines = [
+        f"Fig. 4b  RMSE in cm of cone + RBF, mean of {len(SEEDS)} seeds; truth 10x10 centres, mean"
+        " 10 um, sigma 2.5 um"
+    ]
     for width, smooth, errors in zip(WIDTHS, cone.mean(1), rmse.mean(1), strict=True):
         lines += [
-            f"True Gaussians {width} spacing{'s' if width > 1 else ''} wide; regular cone {smooth:.4f} cm",
+            (
+                f"True Gaussians {width} spacing{'s' if width > 1 else ''} wide; regular cone"
+                f" {smooth:.4f} cm"
+            ),
             f"{'along | around':>16}" + "".join(f"{n:>9}" for n in COUNTS),
-            *(f"{n:>16}" + "".join(f"{e:9.4f}" for e in row) for n, row in zip(COUNTS, errors, strict=True)),
+            *(
+                f"{n:>16}" + "".join(f"{e:9.4f}" for e in row)
+                for n, row in zip(COUNTS, errors, strict=True)
+            ),
         ]
     five, seven, ten = (COUNTS.index(n) for n in (5, 7, 10))
-    lines.append("The paper: 7x5 centres approximate the 10x10 surface well; more are needed around the cone than along it.")
+    lines.append(
+        "The paper: 7x5 centres approximate the 10x10 surface well; more are needed around the cone"
+        " than along it."
+    )
     for width, smooth, errors in zip(WIDTHS, cone.mean(1), rmse.mean(1), strict=True):
-        cells = {"7 around x 5 along": errors[five, seven], "5 x 7": errors[seven, five], "10 x 10": errors[ten, ten]}
+        cells = {
+            "7 around x 5 along": errors[five, seven],
+            "5 x 7": errors[seven, five],
+            "10 x 10": errors[ten, ten],
+        }
         shares = ", ".join(f"{name} {100 * error / smooth:.2f} %" for name, error in cells.items())
         lines.append(f"Ours, width {width}: of the regular cone's error, {shares} are left.")
     return "\n".join(lines)
@@ -72,10 +105,23 @@ def _figure(cone: np.ndarray, rmse: np.ndarray) -> Figure:
     for axes, width, share in zip(figure.subplots(1, len(WIDTHS)), WIDTHS, shares, strict=True):
         shown = axes.imshow(share, cmap="YlGnBu", norm=norm, origin="lower")
         for (i, j), value in np.ndenumerate(share):
-            axes.text(j, i, f"{value:.2g}", ha="center", va="center", color="white" if norm(value) > 0.6 else "black", fontsize=9)
-        axes.set(xlabel="centres around the cone (horizontal)", ylabel="centres along the cone (vertical)")
+            axes.text(
+                j,
+                i,
+                f"{value:.2g}",
+                ha="center",
+                va="center",
+                color="white" if norm(value) > 0.6 else "black",
+                fontsize=9,
+            )
+        axes.set(
+            xlabel="centres around the cone (horizontal)",
+            ylabel="centres along the cone (vertical)",
+        )
         axes.set_xticks(range(len(COUNTS)), COUNTS)
         axes.set_yticks(range(len(COUNTS)), COUNTS)
-        axes.set_title(f"true Gaussians {width} spacing{'s' if width > 1 else ''} wide", fontsize=10)
+        axes.set_title(
+            f"true Gaussians {width} spacing{'s' if width > 1 else ''} wide", fontsize=10
+        )
     figure.colorbar(shown, ax=figure.axes, label="RMSE left, % of the regular cone's")
     return figure

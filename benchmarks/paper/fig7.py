@@ -1,4 +1,6 @@
-"""Fig. 7: the distortion at 1 m over the whole image, for a glass fitted as in the paper from 15 views with unknown poses."""
+"""Fig. 7: the distortion at 1 m over the whole image, for a glass fitted as in the paper from 15
+views with unknown poses.
+"""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -25,9 +27,14 @@ def run(progress: Progress) -> Result:
     figure = Figure((10, 4.6), layout="constrained")
     lines = [
         f"Fig. 7  distortion at {DEPTH:g} m on {WIDTH}x{HEIGHT} px: cone + RBF (8x8),",
-        "        fitted by the paper's procedure to 15 noise-free views through bumps of 10 um (4x4)",
+        (
+            "        fitted by the paper's procedure to 15 noise-free views through bumps of 10 um"
+            " (4x4)"
+        ),
     ]
-    for i, (axes, thickness) in enumerate(zip(figure.subplots(1, 2, sharey=True), (THICKNESS, NOMINAL), strict=True)):
+    for i, (axes, thickness) in enumerate(
+        zip(figure.subplots(1, 2, sharey=True), (THICKNESS, NOMINAL), strict=True)
+    ):
         made = scene(7, views=15, amplitude=1e-5, cover=paper_cone(thickness))
         fitted = procedure(INTRINSICS, paper_cone(thickness), made.observations, WIDTH, HEIGHT)
         field = _distortion(fitted.path, fitted.values)
@@ -35,13 +42,15 @@ def run(progress: Progress) -> Result:
         lines += [f"glass {1e3 * thickness:.2f} mm", *_where(np.linalg.norm(field, axis=-1))]
         off_true = f"{(off**2).mean() ** 0.5:.2f} px RMS, {off.max():.2f} px at most"
         lines.append(
-            f"  left on the boards {fitted.final:.4f} cm (regular cone {fitted.cone:.4f}); off the true field {off_true}, gauge included"
+            f"  left on the boards {fitted.final:.4f} cm (regular cone {fitted.cone:.4f}); off the"
+            f" true field {off_true}, gauge included"
         )
         _draw(axes, field)
         axes.set_title(f"glass {1e3 * thickness:.2f} mm", fontsize=10)
         advance(i + 1, "")
     lines.append(
-        "The paper: contours at 2.5, 5 and 10 px, without numbers for where they lie; large on the two lateral sides, little in the middle."
+        "The paper: contours at 2.5, 5 and 10 px, without numbers for where they lie; large on the"
+        " two lateral sides, little in the middle."
     )
     return Result("\n".join(lines), figure)
 
@@ -67,23 +76,31 @@ def _where(size: Field) -> list[str]:
     for level in LEVELS:
         left, right = _crossings(size, level)
         within = f"{100 * (size < level).mean():.0f} % of the image lies within"
-        lines.append(f"  {level:4.1f} px: crosses row {MIDDLE} at x = {left:.0f} and {right:.0f}; {within}")
+        lines.append(
+            f"  {level:4.1f} px: crosses row {MIDDLE} at x = {left:.0f} and {right:.0f}; {within}"
+        )
     sides = {"left": size[:, 0], "right": size[:, -1], "top": size[0], "bottom": size[-1]}
     means = ", ".join(f"{name} {edge.mean():.1f}" for name, edge in sides.items())
-    lines.append(f"  mean along the edges: {means} px; least {size.min():.2f} px, most {size.max():.1f} px")
+    lines.append(
+        f"  mean along the edges: {means} px; least {size.min():.2f} px, most {size.max():.1f} px"
+    )
     return lines
 
 
 def _draw(axes: Axes, field: Field) -> None:
     size = np.linalg.norm(field, axis=-1)
     axes.set_aspect("equal")
-    lines = axes.contour(COLUMNS, ROWS, size, LEVELS, colors=["#6baed6", "#2f7fbf", "#08519c"], linewidths=1.5)
+    lines = axes.contour(
+        COLUMNS, ROWS, size, LEVELS, colors=["#6baed6", "#2f7fbf", "#08519c"], linewidths=1.5
+    )
     places = [(x, MIDDLE) for level in LEVELS for x in _crossings(size, level)]
     axes.clabel(lines, fmt="%g px", fontsize=9, manual=places)
     every = 13
     x, y = np.meshgrid(COLUMNS[every // 2 :: every], ROWS[every // 2 :: every])
     u, v = np.moveaxis(field[every // 2 :: every, every // 2 :: every], -1, 0)
     scale = size.max() / 200  # the longest arrow is 200 image pixels long
-    arrows = axes.quiver(x, y, u, v, angles="xy", scale_units="xy", scale=scale, width=0.002, color="#777777")
+    arrows = axes.quiver(
+        x, y, u, v, angles="xy", scale_units="xy", scale=scale, width=0.002, color="#777777"
+    )
     axes.quiverkey(arrows, 0.88, -0.16, 10, "10 px", labelpos="E", fontproperties={"size": 9})
     axes.set(xlim=(0, WIDTH), ylim=(HEIGHT, 0), xlabel="x (px)", ylabel="y (px)")

@@ -1,4 +1,7 @@
-"""Table 1: three sets of 15 pictures, poses unknown, 8x8 centres, 1000 steps. The pictures are rendered: we do not have the paper's."""
+"""Table 1: three sets of 15 pictures, poses unknown, 8x8 centres, 1000 steps.
+
+The pictures are rendered: we do not have the paper's.
+"""
 
 from collections.abc import Sequence
 
@@ -21,11 +24,15 @@ def run(progress: Progress) -> Result:
     try:
         from benchmarks.paper import pictures
     except ImportError:
-        return Result("Table 1  skipped: its pictures are rendered by Mitsuba; pip install -e '.[render]'.")
+        return Result(
+            "Table 1  skipped: its pictures are rendered by Mitsuba; pip install -e '.[render]'."
+        )
     advance = progress.task("Table 1: pictures", pictures.VIEWS)
     done = iter(range(1, pictures.VIEWS + 1))
     session = read_session(pictures.pictures(lambda: advance(next(done), "rendered")))
-    views = detect(session.frames, session.board, lambda done, hits: advance(done, f"{hits} boards found")).views
+    views = detect(
+        session.frames, session.board, lambda done, hits: advance(done, f"{hits} boards found")
+    ).views
     order = np.random.default_rng(0).permutation(len(views))
     advance = progress.task("Table 1: fits", SETS)
     fits, again = [], []
@@ -35,7 +42,10 @@ def run(progress: Progress) -> Result:
         again.append(_once_more(fits[-1], seen))
         advance(k + 1, "")
     error = _detection_error(views, np.load(session.path / "truth.npz")["corners"])
-    floor = f"The detected corners are {error:.3f} px RMS off the true ones: at 0.9 m, {100 * 0.9 * error / 1279.18:.4f} cm."
+    floor = (
+        f"The detected corners are {error:.3f} px RMS off the true ones: at 0.9 m,"
+        f" {100 * 0.9 * error / 1279.18:.4f} cm."
+    )
     return Result(f"{_text(fits, again)}\n{floor}")
 
 
@@ -53,7 +63,10 @@ def _once_more(fitted: Fitted, seen: Observations) -> float:
 
 def _text(fits: Sequence[Fitted], again: Sequence[float]) -> str:
     lines = [
-        "Table 1  RMSE in cm; ours: 45 rendered views, glass 3 mm with bumps of 30 um, board at 0.6 to 1.2 m, poses unknown",
+        (
+            "Table 1  RMSE in cm; ours: 45 rendered views, glass 3 mm with bumps of 30 um, board at"
+            " 0.6 to 1.2 m, poses unknown"
+        ),
         f"{'':>4} |{'ours':^33}|{'the paper':^33}|",
         f"{'set':>4} |" + 2 * f"{'initial':>10}{'final':>10}{'rel. imp.':>12} |",
     ]
@@ -66,12 +79,21 @@ def _text(fits: Sequence[Fitted], again: Sequence[float]) -> str:
         "pinhole model with the cone's poses": [fit.pinhole_elsewhere for fit in fits],
     }
     lines.append("Ours, not in the paper's table, sets 1 to 3:")
-    lines += [f"  {name:<50}" + "".join(f"{value:10.4f}" for value in values) for name, values in between.items()]
+    lines += [
+        f"  {name:<50}" + "".join(f"{value:10.4f}" for value in values)
+        for name, values in between.items()
+    ]
     return "\n".join(lines)
 
 
 def _detection_error(views: Sequence[View], truth: np.ndarray) -> float:
-    """px RMS. A view is named for its picture's number; a board turned by 180 degrees looks the same."""
+    """px RMS.
+
+    A view is named for its picture's number; a board turned by 180 degrees looks the same.
+    """
     pairs = [(view.corners, truth[int(view.name.split(".")[0])]) for view in views]
-    errors = [min(float(((seen - t) ** 2).sum(-1).mean()) for t in (true, true[::-1])) for seen, true in pairs]
+    errors = [
+        min(float(((seen - t) ** 2).sum(-1).mean()) for t in (true, true[::-1]))
+        for seen, true in pairs
+    ]
     return float(np.mean(errors) ** 0.5)

@@ -1,8 +1,10 @@
-"""Calibrate the same corners with this project, the paper's procedure, OpenCV and mrcal, and compare.
+"""Calibrate the same corners with this project, the paper's procedure, OpenCV and mrcal, and
+compare.
 
-Errors are px RMS on views that were not trained on, with each view's pose refitted: "test" at the training depths, 0.6-1.2 m, and
-"near" at 0.15-0.3 m with boards partly in the picture. A whole command is what a person types, with as many threads as it likes, the
-report or the uncertainty's map included. mrcal is found where Debian puts it: apt-get install mrcal python3-mrcal.
+Errors are px RMS on views that were not trained on, with each view's pose refitted: "test" at the
+training depths, 0.6-1.2 m, and "near" at 0.15-0.3 m with boards partly in the picture. A whole
+command is what a person types, with as many threads as it likes, the report or the uncertainty's
+map included. mrcal is found where Debian puts it: apt-get install mrcal python3-mrcal.
 """
 
 import argparse
@@ -44,7 +46,10 @@ PEERS = (
     ("mrcal OPENCV8, whole command", "mrcal", "command OPENCV8"),
     ("mrcal splined 10x8, whole command", "mrcal", f"command {SPLINED.format(10, 8)}"),
 )
-"""The name in the table, the module, and what that is told. Ours comes first: the others are divided by it."""
+"""The name in the table, the module, and what that is told.
+
+Ours comes first: the others are divided by it.
+"""
 
 
 COLUMNS = (
@@ -65,8 +70,18 @@ Row = tuple[float | None, ...]
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.peers", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="only the first scene")
-    parser.add_argument("--seeds", type=int, default=1, metavar="N", help="scenes of each kind; figures are medians; by default 1")
-    parser.add_argument("--opencv", metavar="PYTHON", help="a Python with another OpenCV, numpy and scipy, to be added")
+    parser.add_argument(
+        "--seeds",
+        type=int,
+        default=1,
+        metavar="N",
+        help="scenes of each kind; figures are medians; by default 1",
+    )
+    parser.add_argument(
+        "--opencv",
+        metavar="PYTHON",
+        help="a Python with another OpenCV, numpy and scipy, to be added",
+    )
     options = parser.parse_args()
     if options.seeds < 1:
         parser.error("--seeds must be at least 1")
@@ -77,12 +92,21 @@ def main() -> None:
         if not (missing and module == "mrcal")
     ]
     if torch.cuda.is_available():
-        peers.append(("refracal joint fit, 12x12, on the GPU", sys.executable, "refracal", "joint 12 cuda"))
+        peers.append(
+            ("refracal joint fit, 12x12, on the GPU", sys.executable, "refracal", "joint 12 cuda")
+        )
     if options.opencv:
         other = shutil.which(options.opencv)
         if not other:
-            parser.error(f"--opencv: {options.opencv} is not a program; give the path of a Python interpreter")
-        peers += [(f"the other {name}", str(Path(other).absolute()), module, which) for name, module, which in PEERS if module == "opencv"]
+            parser.error(
+                f"--opencv: {options.opencv} is not a program; give the path of a Python"
+                " interpreter"
+            )
+        peers += [
+            (f"the other {name}", str(Path(other).absolute()), module, which)
+            for name, module, which in PEERS
+            if module == "opencv"
+        ]
     glasses = GLASSES[:1] if options.quick else GLASSES
     versions = {f"Python {platform.python_version()}"}
     console = Console(width=130)
@@ -91,7 +115,9 @@ def main() -> None:
         for i, glass in enumerate(glasses):
             with single_thread():
                 cases = [make(glass, seed) for seed in range(1, options.seeds + 1)]
-            test, near = (median(floors) for floors in zip(*(floor for _, floor in cases), strict=True))
+            test, near = (
+                median(floors) for floors in zip(*(floor for _, floor in cases), strict=True)
+            )
             rows: dict[str, Row] = {"true glass (the floor)": (test, near, None, None, None, None)}
             for j, (name, python, module, which) in enumerate(peers):
                 advance(i * len(peers) + j, name)
@@ -100,13 +126,17 @@ def main() -> None:
                 versions |= {report.version for report in done}
                 rows[name] = _medians(done)
                 for complaint in sorted({report for report in reports if isinstance(report, str)}):
-                    console.print(f"{name}, {len(reports) - len(done)} of {len(reports)} fits failed: {complaint}")
+                    console.print(
+                        f"{name}, {len(reports) - len(done)} of {len(reports)} fits failed:"
+                        f" {complaint}"
+                    )
             console.print(_table(str(glass), rows))
             for line in _commands(rows):
                 console.print(line)
         advance(len(glasses) * len(peers), "")
     console.print(
-        f"{', '.join(sorted(versions))}; {platform.machine()}, {os.cpu_count()} processors, every fit but whole commands on one thread."
+        f"{', '.join(sorted(versions))}; {platform.machine()}, {os.cpu_count()} processors, every"
+        " fit but whole commands on one thread."
     )
     if missing:
         console.print(missing)
@@ -114,14 +144,25 @@ def main() -> None:
 
 def _mrcal_missing() -> str | None:
     found = shutil.which("mrcal-calibrate-cameras") and shutil.which(DEBIAN)
-    if found and subprocess.run([DEBIAN, "-c", "import mrcal, scipy"], capture_output=True, check=False).returncode == 0:
+    if (
+        found
+        and subprocess.run(
+            [DEBIAN, "-c", "import mrcal, scipy"], capture_output=True, check=False
+        ).returncode
+        == 0
+    ):
         return None
-    return "mrcal is not installed, so it is left out: on Debian or Ubuntu, apt-get install mrcal python3-mrcal."
+    return (
+        "mrcal is not installed, so it is left out: on Debian or Ubuntu, apt-get install mrcal"
+        " python3-mrcal."
+    )
 
 
 def _medians(reports: list[Report]) -> Row:
     columns = [(r.test, r.near, r.seconds, r.cpu, r.memory, r.iterations) for r in reports]
-    return tuple(None if None in column else median(column) for column in zip(*columns, strict=True)) or (None,) * len(COLUMNS)
+    return tuple(
+        None if None in column else median(column) for column in zip(*columns, strict=True)
+    ) or (None,) * len(COLUMNS)
 
 
 def _commands(rows: dict[str, Row]) -> Iterator[str]:
@@ -129,7 +170,10 @@ def _commands(rows: dict[str, Row]) -> Iterator[str]:
     own = rows[OUR_COMMAND][CPU]
     for name, row in rows.items():
         if name.endswith("whole command") and name != OUR_COMMAND and own and (other := row[CPU]):
-            yield f"{OUR_COMMAND}, its report included: {own:.2f} s of cpu, {own / other:.2f} times {name}, {other:.2f} s."
+            yield (
+                f"{OUR_COMMAND}, its report included: {own:.2f} s of cpu, {own / other:.2f} times"
+                f" {name}, {other:.2f} s."
+            )
 
 
 def _table(title: str, rows: dict[str, Row]) -> Table:
@@ -142,7 +186,13 @@ def _table(title: str, rows: dict[str, Row]) -> Table:
         for value, own, (_, form, compared) in zip(row, rows[OURS], COLUMNS, strict=True):
             cells.append("" if value is None else format(value, form))
             if compared:
-                cells.append("" if value is None or own is None else f"{value / own:.2f}" if value < 10 * own else f"{value / own:.0f}")
+                cells.append(
+                    ""
+                    if value is None or own is None
+                    else f"{value / own:.2f}"
+                    if value < 10 * own
+                    else f"{value / own:.0f}"
+                )
         table.add_row(*cells)
     return table
 

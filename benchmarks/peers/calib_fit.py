@@ -1,4 +1,6 @@
-"""This project as a person runs it: `calib fit SESSION -o OUT` on a session of corners, all by default, with its report."""
+"""This project as a person runs it: `calib fit SESSION -o OUT` on a session of corners, all by
+default, with its report.
+"""
 
 import sys
 import tempfile
@@ -22,14 +24,24 @@ def fit(case: Case, _: str) -> Fitted:
     with tempfile.TemporaryDirectory() as folder:
         session, out = Path(folder, "session"), Path(folder, "out")
         session.mkdir()
-        setup = session_to_yaml(BOARD, Camera(*case.size, intrinsics=INTRINSICS), paper_cone(case.thickness))
-        (session / "session.yaml").write_text(yaml.safe_dump({"format": 1, **setup, "corners": "corners.vnl"}))
+        setup = session_to_yaml(
+            BOARD, Camera(*case.size, intrinsics=INTRINSICS), paper_cone(case.thickness)
+        )
+        (session / "session.yaml").write_text(
+            yaml.safe_dump({"format": 1, **setup, "corners": "corners.vnl"})
+        )
         write_corners(session / "corners.vnl", views(case.train))
         used = run([sys.executable, "-m", "calib", "fit", str(session), "-o", str(out)])
         if not (out / "report.html").is_file():
             raise SystemExit("calib fit left no report")
         made = Calibration.load(out)
-    return Fitted(f"refracal {made.refracal}", used.seconds, made.settings["iterations"], partial(left, *made.model()), used)
+    return Fitted(
+        f"refracal {made.refracal}",
+        used.seconds,
+        made.settings["iterations"],
+        partial(left, *made.model()),
+        used,
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,7 @@
-"""What every peer is given: corners to calibrate with and two sets to be tested on. No torch, so it costs a peer no memory."""
+"""What every peer is given: corners to calibrate with and two sets to be tested on.
+
+No torch, so it costs a peer no memory.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,11 +49,20 @@ class Case:
 
     def save(self, file: Path) -> None:
         sets = {"train": self.train, "test": self.test, "near": self.near}
-        arrays = {f"{name}_{part}": getattr(shots, part) for name, shots in sets.items() for part in ("pixels", "poses")}
+        arrays = {
+            f"{name}_{part}": getattr(shots, part)
+            for name, shots in sets.items()
+            for part in ("pixels", "poses")
+        }
         np.savez(file, thickness=self.thickness, size=self.size, focal=self.focal, **arrays)
 
     @staticmethod
     def load(file: Path) -> "Case":
         with np.load(file) as at:
-            sets = [Shots(at[f"{name}_pixels"], at[f"{name}_poses"]) for name in ("train", "test", "near")]
-            return Case(float(at["thickness"]), tuple(at["size"].tolist()), float(at["focal"]), *sets)
+            sets = [
+                Shots(at[f"{name}_pixels"], at[f"{name}_poses"])
+                for name in ("train", "test", "near")
+            ]
+            return Case(
+                float(at["thickness"]), tuple(at["size"].tolist()), float(at["focal"]), *sets
+            )

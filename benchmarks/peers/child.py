@@ -1,4 +1,7 @@
-"""The process of one peer: read a case, fit, say what it took, then score. And how the benchmark starts one."""
+"""The process of one peer: read a case, fit, say what it took, then score.
+
+And how the benchmark starts one.
+"""
 
 import json
 import os
@@ -39,7 +42,9 @@ class Report:
     version: str
     seconds: float
     cpu: float
-    """s, of the whole process with its imports, up to the end of the fit; of the command that did it, all."""
+    """s, of the whole process with its imports, up to the end of the fit; of the command that did
+    it, all.
+    """
     memory: float
     """MB, the most that the process held up to the end of the fit."""
     iterations: int | None
@@ -73,14 +78,36 @@ def start(python: str, module: str, which: str, case: Case) -> Report | str:
     with tempfile.TemporaryDirectory() as folder:
         given, asked = Path(folder, "case.npz"), Path(folder, "report.json")
         case.save(given)
-        command = [python, "-W", "ignore", "-m", f"benchmarks.peers.{module}", str(given), str(asked), which]
-        ended = subprocess.run(command, cwd=ROOT, env={**os.environ, **ONE_THREAD}, capture_output=True, text=True, check=False)
+        command = [
+            python,
+            "-W",
+            "ignore",
+            "-m",
+            f"benchmarks.peers.{module}",
+            str(given),
+            str(asked),
+            which,
+        ]
+        ended = subprocess.run(
+            command,
+            cwd=ROOT,
+            env={**os.environ, **ONE_THREAD},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         if ended.returncode:
             return (ended.stderr.strip().splitlines() or [f"exit code {ended.returncode}"])[-1]
         return Report(**json.loads(asked.read_text()))
 
 
 def _peak() -> float:
-    """MB. Linux's own figure for this program: ru_maxrss would count the process that started it."""
-    line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
+    """MB. Linux's own figure for this program: ru_maxrss would count the process that started
+    it.
+    """
+    line = next(
+        line
+        for line in Path("/proc/self/status").read_text().splitlines()
+        if line.startswith("VmHWM")
+    )
     return int(line.split()[1]) * 1024 / 1e6

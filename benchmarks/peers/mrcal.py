@@ -1,5 +1,6 @@
-"""Debian's mrcal, by its own command and that command's defaults: run inside this process, so that its solver can be timed apart, or as a
-person runs it, where it is told "command" before the model's name.
+"""Debian's mrcal, by its own command and that command's defaults: run inside this process, so that
+its solver can be timed apart, or as a person runs it, where it is told "command" before the model's
+name.
 
 Run by /usr/bin/python3, where Debian puts mrcal.
 """
@@ -24,7 +25,10 @@ from benchmarks.peers.command import Usage, run
 
 COMMAND = "mrcal-calibrate-cameras"
 TIMED = ("seed_stereographic", "optimize")
-"""What the command calls to get from corners to a model. It also reads, writes, and maps the uncertainty."""
+"""What the command calls to get from corners to a model.
+
+It also reads, writes, and maps the uncertainty.
+"""
 
 
 class Clock:
@@ -63,19 +67,30 @@ def fit(case: Case, which: str) -> Fitted:
             "--object-height-n": [str(BOARD.rows)],
             "--outdir": [folder],
         }
-        asked = [command, *(word for name, words in options.items() for word in (name, *words)), "view*.png"]
+        asked = [
+            command,
+            *(word for name, words in options.items() for word in (name, *words)),
+            "view*.png",
+        ]
         if whole:
             used = run(asked)
         else:
             _run_here(asked, clock)
         camera = mrcal.cameramodel(str(Path(folder, "camera-0.cameramodel")))
 
-    version = subprocess.run(["dpkg-query", "-W", "-f", "${Version}", "mrcal"], capture_output=True, text=True, check=True).stdout
+    version = subprocess.run(
+        ["dpkg-query", "-W", "-f", "${Version}", "mrcal"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
 
     def project(points: Floats) -> Floats:
         return np.asarray(mrcal.project(points, *camera.intrinsics()))
 
-    return Fitted(f"mrcal {version}", used.seconds if used else clock.seconds, None, scorer(project), used)
+    return Fitted(
+        f"mrcal {version}", used.seconds if used else clock.seconds, None, scorer(project), used
+    )
 
 
 def _run_here(asked: list[str], clock: Clock) -> None:
@@ -87,7 +102,11 @@ def _run_here(asked: list[str], clock: Clock) -> None:
 
 
 def _rows(case: Case) -> list[str]:
-    return [f"view{i:04d}.png {x:.17g} {y:.17g} 0\n" for i, pixels in enumerate(case.train.pixels) for x, y in pixels]
+    return [
+        f"view{i:04d}.png {x:.17g} {y:.17g} 0\n"
+        for i, pixels in enumerate(case.train.pixels)
+        for x, y in pixels
+    ]
 
 
 if __name__ == "__main__":

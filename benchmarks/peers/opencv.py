@@ -1,4 +1,6 @@
-"""cv2.calibrateCamera with nothing known beforehand, as people call it, but with criteria stated: the defaults differ between releases."""
+"""cv2.calibrateCamera with nothing known beforehand, as people call it, but with criteria stated:
+the defaults differ between releases.
+"""
 
 import time
 
@@ -23,11 +25,15 @@ def fit(case: Case, coefficients: str) -> Fitted:
     boards = [CORNERS.astype(np.float32)] * len(case.train.pixels)
     seen = [pixels.astype(np.float32)[:, None] for pixels in case.train.pixels]
     begun = time.perf_counter()
-    _, camera, lens, *_ = cv2.calibrateCamera(boards, seen, case.size, None, None, flags=FLAGS[coefficients], criteria=CRITERIA)
+    _, camera, lens, *_ = cv2.calibrateCamera(
+        boards, seen, case.size, None, None, flags=FLAGS[coefficients], criteria=CRITERIA
+    )
     seconds = time.perf_counter() - begun
 
     def project(points: Floats) -> Floats:
-        return np.asarray(cv2.projectPoints(points, np.zeros(3), np.zeros(3), camera, lens)[0], dtype=np.float64).reshape(-1, 2)
+        return np.asarray(
+            cv2.projectPoints(points, np.zeros(3), np.zeros(3), camera, lens)[0], dtype=np.float64
+        ).reshape(-1, 2)
 
     return Fitted(f"OpenCV {cv2.__version__}", seconds, None, scorer(project))
 

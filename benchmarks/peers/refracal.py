@@ -1,4 +1,6 @@
-"""This project: the joint fit or the paper's procedure, with the camera and the smooth cover known."""
+"""This project: the joint fit or the paper's procedure, with the camera and the smooth cover
+known.
+"""
 
 import time
 from functools import partial
@@ -31,7 +33,10 @@ def fit(case: Case, which: str) -> Fitted:
     if method == "joint":
         there = {name: value.to(device) for name, value in values.items()}
         found = fit_joint(path, there, seen.to(device), poses.to(device))
-        values, iterations = {name: value.cpu() for name, value in found.values.items()}, found.iterations
+        values, iterations = (
+            {name: value.cpu() for name, value in found.values.items()},
+            found.iterations,
+        )
     else:
         values["relief.amplitudes"] = descend(path, values, seen, poses, steps=STEPS)
         iterations = STEPS

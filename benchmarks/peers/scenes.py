@@ -36,16 +36,29 @@ class Glass:
     """m, the bumps' mean; their standard deviation is a quarter of it."""
 
     def __str__(self) -> str:
-        return f"glass of {1e3 * self.thickness:g} mm, {self.bumps}x{self.bumps} bumps of {1e6 * self.amplitude:g} um"
+        return (
+            f"glass of {1e3 * self.thickness:g} mm, {self.bumps}x{self.bumps} bumps of"
+            f" {1e6 * self.amplitude:g} um"
+        )
 
 
 GLASSES = tuple(Glass(t, n, a) for t in (0.00115, 0.003) for n in (4, 10) for a in (1e-5, 3e-5))
 
 
 def make(glass: Glass, seed: int) -> tuple[Case, tuple[float, float]]:
-    """A scene, and what its true glass leaves on the test and near views, px RMS, with their poses refitted."""
+    """A scene, and what its true glass leaves on the test and near views, px RMS, with their poses
+    refitted.
+    """
     cover = paper_cone(glass.thickness)
-    made = scene(seed, TRAINED + TESTED, (glass.bumps, glass.bumps), glass.amplitude, NOISE, cover=cover, board=BOARD)
+    made = scene(
+        seed,
+        TRAINED + TESTED,
+        (glass.bumps, glass.bumps),
+        glass.amplitude,
+        NOISE,
+        cover=cover,
+        board=BOARD,
+    )
     pixels, poses = np.stack([view.corners for view in made.views]), made.poses.numpy()
     near = _near(made.path, made.values, np.random.default_rng((seed, 1)))
     sets = Shots(pixels[:TRAINED], poses[:TRAINED]), Shots(pixels[TRAINED:], poses[TRAINED:]), near
@@ -55,7 +68,10 @@ def make(glass: Glass, seed: int) -> tuple[Case, tuple[float, float]]:
 
 def views(shots: Shots) -> list[View]:
     weights = shots.seen.astype(np.float64)
-    return [View(f"{i:04d}.png", corners, weight) for i, (corners, weight) in enumerate(zip(shots.pixels, weights, strict=True))]
+    return [
+        View(f"{i:04d}.png", corners, weight)
+        for i, (corners, weight) in enumerate(zip(shots.pixels, weights, strict=True))
+    ]
 
 
 def observed(shots: Shots) -> Observations:
@@ -63,7 +79,9 @@ def observed(shots: Shots) -> Observations:
 
 
 def left(path: Path, values: Values, shots: Shots) -> float:
-    """px RMS through a refractive model with each view's pose refitted; NaN if it does not see a corner that was seen."""
+    """px RMS through a refractive model with each view's pose refitted; NaN if it does not see a
+    corner that was seen.
+    """
     missed = refit_poses(path, values, observed(shots), torch.from_numpy(shots.poses))[1]
     return float((missed.image**2).sum(-1).mean().sqrt())
 
@@ -73,10 +91,14 @@ def _near(path: Path, values: Values, rng: np.random.Generator) -> Shots:
     while len(kept) < TESTED:
         depth = rng.uniform(*NEAR)
         across = rng.uniform(-1, 1, 2) * [0.62, 0.46] * depth
-        pose = np.concatenate([rng.uniform(-0.6, 0.6, 2), rng.uniform(-0.3, 0.3, 1), across, [depth]])
+        pose = np.concatenate(
+            [rng.uniform(-0.6, 0.6, 2), rng.uniform(-0.3, 0.3, 1), across, [depth]]
+        )
         points = path.place(torch.from_numpy(CORNERS[:, :2]), values, torch.from_numpy(pose))
         pixels = project(path, values, points).numpy()
-        inside = np.all((pixels >= MARGIN) & (pixels <= [WIDTH - MARGIN, HEIGHT - MARGIN]), -1)  # false for NaN
+        inside = np.all(
+            (pixels >= MARGIN) & (pixels <= [WIDTH - MARGIN, HEIGHT - MARGIN]), -1
+        )  # false for NaN
         if inside.sum() < FEWEST:
             continue
         noisy = pixels + rng.normal(0, NOISE, pixels.shape)

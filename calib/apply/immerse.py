@@ -1,8 +1,10 @@
-"""A calibration in another medium: made in air, for water, or the other way round. What lies outside is replaced; all else is the glass's.
+"""A calibration in another medium: made in air, for water, or the other way round. What lies
+outside is replaced; all else is the glass's.
 
-The covariance goes with it, so sigma tells what the change of medium makes visible: in air a window's distance moves no ray, under water
-every one. Views do not go with it: they were taken in the other medium. Where their corners were, `Calibration.corners_at` keeps, as sigma
-leaves out the rigid motion of all rays that hides most there.
+The covariance goes with it, so sigma tells what the change of medium makes visible: in air a
+window's distance moves no ray, under water every one. Views do not go with it: they were taken in
+the other medium. Where their corners were, `Calibration.corners_at` keeps, as sigma leaves out the
+rigid motion of all rays that hides most there.
 """
 
 from __future__ import annotations
@@ -37,7 +39,9 @@ SAMPLED = 400
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Immersion:
-    """A calibration in its new medium, and how sure it is there: px, root mean square over the corners, at each depth."""
+    """A calibration in its new medium, and how sure it is there: px, root mean square over the
+    corners, at each depth.
+    """
 
     calibration: Calibration
     depths: tuple[float, ...]
@@ -48,7 +52,9 @@ class Immersion:
     loose: tuple[Loose, ...]
     """The groups that are worth naming, the one that matters most first."""
     other_face_px: tuple[float, ...]
-    """How far off the maps are, were all unevenness on the glass's inner face; empty without a relief."""
+    """How far off the maps are, were all unevenness on the glass's inner face; empty without a
+    relief.
+    """
     unexplained: tuple[str, ...]
     """Effects that mend an error without a physical cause."""
 
@@ -58,7 +64,9 @@ class Immersion:
         return any(sigma > UNKNOWN for sigma in self.after_px)
 
 
-def immerse(calibration: Calibration, outside: Number, depths: Sequence[float] = DEPTHS) -> Immersion:
+def immerse(
+    calibration: Calibration, outside: Number, depths: Sequence[float] = DEPTHS
+) -> Immersion:
     """Put a calibration into a medium of another index.
 
     Raises:
@@ -67,7 +75,10 @@ def immerse(calibration: Calibration, outside: Number, depths: Sequence[float] =
     wet = immersed(calibration, outside)
     rows = corners_at(calibration)
     if not np.isfinite(wet.rays(rows[:, :2])[0]).any():
-        raise InputError(f"no ray of this camera leaves its cover into an index of {outside.value:g}: check the cover's numbers.")
+        raise InputError(
+            f"no ray of this camera leaves its cover into an index of {outside.value:g}: check the"
+            " cover's numbers."
+        )
     some = rows[:: max(1, len(rows) // SAMPLED), :2]
     before, after = (_errors(one, some) for one in (calibration, wet))
     return Immersion(
@@ -85,13 +96,14 @@ def immersed(calibration: Calibration, outside: Number) -> Calibration:
     """The calibration with another index outside, without its views."""
     if any(isinstance(found.effect, FlatPort) for found in calibration.effects):
         raise InputError(
-            "the window of this calibration was found by the diagnosis, and where it stands is not known in air: describe it under cover "
-            "in session.yaml, with its distance_mm and thickness_mm, and fit the session again."
+            "the window of this calibration was found by the diagnosis, and where it stands is not"
+            " known in air: describe it under cover in session.yaml, with its distance_mm and"
+            " thickness_mm, and fit the session again."
         )
     if OUTSIDE not in calibration.cover.parameters:
         raise InputError(
-            "this calibration has no cover, and what water does is done at a window or dome: describe it under cover in session.yaml, and "
-            "fit the session again."
+            "this calibration has no cover, and what water does is done at a window or dome:"
+            " describe it under cover in session.yaml, and fit the session again."
         )
     was, declared = calibration.cover.parameters[OUTSIDE], calibration.declared
     wet = replace(
@@ -106,7 +118,12 @@ def immersed(calibration: Calibration, outside: Number) -> Calibration:
         stated=replace(declared, cover=_within(declared.cover, outside)),
         settings={
             **calibration.settings,
-            "immersed": {"from_index": was.value, "to_index": outside.value, "sigma": outside.sigma, "calibration": calibration.digest},
+            "immersed": {
+                "from_index": was.value,
+                "to_index": outside.value,
+                "sigma": outside.sigma,
+                "calibration": calibration.digest,
+            },
         },
     )
     if not calibration.covariance.size:
@@ -120,11 +137,15 @@ def _within(cover: Cover, outside: Number) -> Cover:
 
 
 def _carried(calibration: Calibration, wet: Calibration) -> Array:
-    """(S, S) of the wet calibration's parameters: as they were before, and independent of them what is outside."""
+    """(S, S) of the wet calibration's parameters: as they were before, and independent of them what
+    is outside.
+    """
     old, new = calibration.camera_model().parameters, wet.camera_model().parameters
     covariance, before = np.zeros((new.count, new.count)), _as_declared(calibration, old)
     known = [name for name in new.slices() if name in old.slices() and name != f"cover.{OUTSIDE}"]
-    covariance[np.ix_(new.entries(known), new.entries(known))] = before[np.ix_(old.entries(known), old.entries(known))]
+    covariance[np.ix_(new.entries(known), new.entries(known))] = before[
+        np.ix_(old.entries(known), old.entries(known))
+    ]
     for param in new.free:
         if param.name == f"cover.{OUTSIDE}":
             at = new.entries([param.name])
@@ -133,19 +154,27 @@ def _carried(calibration: Calibration, wet: Calibration) -> Array:
 
 
 def _as_declared(calibration: Calibration, parameters: Parameters) -> Array:
-    """(S, S) covariance in which no number of the cover is surer than it was declared, what depends on it moving along.
+    """(S, S) covariance in which no number of the cover is surer than it was declared, what depends
+    on it moving along.
 
-    An uneven glass takes up most of what such a number is off by. What is left, the fit takes for knowledge of the number, and in its own
-    medium that does no harm: the two together are right. In another they part (`python -m benchmarks.immerse` prints by how much).
+    An uneven glass takes up most of what such a number is off by. What is left, the fit takes for
+    knowledge of the number, and in its own
+    medium that does no harm: the two together are right. In another they part (`python -m
+        benchmarks.immerse` prints by how much).
     """
-    declared = {f"cover.{name}": number.sigma for name, number in calibration.declared.cover.parameters.items()}
+    declared = {
+        f"cover.{name}": number.sigma
+        for name, number in calibration.declared.cover.parameters.items()
+    }
     numbers = [param for param in parameters.free if declared.get(param.name, 0.0) > 0]
     covariance = calibration.covariance
     if calibration.relief is None or not numbers:
         return covariance
     at = parameters.entries([param.name for param in numbers])
     own = covariance[np.ix_(at, at)]
-    along = covariance[:, at] @ np.linalg.pinv(own, hermitian=True)  # (S, n) how all move with these
+    along = covariance[:, at] @ np.linalg.pinv(
+        own, hermitian=True
+    )  # (S, n) how all move with these
     spread = np.array([declared[param.name] / param.scale for param in numbers]) ** 2
     wider = np.diag(np.maximum(spread - own.diagonal(), 0.0))
     return np.asarray(covariance + along @ wider @ along.T)
@@ -157,7 +186,9 @@ def _with_sigmas(wet: Calibration, covariance: Array) -> Cover:
     found = dict(wet.cover.parameters)
     for param in parameters.free:
         if (name := param.name.removeprefix("cover.")) in found:
-            found[name] = replace(found[name], sigma=float(parameters.sigma(param.name, torch.from_numpy(covariance))))
+            found[name] = replace(
+                found[name], sigma=float(parameters.sigma(param.name, torch.from_numpy(covariance)))
+            )
     return replace(wet.cover, parameters=found)
 
 
@@ -169,9 +200,13 @@ def _errors(calibration: Calibration, pixels: Array) -> Array:
     return np.where(lost[:, None, None], np.nan, jacobian)
 
 
-def _on_other_face(calibration: Calibration, wet: Calibration, rows: Array, depths: Sequence[float]) -> list[float]:
-    """px by depth, root mean square: how much more than in the first medium it matters which face of the glass is uneven, the best rigid
-    motion of all rays taken off. An inner face that bends light as much in air is uneven by the same height inwards."""
+def _on_other_face(
+    calibration: Calibration, wet: Calibration, rows: Array, depths: Sequence[float]
+) -> list[float]:
+    """px by depth, root mean square: how much more than in the first medium it matters which face
+    of the glass is uneven, the best rigid motion of all rays taken off. An inner face that bends
+    light as much in air is uneven by the same height inwards.
+    """
     if wet.relief is None:
         return []
     pixels, depth = rows[:, :2], rows[:, 2]
@@ -181,12 +216,18 @@ def _on_other_face(calibration: Calibration, wet: Calibration, rows: Array, dept
     kept = ~lost
 
     def off(at: Array) -> Array:
-        (a, b), (c, d) = ((_seen(*one, pixels, at), _seen(*other, pixels, at)) for one, other in ((near, far), (wet_near, wet_far)))
+        (a, b), (c, d) = (
+            (_seen(*one, pixels, at), _seen(*other, pixels, at))
+            for one, other in ((near, far), (wet_near, wet_far))
+        )
         return np.asarray(((c - d) - (a - b))[kept])
 
     columns = (motions[:, 0] + motions[:, 1] / depth[:, None, None])[kept].reshape(-1, 6)
     motion = np.linalg.lstsq(columns, off(depth).ravel(), rcond=None)[0]
-    left = (off(np.full(len(pixels), m)) - (motions[:, 0] + motions[:, 1] / m)[kept] @ motion for m in depths)
+    left = (
+        off(np.full(len(pixels), m)) - (motions[:, 0] + motions[:, 1] / m)[kept] @ motion
+        for m in depths
+    )
     return [float(np.sqrt((one**2).sum(-1).mean())) for one in left]
 
 
@@ -194,7 +235,10 @@ def _moved(calibration: Calibration) -> tuple[Path, Values]:
     """The path with its relief on the inner face."""
     path, values = calibration.model()
     inner, outer = path.cover
-    cover = (replace(inner, relief=outer.relief, exact_hit=outer.exact_hit), replace(outer, relief=None))
+    cover = (
+        replace(inner, relief=outer.relief, exact_hit=outer.exact_hit),
+        replace(outer, relief=None),
+    )
     return replace(path, cover=cover), {**values, AMPLITUDES: -values[AMPLITUDES]}
 
 
@@ -204,4 +248,6 @@ def _seen(path: Path, values: Values, pixels: Array, depth: Array) -> Array:
     origin, direction = (vector.stacked().numpy() for vector in (rays.origin, rays.direction))
     tangent = direction[:, :2] / direction[:, 2:]
     focal = np.array([float(values[f"camera.{name}"]) for name in ("fx", "fy")])
-    return np.asarray(focal * (tangent + (origin[:, :2] - tangent * origin[:, 2:]) / depth[:, None]))
+    return np.asarray(
+        focal * (tangent + (origin[:, :2] - tangent * origin[:, 2:]) / depth[:, None])
+    )

@@ -1,4 +1,6 @@
-"""What is known of tags that were located: places, turns, covariances, and why one is not placed."""
+"""What is known of tags that were located: places, turns, covariances, and why one is not
+placed.
+"""
 
 from __future__ import annotations
 
@@ -21,26 +23,34 @@ class Reason(StrEnum):
     """Why a tag that was read is not placed."""
 
     TWICE = "seen twice: show each number once"
-    NO_RAY = "no ray leaves the cover at one of its corners: move it towards the middle of the picture"
+    NO_RAY = (
+        "no ray leaves the cover at one of its corners: move it towards the middle of the picture"
+    )
     NO_EDGES = "its black square cannot be measured: show it larger, sharp and with a white margin"
     NO_SQUARE = (
-        "its corners are not those of a flat square: show it flat and whole, and check the dictionary, the border and the calibration"
+        "its corners are not those of a flat square: show it flat and whole, and check the"
+        " dictionary, the border and the calibration"
     )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TagPose:
-    """T_camera_tag: x to the right of the upright tag, y down, z away from who looks at it; origin in its middle."""
+    """T_camera_tag: x to the right of the upright tag, y down, z away from who looks at it; origin
+    in its middle.
+    """
 
     turn: Array
     """(3, 3)"""
     position: Array
     """(3,) m"""
     own: Array
-    """(6, 6) covariance from the noise of its own corners: of a small turn about the camera's axes (rad), then of the position (m)."""
+    """(6, 6) covariance from the noise of its own corners: of a small turn about the camera's axes
+    (rad), then of the position (m).
+    """
     shared: Array
-    """(6, S + 1) errors for each of S independent errors of unit variance of the calibration's rays, which all tags share, and for that of
-    the tags' side."""
+    """(6, S + 1) errors for each of S independent errors of unit variance of the calibration's
+    rays, which all tags share, and for that of the tags' side.
+    """
     off_px: float
     """Root mean square distance of its corners from those of a square there."""
     probability: float
@@ -67,7 +77,10 @@ class TagPose:
         return np.asarray(Rotation.from_matrix(self.turn).as_quat(canonical=True))
 
     def distance(self, other: TagPose) -> tuple[float, float]:
-        """From one tag's middle to another's in the same frame, and its sigma, m. What moves both alike does not count."""
+        """From one tag's middle to another's in the same frame, and its sigma, m.
+
+        What moves both alike does not count.
+        """
         apart = other.position - self.position
         metres = float(np.linalg.norm(apart))
         along = apart / metres if metres else np.full(3, 3**-0.5)
@@ -107,4 +120,5 @@ class Located:
     """By number."""
     unplaced: tuple[Unplaced, ...]
     growth: Growth
-    """By how much black looked larger than it is, and corners were corrected; 0 where it did not."""
+    """By how much black looked larger than it is, and corners were corrected; 0 where it did not.
+    """

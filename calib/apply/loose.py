@@ -1,4 +1,6 @@
-"""What a calibration leaves open in another medium: which numbers, and how well they would have to be measured."""
+"""What a calibration leaves open in another medium: which numbers, and how well they would have to
+be measured.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,10 @@ Array = NDArray[np.float64]
 
 OUTSIDE = "outside_index"
 UNKNOWN = 0.15
-"""px, predicted standard deviation of the maps: above it there is a warning. Calibrations in the medium itself reach a few hundredths."""
+"""px, predicted standard deviation of the maps: above it there is a warning.
+
+Calibrations in the medium itself reach a few hundredths.
+"""
 WORTH_NAMING = 0.8
 """A number is named as loose if sigma without its error would be less than this fraction."""
 WORDS = {
@@ -49,7 +54,9 @@ class Loose:
     sigma_px: tuple[float, ...]
     """By depth."""
     measured_to: float | None = None
-    """The standard deviation, in `unit`, with which no depth's sigma is above UNKNOWN; None: there is none, or nobody can measure it."""
+    """The standard deviation, in `unit`, with which no depth's sigma is above UNKNOWN; None: there
+    is none, or nobody can measure it.
+    """
     unit: str = ""
 
     @property
@@ -60,7 +67,11 @@ class Loose:
     def advice(self) -> str:
         if advice := ADVICE.get(self.name):
             return advice
-        to = "" if self.measured_to is None else f" to {self.measured_to:.2g} {self.unit}".rstrip() + " (one sigma) or better"
+        to = (
+            ""
+            if self.measured_to is None
+            else f" to {self.measured_to:.2g} {self.unit}".rstrip() + " (one sigma) or better"
+        )
         return f"measure it{to}, state it with its sigma in session.yaml, and fit again"
 
 
@@ -76,7 +87,10 @@ def loose_numbers(wet: Calibration, errors: Array, depths: Sequence[float]) -> l
         return []
     sigma = np.array(sigmas(errors, wet.covariance, depths))
     every = (_loose(wet, group, names, errors, depths) for group, names in _groups(wet))
-    return sorted((one for one in every if (np.array(one.sigma_px) < WORTH_NAMING * sigma).any()), key=lambda one: one.sigma_px)
+    return sorted(
+        (one for one in every if (np.array(one.sigma_px) < WORTH_NAMING * sigma).any()),
+        key=lambda one: one.sigma_px,
+    )
 
 
 def sigmas(errors: Array, covariance: Array, depths: Sequence[float]) -> tuple[float, ...]:
@@ -99,14 +113,30 @@ def _groups(wet: Calibration) -> Iterator[tuple[str, list[str]]]:
     yield from groups.items()
 
 
-def _loose(wet: Calibration, group: str, names: Sequence[str], errors: Array, depths: Sequence[float]) -> Loose:
+def _loose(
+    wet: Calibration, group: str, names: Sequence[str], errors: Array, depths: Sequence[float]
+) -> Loose:
     parameters, covariance = wet.camera_model().parameters, wet.covariance
     at = parameters.entries(names)
-    along = covariance[:, at] @ np.linalg.pinv(covariance[np.ix_(at, at)], hermitian=True)  # (S, n) how all move with these
+    along = covariance[:, at] @ np.linalg.pinv(
+        covariance[np.ix_(at, at)], hermitian=True
+    )  # (S, n) how all move with these
     known = np.array(sigmas(errors, covariance - along @ covariance[at], depths))
     own = [param for param in parameters.free if param.name in names]
-    if group in ADVICE or group not in WORDS or len({(param.unit, param.scale) for param in own}) != 1 or (known >= UNKNOWN).any():
+    if (
+        group in ADVICE
+        or group not in WORDS
+        or len({(param.unit, param.scale) for param in own}) != 1
+        or (known >= UNKNOWN).any()
+    ):
         return Loose(group, tuple(known))
     unit, per_si = SHOWN[own[0].unit]
-    each = np.maximum(_spreads(errors, along, depths), np.finfo(float).tiny)  # px, of numbers that are known to one of their scale
-    return Loose(group, tuple(known), float(np.min(np.sqrt(UNKNOWN**2 - known**2) / each)) * own[0].scale * per_si, unit)
+    each = np.maximum(
+        _spreads(errors, along, depths), np.finfo(float).tiny
+    )  # px, of numbers that are known to one of their scale
+    return Loose(
+        group,
+        tuple(known),
+        float(np.min(np.sqrt(UNKNOWN**2 - known**2) / each)) * own[0].scale * per_si,
+        unit,
+    )

@@ -1,7 +1,9 @@
-"""The predicted standard deviation of each pixel's undistorted position, at any depth: the fit's covariance propagated to the maps.
+"""The predicted standard deviation of each pixel's undistorted position, at any depth: the fit's
+covariance propagated to the maps.
 
-p_u(Z) = A + B / Z for every pixel, so the variance is a quadratic in inverse depth, of three coefficients a pixel. The rigid motion of all
-rays that board views leave open is the gauge: of each error, the motion that hides most of it at the training corners is subtracted.
+p_u(Z) = A + B / Z for every pixel, so the variance is a quadratic in inverse depth, of three
+coefficients a pixel. The rigid motion of all rays that board views leave open is the gauge: of each
+error, the motion that hides most of it at the training corners is subtracted.
 """
 
 from __future__ import annotations
@@ -28,7 +30,8 @@ from calib.undistortion.remap import remap
 Array = NDArray[np.float64]
 
 NO_CORNERS = (
-    "the calibration's poses and corners do not go with its camera and cover, as if its files had been edited: fit the session again."
+    "the calibration's poses and corners do not go with its camera and cover, as if its files had"
+    " been edited: fit the session again."
 )
 NODES = (49, 37)
 """Pixels across and down at which the variance is computed; between them it is linear."""
@@ -43,16 +46,23 @@ class SigmaField:
     nodes_y: Array
     """(h,) px"""
     variance: Array
-    """(h, w, 3) px^2, px^2 m, px^2 m^2: the variance at depth Z is the first + the second / Z + the third / Z^2, x and y together. NaN
-    where no ray leaves the cover."""
+    """(h, w, 3) px^2, px^2 m, px^2 m^2: the variance at depth Z is the first + the second / Z + the
+    third / Z^2, x and y together. NaN where no ray leaves the cover.
+    """
 
     def at_nodes(self, depth: float) -> Array:
         """(h, w) px: standard deviation of the two-dimensional position at depth m."""
-        sigma: Array = np.sqrt(np.maximum(self.variance @ np.array([1, 1 / depth, 1 / depth**2]), 0.0))
+        sigma: Array = np.sqrt(
+            np.maximum(self.variance @ np.array([1, 1 / depth, 1 / depth**2]), 0.0)
+        )
         return sigma
 
-    def at(self, x: NDArray[np.floating], y: NDArray[np.floating], depth: float) -> NDArray[np.float32]:
-        """The same at (h, w) distorted px each; NaN next to where no ray leaves the cover, and outside the image."""
+    def at(
+        self, x: NDArray[np.floating], y: NDArray[np.floating], depth: float
+    ) -> NDArray[np.float32]:
+        """The same at (h, w) distorted px each; NaN next to where no ray leaves the cover, and
+        outside the image.
+        """
         column, inside_x = _among(x, self.nodes_x)
         row, inside_y = _among(y, self.nodes_y)
         sigma = self.at_nodes(depth).astype(np.float32)
@@ -70,19 +80,32 @@ def predicted_sigma(calibration: Calibration) -> SigmaField | None:
     if not calibration.covariance.size:
         return None
     size = calibration.camera.width, calibration.camera.height
-    nodes_x, nodes_y = (np.linspace(-0.5, length - 0.5, n) for length, n in zip(size, NODES, strict=True))
+    nodes_x, nodes_y = (
+        np.linspace(-0.5, length - 0.5, n) for length, n in zip(size, NODES, strict=True)
+    )
     pixels = np.stack(np.meshgrid(nodes_x, nodes_y), -1).reshape(-1, 2)
     with single_thread():
-        spread = ray_errors(calibration)(pixels).reshape(len(pixels), 2, 2, -1)  # (N, A or B, x or y, S)
+        spread = ray_errors(calibration)(pixels).reshape(
+            len(pixels), 2, 2, -1
+        )  # (N, A or B, x or y, S)
     at_infinity, parallax = spread[:, 0], spread[:, 1]
-    variance = np.stack([(at_infinity**2).sum((1, 2)), 2 * (at_infinity * parallax).sum((1, 2)), (parallax**2).sum((1, 2))], -1)
+    variance = np.stack(
+        [
+            (at_infinity**2).sum((1, 2)),
+            2 * (at_infinity * parallax).sum((1, 2)),
+            (parallax**2).sum((1, 2)),
+        ],
+        -1,
+    )
     return SigmaField(nodes_x, nodes_y, variance.reshape(len(nodes_y), len(nodes_x), 3))
 
 
 @lru_cache(maxsize=1)
 def ray_errors(calibration: Calibration) -> Callable[[Array], Array]:
-    """From (N, 2) px to the (N, 4, S) errors of their A (px) and B (px m) for each of S independent errors of unit variance, which all
-    pixels share; NaN where no ray leaves the cover. S is 0 where the fit estimated no covariance."""
+    """From (N, 2) px to the (N, 4, S) errors of their A (px) and B (px m) for each of S independent
+    errors of unit variance, which all pixels share; NaN where no ray leaves the cover. S is 0 where
+    the fit estimated no covariance.
+    """
     if not calibration.covariance.size:
         return lambda pixels: np.zeros((len(pixels), 4, 0))
     change = UndistortedChange.of(calibration)
@@ -98,7 +121,8 @@ def ray_errors(calibration: Calibration) -> Callable[[Array], Array]:
 def root_of(covariance: Array) -> Array:
     """(n, n) R with R R^T the covariance; what rounding leaves below zero is nothing.
 
-    By way of the correlations: a relief's variances are 1e-12 of a focal length's, and beside these they would be lost in rounding.
+    By way of the correlations: a relief's variances are 1e-12 of a focal length's, and beside these
+        they would be lost in rounding.
     """
     spread = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
     scale = np.where(spread > 0, spread, 1.0)
@@ -112,18 +136,24 @@ def corners_at(calibration: Calibration) -> Array:
         return calibration.corners_at
     model, observations = calibration.camera_model(), calibration.observations
     poses = torch.from_numpy(calibration.poses)[observations.view]
-    depth = model.path.place(observations.corners, observations.with_times(model.means), poses)[:, 2].numpy()
+    depth = model.path.place(observations.corners, observations.with_times(model.means), poses)[
+        :, 2
+    ].numpy()
     return np.column_stack([observations.pixels.numpy(), depth])
 
 
 @dataclass(frozen=True, slots=True)
 class UndistortedChange:
-    """How the undistorted pixels of a calibration change with what its fit estimated, the gauge's motion projected out."""
+    """How the undistorted pixels of a calibration change with what its fit estimated, the gauge's
+    motion projected out.
+    """
 
     path: Path
     parameters: Parameters
     motion: Array
-    """(6, S): the rigid motion of all rays that hides most of a change of each parameter at the training corners."""
+    """(6, S): the rigid motion of all rays that hides most of a change of each parameter at the
+    training corners.
+    """
 
     @staticmethod
     def of(calibration: Calibration) -> UndistortedChange:
@@ -136,8 +166,13 @@ class UndistortedChange:
         for first in range(0, len(depth), ROWS):
             some = slice(first, first + ROWS)
             jacobian, motions, lost = undistorted_jacobian(path, parameters, corners[some, :2])
-            at = np.stack([np.ones_like(depth[some]), 1 / depth[some]], -1)[:, :, None, None] * ~lost[:, None, None, None]
-            seen, moved = ((at * part).sum(1).reshape(2 * len(at), -1) for part in (jacobian, motions))
+            at = (
+                np.stack([np.ones_like(depth[some]), 1 / depth[some]], -1)[:, :, None, None]
+                * ~lost[:, None, None, None]
+            )
+            seen, moved = (
+                (at * part).sum(1).reshape(2 * len(at), -1) for part in (jacobian, motions)
+            )
             normal += moved.T @ moved
             right_side += moved.T @ seen
         try:
@@ -153,6 +188,8 @@ class UndistortedChange:
 
 
 def _among(at: NDArray[np.floating], nodes: Array) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Coordinates in px as indices of evenly spaced nodes, and whether they are among them, but for float32's rounding."""
+    """Coordinates in px as indices of evenly spaced nodes, and whether they are among them, but for
+    float32's rounding.
+    """
     index = ((at - nodes[0]) / (nodes[1] - nodes[0])).astype(np.float32)
     return index, (index >= -1e-3) & (index <= len(nodes) - 1 + 1e-3)

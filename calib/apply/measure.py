@@ -1,9 +1,10 @@
-"""Metric measurement with one calibrated camera: points on a known plane, or triangulated from several views of a still board. In metres,
-with sigma.
+"""Metric measurement with one calibrated camera: points on a known plane, or triangulated from
+several views of a still board. In metres, with sigma.
 
-Sigma counts the noise of the pixels, the uncertainty of the calibration's rays, which pixels and boards share, the noise of the corners of
-boards that say where a plane is, and how well the side of their squares is known. It does not count a board of another shape, nor glass
-that the fit cannot follow.
+Sigma counts the noise of the pixels, the uncertainty of the calibration's rays, which pixels and
+boards share, the noise of the corners of boards that say where a plane is, and how well the side of
+their squares is known. It does not count a board of another shape, nor glass that the fit cannot
+follow.
 """
 
 from __future__ import annotations
@@ -47,9 +48,13 @@ class BoardPose:
     pose: Array
     """(6,) rotation vector (rad) and translation (m)."""
     noise: Array
-    """(6, 6) errors for each of six independent errors of unit variance, from the noise of the corners."""
+    """(6, 6) errors for each of six independent errors of unit variance, from the noise of the
+    corners.
+    """
     rays: Array
-    """(6, S + 1) errors for each independent error of the calibration's rays, and for that of the squares' side."""
+    """(6, S + 1) errors for each independent error of the calibration's rays, and for that of the
+    squares' side.
+    """
 
     @staticmethod
     def exactly(pose: Array) -> BoardPose:
@@ -96,7 +101,10 @@ class Measured:
         apart = self.points[second] - self.points[first]
         metres = float(np.linalg.norm(apart))
         along = apart / metres if metres else np.full(3, 3**-0.5)
-        variance = along @ (self.own[first] + self.own[second]) @ along + ((along @ (self.shared[second] - self.shared[first])) ** 2).sum()
+        variance = (
+            along @ (self.own[first] + self.own[second]) @ along
+            + ((along @ (self.shared[second] - self.shared[first])) ** 2).sum()
+        )
         return metres, float(np.sqrt(variance))
 
 
@@ -107,7 +115,8 @@ class Measurer:
         """
         Args:
             calibration: of the camera.
-            noise_px: per axis, of the pixels that will be measured; by default that of the calibration's corners.
+            noise_px: per axis, of the pixels that will be measured; by default that of the
+                calibration's corners.
         """
         self.calibration = calibration
         self._corner_noise = calibration.noise_px / 2**0.5
@@ -115,10 +124,14 @@ class Measurer:
         self._errors = ray_errors(calibration)
         pinhole = calibration.camera.intrinsics
         assert pinhole
-        self._focal, self._centre = np.array([pinhole.fx.value, pinhole.fy.value]), np.array([pinhole.cx.value, pinhole.cy.value])
+        self._focal, self._centre = (
+            np.array([pinhole.fx.value, pinhole.fy.value]),
+            np.array([pinhole.cx.value, pinhole.cy.value]),
+        )
 
     def board_pose(self, view: View) -> BoardPose:
-        """Where the board is in a view, with the least reprojection error through the calibrated camera.
+        """Where the board is in a view, with the least reprojection error through the calibrated
+        camera.
 
         Raises:
             NotEnoughDataError: the corners that are seen give no pose.
@@ -129,24 +142,32 @@ class Measurer:
         start = pinhole_poses(observations, values)
         if few or not bool(torch.isfinite(start).all()):
             reason = few[0].reason if few else "no board pose explains its corners"
-            raise NotEnoughDataError(f"{view.name}: {reason}: take a picture that shows the whole board.")
+            raise NotEnoughDataError(
+                f"{view.name}: {reason}: take a picture that shows the whole board."
+            )
         with single_thread():
             poses, _ = refit_poses(path, values, observations, start)
-            seen = observations.kept(path.land(observations.pixels, values, poses[observations.view])[1] == 0)
+            seen = observations.kept(
+                path.land(observations.pixels, values, poses[observations.view])[1] == 0
+            )
             weights = pixel_weights(path, values, seen, poses, self._corner_noise)
             (landing,) = landings(path, Parameters.none(values), seen, weights)
             by_pose = landing.linearise(values, poses).jacobian_block.flatten(0, 1).numpy()
         noise = np.linalg.cholesky(np.linalg.inv(by_pose.T @ by_pose))
         pose, pixels = poses[0].numpy(), seen.pixels.numpy()
         each = np.broadcast_to(pose, (len(pixels), 6))
-        by_line = central_differences(lambda lines: intersect(*self._rays(lines), each), self._lines(pixels), LINE_STEPS)  # (M, 3, 4)
+        by_line = central_differences(
+            lambda lines: intersect(*self._rays(lines), each), self._lines(pixels), LINE_STEPS
+        )  # (M, 3, 4)
         on_board = turns(pose[None])[0].T[:2] @ by_line @ self._errors(pixels)  # (M, 2, S)
         by_map = (weights.numpy() @ on_board).reshape(len(by_pose), -1)  # (2M, S)
         by_rays = -noise @ noise.T @ by_pose.T @ by_map
         by_size = self.calibration.board.relative_sigma * np.concatenate([np.zeros(3), pose[3:]])
         return BoardPose(pose, noise, np.column_stack([by_rays, by_size]))
 
-    def on_planes(self, pixels: Array, planes: Sequence[BoardPose], plane: Sequence[int]) -> Measured:
+    def on_planes(
+        self, pixels: Array, planes: Sequence[BoardPose], plane: Sequence[int]
+    ) -> Measured:
         """Where pixels look on planes, in the camera frame.
 
         Args:
@@ -158,13 +179,28 @@ class Measurer:
         pixels, outside = self._within(pixels)
         poses, lines = np.stack([one.pose for one in planes])[of], self._lines(pixels)
         points = intersect(*self._rays(lines), poses)
-        by_line = central_differences(lambda moved: intersect(*self._rays(moved), poses), lines, LINE_STEPS)
-        by_pose = central_differences(lambda moved: intersect(*self._rays(lines), moved), poses, POSE_STEPS)
+        by_line = central_differences(
+            lambda moved: intersect(*self._rays(moved), poses), lines, LINE_STEPS
+        )
+        by_pose = central_differences(
+            lambda moved: intersect(*self._rays(lines), moved), poses, POSE_STEPS
+        )
         shared = self._shared(planes, of, by_pose, by_line @ self._errors(pixels))
-        return _measured(points, self._own(by_line, pixels), shared, np.zeros(len(points)), outside, _lost(lines), Reason.NO_POINT)
+        return _measured(
+            points,
+            self._own(by_line, pixels),
+            shared,
+            np.zeros(len(points)),
+            outside,
+            _lost(lines),
+            Reason.NO_POINT,
+        )
 
-    def triangulate(self, pixels: Array, boards: Sequence[BoardPose], board: Sequence[int], point: Sequence[int]) -> Measured:
-        """Points that several views see, in the frame of the board that stands still in all of them: where each misses its rays least.
+    def triangulate(
+        self, pixels: Array, boards: Sequence[BoardPose], board: Sequence[int], point: Sequence[int]
+    ) -> Measured:
+        """Points that several views see, in the frame of the board that stands still in all of
+        them: where each misses its rays least.
 
         Args:
             pixels: (M, 2)
@@ -174,11 +210,19 @@ class Measurer:
         """
         of, which = np.asarray(board, dtype=np.intp), np.asarray(point, dtype=np.intp)
         pixels, outside = self._within(pixels)
-        poses, lines, errors = np.stack([one.pose for one in boards])[of], self._lines(pixels), self._errors(pixels)
+        poses, lines, errors = (
+            np.stack([one.pose for one in boards])[of],
+            self._lines(pixels),
+            self._errors(pixels),
+        )
         groups = _groups(which)
-        parts = [self._triangulated(rows, pixels, poses, lines, errors, boards, of) for rows in groups]
+        parts = [
+            self._triangulated(rows, pixels, poses, lines, errors, boards, of) for rows in groups
+        ]
         points, own, shared, gap = (np.concatenate(column) for column in zip(*parts, strict=True))
-        refused, lost = (np.array([one[rows].any() for rows in groups]) for one in (outside, _lost(lines)))
+        refused, lost = (
+            np.array([one[rows].any() for rows in groups]) for one in (outside, _lost(lines))
+        )
         return _measured(points, own, shared, gap, refused, lost, Reason.NOWHERE)
 
     def _triangulated(
@@ -200,46 +244,77 @@ class Measurer:
             """(1, 3, 4) and (1, 3, 6) derivatives by one of the lines and one of the poses."""
 
             def by_its_line(moved: Array) -> Array:
-                return triangulate(*self._rays(np.vstack([here[:which], moved, here[which + 1 :]])), there)[0][None]
+                return triangulate(
+                    *self._rays(np.vstack([here[:which], moved, here[which + 1 :]])), there
+                )[0][None]
 
             def by_its_pose(moved: Array) -> Array:
-                return triangulate(*self._rays(here), np.vstack([there[:which], moved, there[which + 1 :]]))[0][None]
+                return triangulate(
+                    *self._rays(here), np.vstack([there[:which], moved, there[which + 1 :]])
+                )[0][None]
 
             one = slice(which, which + 1)
-            return central_differences(by_its_line, here[one], LINE_STEPS), central_differences(by_its_pose, there[one], POSE_STEPS)
+            return central_differences(by_its_line, here[one], LINE_STEPS), central_differences(
+                by_its_pose, there[one], POSE_STEPS
+            )
 
-        by_line, by_pose = (np.concatenate(parts) for parts in zip(*map(by_one, range(len(rows))), strict=True))
+        by_line, by_pose = (
+            np.concatenate(parts) for parts in zip(*map(by_one, range(len(rows))), strict=True)
+        )
         own = self._own(by_line, pixels[rows]).sum(0, keepdims=True)
-        shared = self._shared(boards, of[rows], by_pose, by_line @ errors[rows]).sum(0, keepdims=True)
+        shared = self._shared(boards, of[rows], by_pose, by_line @ errors[rows]).sum(
+            0, keepdims=True
+        )
         return at[None], own, shared, np.sqrt((missed**2).mean(keepdims=True)) * self._focal.mean()
 
     def _within(self, pixels: Array) -> tuple[Array, Flags]:
-        """(N, 2) px, those outside the picture moved to its border, and (N,) which these are. A border pixel ends half a pixel beyond its
-        centre."""
+        """(N, 2) px, those outside the picture moved to its border, and (N,) which these are. A
+        border pixel ends half a pixel beyond its centre.
+        """
         camera = self.calibration.camera
         last = np.array([camera.width, camera.height]) - 0.5
         outside = np.asarray(~((pixels >= -0.5) & (pixels <= last)).all(-1))  # NaN among them
-        return np.where(outside[:, None], np.clip(np.nan_to_num(pixels), -0.5, last), pixels), outside
+        return (
+            np.where(outside[:, None], np.clip(np.nan_to_num(pixels), -0.5, last), pixels),
+            outside,
+        )
 
     def _lines(self, pixels: Array) -> Array:
         """(N, 4) A and B of each pixel's ray, px and px m."""
         origins, directions = self.calibration.rays(pixels)
         tangents = directions[:, :2] / directions[:, 2:]
-        return np.concatenate([self._focal * tangents + self._centre, self._focal * (origins[:, :2] - tangents * origins[:, 2:])], -1)
+        return np.concatenate(
+            [
+                self._focal * tangents + self._centre,
+                self._focal * (origins[:, :2] - tangents * origins[:, 2:]),
+            ],
+            -1,
+        )
 
     def _rays(self, lines: Array) -> tuple[Array, Array]:
-        """(N, 3) where lines of A and B cross the plane of the pinhole, m, and (N, 3) where they go."""
+        """(N, 3) where lines of A and B cross the plane of the pinhole, m, and (N, 3) where they
+        go.
+        """
         ones = np.ones((len(lines), 1))
-        return np.hstack([lines[:, 2:] / self._focal, 0 * ones]), np.hstack([(lines[:, :2] - self._centre) / self._focal, ones])
+        return np.hstack([lines[:, 2:] / self._focal, 0 * ones]), np.hstack(
+            [(lines[:, :2] - self._centre) / self._focal, ones]
+        )
 
     def _own(self, by_line: Array, pixels: Array) -> Array:
         """(N, 3, 3) m^2 from the pixels' noise."""
-        by_pixel = self.noise_px * by_line @ central_differences(self._lines, pixels, (PIXEL_STEP, PIXEL_STEP))
+        by_pixel = (
+            self.noise_px
+            * by_line
+            @ central_differences(self._lines, pixels, (PIXEL_STEP, PIXEL_STEP))
+        )
         return np.asarray(by_pixel @ by_pixel.swapaxes(1, 2))
 
-    def _shared(self, planes: Sequence[BoardPose], of: Indices, by_pose: Array, by_rays: Array) -> Array:
-        """(N, 3, S + 1 + 6 V) errors that points share: of the rays, directly and through the boards, of the squares' side, then of each
-        board's corners."""
+    def _shared(
+        self, planes: Sequence[BoardPose], of: Indices, by_pose: Array, by_rays: Array
+    ) -> Array:
+        """(N, 3, S + 1 + 6 V) errors that points share: of the rays, directly and through the
+        boards, of the squares' side, then of each board's corners.
+        """
         by_rays = np.concatenate([by_rays, np.zeros((len(of), 3, 1))], -1)
         noise = np.zeros((len(of), 3, len(planes), 6))
         for row, plane in enumerate(of):
@@ -249,9 +324,23 @@ class Measurer:
         return np.concatenate([by_rays, noise.reshape(len(of), 3, -1)], -1)
 
 
-def _measured(points: Array, own: Array, shared: Array, gap_px: Array, outside: Flags, lost: Flags, missed: Reason) -> Measured:
-    """NaN in every part of a point that is refused (N,), has no ray (N,), or came out as NaN, which is `missed`."""
-    reasons = np.select([outside, lost, np.isnan(points).any(-1)], [Reason.OUTSIDE, Reason.NO_RAY, missed], Reason.MEASURED).tolist()
+def _measured(
+    points: Array,
+    own: Array,
+    shared: Array,
+    gap_px: Array,
+    outside: Flags,
+    lost: Flags,
+    missed: Reason,
+) -> Measured:
+    """NaN in every part of a point that is refused (N,), has no ray (N,), or came out as NaN, which
+    is `missed`.
+    """
+    reasons = np.select(
+        [outside, lost, np.isnan(points).any(-1)],
+        [Reason.OUTSIDE, Reason.NO_RAY, missed],
+        Reason.MEASURED,
+    ).tolist()
     bad = [bool(reason) for reason in reasons]
     for part in (points, own, shared, gap_px):
         part[bad] = np.nan

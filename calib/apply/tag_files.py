@@ -1,4 +1,6 @@
-"""The pictures of `calib pose`, and its table: a line for each pose, two for a tag whose corners allow two."""
+"""The pictures of `calib pose`, and its table: a line for each pose, two for a tag whose corners
+allow two.
+"""
 
 import csv
 import io
@@ -45,8 +47,11 @@ class Refused:
     sentence: str
 
 
-def locate_in_files(locator: TagLocator, given: Sequence[Path], progress: Progress) -> tuple[list[Picture], list[Refused]]:
-    """The tags of pictures, and of folders of pictures; and which of these cannot be read, or are of another size than the calibration's.
+def locate_in_files(
+    locator: TagLocator, given: Sequence[Path], progress: Progress
+) -> tuple[list[Picture], list[Refused]]:
+    """The tags of pictures, and of folders of pictures; and which of these cannot be read, or are
+    of another size than the calibration's.
 
     Raises:
         InputError: none can be looked at, or a path that is given is not there.
@@ -80,14 +85,23 @@ def _why(locator: TagLocator, pictures: Sequence[Picture]) -> str:
     read = [(picture, one) for picture in pictures for one in picture.located.unplaced]
     border = OTHER_BORDER.get(locator.border)
     if border:
-        others = sum(read_markers(eight_bits(read_grey(one.path)), locator.dictionary, border).numbers.size for one in pictures)
+        others = sum(
+            read_markers(eight_bits(read_grey(one.path)), locator.dictionary, border).numbers.size
+            for one in pictures
+        )
         if others > len(read):
-            return f"the tags of {locator.dictionary} here have a border of {border}, not {locator.border}: write --border {border}."
+            return (
+                f"the tags of {locator.dictionary} here have a border of {border}, not"
+                f" {locator.border}: write --border {border}."
+            )
     if read:
         picture, one = read[0]
         return f"no tag is placed; tag {one.number} of {picture.path.name}: {one.reason}."
     where = pictures[0].path.name if len(pictures) == 1 else f"any of {len(pictures)} pictures"
-    return f"no tag of {locator.dictionary} is seen in {where}: check the dictionary, and show tags sharp and with a white margin."
+    return (
+        f"no tag of {locator.dictionary} is seen in {where}: check the dictionary, and show tags"
+        " sharp and with a white margin."
+    )
 
 
 def as_table(pictures: Sequence[Picture]) -> str:
@@ -98,11 +112,24 @@ def as_table(pictures: Sequence[Picture]) -> str:
     for picture in pictures:
         for tag in picture.located.tags:
             for pose in tag.poses:
-                writer.writerow([harmless(str(picture.path)), tag.number, *(f"{number:.9g}" for number in _numbers(pose))])
+                writer.writerow(
+                    [
+                        harmless(str(picture.path)),
+                        tag.number,
+                        *(f"{number:.9g}" for number in _numbers(pose)),
+                    ]
+                )
     return text.getvalue()
 
 
 def _numbers(pose: TagPose) -> list[float]:
     covariance = pose.covariance
     upper = [float(covariance[row, column]) for row, column in UPPER]
-    return [pose.probability, *pose.position.tolist(), *pose.rotation.tolist(), *pose.sigma.tolist(), pose.off_px, *upper]
+    return [
+        pose.probability,
+        *pose.position.tolist(),
+        *pose.rotation.tolist(),
+        *pose.sigma.tolist(),
+        pose.off_px,
+        *upper,
+    ]

@@ -1,12 +1,16 @@
-"""The pose of a tag from the rays of its corners: non-central, least squares in the picture, both minima of a small square.
+"""The pose of a tag from the rays of its corners: non-central, least squares in the picture, both
+minima of a small square.
 
-A pixel's ray is the line whose undistorted pixel at depth Z is A + B / Z, wherever it begins; so no centre of projection is needed. In
-slopes, that is x / z and y / z of what it sees there, the misfit of a corner X is (X, Y) / Z - A - B / Z, and turned to pixels to first
-order by the derivative of A + B / Z by the pixel. That is affine in 1 / Z, so no ray is traced while poses are sought.
+A pixel's ray is the line whose undistorted pixel at depth Z is A + B / Z, wherever it begins; so no
+centre of projection is needed. In slopes, that is x / z and y / z of what it sees there, the misfit
+of a corner X is (X, Y) / Z - A - B / Z, and turned to pixels to first order by the derivative of A
++ B / Z by the pixel. That is affine in 1 / Z, so no ray is traced while poses are sought.
 
-Start: at the depths that the last round gave, the first time at infinity, the slopes are those of a central camera, and of a square seen
-by one the two poses that look most alike are known in closed form (T. Collins, A. Bartoli, Infinitesimal plane-based pose estimation,
-2014; OpenCV's SOLVEPNP_IPPE_SQUARE). Some rounds of this make each a start of its own, which Levenberg's and Marquardt's steps refine.
+Start: at the depths that the last round gave, the first time at infinity, the slopes are those of a
+    central camera, and of a square seen
+by one the two poses that look most alike are known in closed form (T. Collins, A. Bartoli,
+Infinitesimal plane-based pose estimation, 2014; OpenCV's SOLVEPNP_IPPE_SQUARE). Some rounds of this
+make each a start of its own, which Levenberg's and Marquardt's steps refine.
 """
 
 from __future__ import annotations
@@ -25,7 +29,9 @@ Array = NDArray[np.float64]
 PIXEL_STEP = 0.05
 """px, of differences."""
 ROUNDS = 4
-"""Of starts: each leaves of an error of depth what rays miss a common centre by over the distance, a hundredth."""
+"""Of starts: each leaves of an error of depth what rays miss a common centre by over the distance,
+a hundredth.
+"""
 STEPS = 50
 SETTLED = 1e-9
 """rad, and of the distance."""
@@ -33,7 +39,9 @@ DAMPING = 1e-6
 SAME = 1e-4
 """rad: two starts that end nearer to each other are one pose."""
 SQUARE = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]) / 2
-"""(4, 3) sides: upper left, upper right, lower right, lower left; x to the right, y down, z away from who looks at it."""
+"""(4, 3) sides: upper left, upper right, lower right, lower left; x to the right, y down, z away
+from who looks at it.
+"""
 UPWARD = np.diag([1.0, -1.0, -1.0])
 """From a frame with x to the right, y up and z out of the tag, which is OpenCV's."""
 
@@ -59,16 +67,25 @@ class Lines:
             origins, directions = calibration.rays((pixels + steps[:, None]).reshape(-1, 2))
         slopes = directions[:, :2] / directions[:, 2:]
         both = np.stack([slopes, origins[:, :2] - slopes * origins[:, 2:]]).reshape(2, 5, -1, 2)
-        by_pixel = np.stack([both[:, 1] - both[:, 2], both[:, 3] - both[:, 4]], -1) / (2 * PIXEL_STEP)
+        by_pixel = np.stack([both[:, 1] - both[:, 2], both[:, 3] - both[:, 4]], -1) / (
+            2 * PIXEL_STEP
+        )
         return Lines(both[0, 0], both[1, 0], by_pixel[0], by_pixel[1])
 
     @property
     def seen(self) -> bool:
         """Whether each has a ray, and so have the pixels beside it."""
-        return bool(np.isfinite(self.at_infinity_by_pixel).all() and np.isfinite(self.at_infinity).all())
+        return bool(
+            np.isfinite(self.at_infinity_by_pixel).all() and np.isfinite(self.at_infinity).all()
+        )
 
     def some(self, rows: NDArray[np.signedinteger] | slice) -> Lines:
-        return Lines(self.at_infinity[rows], self.parallax[rows], self.at_infinity_by_pixel[rows], self.parallax_by_pixel[rows])
+        return Lines(
+            self.at_infinity[rows],
+            self.parallax[rows],
+            self.at_infinity_by_pixel[rows],
+            self.parallax_by_pixel[rows],
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,20 +109,28 @@ def misfit(lines: Lines, side: float, turn: Array, shift: Array) -> Misfit:
     inverse = 1 / points[:, 2]
     apart = points[:, :2] - lines.parallax
     off = lines.at_infinity - apart * inverse[:, None]  # (4, 2)
-    to_pixels = np.linalg.inv(lines.at_infinity_by_pixel + lines.parallax_by_pixel * inverse[:, None, None])
+    to_pixels = np.linalg.inv(
+        lines.at_infinity_by_pixel + lines.parallax_by_pixel * inverse[:, None, None]
+    )
     px = (to_pixels @ off[..., None])[..., 0]
     by_point = np.zeros((4, 2, 3))
     by_point[:, 0, 0] = by_point[:, 1, 1] = -inverse
     by_point[:, :, 2] = apart * inverse[:, None] ** 2
-    by_point[:, :, 2] += (lines.parallax_by_pixel @ px[..., None])[..., 0] * inverse[:, None] ** 2  # the pixels' own scale
+    by_point[:, :, 2] += (lines.parallax_by_pixel @ px[..., None])[..., 0] * inverse[
+        :, None
+    ] ** 2  # the pixels' own scale
     by_point = to_pixels @ by_point
     moved = np.concatenate([-_cross(arm), np.broadcast_to(np.eye(3), (4, 3, 3))], -1)  # (4, 3, 6)
     by_line = np.concatenate([to_pixels, to_pixels * inverse[:, None, None]], -1)
-    return Misfit(px.ravel(), (by_point @ moved).reshape(8, 6), by_line, (by_point @ arm[..., None]).ravel())
+    return Misfit(
+        px.ravel(), (by_point @ moved).reshape(8, 6), by_line, (by_point @ arm[..., None]).ravel()
+    )
 
 
 def starts(lines: Lines, side: float) -> list[tuple[Array, Array]]:
-    """T_camera_tag, (3, 3) and (3,) m, of a square before the camera: two as a rule, by the rays of its corners at rough depths."""
+    """T_camera_tag, (3, 3) and (3,) m, of a square before the camera: two as a rule, by the rays of
+    its corners at rough depths.
+    """
     found = []
     for which in (0, 1):
         inverse, pose = np.zeros(4), None
@@ -124,8 +149,11 @@ def starts(lines: Lines, side: float) -> list[tuple[Array, Array]]:
     return found
 
 
-def refine(lines: Lines, side: float, whiten: Array, turn: Array, shift: Array) -> tuple[Array, Array, float]:
-    """The nearest minimum: T_camera_tag and its chi^2; infinite where it leaves the front of the camera.
+def refine(
+    lines: Lines, side: float, whiten: Array, turn: Array, shift: Array
+) -> tuple[Array, Array, float]:
+    """The nearest minimum: T_camera_tag and its chi^2; infinite where it leaves the front of the
+    camera.
 
     Args:
         whiten: (8, 8) W with W^T W the inverse of the corners' covariance.
@@ -137,20 +165,26 @@ def refine(lines: Lines, side: float, whiten: Array, turn: Array, shift: Array) 
             return turn, shift, np.inf
         jacobian = whiten @ here.by_pose
         normal = jacobian.T @ jacobian
-        step = -np.linalg.solve(normal + damping * np.diag(normal.diagonal()), jacobian.T @ (whiten @ here.px))
+        step = -np.linalg.solve(
+            normal + damping * np.diag(normal.diagonal()), jacobian.T @ (whiten @ here.px)
+        )
         tried = cv2.Rodrigues(step[:3])[0] @ turn, shift + step[3:]
         there, new_cost = _at(lines, side, whiten, *tried)
         if new_cost <= cost:
             (turn, shift), here, cost, damping = tried, there, new_cost, damping / 10
         else:
             damping *= 10
-        if np.abs(step[:3]).max() < SETTLED and np.linalg.norm(step[3:]) < SETTLED * np.linalg.norm(shift):
+        if np.abs(step[:3]).max() < SETTLED and np.linalg.norm(step[3:]) < SETTLED * np.linalg.norm(
+            shift
+        ):
             break
     return turn, shift, cost
 
 
 def poses(lines: Lines, side: float, whiten: Array) -> list[tuple[Array, Array, float]]:
-    """All minima that are found, the most probable first: T_camera_tag, (3, 3) and (3,) m, and chi^2."""
+    """All minima that are found, the most probable first: T_camera_tag, (3, 3) and (3,) m, and
+    chi^2.
+    """
     found: list[tuple[Array, Array, float]] = []
     for start in starts(lines, side):
         turn, shift, cost = refine(lines, side, whiten, *start)
@@ -160,7 +194,9 @@ def poses(lines: Lines, side: float, whiten: Array) -> list[tuple[Array, Array, 
     return sorted(found, key=lambda one: one[2])
 
 
-def _at(lines: Lines, side: float, whiten: Array, turn: Array, shift: Array) -> tuple[Misfit, float]:
+def _at(
+    lines: Lines, side: float, whiten: Array, turn: Array, shift: Array
+) -> tuple[Misfit, float]:
     here = misfit(lines, side, turn, shift)
     ahead = bool(((side * SQUARE @ turn.T + shift)[:, 2] > 0).all())
     return here, float(((whiten @ here.px) ** 2).sum()) if ahead else np.inf
@@ -176,7 +212,10 @@ def _central(slopes: Array, side: float, which: int) -> tuple[Array, Array] | No
         return None
     if found <= which:
         return None
-    turn, shift = np.asarray(cv2.Rodrigues(turns[which])[0] @ UPWARD, np.float64), np.asarray(shifts[which], np.float64).ravel()
+    turn, shift = (
+        np.asarray(cv2.Rodrigues(turns[which])[0] @ UPWARD, np.float64),
+        np.asarray(shifts[which], np.float64).ravel(),
+    )
     return (turn, shift) if np.isfinite(turn).all() and np.isfinite(shift).all() else None
 
 

@@ -1,7 +1,9 @@
-"""Where tags are that a calibrated camera sees through its cover: position and rotation, in metres, with a covariance.
+"""Where tags are that a calibrated camera sees through its cover: position and rotation, in metres,
+with a covariance.
 
-Sigma counts the noise of the corners, as each picture's own pixels tell it, the uncertainty of the calibration's rays, and how well the
-side of the tags is known. It does not count a tag that is not flat. A camera's curve of tones, and ink that spreads, make black look
+Sigma counts the noise of the corners, as each picture's own pixels tell it, the uncertainty of the
+calibration's rays, and how well the side of the tags is known. It does not count a tag that is not
+flat. A camera's curve of tones, and ink that spreads, make black look
 smaller or larger than it is: that is measured within the tags, and taken off.
 """
 
@@ -36,15 +38,21 @@ ROUGH = 0.5
 UNLIKELY = 1e-3
 """Of a pose: below it, its corners do not allow it."""
 STRANGE = 13.8
-"""chi^2 of two degrees of freedom, beyond which one in a thousand tags comes by chance: then sigma is as wide as the misfit."""
+"""chi^2 of two degrees of freedom, beyond which one in a thousand tags comes by chance: then sigma
+is as wide as the misfit.
+"""
 FREEDOM = 2
 """Eight coordinates less six of the pose."""
 OFF = 0.01
-"""Of its side in the picture, root mean square: corners that miss a square's by more are of no flat square."""
+"""Of its side in the picture, root mean square: corners that miss a square's by more are of no flat
+square.
+"""
 OFF_PX = 0.5
 """px, the same of small tags."""
 UPSIDE_DOWN = "DICT_APRILTAG_"
-"""The families of which OpenCV's upper left is the lower right of the makers' (and Kalibr's) upright tag."""
+"""The families of which OpenCV's upper left is the lower right of the makers' (and Kalibr's)
+upright tag.
+"""
 LEAST_SIDE, MOST_SIDE = 5e-5, 100.0
 """m"""
 
@@ -52,7 +60,14 @@ LEAST_SIDE, MOST_SIDE = 5e-5, 100.0
 class TagLocator:
     """Finds tags of one size and dictionary in the pictures of one camera."""
 
-    def __init__(self, calibration: Calibration, dictionary: str, side: float, side_sigma: float | None = None, border: int = 1) -> None:
+    def __init__(
+        self,
+        calibration: Calibration,
+        dictionary: str,
+        side: float,
+        side_sigma: float | None = None,
+        border: int = 1,
+    ) -> None:
         """
         Args:
             calibration: of the camera.
@@ -67,14 +82,26 @@ class TagLocator:
         if dictionary not in DICTIONARIES:
             near = get_close_matches(dictionary.upper(), DICTIONARIES, 1)
             raise InputError(
-                f"{brief(repr(dictionary))} is no dictionary of tags: write {near[0] if near else 'DICT_APRILTAG_36h11, say'}."
+                f"{brief(repr(dictionary))} is no dictionary of tags: write"
+                f" {near[0] if near else 'DICT_APRILTAG_36h11, say'}."
             )
         if not LEAST_SIDE <= side <= MOST_SIDE:
-            raise InputError(f"a tag of {1000 * side:g} mm will not do: give the side of its black square, from 0.05 to 100000 mm.")
+            raise InputError(
+                f"a tag of {1000 * side:g} mm will not do: give the side of its black square, from"
+                " 0.05 to 100000 mm."
+            )
         spread = SQUARE_SIDE.sigma * side if side_sigma is None else side_sigma
         if not 0 <= spread < side:
-            raise InputError(f"a standard deviation of {1000 * spread:g} mm will not do: give 0 or more, and less than the side.")
-        self.calibration, self.dictionary, self.side, self.border = calibration, dictionary, side, border
+            raise InputError(
+                f"a standard deviation of {1000 * spread:g} mm will not do: give 0 or more, and"
+                " less than the side."
+            )
+        self.calibration, self.dictionary, self.side, self.border = (
+            calibration,
+            dictionary,
+            side,
+            border,
+        )
         self._relative_sigma = spread / side
         self._errors = ray_errors(calibration)
         pinhole = calibration.camera.intrinsics
@@ -91,7 +118,8 @@ class TagLocator:
         if grey.shape != (camera.height, camera.width):
             size = "x".join(map(str, grey.shape[::-1]))
             raise InputError(
-                f"the picture is {size} px where the calibration is for {camera.width}x{camera.height}: give one of this camera."
+                f"the picture is {size} px where the calibration is for"
+                f" {camera.width}x{camera.height}: give one of this camera."
             )
         read = read_markers(eight_bits(grey), self.dictionary, self.border)
         order = np.argsort(read.numbers, kind="stable")
@@ -100,15 +128,24 @@ class TagLocator:
         twice = {number for number in numbers if numbers.count(number) > 1}
         once = [at for at, number in enumerate(numbers) if number not in twice]
         with single_thread():
-            found, growth = self._placed(grey, [numbers[at] for at in once], rough[once]) if once else ([], NONE)
-        unplaced = [*(Unplaced(number, Reason.TWICE) for number in sorted(twice)), *(one for one in found if isinstance(one, Unplaced))]
+            found, growth = (
+                self._placed(grey, [numbers[at] for at in once], rough[once])
+                if once
+                else ([], NONE)
+            )
+        unplaced = [
+            *(Unplaced(number, Reason.TWICE) for number in sorted(twice)),
+            *(one for one in found if isinstance(one, Unplaced)),
+        ]
         return Located(tuple(one for one in found if isinstance(one, Tag)), tuple(unplaced), growth)
 
     def place(self, corners: Array, covariances: Array) -> list[tuple[TagPose, ...] | Reason]:
-        """The poses of tags whose corners were measured, by whatever program; the most probable first. Or why there is none.
+        """The poses of tags whose corners were measured, by whatever program; the most probable
+        first. Or why there is none.
 
         Args:
-            corners: (T, 4, 2) px: upper left, upper right, lower right, lower left of the upright tags. NaN where they are not known.
+            corners: (T, 4, 2) px: upper left, upper right, lower right, lower left of the upright
+                tags. NaN where they are not known.
             covariances: (T, 8, 8) px^2, of x and y of the four.
         """
         known = np.isfinite(corners).all((1, 2))
@@ -116,25 +153,50 @@ class TagLocator:
         if not known.any():
             return found
         pixels = corners[known].reshape(-1, 2)
-        lines, errors = Lines.of(self.calibration, pixels), self._errors(pixels).reshape(int(known.sum()), 4, 4, -1)
+        lines, errors = (
+            Lines.of(self.calibration, pixels),
+            self._errors(pixels).reshape(int(known.sum()), 4, 4, -1),
+        )
         for row, at in enumerate(np.flatnonzero(known).tolist()):
             own = lines.some(slice(4 * row, 4 * row + 4))
             if not own.seen:
                 found[at] = Reason.NO_RAY
                 continue
-            ways = tuple(self._poses(own, covariances[at] + LEAST_NOISE**2 * np.eye(8), errors[row]))
-            limit = max(OFF_PX, OFF * float(np.linalg.norm(np.roll(corners[at], 1, 0) - corners[at], axis=-1).mean()))
+            ways = tuple(
+                self._poses(own, covariances[at] + LEAST_NOISE**2 * np.eye(8), errors[row])
+            )
+            limit = max(
+                OFF_PX,
+                OFF
+                * float(np.linalg.norm(np.roll(corners[at], 1, 0) - corners[at], axis=-1).mean()),
+            )
             found[at] = ways if ways and ways[0].off_px <= limit else Reason.NO_SQUARE
         return found
 
-    def _placed(self, grey: NDArray, numbers: list[int], rough: Array) -> tuple[list[Tag | Unplaced], Growth]:
-        outlines = measure_outlines(grey, rough, size_of_markers(self.dictionary, self.border), self._bends(rough))
+    def _placed(
+        self, grey: NDArray, numbers: list[int], rough: Array
+    ) -> tuple[list[Tag | Unplaced], Growth]:
+        outlines = measure_outlines(
+            grey, rough, size_of_markers(self.dictionary, self.border), self._bends(rough)
+        )
         known = np.isfinite(outlines.corners).all((1, 2))
-        growth = growth_of(grey, outlines.corners[known], [self._black(number) for number in np.array(numbers)[known].tolist()])
+        growth = growth_of(
+            grey,
+            outlines.corners[known],
+            [self._black(number) for number in np.array(numbers)[known].tolist()],
+        )
         if growth.seen:
             outlines = without(growth, outlines)
-        both = zip(numbers, outlines.corners, self.place(outlines.corners, outlines.covariances), strict=True)
-        found = [Unplaced(number, ways) if isinstance(ways, Reason) else Tag(number, own, ways) for number, own, ways in both]
+        both = zip(
+            numbers,
+            outlines.corners,
+            self.place(outlines.corners, outlines.covariances),
+            strict=True,
+        )
+        found = [
+            Unplaced(number, ways) if isinstance(ways, Reason) else Tag(number, own, ways)
+            for number, own, ways in both
+        ]
         return found, growth if growth.seen else NONE
 
     def _black(self, number: int) -> NDArray[np.bool_]:
@@ -143,8 +205,9 @@ class TagLocator:
         return cells[::-1, ::-1] if self.dictionary.startswith(UPSIDE_DOWN) else cells
 
     def _bends(self, rough: Array) -> Array:
-        """(T, 4) px, by how much the middles of the edges lie outside of the straight lines between their ends, from (T, 4, 2) rough
-        corners; 0 where that cannot be said."""
+        """(T, 4) px, by how much the middles of the edges lie outside of the straight lines between
+        their ends, from (T, 4, 2) rough corners; 0 where that cannot be said.
+        """
         lines = Lines.of(self.calibration, rough.reshape(-1, 2))
         bends = np.zeros(rough.shape[:2])
         placed = {}
@@ -155,7 +218,10 @@ class TagLocator:
         if not placed:
             return bends
         middles = (SQUARE + np.roll(SQUARE, -1, 0)) / 2
-        points = [self.side * np.concatenate([SQUARE, middles]) @ turn.T + shift for turn, shift, _ in placed.values()]
+        points = [
+            self.side * np.concatenate([SQUARE, middles]) @ turn.T + shift
+            for turn, shift, _ in placed.values()
+        ]
         seen = self.calibration.project(np.concatenate(points)).reshape(len(placed), 2, 4, 2)
         corners, middle = seen[:, 0], seen[:, 1]
         steps, normals = edges_of(corners)
@@ -164,7 +230,9 @@ class TagLocator:
         return bends
 
     def _poses(self, lines: Lines, noise: Array, errors: Array) -> list[TagPose]:
-        """All poses that (8, 8) px^2 of corners and (4, 4, S) errors of their A (px) and B (px m) allow."""
+        """All poses that (8, 8) px^2 of corners and (4, 4, S) errors of their A (px) and B (px m)
+        allow.
+        """
         rough = poses(lines, self.side, np.linalg.inv(np.linalg.cholesky(noise)))
         if not rough:
             return []
@@ -174,9 +242,17 @@ class TagLocator:
         if not every:
             return []
         grown = every[0][2] / FREEDOM if every[0][2] > STRANGE else 1.0
-        made = [self._pose(lines, noise * grown, errors, whiten, turn, shift) for turn, shift, _ in every]
+        made = [
+            self._pose(lines, noise * grown, errors, whiten, turn, shift)
+            for turn, shift, _ in every
+        ]
         spreads = [np.linalg.slogdet(one.covariance)[1] / 2 for one in made]
-        weights = np.array([spread - cost / (2 * grown) for spread, (_, _, cost) in zip(spreads, every, strict=True)])
+        weights = np.array(
+            [
+                spread - cost / (2 * grown)
+                for spread, (_, _, cost) in zip(spreads, every, strict=True)
+            ]
+        )
         odds = np.exp(weights - weights.max())
         odds[odds < UNLIKELY] = 0.0
         shares = odds / odds.sum()
@@ -188,9 +264,15 @@ class TagLocator:
         by_line = misfit(lines, self.side, turn, shift).by_line / np.tile(self._focal, 2)
         return np.asarray((by_line @ errors).reshape(8, -1))
 
-    def _pose(self, lines: Lines, noise: Array, errors: Array, whiten: Array, turn: Array, shift: Array) -> TagPose:
+    def _pose(
+        self, lines: Lines, noise: Array, errors: Array, whiten: Array, turn: Array, shift: Array
+    ) -> TagPose:
         here = misfit(lines, self.side, turn, shift)
-        gain = np.linalg.pinv(whiten @ here.by_pose) @ whiten  # (6, 8): what a misfit moves the pose by, less its sign
-        by_all = np.column_stack([self._by_rays(lines, errors, turn, shift), here.by_size * self._relative_sigma])
+        gain = (
+            np.linalg.pinv(whiten @ here.by_pose) @ whiten
+        )  # (6, 8): what a misfit moves the pose by, less its sign
+        by_all = np.column_stack(
+            [self._by_rays(lines, errors, turn, shift), here.by_size * self._relative_sigma]
+        )
         off = math.sqrt(float((here.px**2).sum()) / 4)
         return TagPose(turn, shift, gain @ noise @ gain.T, -gain @ by_all, off, 1.0)

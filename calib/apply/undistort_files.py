@@ -1,4 +1,6 @@
-"""Picture files, videos, and folders of both, straightened into another folder under their own names."""
+"""Picture files, videos, and folders of both, straightened into another folder under their own
+names.
+"""
 
 import os
 from collections.abc import Sequence
@@ -26,7 +28,9 @@ class Wanted:
     """What the straightened pictures show."""
 
     depth: Depth | Path
-    """m; or a depth image's file; or a folder with a depth image for each picture, under the picture's name."""
+    """m; or a depth image's file; or a folder with a depth image for each picture, under the
+    picture's name.
+    """
     crop: float | None = None
     size: tuple[int, int] | None = None
     """px, width and height."""
@@ -34,15 +38,27 @@ class Wanted:
     """m: the nearest that depth images reach."""
 
 
-def undistort_files(calibration: Calibration, given: Sequence[Path], wanted: Wanted, folder: Path, progress: Progress) -> list[Path]:
+def undistort_files(
+    calibration: Calibration,
+    given: Sequence[Path],
+    wanted: Wanted,
+    folder: Path,
+    progress: Progress,
+) -> list[Path]:
     """Straighten pictures and videos into `folder`; returns what was written."""
     paths: list[Path] = []
     for one in given:
         with reading(one):
             paths += (*list_images(one), *list_videos(one)) if one.is_dir() else (one,)
     _check_names(paths, folder)
-    first = wanted.depth if not isinstance(wanted.depth, Path) else depth_image_for(paths[0], wanted.depth)
-    undistorter = Undistorter(calibration, first, crop=wanted.crop, size=wanted.size, near=wanted.near)
+    first = (
+        wanted.depth
+        if not isinstance(wanted.depth, Path)
+        else depth_image_for(paths[0], wanted.depth)
+    )
+    undistorter = Undistorter(
+        calibration, first, crop=wanted.crop, size=wanted.size, near=wanted.near
+    )
     make_folder(folder)
     advance = progress.task("Undistort", len(paths))
     written = []
@@ -71,15 +87,24 @@ def _straightened(path: Path, undistorter: Undistorter) -> Image:
 def _check_names(paths: Sequence[Path], folder: Path) -> None:
     if not paths:
         raise InputError(
-            "There are no pictures to undistort: name some, or a folder that holds png, jpg, tiff, bmp or npy files, or videos."
+            "There are no pictures to undistort: name some, or a folder that holds png, jpg, tiff,"
+            " bmp or npy files, or videos."
         )
     seen: dict[str, Path] = {}
-    there = os.path.realpath(folder)  # unlike Path.resolve, it lets a loop of links pass: reading says what is wrong
+    there = os.path.realpath(
+        folder
+    )  # unlike Path.resolve, it lets a loop of links pass: reading says what is wrong
     for path in paths:
         if path.suffix.lower() not in (*SUFFIXES, *VIDEOS):
-            raise InputError(f"{path} does not say what to write: give it its type's suffix, one of {', '.join((*SUFFIXES, *VIDEOS))}.")
+            raise InputError(
+                f"{path} does not say what to write: give it its type's suffix, one of"
+                f" {', '.join((*SUFFIXES, *VIDEOS))}."
+            )
         if path.name in seen:
-            raise InputError(f"{seen[path.name]} and {path} have the same name: undistort them into different folders.")
+            raise InputError(
+                f"{seen[path.name]} and {path} have the same name: undistort them into different"
+                " folders."
+            )
         seen[path.name] = path
         if there in (os.path.realpath(path.parent), str(Path(os.path.realpath(path)).parent)):
             raise InputError(f"{path} would be overwritten: give another folder with -o.")
@@ -89,7 +114,10 @@ def _encoded(image: Image, path: Path) -> bytes:
     """The bytes of a file of the type that the picture's own name says."""
     suffix = path.suffix.lower()
     if image.dtype == np.uint16 and suffix not in SIXTEEN_BIT:
-        raise InputError(f"{path} holds 16-bit pixels, which a {suffix} cannot: rename it to its real type, png or tiff.")
+        raise InputError(
+            f"{path} holds 16-bit pixels, which a {suffix} cannot: rename it to its real type, png"
+            " or tiff."
+        )
     if suffix == ".npy":
         buffer = BytesIO()
         np.save(buffer, image, allow_pickle=False)

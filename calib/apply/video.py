@@ -18,11 +18,22 @@ VIDEOS = {".avi": "MJPG", ".mp4": "mp4v", ".m4v": "mp4v", ".mov": "mp4v", ".mkv"
 
 def list_videos(folder: Path) -> tuple[Path, ...]:
     """The videos of a folder, by name. Hidden files are left out."""
-    return tuple(sorted(p for p in folder.iterdir() if p.suffix.lower() in VIDEOS and not p.name.startswith(".") and not p.is_dir()))
+    return tuple(
+        sorted(
+            p
+            for p in folder.iterdir()
+            if p.suffix.lower() in VIDEOS and not p.name.startswith(".") and not p.is_dir()
+        )
+    )
 
 
-def straighten_video(path: Path, target: Path, undistorter: Undistorter, progress: Progress) -> None:
-    """Write the undistorted video, with the frame rate of the original. What was at `target` stays whole until the last frame."""
+def straighten_video(
+    path: Path, target: Path, undistorter: Undistorter, progress: Progress
+) -> None:
+    """Write the undistorted video, with the frame rate of the original.
+
+    What was at `target` stays whole until the last frame.
+    """
     check_regular(path)
     capture = cv2.VideoCapture(str(path))
     capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # the calibration is of frames as stored
@@ -43,17 +54,30 @@ def straighten_video(path: Path, target: Path, undistorter: Undistorter, progres
                 raise InputError(f"{path}: {error}") from error
             if not frames:
                 rate = capture.get(cv2.CAP_PROP_FPS) or 25.0
-                if not writer.open(str(temporary), cv2.VideoWriter.fourcc(*VIDEOS[target.suffix.lower()]), rate, (width, height)):
-                    raise InputError(f"{target} cannot be written: choose another folder, or give the video as .avi.")
+                if not writer.open(
+                    str(temporary),
+                    cv2.VideoWriter.fourcc(*VIDEOS[target.suffix.lower()]),
+                    rate,
+                    (width, height),
+                ):
+                    raise InputError(
+                        f"{target} cannot be written: choose another folder, or give the video as"
+                        " .avi."
+                    )
             writer.write(straight)
             frames += 1
             advance(frames, "")
         writer.release()
         if not frames:
-            raise InputError(f"{path} holds no frame that can be decoded: convert it to mp4 or avi, or replace it.")
+            raise InputError(
+                f"{path} holds no frame that can be decoded: convert it to mp4 or avi, or"
+                " replace it."
+            )
         temporary.replace(target)
     except OSError as error:
-        raise InputError(f"{target} cannot be written ({error.strerror}): choose another folder.") from error
+        raise InputError(
+            f"{target} cannot be written ({error.strerror}): choose another folder."
+        ) from error
     finally:
         capture.release()
         writer.release()

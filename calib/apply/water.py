@@ -1,6 +1,8 @@
-"""The index of refraction of water against air, by its salinity and temperature and the light's wavelength.
+"""The index of refraction of water against air, by its salinity and temperature and the light's
+wavelength.
 
-Source: X. Quan and E. S. Fry, Empirical equation for the index of refraction of seawater, Applied Optics 34 (1995) 3477, equation 3. It
+Source: X. Quan and E. S. Fry, Empirical equation for the index of refraction of seawater, Applied
+    Optics 34 (1995) 3477, equation 3. It
 holds from 0 to 30 degrees C, 0 to 35 per mille, and 400 to 700 nm, to 1.5e-5.
 """
 
@@ -14,4 +16,11 @@ def index_of_water(salinity: float, temperature: float, wavelength: float = GREE
     """Args: per mille by weight (0 fresh, 35 the oceans'), degrees C, nm."""
     salt = (1.779e-4 - 1.05e-6 * temperature + 1.6e-8 * temperature**2) * salinity
     spread = (15.868 + 0.01155 * salinity - 0.00423 * temperature) / wavelength
-    return 1.31405 + salt - 2.02e-6 * temperature**2 + spread - 4382 / wavelength**2 + 1.1455e6 / wavelength**3
+    return (
+        1.31405
+        + salt
+        - 2.02e-6 * temperature**2
+        + spread
+        - 4382 / wavelength**2
+        + 1.1455e6 / wavelength**3
+    )

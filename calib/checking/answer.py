@@ -55,7 +55,10 @@ class Change:
             "value": self.value,
             "sigma": self.sigma,
             "unit": self.unit,
-            "parameters": {name: {"value": value, "sigma": sigma, "unit": unit} for name, value, sigma, unit in self.parameters},
+            "parameters": {
+                name: {"value": value, "sigma": sigma, "unit": unit}
+                for name, value, sigma, unit in self.parameters
+            },
         }
 
 
@@ -75,7 +78,9 @@ class Answer:
     allowed_px: float
     """The largest of a valid calibration, but for the false alarms."""
     added_px: float
-    """What the change adds to the error: of the most probable one, or of all that is above what is expected."""
+    """What the change adds to the error: of the most probable one, or of all that is above what is
+    expected.
+    """
     noise_px: float
     """The corners' noise in these pictures."""
     louder: float
@@ -85,7 +90,9 @@ class Answer:
     """The most probable first; one of more than `families.ALONE` stands alone."""
     rejected: tuple[Rejected, ...]
     lacking: str = ""
-    """The name of the most probable change, where the calibration's own views show it too: it is no change, but what the model lacks."""
+    """The name of the most probable change, where the calibration's own views show it too: it is no
+    change, but what the model lacks.
+    """
 
     known: int = 0
     """Views that the calibration was made from: of them it holds anyway."""

@@ -33,7 +33,9 @@ from calib.session.board import Board
 from calib.threads import single_thread
 
 NOTICEABLE = 1 / 3
-"""Of the corners' noise: what a change adds to the error below that makes it larger by less than a twentieth, and is not worth a word."""
+"""Of the corners' noise: what a change adds to the error below that makes it larger by less than a
+twentieth, and is not worth a word.
+"""
 BROKEN_PX = 1.0
 """px: from there on what is added is a fault that people see in undistorted pictures."""
 BROKEN = 3.0
@@ -43,7 +45,9 @@ OTHER_PICTURES = frozenset({TURNED, UNCOVERED, PictureMode.name})
 NOISIER = 1.3
 """Times the variance of the corners' noise, from which it changes what is most probable."""
 OUT_OF_REACH = 3.0
-"""Times the error of the best: what leaves more is not the most probable, whatever the corners' noise."""
+"""Times the error of the best: what leaves more is not the most probable, whatever the corners'
+noise.
+"""
 STAGES = 3
 ONE_PICTURE = 0.01
 """px"""
@@ -67,9 +71,15 @@ class Checker:
             noise = float("nan")
             if calibration.views:
                 poses = torch.from_numpy(calibration.poses)
-                missed = residuals(known.model.path, known.model.means, calibration.observations, poses)
-                noise = short_scale_noise(on_board(missed.image, calibration.views), calibration.board)
-            return Checker(calibration, known, changes, Dispersion.of(calibration, known, changes), noise)
+                missed = residuals(
+                    known.model.path, known.model.means, calibration.observations, poses
+                )
+                noise = short_scale_noise(
+                    on_board(missed.image, calibration.views), calibration.board
+                )
+            return Checker(
+                calibration, known, changes, Dispersion.of(calibration, known, changes), noise
+            )
 
     def check(self, pictures: Pictures, progress: Progress = Silent()) -> Answer:
         """The answer.
@@ -120,13 +130,24 @@ class Checker:
         if first.view >= 0 and chances[0] > ALONE and len(views) > 1:
             out = views[first.view]
             rest = tuple(view for view in views if view is not out)
-            return self._check(Pictures(rest, pictures.board, (*rejected, Rejected(out.name, first.words))), advance)
+            return self._check(
+                Pictures(rest, pictures.board, (*rejected, Rejected(out.name, first.words))),
+                advance,
+            )
         noise = 2**0.5 * self.known.sigma * (louder * self.dispersion.typical) ** 0.5
         shift = shift_of(first, seen)
-        added = shift if shift < GROSS * noise else max(0.0, error**2 - self._expected(equations, observations, louder) ** 2) ** 0.5
+        added = (
+            shift
+            if shift < GROSS * noise
+            else max(0.0, error**2 - self._expected(equations, observations, louder) ** 2) ** 0.5
+        )
         if added < NOTICEABLE * noise:
             return replace(answer, added_px=added)
-        word = Word.BROKEN if added > max(BROKEN_PX, BROKEN * noise) or first.name in OTHER_PICTURES else Word.DEGRADED
+        word = (
+            Word.BROKEN
+            if added > max(BROKEN_PX, BROKEN * noise) or first.name in OTHER_PICTURES
+            else Word.DEGRADED
+        )
         return replace(
             answer,
             word=word,
@@ -139,11 +160,17 @@ class Checker:
 
     def _known(self, views: tuple[View, ...]) -> int:
         """How many of these views the calibration was made from: their corners are the same."""
-        return sum(any(_same(view.corners, own.corners) for own in self.calibration.views) for view in views)
+        return sum(
+            any(_same(view.corners, own.corners) for own in self.calibration.views)
+            for view in views
+        )
 
-    def _guesses(self, seen: Seen, views: tuple[View, ...], board: Board, error: float, louder: float) -> tuple[list[Hypothesis], float]:
-        """What may have changed, the most probable first, with the noise that is left at the best of them: a large change looks like noise
-        where it bends from square to square."""
+    def _guesses(
+        self, seen: Seen, views: tuple[View, ...], board: Board, error: float, louder: float
+    ) -> tuple[list[Hypothesis], float]:
+        """What may have changed, the most probable first, with the noise that is left at the best
+        of them: a large change looks like noise where it bends from square to square.
+        """
         if error < GROSS * 2**0.5 * self.known.sigma:
             return self._asked(seen, error, louder), louder
         guesses = self._asked(seen, error, 1.0)
@@ -153,34 +180,53 @@ class Checker:
         quieter = self._louder(best, views, board)
         if quieter <= NOISIER:
             return guesses, quieter
-        near = {one.name for one in guesses if one.missed and one.missed.rms_px < OUT_OF_REACH * best.rms_px}
+        near = {
+            one.name
+            for one in guesses
+            if one.missed and one.missed.rms_px < OUT_OF_REACH * best.rms_px
+        }
         return self._asked(seen, error, quieter, near), quieter
 
-    def _asked(self, seen: Seen, error: float, louder: float, names: Container[str] | None = None) -> list[Hypothesis]:
+    def _asked(
+        self, seen: Seen, error: float, louder: float, names: Container[str] | None = None
+    ) -> list[Hypothesis]:
         """Args: names: of the changes that are worth a fit; None: all."""
         sigma = self.known.sigma * (louder * self.dispersion.typical) ** 0.5
         changes = [change for change in self.changes if names is None or change.name in names]
         return hypotheses(self.known, changes, seen, sigma, error)
 
-    def _posed(self, pictures: Pictures) -> tuple[tuple[View, ...], torch.Tensor, Residuals, tuple[Rejected, ...]]:
+    def _posed(
+        self, pictures: Pictures
+    ) -> tuple[tuple[View, ...], torch.Tensor, Residuals, tuple[Rejected, ...]]:
         views, poses, lost = posable(pictures.views, pictures.board, self.known.model.means)
         if not views:
-            raise InputError("No picture can be checked: no pose of the board explains the corners of any; take some that show it whole.")
-        observations = Observations.of(views, pictures.board).timed(None, self.calibration.camera.height)
+            raise InputError(
+                "No picture can be checked: no pose of the board explains the corners of any; take"
+                " some that show it whole."
+            )
+        observations = Observations.of(views, pictures.board).timed(
+            None, self.calibration.camera.height
+        )
         poses, missed = self.known.posed(observations, poses)
         return views, poses, missed, lost
 
     def _louder(self, missed: Residuals, views: tuple[View, ...], board: Board) -> float:
-        """The variance of the corners' noise over that of the calibration's own, at short scale; at least 1."""
+        """The variance of the corners' noise over that of the calibration's own, at short scale; at
+        least 1.
+        """
         grid = on_board(missed.image, views)
         noise = float(
-            np.median([short_scale_noise(grid[view : view + 1], board) for view in range(len(views))])
+            np.median(
+                [short_scale_noise(grid[view : view + 1], board) for view in range(len(views))]
+            )
         )  # whatever one of them has
         return max(1.0, (noise / self.noise) ** 2) if np.isfinite(noise) and self.noise > 0 else 1.0
 
     def _expected(self, equations: Equations, observations: Observations, louder: float) -> float:
         """px, the error of a valid calibration."""
-        squares = float(equations.freedom.sum()) * self.dispersion.typical * louder + float(equations.spared.sum())
+        squares = float(equations.freedom.sum()) * self.dispersion.typical * louder + float(
+            equations.spared.sum()
+        )
         corners = len(observations.pixels)
         each = 2 * self.known.sigma**2 * float((observations.weight**-2).mean())
         return float(np.sqrt(each * squares / (2 * corners)))
@@ -194,9 +240,13 @@ def check(calibration: Calibration, pictures: Pictures, progress: Progress = Sil
 def _without_views(pictures: Pictures) -> Answer:
     nan = float("nan")
     change = Change(pictures.name, pictures.other, 1.0)
-    return Answer(Word.BROKEN, nan, nan, 0, nan, nan, nan, nan, nan, nan, 0, (change,), pictures.rejected)
+    return Answer(
+        Word.BROKEN, nan, nan, 0, nan, nan, nan, nan, nan, nan, 0, (change,), pictures.rejected
+    )
 
 
 def _same(one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
     """Whether corners are of one picture: of two, noise alone puts some farther apart."""
-    return one.shape == other.shape and bool(np.nanmax(np.abs(one - other), initial=0.0) < ONE_PICTURE)
+    return one.shape == other.shape and bool(
+        np.nanmax(np.abs(one - other), initial=0.0) < ONE_PICTURE
+    )

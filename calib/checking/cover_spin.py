@@ -1,4 +1,6 @@
-"""The cover is turned about an axis of its own symmetry: its shape stays, its unevenness comes along."""
+"""The cover is turned about an axis of its own symmetry: its shape stays, its unevenness comes
+along.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,10 @@ SPIN = Tolerance(0.05, "rad", 1e-2, "nothing but friction holds a round cover in
 
 @dataclass(frozen=True, slots=True)
 class CoverSpin(Effect):
-    """Turned about the axes about which its smooth shape is round. Nobody sees it of a cover without relief."""
+    """Turned about the axes about which its smooth shape is round.
+
+    Nobody sees it of a cover without relief.
+    """
 
     axes: str
     """y of a cone or cylinder, z of a window, xyz of a dome."""
@@ -43,5 +48,7 @@ class CoverSpin(Effect):
 
     def apply(self, path: Path) -> Path:
         names = axis_names("cover_spin", self.axes)
-        turned = (replace(i, frame=replace(i.frame, more=(*i.frame.more, names))) for i in path.cover)
+        turned = (
+            replace(i, frame=replace(i.frame, more=(*i.frame.more, names))) for i in path.cover
+        )
         return replace(path, cover=tuple(turned))

@@ -1,7 +1,10 @@
-"""How far the calibration's own views miss what the others say of them, over what sigma and noise allow: the yardstick of a check.
+"""How far the calibration's own views miss what the others say of them, over what sigma and noise
+allow: the yardstick of a check.
 
-Real corners are not Gaussian, and no model is perfect. So what a valid calibration leaves on views that it has not seen is not taken from
-the theory alone: each of its own views is checked against the fit of the others, by the very statistics that the pictures are checked by.
+Real corners are not Gaussian, and no model is perfect. So what a valid calibration leaves on views
+that it has not seen is not taken from
+the theory alone: each of its own views is checked against the fit of the others, by the very
+    statistics that the pictures are checked by.
 """
 
 from __future__ import annotations
@@ -22,7 +25,9 @@ Array = NDArray[np.float64]
 FEWEST = 4
 """Views of a calibration that can say how they spread."""
 SURE = 3.0
-"""Times what chance explains: from there on a change that all of a calibration's own views show is one that it lacks."""
+"""Times what chance explains: from there on a change that all of a calibration's own views show is
+one that it lacks.
+"""
 DEPENDENT = 1e-9
 """Of the largest eigenvalue: a direction of a change that moves less moves nothing."""
 
@@ -36,8 +41,10 @@ class Dispersion:
     freedom: dict[str, float]
     """How many squares that is estimated from; infinite where there are no views to ask."""
     lacking: dict[str, tuple[float, float]]
-    """By how much each change would lower the calibration's own sum of squares, all views together, beyond chance, and of how much
-    information: a calibration that lacks an effect shows it then and now, and has not changed."""
+    """By how much each change would lower the calibration's own sum of squares, all views together,
+    beyond chance, and of how much
+    information: a calibration that lacks an effect shows it then and now, and has not changed.
+    """
     logs: Array
     """(V,) logarithm of each view's squares over what is predicted."""
 
@@ -45,20 +52,29 @@ class Dispersion:
     def of(calibration: Calibration, known: Known, changes: tuple[Effect, ...]) -> Dispersion:
         if len(calibration.views) < FEWEST:
             return Dispersion(
-                {c.name: 1.0 for c in changes}, {c.name: np.inf for c in changes}, {c.name: (0.0, 1.0) for c in changes}, np.zeros(0)
+                {c.name: 1.0 for c in changes},
+                {c.name: np.inf for c in changes},
+                {c.name: (0.0, 1.0) for c in changes},
+                np.zeros(0),
             )
-        equations = Equations.of(known, changes, calibration.observations, torch.from_numpy(calibration.poses))
+        equations = Equations.of(
+            known, changes, calibration.observations, torch.from_numpy(calibration.poses)
+        )
         apart = [equations.left_out(view) for view in range(len(calibration.views))]
         sizes, told, lacking = {}, {}, {}
         for change in changes:
             found = [explained(products, equations.columns(change.name)) for products, _ in apart]
             told[change.name] = float(sum(directions for _, directions in found)) or np.inf
-            lacking[change.name] = _lacking([products for products, _ in apart], equations.columns(change.name))
+            lacking[change.name] = _lacking(
+                [products for products, _ in apart], equations.columns(change.name)
+            )
             sizes[change.name] = max(1.0, sum(square for square, _ in found) / told[change.name])
         squares = np.array([products[0, 0] / max(1.0, freedom) for products, freedom in apart])
         return Dispersion(sizes, told, lacking, np.log(np.maximum(squares, 1e-12)))
 
-    def scale(self, name: str, products: Array, columns: slice, directions: int, louder: float) -> float:
+    def scale(
+        self, name: str, products: Array, columns: slice, directions: int, louder: float
+    ) -> float:
         """The variance along a change's directions in other views, over what is predicted there.
 
         Args:
@@ -66,7 +82,10 @@ class Dispersion:
             louder: the variance of their noise over that of the calibration's.
         """
         excess, information = self.lacking[name]
-        return self.by_change[name] * louder + excess * float(np.trace(products[columns, columns])) / information / directions
+        return (
+            self.by_change[name] * louder
+            + excess * float(np.trace(products[columns, columns])) / information / directions
+        )
 
     @property
     def typical(self) -> float:
@@ -77,13 +96,23 @@ class Dispersion:
 def _lacking(apart: list[Array], columns: slice) -> tuple[float, float]:
     together = np.sum(apart, axis=0)
     square, directions = explained(together, columns)
-    by_chance = max(1.0, sum(explained(products, columns)[0] for products in apart) / (len(apart) * directions)) if directions else 1.0
-    return max(0.0, square - SURE * directions * by_chance), max(float(np.trace(together[columns, columns])), 1e-300)
+    by_chance = (
+        max(
+            1.0,
+            sum(explained(products, columns)[0] for products in apart) / (len(apart) * directions),
+        )
+        if directions
+        else 1.0
+    )
+    return max(0.0, square - SURE * directions * by_chance), max(
+        float(np.trace(together[columns, columns])), 1e-300
+    )
 
 
 def explained(products: Array, columns: slice) -> tuple[float, int]:
-    """By how much a change lowers the sum of squares, without a prior, and how many directions it has; from inner products with the
-    residual first."""
+    """By how much a change lowers the sum of squares, without a prior, and how many directions it
+    has; from inner products with the residual first.
+    """
     information, score = products[columns, columns], products[columns, 0]
     length = np.sqrt(np.maximum(information.diagonal(), 1e-300))
     values, axes = np.linalg.eigh(information / np.outer(length, length))

@@ -1,4 +1,6 @@
-"""What a calibration knows of its camera before pictures are checked: its parameters with their covariance, and the corners' noise."""
+"""What a calibration knows of its camera before pictures are checked: its parameters with their
+covariance, and the corners' noise.
+"""
 
 from __future__ import annotations
 
@@ -58,12 +60,21 @@ class Known:
         kept = self.parameters.entries(param.name for param in free)
         covariance = self.root[kept] @ self.root[kept].T if len(kept) else np.zeros((0, 0))
         parameters = replace(self.parameters, relief=None, free=free)
-        return replace(self, model=replace(self.model, path=path), parameters=parameters, root=root_of(covariance))
+        return replace(
+            self,
+            model=replace(self.model, path=path),
+            parameters=parameters,
+            root=root_of(covariance),
+        )
 
     def posed(self, observations: Observations, poses: Tensor) -> tuple[Tensor, Residuals]:
-        """The (V, B) poses of views through the calibration, from (V, 6) to start from, and what they leave."""
+        """The (V, B) poses of views through the calibration, from (V, 6) to start from, and what
+        they leave.
+        """
         path, values = self.model.path, self.model.means
-        return refit_poses(path, values, observations, with_parts(poses, path.view_parts), sigma=self.sigma)
+        return refit_poses(
+            path, values, observations, with_parts(poses, path.view_parts), sigma=self.sigma
+        )
 
 
 def _sigma(calibration: Calibration, model: CameraModel) -> float:

@@ -1,4 +1,6 @@
-"""What each stage of a fit would have left of a calibration's views, where it was made for another medium and its own fit saw others."""
+"""What each stage of a fit would have left of a calibration's views, where it was made for another
+medium and its own fit saw others.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ from calib.optics.build import covered_path, pinhole_path
 
 
 def stages_of(calibration: Calibration) -> tuple[Stage, ...]:
-    """The camera alone and the smooth cover by their declared numbers, and the calibration as it is."""
+    """The camera alone and the smooth cover by their declared numbers, and the calibration as it
+    is.
+    """
     return tuple(_stages(calibration))
 
 
@@ -25,7 +29,9 @@ def _stages(calibration: Calibration) -> Iterator[Stage]:
     alone = residuals(path, values, observations, poses)
     yield Stage("pinhole", alone.rms_px, alone.rmse_cm)
     path, values = covered_path(declared.intrinsics, declared.cover)
-    smooth = residuals(path, values, observations, refine_poses(path, values, observations, poses).blocks)
+    smooth = residuals(
+        path, values, observations, refine_poses(path, values, observations, poses).blocks
+    )
     yield Stage("cover", smooth.rms_px, smooth.rmse_cm)
     path, values = calibration.model()
     left = residuals(path, values, observations, torch.from_numpy(calibration.poses))

@@ -1,4 +1,6 @@
-"""What changed, in words: one explanation that is almost sure, or all that are worth naming, with their sizes and probabilities."""
+"""What changed, in words: one explanation that is almost sure, or all that are worth naming, with
+their sizes and probabilities.
+"""
 
 from __future__ import annotations
 
@@ -27,15 +29,25 @@ def probabilities(found: Sequence[Hypothesis]) -> Array:
 def named(found: Sequence[Hypothesis], seen: Seen) -> tuple[Change, ...]:
     """One that is almost sure, alone; else all that are worth naming."""
     chances = probabilities(found)
-    worth = [(one, float(chance)) for one, chance in zip(found, chances, strict=True) if chance > WORTH_NAMING]
+    worth = [
+        (one, float(chance))
+        for one, chance in zip(found, chances, strict=True)
+        if chance > WORTH_NAMING
+    ]
     if worth[0][1] > ALONE:
         worth = worth[:1]
     return tuple(_told(one, chance, seen) for one, chance in worth)
 
 
 def shift_of(one: Hypothesis, seen: Seen) -> float:
-    """px, root mean square, by which a change moves the checked corners, their poses adapted; NaN of one that has no size."""
-    return max(0.0, float(one.vector @ _shift(one.change, seen) @ one.vector)) ** 0.5 if one.change else float("nan")
+    """px, root mean square, by which a change moves the checked corners, their poses adapted; NaN
+    of one that has no size.
+    """
+    return (
+        max(0.0, float(one.vector @ _shift(one.change, seen) @ one.vector)) ** 0.5
+        if one.change
+        else float("nan")
+    )
 
 
 def _told(one: Hypothesis, chance: float, seen: Seen) -> Change:
@@ -49,9 +61,18 @@ def _told(one: Hypothesis, chance: float, seen: Seen) -> Change:
     for unknown in one.change.unknowns:
         if not unknown.param.shape:
             scale = unknown.param.scale
-            numbers.append((unknown.param.name, float(vector[at] * scale), float(sigmas[at] * scale), unknown.param.unit))
+            numbers.append(
+                (
+                    unknown.param.name,
+                    float(vector[at] * scale),
+                    float(sigmas[at] * scale),
+                    unknown.param.unit,
+                )
+            )
         at += math.prod(unknown.param.shape)
-    return Change(one.name, WORDS[one.name].before, chance, size.value, size.sigma, size.unit, tuple(numbers))
+    return Change(
+        one.name, WORDS[one.name].before, chance, size.value, size.sigma, size.unit, tuple(numbers)
+    )
 
 
 def _shift(change: Effect, seen: Seen) -> Array:

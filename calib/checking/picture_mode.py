@@ -18,8 +18,9 @@ SCALES = (1 / 3, 0.5, 2 / 3, 0.75, 0.8, 1.25, 4 / 3, 1.5, 2.0, 3.0)
 
 @dataclass(frozen=True, slots=True)
 class PictureMode(Effect):
-    """A pixel p of these pictures is the calibration's middle + exp(log_scale) (p - middle) + shift: cropped, binned or zoomed pictures,
-    the lens and the cover as they were."""
+    """A pixel p of these pictures is the calibration's middle + exp(log_scale) (p - middle) +
+    shift: cropped, binned or zoomed pictures, the lens and the cover as they were.
+    """
 
     width: int
     height: int
@@ -34,7 +35,13 @@ class PictureMode(Effect):
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
         scale = Unknown(Param("picture_mode.log_scale", "", 1e-3), 0.5)
-        return (scale, *(Unknown(Param(f"picture_mode.shift.{axis}", "px", 1.0), 0.1 * self.width) for axis in "xy"))
+        return (
+            scale,
+            *(
+                Unknown(Param(f"picture_mode.shift.{axis}", "px", 1.0), 0.1 * self.width)
+                for axis in "xy"
+            ),
+        )
 
     @property
     def params(self) -> tuple[Param, ...]:

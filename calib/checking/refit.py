@@ -1,4 +1,6 @@
-"""A fit of the checked views with what the calibration knows as its prior, with or without a change."""
+"""A fit of the checked views with what the calibration knows as its prior, with or without a
+change.
+"""
 
 from __future__ import annotations
 
@@ -80,26 +82,42 @@ def refit(
     parameters, new = widened(known, changes)
     path = known.model.with_effects(new).path
     if held and change:
-        parameters = Parameters(parameters.origin, None, tuple(u.param for u in change.unknowns), parameters.priors)
+        parameters = Parameters(
+            parameters.origin, None, tuple(u.param for u in change.unknowns), parameters.priors
+        )
         precision = torch.from_numpy(np.diag(spread_of(change) ** -2.0))
     else:
         precision = torch.from_numpy(_precision(known, parameters, change, new))
     shared = parameters.vector({**parameters.origin, **(begin or {})})
     start = parameters.values(shared)
-    lands = path.land(observations.pixels, observations.with_times(start), poses[observations.view])[1] == 0
+    lands = (
+        path.land(observations.pixels, observations.with_times(start), poses[observations.view])[1]
+        == 0
+    )
     seen = observations.kept(lands)
     weights = pixel_weights(path, start, seen, poses, sigma)
-    problem = LandingProblem(parameters, tuple(landings(path, parameters, seen, weights, start)), precision, view_precision(path, poses))
+    problem = LandingProblem(
+        parameters,
+        tuple(landings(path, parameters, seen, weights, start)),
+        precision,
+        view_precision(path, poses),
+    )
     found = minimise(problem, shared, poses, steps=STEPS, tolerance=ROUGH if held else TOLERANCE)
     hessian, _ = found.equations.schur_complement()
     covariance = inverse(hessian + precision).numpy()
     if found.outcome is Outcome.NOT_FINITE:
         covariance = np.full_like(covariance, np.nan)
-    return Refit(path, parameters, found.shared, found.blocks, covariance, found.cost, found.iterations)
+    return Refit(
+        path, parameters, found.shared, found.blocks, covariance, found.cost, found.iterations
+    )
 
 
-def _precision(known: Known, parameters: Parameters, change: Effect | None, new: list[Effect]) -> Array:
-    """(S, S) what is known beforehand: the calibration's covariance, widened by what may have changed."""
+def _precision(
+    known: Known, parameters: Parameters, change: Effect | None, new: list[Effect]
+) -> Array:
+    """(S, S) what is known beforehand: the calibration's covariance, widened by what may have
+    changed.
+    """
     covariance = known.root @ known.root.T
     if change and change in new:
         covariance = block_diag(covariance, np.diag(spread_of(change) ** 2))

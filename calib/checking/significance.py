@@ -1,8 +1,11 @@
-"""The test: whether what the pictures leave is more than the calibration's sigma and the corners' noise allow.
+"""The test: whether what the pictures leave is more than the calibration's sigma and the corners'
+noise allow.
 
-Two questions are asked. Along every change that is known here, is the residual farther from nothing than the calibration's own views, left
-out in turn, are in those directions? And whatever its form, is it larger, and not by noise of the corners alone? Each has its share of the
-false alarms, and the first divides its share among the changes (Bonferroni), so that the rate stated is the most there is.
+Two questions are asked. Along every change that is known here, is the residual farther from nothing
+than the calibration's own views, left out in turn, are in those directions? And whatever its form,
+is it larger, and not by noise of the corners alone? Each has its share of the false alarms, and the
+first divides its share among the changes (Bonferroni), so that the rate stated is the most there
+is.
 """
 
 from __future__ import annotations
@@ -29,10 +32,13 @@ class Significance:
     """The answer of the test."""
 
     p_value: float
-    """Of both questions and all changes together: below ALPHA in at most that part of the checks of a valid calibration."""
+    """Of both questions and all changes together: below ALPHA in at most that part of the checks of
+    a valid calibration.
+    """
     statistic: float
-    """The mean of the views' squares over what is predicted, the calibration's own dispersion and the pictures' noise allowed for: 1 for a
-    valid calibration, on average."""
+    """The mean of the views' squares over what is predicted, the calibration's own dispersion and
+    the pictures' noise allowed for: 1 for a valid calibration, on average.
+    """
     allowed: float
     """From where the statistic is an alarm by itself."""
     freedom: int
@@ -44,16 +50,22 @@ class Significance:
 
 
 def significance(equations: Equations, dispersion: Dispersion, louder: float) -> Significance:
-    """Args: louder: the variance of the pictures' corners over that of the calibration's, at least 1."""
+    """Args: louder: the variance of the pictures' corners over that of the calibration's, at least
+    1.
+    """
     together = equations.predicted()
-    by_change = [_of_change(together, equations, dispersion, name, louder) for name in equations.places]
+    by_change = [
+        _of_change(together, equations, dispersion, name, louder) for name in equations.places
+    ]
     of_changes = len(by_change) * min(by_change, default=1.0)
     statistic, allowed, of_size = _of_size(equations, dispersion, louder)
     p_value = min(of_changes / (1 - FOR_SIZE), of_size / FOR_SIZE, 1.0)
     return Significance(p_value, statistic, allowed, int(equations.freedom.sum()))
 
 
-def _of_change(together: Array, equations: Equations, dispersion: Dispersion, name: str, louder: float) -> float:
+def _of_change(
+    together: Array, equations: Equations, dispersion: Dispersion, name: str, louder: float
+) -> float:
     square, directions = explained(together, equations.columns(name))
     if not directions:
         return 1.0
@@ -61,10 +73,17 @@ def _of_change(together: Array, equations: Equations, dispersion: Dispersion, na
     return float(fdtrc(directions, min(dispersion.freedom[name], 1e9), square / directions / scale))
 
 
-def _of_size(equations: Equations, dispersion: Dispersion, louder: float) -> tuple[float, float, float]:
-    """The statistic, its largest unsuspicious value, and its p-value: Student's test of the logarithms of the views' squares."""
+def _of_size(
+    equations: Equations, dispersion: Dispersion, louder: float
+) -> tuple[float, float, float]:
+    """The statistic, its largest unsuspicious value, and its p-value: Student's test of the
+    logarithms of the views' squares.
+    """
     views = len(equations.freedom)
-    each = [equations.predicted(slice(view, view + 1))[0, 0] / max(1.0, equations.freedom[view]) for view in range(views)]
+    each = [
+        equations.predicted(slice(view, view + 1))[0, 0] / max(1.0, equations.freedom[view])
+        for view in range(views)
+    ]
     logs = np.log(np.maximum(each, 1e-12)) - np.log(louder)
     own = dispersion.logs if dispersion.logs.size else np.zeros(1)
     by_theory = float(np.sqrt((2 / np.maximum(equations.freedom, 1)).mean()))

@@ -1,7 +1,9 @@
-"""A calibration brought up to date: fitted to the checked views with all that it knew as the prior, its history kept.
+"""A calibration brought up to date: fitted to the checked views with all that it knew as the prior,
+its history kept.
 
-Of a valid calibration the new views tell its numbers better, and are added to its own. Where one change of the camera or its cover has a
-name, that change is fitted beside them, and only the new views go on, for the old ones show the camera as it was.
+Of a valid calibration the new views tell its numbers better, and are added to its own. Where one
+change of the camera or its cover has a name, that change is fitted beside them, and only the new
+views go on, for the old ones show the camera as it was.
 """
 
 from __future__ import annotations
@@ -67,24 +69,35 @@ class Moved:
         }
 
 
-def update(calibration: Calibration, known: Known, answer: Answer, pictures: Pictures) -> tuple[Calibration, tuple[Moved, ...]]:
+def update(
+    calibration: Calibration, known: Known, answer: Answer, pictures: Pictures
+) -> tuple[Calibration, tuple[Moved, ...]]:
     """The calibration after the pictures, and how far each of its numbers moved.
 
     Raises:
         InputError: the pictures show another board.
-        NotEnoughDataError: what changed is nothing that a calibration of this camera can carry, or the fit is not finite.
+        NotEnoughDataError: what changed is nothing that a calibration of this camera can carry, or
+            the fit is not finite.
     """
     ours, theirs = calibration.board, pictures.board
     if (ours.columns, ours.rows, ours.square) != (theirs.columns, theirs.rows, theirs.square):
-        raise InputError(f"--update needs pictures of the calibration's own board, {ours}, not of {theirs}: take some of it, or fit anew.")
+        raise InputError(
+            f"--update needs pictures of the calibration's own board, {ours}, not of {theirs}: take"
+            " some of it, or fit anew."
+        )
     change = _change(answer, calibration, known)
-    views = tuple(view for view in pictures.views if view.name not in {one.name for one in answer.rejected})
+    views = tuple(
+        view for view in pictures.views if view.name not in {one.name for one in answer.rejected}
+    )
     with single_thread():
         observations = Observations.of(views, pictures.board).timed(None, calibration.camera.height)
         poses, _ = known.posed(observations, pinhole_poses(observations, known.model.means))
         fit = refit(known, change, observations, poses, known.sigma * max(1.0, answer.louder))
         if not fit.finite:
-            raise NotEnoughDataError("The calibration cannot be brought up to date by these pictures: fit a session of more views.")
+            raise NotEnoughDataError(
+                "The calibration cannot be brought up to date by these pictures: fit a session of"
+                " more views."
+            )
         updated = _with(calibration, known, change, fit, views)
     moved = tuple(_moved(calibration, updated))
     said = {
@@ -95,27 +108,55 @@ def update(calibration: Calibration, known: Known, answer: Answer, pictures: Pic
         "change": change.name if change else "",
         "moved_sigmas": {one.name: one.sigmas for one in moved},
     }
-    return replace(updated, settings=updated.settings | {UPDATES: [*calibration.settings.get(UPDATES, []), said]}), moved
+    return (
+        replace(
+            updated,
+            settings=updated.settings | {UPDATES: [*calibration.settings.get(UPDATES, []), said]},
+        ),
+        moved,
+    )
 
 
 def carries(answer: Answer) -> bool:
-    """Whether what has changed, if anything, has one name and is something that a calibration can carry."""
+    """Whether what has changed, if anything, has one name and is something that a calibration can
+    carry.
+    """
     names = [change.name for change in answer.changes]
-    return answer.word is Word.VALID or (len(names) == 1 and names[0] in {kind.name for kind in KINDS} - KEPT_APART)
+    return answer.word is Word.VALID or (
+        len(names) == 1 and names[0] in {kind.name for kind in KINDS} - KEPT_APART
+    )
 
 
 def _change(answer: Answer, calibration: Calibration, known: Known) -> Effect | None:
     if not known.parameters.count:
-        raise NotEnoughDataError("The calibration does not say how sure it is of its numbers, so few pictures cannot update it: fit anew.")
+        raise NotEnoughDataError(
+            "The calibration does not say how sure it is of its numbers, so few pictures cannot"
+            " update it: fit anew."
+        )
     if answer.word is Word.VALID:
         return None
     if not carries(answer):
-        what = str(answer.changes[0]) if len(answer.changes) == 1 else "what has changed has no one name"
-        raise NotEnoughDataError(f"The calibration cannot be brought up to date ({what}): record a new session and fit it.")
-    return next(change for change in changes_of(calibration) if change.name == answer.changes[0].name)
+        what = (
+            str(answer.changes[0])
+            if len(answer.changes) == 1
+            else "what has changed has no one name"
+        )
+        raise NotEnoughDataError(
+            f"The calibration cannot be brought up to date ({what}): record a new session and"
+            " fit it."
+        )
+    return next(
+        change for change in changes_of(calibration) if change.name == answer.changes[0].name
+    )
 
 
-def _with(calibration: Calibration, known: Known, change: Effect | None, fit: Refit, views: tuple[View, ...]) -> Calibration:
+def _with(
+    calibration: Calibration,
+    known: Known,
+    change: Effect | None,
+    fit: Refit,
+    views: tuple[View, ...],
+) -> Calibration:
     """The calibration with the fit's numbers, and the views that show the camera as it is now."""
     there = {effect.name for effect in known.model.effects}
     model = known.model.with_effects([change] if change and change.name not in there else [])
@@ -126,7 +167,9 @@ def _with(calibration: Calibration, known: Known, change: Effect | None, fit: Re
         views = (*calibration.views, *views)
         if calibration.views:  # one that was made for another medium has none
             before = torch.from_numpy(calibration.poses)
-            old, _ = refit_poses(fit.path, fit.values, calibration.observations, before, sigma=known.sigma)
+            old, _ = refit_poses(
+                fit.path, fit.values, calibration.observations, before, sigma=known.sigma
+            )
             poses = torch.cat([old, poses])
     joint = JointFit(
         values=fit.values,
@@ -149,12 +192,18 @@ def _with(calibration: Calibration, known: Known, change: Effect | None, fit: Re
     found = replace(found, covariance=fit.covariance[np.ix_(places, places)])
     if not calibration.stages:  # its own fit saw no view of this medium
         found = replace(found, stages=stages_of(found))
-    kept = {key: calibration.settings[key] for key in ("relief_prior", "log_evidence") if key in calibration.settings}
+    kept = {
+        key: calibration.settings[key]
+        for key in ("relief_prior", "log_evidence")
+        if key in calibration.settings
+    }
     return replace(found, settings=found.settings | kept)
 
 
 def _free(name: str, taken: set[str]) -> str:
-    """What a view is called that is not of the calibration's own session, which may have a picture of the same name."""
+    """What a view is called that is not of the calibration's own session, which may have a picture
+    of the same name.
+    """
     name = f"later-{name}"
     return _free(name, taken) if name in taken else name
 

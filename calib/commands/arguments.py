@@ -18,7 +18,10 @@ def depth(text: str) -> float:
     except ValueError:
         metres = math.nan
     if not (0 < metres <= FARTHEST or metres == math.inf):
-        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a depth: write metres above 0, such as 1.0, or inf for the farthest")
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} is not a depth: write metres above 0, such as 1.0, or inf for the"
+            " farthest"
+        )
     return metres
 
 
@@ -45,7 +48,9 @@ def positive_or_zero(text: str) -> float:
     except ValueError:
         number = math.nan
     if not 0 <= number < math.inf:
-        raise argparse.ArgumentTypeError(f"{quoted(text)} will not do: write 0, or a number above it")
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} will not do: write 0, or a number above it"
+        )
     return number
 
 
@@ -53,7 +58,9 @@ def whole_size(text: str) -> tuple[int, int]:
     """Of a board or a picture, such as 9x6."""
     first, _, second = text.partition("x")
     if not (first.isdecimal() and second.isdecimal() and int(first) > 2 and int(second) > 2):
-        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a size: write two whole numbers of 3 or more, such as 9x6")
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} is not a size: write two whole numbers of 3 or more, such as 9x6"
+        )
     return int(first), int(second)
 
 
@@ -64,18 +71,33 @@ def millimetres(text: str) -> float:
     except ValueError:
         side = 0.0
     if not 0.05 <= side <= 1e5:
-        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a side of a square: write millimetres from 0.05 to 100000, such as 25")
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} is not a side of a square: write millimetres from 0.05 to 100000, such"
+            " as 25"
+        )
     return side
 
 
 def add_depths(parser: argparse.ArgumentParser, *, required: bool) -> None:
     parser.add_argument(
-        "--depth", type=depth, nargs="+", action="extend", default=[], required=required, metavar="M", help="depth of a map, in metres"
+        "--depth",
+        type=depth,
+        nargs="+",
+        action="extend",
+        default=[],
+        required=required,
+        metavar="M",
+        help="depth of a map, in metres",
     )
 
 
 def add_calibration(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("calibration", type=Path, metavar="CALIBRATION", help="calibration.yaml, or the folder that holds it")
+    parser.add_argument(
+        "calibration",
+        type=Path,
+        metavar="CALIBRATION",
+        help="calibration.yaml, or the folder that holds it",
+    )
 
 
 def folder_of(calibration: Path) -> Path:
@@ -84,7 +106,9 @@ def folder_of(calibration: Path) -> Path:
 
 
 def add_output(parser: argparse.ArgumentParser, help_text: str, *, required: bool) -> None:
-    parser.add_argument("-o", "--output", type=Path, metavar="DIR", required=required, help=help_text)
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="DIR", required=required, help=help_text
+    )
 
 
 def grid(text: str) -> tuple[int, int] | None:
@@ -92,14 +116,25 @@ def grid(text: str) -> tuple[int, int] | None:
     if text == "auto":
         return None
     around, _, along = text.partition("x")
-    if not (around.isdecimal() and along.isdecimal() and 2 <= int(around) <= 64 and 2 <= int(along) <= 64):
-        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a grid: write two whole numbers from 2 to 64, such as 8x8, or auto")
+    if not (
+        around.isdecimal()
+        and along.isdecimal()
+        and 2 <= int(around) <= 64
+        and 2 <= int(along) <= 64
+    ):
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} is not a grid: write two whole numbers from 2 to 64, such as 8x8, or"
+            " auto"
+        )
     return int(around), int(along)
 
 
 def folds(text: str) -> int:
     if not text.isdecimal() or not 2 <= int(text) <= 100:
-        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a number of folds: write a whole number from 2 to 100, such as 5")
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} is not a number of folds: write a whole number from 2 to 100, such"
+            " as 5"
+        )
     return int(text)
 
 
@@ -112,7 +147,10 @@ def effects(written: str) -> tuple[str, ...]:
     if written in ("none", "auto"):
         return () if written == "none" else ("auto",)
     if wrong or not names or len(set(names)) < len(names):
-        raise argparse.ArgumentTypeError(f"{quoted(written)} is not none, auto, or some of {', '.join(NAMES)}, each once, joined by commas")
+        raise argparse.ArgumentTypeError(
+            f"{quoted(written)} is not none, auto, or some of {', '.join(NAMES)}, each once, joined"
+            " by commas"
+        )
     return names
 
 
@@ -123,12 +161,20 @@ def free(text: str) -> tuple[str, ...]:
     for name in text.split(","):
         if name not in NAMES:
             near = get_close_matches(name, NAMES, 1)
-            hint = f"did you mean {near[0]}" if near else f"write some of {', '.join(NAMES)}, joined by commas"
-            raise argparse.ArgumentTypeError(f"{quoted(name)} is not a number that can be freed: {hint}")
+            hint = (
+                f"did you mean {near[0]}"
+                if near
+                else f"write some of {', '.join(NAMES)}, joined by commas"
+            )
+            raise argparse.ArgumentTypeError(
+                f"{quoted(name)} is not a number that can be freed: {hint}"
+            )
     return tuple(dict.fromkeys(text.split(",")))
 
 
 def steps(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a number of steps: write a whole number above 0, such as 1000")
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} is not a number of steps: write a whole number above 0, such as 1000"
+        )
     return int(text)

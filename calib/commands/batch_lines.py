@@ -33,7 +33,12 @@ def fleet_json(fleet: Fleet, written: Sequence[Path]) -> dict[str, object]:
     """The contract's object."""
     return {
         "cameras": len(fleet.entries),
-        "states": {state.value: sum(result.state is state for result in fleet.results) for state in State},
-        "stand_out": {camera: [finding.sentence for finding in fleet.findings[camera]] for camera in fleet.outliers},
+        "states": {
+            state.value: sum(result.state is state for result in fleet.results) for state in State
+        },
+        "stand_out": {
+            camera: [finding.sentence for finding in fleet.findings[camera]]
+            for camera in fleet.outliers
+        },
         "written": [str(path) for path in written],
     }

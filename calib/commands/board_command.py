@@ -1,8 +1,9 @@
 """Write a board to print: board.pdf and board.svg at true scale, and a session.yaml to start from.
 
-A checkerboard, a ChArUco board, or Kalibr's AprilGrid: with markers, part of a board in a picture is enough. The sheet has two rulers, and
-says what to measure after printing and where to enter it. Without --square-mm or --tag-mm, squares or tags are of the most whole
-millimetres that leave a white margin as wide as they are.
+A checkerboard, a ChArUco board, or Kalibr's AprilGrid: with markers, part of a board in a picture
+is enough. The sheet has two rulers, and says what to measure after printing and where to enter it.
+Without --square-mm or --tag-mm, squares or tags are of the most whole millimetres that leave a
+white margin as wide as they are.
 """
 
 import argparse
@@ -29,14 +30,39 @@ BY_TYPE = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--type", choices=TYPES, default=TYPES[0], help="the kind of board")
-    parser.add_argument("--columns", type=_count, metavar="N", help="inner corners along x, by default 9; an aprilgrid's tags, 6")
+    parser.add_argument(
+        "--columns",
+        type=_count,
+        metavar="N",
+        help="inner corners along x, by default 9; an aprilgrid's tags, 6",
+    )
     parser.add_argument("--rows", type=_count, metavar="N", help="the same along y, by default 6")
     parser.add_argument("--square-mm", type=millimetres, metavar="S", help="side of a square")
-    parser.add_argument("--tag-mm", type=millimetres, metavar="S", help="side of an aprilgrid's tag")
-    parser.add_argument("--spacing", type=_spacing, metavar="PART", help="between an aprilgrid's tags, in sides of one, by default 0.3")
-    parser.add_argument("--marker", type=_part, metavar="PART", help="side of a charuco's marker, in sides of a square, by default 0.75")
-    parser.add_argument("--dictionary", choices=tuple(DICTIONARIES), metavar="NAME", help="of a charuco's markers, by default DICT_4X4_250")
-    legacy = "a charuco that begins with a white square where its rows of squares are even, as calib.io's do, and OpenCV's before 4.6"
+    parser.add_argument(
+        "--tag-mm", type=millimetres, metavar="S", help="side of an aprilgrid's tag"
+    )
+    parser.add_argument(
+        "--spacing",
+        type=_spacing,
+        metavar="PART",
+        help="between an aprilgrid's tags, in sides of one, by default 0.3",
+    )
+    parser.add_argument(
+        "--marker",
+        type=_part,
+        metavar="PART",
+        help="side of a charuco's marker, in sides of a square, by default 0.75",
+    )
+    parser.add_argument(
+        "--dictionary",
+        choices=tuple(DICTIONARIES),
+        metavar="NAME",
+        help="of a charuco's markers, by default DICT_4X4_250",
+    )
+    legacy = (
+        "a charuco that begins with a white square where its rows of squares are even, as"
+        " calib.io's do, and OpenCV's before 4.6"
+    )
     parser.add_argument("--legacy-pattern", action="store_true", default=None, help=legacy)
     parser.add_argument(
         "--paper",
@@ -62,7 +88,10 @@ def run(args: argparse.Namespace) -> None:
     session = args.output / "session.yaml"
     with reading(session):
         if session.exists():
-            raise InputError(f"{session} is there already, and no session is overwritten: give another folder with -o.")
+            raise InputError(
+                f"{session} is there already, and no session is overwritten: give another folder"
+                " with -o."
+            )
     pattern = _pattern(args)
     sheet = lay_out(pattern, args.paper, args.square_mm or args.tag_mm)
     check_writable(args.output)
@@ -71,7 +100,9 @@ def run(args: argparse.Namespace) -> None:
     write_atomically(written[1], to_svg(sheet))
     write_atomically(session, starting_session(pattern, sheet, args.size))
     if args.json:
-        print_json(_as_mapping(args.type, pattern, sheet) | {"written": [str(path) for path in written]})
+        print_json(
+            _as_mapping(args.type, pattern, sheet) | {"written": [str(path) for path in written]}
+        )
     else:
         print_paths(written)
     for remark in _remarks(pattern, sheet):
@@ -85,14 +116,20 @@ def _pattern(args: argparse.Namespace) -> "Pattern":
 
     for option in OPTIONS:
         if getattr(args, option) is not None and option not in BY_TYPE[args.type]:
-            raise InputError(f"--{option.replace('_', '-')} says nothing of a board of --type {args.type}: leave it out.")
+            raise InputError(
+                f"--{option.replace('_', '-')} says nothing of a board of --type {args.type}: leave"
+                " it out."
+            )
     shaped = set(BY_TYPE[args.type]) - {"square_mm", "tag_mm"}
     shape = {option: given for option in shaped if (given := getattr(args, option)) is not None}
     columns, rows = args.columns or (6 if args.type == "aprilgrid" else 9), args.rows or 6
     if args.type == "aprilgrid":
         return AprilGrid(columns, rows, **shape)
     if min(columns, rows) < 3:
-        raise InputError(f"a board of --type {args.type} has 3 corners or more in each direction: write --columns 9 --rows 6, say.")
+        raise InputError(
+            f"a board of --type {args.type} has 3 corners or more in each direction: write"
+            " --columns 9 --rows 6, say."
+        )
     if args.type == "charuco":
         return Charuco(columns, rows, **shape)
     return Checkerboard(columns, rows)
@@ -114,13 +151,14 @@ def _remarks(pattern: "Pattern", sheet: "Sheet") -> list[str]:
     remarks = []
     if sheet.white < sheet.side:
         remarks.append(
-            f"The white margin is {sheet.white:.1f} mm, narrower than a {pattern.part}: calib finds this board on black all the same, "
-            f"other programs may not; smaller {pattern.part}s or a larger --paper leave more."
+            f"The white margin is {sheet.white:.1f} mm, narrower than a {pattern.part}: calib finds"
+            f" this board on black all the same, other programs may not; smaller {pattern.part}s or"
+            " a larger --paper leave more."
         )
     if isinstance(pattern, Checkerboard) and pattern.looks_the_same_upside_down:
         remarks.append(
-            f"A board of {pattern} looks the same upside down, so it must keep the same side up in all views: "
-            "one odd and one even number, such as 9x6, leave no doubt."
+            f"A board of {pattern} looks the same upside down, so it must keep the same side up in"
+            " all views: one odd and one even number, such as 9x6, leave no doubt."
         )
     return remarks
 
@@ -128,7 +166,8 @@ def _remarks(pattern: "Pattern", sheet: "Sheet") -> list[str]:
 def _count(text: str) -> int:
     if not text.isdecimal() or not 2 <= int(text) <= 1000:
         raise argparse.ArgumentTypeError(
-            f"{quoted(text)} is not a number of corners or tags: write a whole number from 2 to 1000, such as 9"
+            f"{quoted(text)} is not a number of corners or tags: write a whole number from 2 to"
+            " 1000, such as 9"
         )
     return int(text)
 
@@ -147,7 +186,9 @@ def _between(text: str, low: float, high: float, kind: str) -> float:
     except ValueError:
         part = math.nan
     if not low <= part <= high:
-        raise argparse.ArgumentTypeError(f"{quoted(text)} is not {kind}: write a number from {low:g} to {high:g}")
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} is not {kind}: write a number from {low:g} to {high:g}"
+        )
     return part
 
 
@@ -158,6 +199,7 @@ def _papers(text: str) -> "tuple[Paper, ...]":
     if found is None:
         names = ", ".join(paper.name for paper in PAPERS)
         raise argparse.ArgumentTypeError(
-            f"{quoted(text)} is not a paper: write {names}, or width x height from {SMALLEST:g} to {LARGEST:g} mm, such as 600x400"
+            f"{quoted(text)} is not a paper: write {names}, or width x height from {SMALLEST:g} to"
+            f" {LARGEST:g} mm, such as 600x400"
         )
     return found

@@ -17,11 +17,33 @@ OPTIONS = ("type", "square_mm", "marker_mm", "dictionary", "legacy_pattern", "ta
 def add_coding(parser: argparse.ArgumentParser) -> None:
     """What a board with markers needs besides --board and --square-mm."""
     parser.add_argument("--type", choices=TYPES, help="the kind of board (default: checkerboard)")
-    parser.add_argument("--marker-mm", type=millimetres, metavar="S", help="side of a charuco's marker")
-    parser.add_argument("--dictionary", choices=tuple(DICTIONARIES), metavar="NAME", help="of a charuco's markers, such as DICT_4X4_250")
-    parser.add_argument("--legacy-pattern", action="store_true", default=None, help="for boards of calib.io, or of OpenCV before 4.6")
-    parser.add_argument("--tag-mm", type=millimetres, metavar="S", help="side of an aprilgrid's tag, instead of --square-mm")
-    parser.add_argument("--spacing", type=positive, metavar="PART", help="between an aprilgrid's tags, in sides of one, such as 0.3")
+    parser.add_argument(
+        "--marker-mm", type=millimetres, metavar="S", help="side of a charuco's marker"
+    )
+    parser.add_argument(
+        "--dictionary",
+        choices=tuple(DICTIONARIES),
+        metavar="NAME",
+        help="of a charuco's markers, such as DICT_4X4_250",
+    )
+    parser.add_argument(
+        "--legacy-pattern",
+        action="store_true",
+        default=None,
+        help="for boards of calib.io, or of OpenCV before 4.6",
+    )
+    parser.add_argument(
+        "--tag-mm",
+        type=millimetres,
+        metavar="S",
+        help="side of an aprilgrid's tag, instead of --square-mm",
+    )
+    parser.add_argument(
+        "--spacing",
+        type=positive,
+        metavar="PART",
+        help="between an aprilgrid's tags, in sides of one, such as 0.3",
+    )
 
 
 def asked_board(args: argparse.Namespace) -> "Board | None":
@@ -34,7 +56,8 @@ def asked_board(args: argparse.Namespace) -> "Board | None":
         return None
     if args.board is None or not given.keys() & {"square_mm", "tag_mm"}:
         raise InputError(
-            "--board and --square-mm belong together: give both, such as --board 9x6 --square-mm 25; an aprilgrid has --tag-mm instead."
+            "--board and --square-mm belong together: give both, such as --board 9x6 --square-mm"
+            " 25; an aprilgrid has --tag-mm instead."
         )
     columns, rows = args.board
     return read_board(Section({"columns": columns, "rows": rows, **given}, "The command line"))

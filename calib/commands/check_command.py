@@ -1,9 +1,11 @@
 """Ask a few pictures of the board whether a calibration still holds, and if not, what has changed.
 
-PICTURES are a session, a folder of pictures or picture files, three to five of them, the board tilted, near and far. Without a session.yaml
-of their own, their board is the calibration's. Exit code 0: valid; 5: degraded or broken.
+PICTURES are a session, a folder of pictures or picture files, three to five of them, the board
+tilted, near and far. Without a session.yaml of their own, their board is the calibration's. Exit
+code 0: valid; 5: degraded or broken.
 
-With --update, OUT gets the calibration brought up to date: refitted to the pictures with all that it knew as the prior, its history kept.
+With --update, OUT gets the calibration brought up to date: refitted to the pictures with all that
+it knew as the prior, its history kept.
 """
 
 import argparse
@@ -18,9 +20,21 @@ NOT_VALID = 5
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration(parser)
-    parser.add_argument("pictures", type=Path, nargs="+", metavar="PICTURES", help="a session, a folder of pictures, or picture files")
-    parser.add_argument("--update", action="store_true", help="write the calibration brought up to date by these pictures")
-    add_output(parser, "where the updated calibration goes (default: updated/ beside it)", required=False)
+    parser.add_argument(
+        "pictures",
+        type=Path,
+        nargs="+",
+        metavar="PICTURES",
+        help="a session, a folder of pictures, or picture files",
+    )
+    parser.add_argument(
+        "--update",
+        action="store_true",
+        help="write the calibration brought up to date by these pictures",
+    )
+    add_output(
+        parser, "where the updated calibration goes (default: updated/ beside it)", required=False
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
@@ -38,7 +52,9 @@ def run(args: argparse.Namespace) -> int:
         from calib.io.file_set import FileSet
 
     if args.output and not args.update:
-        raise InputError("-o says where an updated calibration goes: write --update with it, or leave it out.")
+        raise InputError(
+            "-o says where an updated calibration goes: write --update with it, or leave it out."
+        )
     calibration = Calibration.load(args.calibration)
     with Bars() as bars:
         pictures = read_pictures(args.pictures, calibration, bars)
@@ -52,10 +68,22 @@ def run(args: argparse.Namespace) -> int:
         with FileSet(output) as files:
             written = [updated.write(files)]
             files.commit(instead_of=DERIVED)
-    following = next_command(answer, written[0].parent if written else args.calibration, args.pictures, updated=bool(written))
+    following = next_command(
+        answer,
+        written[0].parent if written else args.calibration,
+        args.pictures,
+        updated=bool(written),
+    )
     if args.json:
         told = {"moved": {one.name: one.as_json() for one in moved}} if args.update else {}
-        print_json(answer.as_json() | told | {"next": following, "written": [str(path) for path in written]})
+        print_json(
+            answer.as_json()
+            | told
+            | {
+                "next": following,
+                "written": [str(path) for path in written],
+            }
+        )
     else:
         print_answer(answer, moved, written, following)
     return 0 if answer.word is Word.VALID else NOT_VALID

@@ -1,4 +1,7 @@
-"""A command of several commands: its arguments, and what every end of it says and exits with. Nothing slow is imported here."""
+"""A command of several commands: its arguments, and what every end of it says and exits with.
+
+Nothing slow is imported here.
+"""
 
 import argparse
 import os
@@ -15,12 +18,18 @@ from calib.errors import RefracalError, brief
 from calib.version import VERSION
 
 
-def run_command(program: str, description: str | None, commands: Sequence[ModuleType], argv: Sequence[str] | None) -> int:
+def run_command(
+    program: str,
+    description: str | None,
+    commands: Sequence[ModuleType],
+    argv: Sequence[str] | None,
+) -> int:
     """Run the command that the arguments name; returns the exit code.
 
     Args:
-        commands: each has its help as docstring, `add_arguments(parser)` and `run(args)`, which returns an exit code or None for 0; in the
-            order of the help. It is called as its module is, without `_command`, with dashes.
+        commands: each has its help as docstring, `add_arguments(parser)` and `run(args)`, which
+            returns an exit code or None for 0; in the order of the help. It is called as its module
+            is, without `_command`, with dashes.
         argv: None for this process's own.
     """
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
@@ -38,8 +47,14 @@ def run_command(program: str, description: str | None, commands: Sequence[Module
         _drop_stdout()
         return 0
     except Exception as error:
-        if isinstance(error, OSError) and error.errno and error.filename is None:  # of no file by name, so of stdout
-            print(f"{program}: the result cannot be printed ({error.strerror}): send stdout to another place.", file=sys.stderr)
+        if (
+            isinstance(error, OSError) and error.errno and error.filename is None
+        ):  # of no file by name, so of stdout
+            print(
+                f"{program}: the result cannot be printed ({error.strerror}): send stdout to"
+                " another place.",
+                file=sys.stderr,
+            )
             _drop_stdout()
             return 2
         if "REFRACAL_TRACEBACK" in os.environ:
@@ -65,20 +80,33 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _Help(argparse.HelpFormatter):
-    """Paragraphs are as wide as the terminal. One with an indented line, such as a list, keeps its lines: where one is too long, what
-    stands in its last column goes on below itself."""
+    """Paragraphs are as wide as the terminal. One with an indented line, such as a list, keeps its
+    lines: where one is too long, what stands in its last column goes on below itself.
+    """
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         paragraphs = text.strip().split("\n\n")
-        return "\n\n".join(_listed(one, width) if "\n " in one else super(_Help, self)._fill_text(one, width, indent) for one in paragraphs)
+        return "\n\n".join(
+            (
+                _listed(one, width)
+                if "\n " in one
+                else super(_Help, self)._fill_text(one, width, indent)
+            )
+            for one in paragraphs
+        )
 
 
 def _listed(lines: str, width: int) -> str:
     columns = ((line, re.match(r" *\S.*?  +", line)) for line in lines.split("\n"))
-    return "\n".join(textwrap.fill(line, width, subsequent_indent=" " * (first.end() if first else 0)) for line, first in columns)
+    return "\n".join(
+        textwrap.fill(line, width, subsequent_indent=" " * (first.end() if first else 0))
+        for line, first in columns
+    )
 
 
-def _parser(program: str, description: str | None, commands: Sequence[ModuleType]) -> argparse.ArgumentParser:
+def _parser(
+    program: str, description: str | None, commands: Sequence[ModuleType]
+) -> argparse.ArgumentParser:
     parser = _Parser(program, description=description, formatter_class=_Help)
     parser.add_argument("--version", action="version", version=f"refracal {VERSION}")
     add_completion(parser)
@@ -86,7 +114,9 @@ def _parser(program: str, description: str | None, commands: Sequence[ModuleType
     for command in commands:
         name = command.__name__.rpartition(".")[2].removesuffix("_command").replace("_", "-")
         summary = (command.__doc__ or "").partition("\n")[0]
-        own = choices.add_parser(name, help=summary, description=command.__doc__, formatter_class=_Help)
+        own = choices.add_parser(
+            name, help=summary, description=command.__doc__, formatter_class=_Help
+        )
         command.add_arguments(own)
         own.set_defaults(run=command.run)
     return parser

@@ -1,6 +1,8 @@
-"""What a shell completes on its own: a script of shtab, written once, so that a Tab starts no Python.
+"""What a shell completes on its own: a script of shtab, written once, so that a Tab starts no
+Python.
 
-It knows commands, options, choices, files and folders, and names that commas join, such as those of effects.
+It knows commands, options, choices, files and folders, and names that commas join, such as those of
+effects.
 """
 
 import argparse
@@ -23,13 +25,21 @@ _refracal_{key}() {{
 }}
 """
 FALLBACK = "\ncomplete -o bashdefault -o default -F _shtab_{program} {program}"
-"""Where nothing of ours fits, bash completes files: capture's SESSION may stand where its commands do."""
+"""Where nothing of ours fits, bash completes files: capture's SESSION may stand where its commands
+do.
+"""
 
 
 class PrintCompletion(argparse.Action):
     """`--print-completion SHELL`: prints the script and ends."""
 
-    def __call__(self, parser: argparse.ArgumentParser, _: argparse.Namespace, shell: str | Sequence[object] | None, *__: object) -> None:
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        _: argparse.Namespace,
+        shell: str | Sequence[object] | None,
+        *__: object,
+    ) -> None:
         try:
             print(script(parser, str(shell)))
         except InputError as error:
@@ -38,8 +48,17 @@ class PrintCompletion(argparse.Action):
 
 
 def add_completion(parser: argparse.ArgumentParser) -> None:
-    said = "print what makes the shell complete commands, options, files and names, and end: docs/install.md"
-    parser.add_argument("--print-completion", choices=SHELLS, action=PrintCompletion, default=argparse.SUPPRESS, help=said)
+    said = (
+        "print what makes the shell complete commands, options, files and names, and end:"
+        " docs/install.md"
+    )
+    parser.add_argument(
+        "--print-completion",
+        choices=SHELLS,
+        action=PrintCompletion,
+        default=argparse.SUPPRESS,
+        help=said,
+    )
 
 
 def script(parser: argparse.ArgumentParser, shell: str) -> str:
@@ -47,7 +66,9 @@ def script(parser: argparse.ArgumentParser, shell: str) -> str:
     try:
         import shtab
     except ImportError as error:
-        raise InputError(f"Completion needs one more package: {how_to_install('completion')}") from error
+        raise InputError(
+            f"Completion needs one more package: {how_to_install('completion')}"
+        ) from error
     for action in _actions(parser):
         if action.metavar in FOLDERS:
             action.complete = shtab.DIRECTORY  # type: ignore[attr-defined]

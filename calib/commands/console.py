@@ -4,7 +4,14 @@ from collections.abc import Iterator, Sequence
 from types import TracebackType
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+)
 from rich.table import Table
 
 from calib.calibration import Calibration
@@ -35,7 +42,12 @@ class Bars:
     def __enter__(self) -> "Bars":
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self._progress.stop()
 
     def task(self, title: str, total: int) -> Advance:
@@ -47,7 +59,13 @@ class Bars:
 def print_fit(calibration: Calibration, seconds: float) -> None:
     """The stage table, what was used and what was not."""
     console = Console()
-    table = Table("stage", "reprojection error", "on the board", "against the camera alone", title="How the error fell (root mean square)")
+    table = Table(
+        "stage",
+        "reprojection error",
+        "on the board",
+        "against the camera alone",
+        title="How the error fell (root mean square)",
+    )
     first = calibration.stages[0]
     for column in table.columns[1:]:
         column.justify = "right"
@@ -57,7 +75,8 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
     console.print(table)
     corners = sum(view.count for view in calibration.views)
     console.print(
-        f"{len(calibration.views)} views with {corners} corners, noise of the corners about {calibration.noise_px:.3f} px, {seconds:.1f} s."
+        f"{len(calibration.views)} views with {corners} corners, noise of the corners about"
+        f" {calibration.noise_px:.3f} px, {seconds:.1f} s."
     )
     looks = summed([SecondLook(**look) for look in calibration.settings.get(LOOKS, [])])
     of_views = filter(None, (looks, noisier(calibration.settings.get(VIEW_NOISE, {}))))
@@ -65,21 +84,26 @@ def print_fit(calibration: Calibration, seconds: float) -> None:
         console.print(harmless(line), markup=False, highlight=False, soft_wrap=True)
     if validation := calibration.settings.get("cross_validation"):
         console.print(
-            f"Held out in {validation['folds']} folds: {validation['held_out_px']:.3f} px, where the fitted views have "
-            f"{validation['fitted_px']:.3f} px."
+            f"Held out in {validation['folds']} folds: {validation['held_out_px']:.3f} px, where"
+            f" the fitted views have {validation['fitted_px']:.3f} px."
         )
     _list_rejected(console, calibration.rejected)
 
 
 def _lens(calibration: Calibration) -> Iterator[str]:
     """Which lens model held-out views chose, where there was a choice of models."""
-    intrinsics, tried = calibration.camera.intrinsics, dict(calibration.settings.get("lens_held_out_px", {}))
+    intrinsics, tried = (
+        calibration.camera.intrinsics,
+        dict(calibration.settings.get("lens_held_out_px", {})),
+    )
     others = {name: error for name, error in tried.items() if name.split()[0] in NAMES}
     if not (intrinsics and others):
         return
     counts = {name: error for name, error in tried.items() if name.isdigit()}
     best = min(counts, key=lambda name: counts[name], default="")
-    errors = ([f"opencv {counts[best]:.3f} px with {best} coefficients"] if best else []) + [f"{n} {e:.3f} px" for n, e in others.items()]
+    errors = ([f"opencv {counts[best]:.3f} px with {best} coefficients"] if best else []) + [
+        f"{n} {e:.3f} px" for n, e in others.items()
+    ]
     yield f"Lens: {intrinsics.model}, by the error on held-out views: {', '.join(errors)}."
 
 
@@ -88,29 +112,48 @@ def _prior(calibration: Calibration) -> Iterator[str]:
     if prior := calibration.settings.get(PRIOR):
         what = f"{prior['cameras']} cameras ({prior['file']})"
         if prior["used"]:
-            yield f"Prior: the numbers and the glass of {what}, which stand below for what is declared."
+            yield (
+                f"Prior: the numbers and the glass of {what}, which stand below for what is"
+                " declared."
+            )
         else:
             yield f"Prior: that of {what} was left out, for the views contradict it."
 
 
 def _estimates(calibration: Calibration) -> Iterator[str]:
-    """What the fit made of the declared numbers that it estimated, and the parameters of its effects."""
+    """What the fit made of the declared numbers that it estimated, and the parameters of its
+    effects.
+    """
     if not calibration.covariance.size:
         return
     for one in comparisons(calibration):
         if not one.held:
-            yield f"{'Corrected' if one.corrected else 'Estimated'}: {one.summed if one.effect else one}"
+            yield (
+                f"{'Corrected' if one.corrected else 'Estimated'}:"
+                f" {one.summed if one.effect else one}"
+            )
     yield from (f"Estimated: {one.name} {one.estimated}" for one in own_parameters(calibration))
 
 
 def print_evaluation(evaluation: Evaluation) -> None:
     """The held-out error, in all and by depth."""
     console = Console()
-    table = Table("depth", "corners", "reprojection error", "on the board", title="Error on held-out views (root mean square)")
+    table = Table(
+        "depth",
+        "corners",
+        "reprojection error",
+        "on the board",
+        title="Error on held-out views (root mean square)",
+    )
     for column in table.columns[1:]:
         column.justify = "right"
     for band in evaluation.by_depth:
-        table.add_row(f"{band.from_m:g} to {band.to_m:g} m", str(band.corners), f"{band.rms_px:.3f} px", f"{band.rmse_cm:.4f} cm")
+        table.add_row(
+            f"{band.from_m:g} to {band.to_m:g} m",
+            str(band.corners),
+            f"{band.rms_px:.3f} px",
+            f"{band.rmse_cm:.4f} cm",
+        )
     table.add_section()
     total = sum(band.corners for band in evaluation.by_depth)
     table.add_row("all", str(total), f"{evaluation.rms_px:.3f} px", f"{evaluation.rmse_cm:.4f} cm")

@@ -1,7 +1,8 @@
-"""Find what a calibration's model lacks, add it, and show the error before and after on views that were not fitted.
+"""Find what a calibration's model lacks, add it, and show the error before and after on views that
+were not fitted.
 
-OUT gets the calibration with the accepted effects, and its report.html. Without --holdout, views of the calibration itself are held out in
-turn.
+OUT gets the calibration with the accepted effects, and its report.html. Without --holdout, views of
+the calibration itself are held out in turn.
 """
 
 import argparse
@@ -13,9 +14,20 @@ from calib.commands.loading import quickly
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("calibration", type=Path, metavar="CALIBRATION", help="calibration.yaml, or its folder")
-    parser.add_argument("--holdout", type=Path, metavar="SESSION", help="a session of views that were not fitted, to measure with")
-    add_output(parser, "where the diagnosed calibration goes (default: diagnosed/ beside it)", required=False)
+    parser.add_argument(
+        "calibration", type=Path, metavar="CALIBRATION", help="calibration.yaml, or its folder"
+    )
+    parser.add_argument(
+        "--holdout",
+        type=Path,
+        metavar="SESSION",
+        help="a session of views that were not fitted, to measure with",
+    )
+    add_output(
+        parser,
+        "where the diagnosed calibration goes (default: diagnosed/ beside it)",
+        required=False,
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.epilog = effects_help()
 

@@ -1,4 +1,6 @@
-"""The effects' names for the help, read from their files: importing them loads torch, and help comes at once."""
+"""The effects' names for the help, read from their files: importing them loads torch, and help
+comes at once.
+"""
 
 import re
 from collections.abc import Iterator
@@ -15,8 +17,15 @@ def effects_help() -> str:
 def effect_names() -> Iterator[str]:
     """In the registry's order."""
     registry = (EFFECTS / "registry.py").read_text(encoding="utf-8")
-    modules = {kind: name for name, kind in re.findall(r"^from calib\.effects\.(\w+) import (\w+)$", registry, re.MULTILINE)}
-    for listed in re.findall(r"^(?:EFFECTS|FIELDS): .*? = \((.*?)\)$", registry, re.MULTILINE | re.DOTALL):
+    modules = {
+        kind: name
+        for name, kind in re.findall(
+            r"^from calib\.effects\.(\w+) import (\w+)$", registry, re.MULTILINE
+        )
+    }
+    for listed in re.findall(
+        r"^(?:EFFECTS|FIELDS): .*? = \((.*?)\)$", registry, re.MULTILINE | re.DOTALL
+    ):
         yield from (modules[kind] for kind in re.findall(r"\w+", listed))
 
 

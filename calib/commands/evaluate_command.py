@@ -1,6 +1,7 @@
 """Measure a calibration on views that it has not seen.
 
-Camera and cover come from CALIBRATION, board and views from SESSION; only each view's pose is refitted.
+Camera and cover come from CALIBRATION, board and views from SESSION; only each view's pose is
+refitted.
 """
 
 import argparse
@@ -12,7 +13,9 @@ from calib.commands.loading import quickly
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration(parser)
-    parser.add_argument("session", type=Path, metavar="SESSION", help="a session folder with held-out views")
+    parser.add_argument(
+        "session", type=Path, metavar="SESSION", help="a session folder with held-out views"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
@@ -32,9 +35,14 @@ def run(args: argparse.Namespace) -> None:
     session = read_session(args.session)
     with Bars() as bars:
         evaluation = evaluate(calibration, session, bars)
-    verdict = judge(calibration, folder=folder_of(args.calibration), evaluation=evaluation, holdout=args.session)
+    verdict = judge(
+        calibration, folder=folder_of(args.calibration), evaluation=evaluation, holdout=args.session
+    )
     if args.json:
-        print_json({key: value for key, value in asdict(evaluation).items() if key != "rejected"} | told(verdict, []))
+        print_json(
+            {key: value for key, value in asdict(evaluation).items() if key != "rejected"}
+            | told(verdict, [])
+        )
     else:
         print_evaluation(evaluation)
         print_verdict(verdict, [])

@@ -1,7 +1,8 @@
-"""Write a calibration in a form that other programs read: maps, which are exact at their depth, or a central camera.
+"""Write a calibration in a form that other programs read: maps, which are exact at their depth, or
+a central camera.
 
-A central camera can only approximate a covered one: it is fitted at each --depth, and its misfit there, at half and at double of it is
-said in the file and here.
+A central camera can only approximate a covered one: it is fitted at each --depth, and its misfit
+there, at half and at double of it is said in the file and here.
 """
 
 import argparse
@@ -22,16 +23,34 @@ NAMED = 3  # files of an earlier fit: more would not be read
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration(parser)
-    parser.add_argument("--format", choices=[form.name for form in FORMATS], required=True, help="the form, as listed below")
+    parser.add_argument(
+        "--format",
+        choices=[form.name for form in FORMATS],
+        required=True,
+        help="the form, as listed below",
+    )
     add_depths(parser, required=False)
-    lenses = "; ".join(f"{form.name}: {', '.join(lens.name for lens in form.lenses)}" for form in FORMATS if form.lenses)
-    parser.add_argument("--lens", metavar="NAME", help=f"distortion model of a central camera, by default the best; {lenses}")
-    axes = "of a ray image: opencv (x right, y down, z forward) by default, or opengl (x right, y up, z backward)"
+    lenses = "; ".join(
+        f"{form.name}: {', '.join(lens.name for lens in form.lenses)}"
+        for form in FORMATS
+        if form.lenses
+    )
+    parser.add_argument(
+        "--lens",
+        metavar="NAME",
+        help=f"distortion model of a central camera, by default the best; {lenses}",
+    )
+    axes = (
+        "of a ray image: opencv (x right, y down, z forward) by default, or opengl (x right, y up,"
+        " z backward)"
+    )
     parser.add_argument("--axes", choices=AXES, help=axes)
     add_output(parser, "where the files go", required=True)
     kinds = (("maps", lambda form: not form.lenses), ("central cameras", lambda form: form.lenses))
     parser.epilog = "\n".join(
-        f"{title}:\n" + "\n".join(f"  {form.name:<12}{form.summary}" for form in FORMATS if chosen(form)) for title, chosen in kinds
+        f"{title}:\n"
+        + "\n".join(f"  {form.name:<12}{form.summary}" for form in FORMATS if chosen(form))
+        for title, chosen in kinds
     )
 
 
@@ -39,10 +58,16 @@ def run(args: argparse.Namespace) -> None:
     form = next(form for form in FORMATS if form.name == args.format)
     lenses = _lenses(form, args.lens)
     if form.needs_depth and not args.depth:
-        raise InputError(f"--format {form.name} holds for one depth: write the distance of the scene in metres, such as --depth 1.0.")
+        raise InputError(
+            f"--format {form.name} holds for one depth: write the distance of the scene in metres,"
+            " such as --depth 1.0."
+        )
 
     if args.axes and form.name != "ray-image":
-        raise InputError(f"--axes is of a ray image, and --format {form.name} is none: drop --axes, or write --format ray-image.")
+        raise InputError(
+            f"--axes is of a ray image, and --format {form.name} is none: drop --axes, or write"
+            " --format ray-image."
+        )
     if not form.writable:
         raise InputError(form.lacking)
 
@@ -56,7 +81,17 @@ def run(args: argparse.Namespace) -> None:
 
     calibration = Calibration.load(args.calibration)
     with Bars() as bars, FileSet(args.output) as files:
-        exported = export(Export(calibration, form, lenses, tuple(dict.fromkeys(args.depth)), files, bars, args.axes or AXES[0]))
+        exported = export(
+            Export(
+                calibration,
+                form,
+                lenses,
+                tuple(dict.fromkeys(args.depth)),
+                files,
+                bars,
+                args.axes or AXES[0],
+            )
+        )
         files.commit()
     print_paths(exported.paths)
     file = args.calibration / "calibration.yaml" if args.calibration.is_dir() else args.calibration
@@ -81,12 +116,20 @@ def _say(exported: "Exported", old: Sequence[Path]) -> None:
     console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
     for model in exported.models:
         for misfit in (model.half, model.at, model.double):
-            console.print(f"Misfit of the central camera ({model.lens.name}) fitted at {model.at.depth:g} m: {misfit}.")
+            console.print(
+                f"Misfit of the central camera ({model.lens.name}) fitted at {model.at.depth:g} m:"
+                f" {misfit}."
+            )
         for remark in model.remarks():
             console.print(f"Take care: {remark}")
     for remark in exported.remarks:
         console.print(remark)
     if old:
-        names, are = harmless(" ".join(path.name for path in old[:NAMED])), "are" if old[1:] else "is"
+        names, are = (
+            harmless(" ".join(path.name for path in old[:NAMED])),
+            ("are" if old[1:] else "is"),
+        )
         more = f" and {len(old) - NAMED} more" if len(old) > NAMED else ""
-        console.print(f"{names}{more} beside {are} of an earlier fit: remove what you do not need any more.")
+        console.print(
+            f"{names}{more} beside {are} of an earlier fit: remove what you do not need any more."
+        )

@@ -1,7 +1,8 @@
 """Calibrate a session: a folder of pictures in, a calibration and undistortion maps out.
 
-SESSION holds session.yaml and frames/. OUT gets calibration.yaml with calibration.npz, the ray field, a map for every --depth, and
-report.html, which shows what was calibrated and whether to trust it.
+SESSION holds session.yaml and frames/. OUT gets calibration.yaml with calibration.npz, the ray
+field, a map for every --depth, and report.html, which shows what was calibrated and whether to
+trust it.
 """
 
 import argparse
@@ -26,7 +27,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=effects,
         default=(),
         metavar="none|auto|NAME,...",
-        help="auto: find what the model lacks and add what held-out views confirm; or add effects by name, as listed below (default: none)",
+        help=(
+            "auto: find what the model lacks and add what held-out views confirm; or add effects by"
+            " name, as listed below (default: none)"
+        ),
     )
     add_depths(parser, required=False)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
@@ -82,7 +86,9 @@ def run(args: argparse.Namespace) -> None:
                 print_fit(calibration, seconds)
                 if finding:
                     print_diagnosis(finding, calibration)
-                further = verdict.further if session.frames else verdict.further[:-1]  # of corners, there is nothing to undistort
+                further = (
+                    verdict.further if session.frames else verdict.further[:-1]
+                )  # of corners, there is nothing to undistort
                 print_verdict(verdict, written, further)
 
 
@@ -91,7 +97,10 @@ def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
     from calib.fitting.second_look import LOOKS
     from calib.fitting.view_noise import VIEW_NOISE
 
-    intrinsics, held_out = calibration.camera.intrinsics, calibration.settings.get("lens_held_out_px", {})
+    intrinsics, held_out = (
+        calibration.camera.intrinsics,
+        calibration.settings.get("lens_held_out_px", {}),
+    )
     assert intrinsics
     return {
         "frames_used": len(calibration.views),
@@ -101,7 +110,17 @@ def summary(calibration: "Calibration", seconds: float) -> dict[str, object]:
         VIEW_NOISE: calibration.settings.get(VIEW_NOISE, {}),
         "noise_px": calibration.noise_px,
         "seconds": seconds,
-        "stages": [{"name": s.name, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in calibration.stages],
+        "stages": [
+            {"name": s.name, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in calibration.stages
+        ],
         "effects": [found.effect.name for found in calibration.effects],
-        "lens": {"model": intrinsics.model, "coefficients": len(intrinsics.distortion), "held_out_px": held_out},
-    } | {key: calibration.settings[key] for key in ("cross_validation", "fleet_prior") if key in calibration.settings}
+        "lens": {
+            "model": intrinsics.model,
+            "coefficients": len(intrinsics.distortion),
+            "held_out_px": held_out,
+        },
+    } | {
+        key: calibration.settings[key]
+        for key in ("cross_validation", "fleet_prior")
+        if key in calibration.settings
+    }

@@ -1,7 +1,9 @@
-"""Write what a fleet's cameras say of the next one of their make: a prior that its session names, so that it takes fewer pictures.
+"""Write what a fleet's cameras say of the next one of their make: a prior that its session names,
+so that it takes fewer pictures.
 
-FLEET is what calib batch wrote. The prior has every number of camera and cover that its fits estimated, its mean over the cameras and how
-far these differ, with what each fit did not know itself taken off. Cameras that broke or stand out are left out, and named.
+FLEET is what calib batch wrote. The prior has every number of camera and cover that its fits
+estimated, its mean over the cameras and how far these differ, with what each fit did not know
+itself taken off. Cameras that broke or stand out are left out, and named.
 
 A session names it in session.yaml, from its folder on: prior: ../prior.yaml
 """
@@ -11,8 +13,17 @@ from pathlib import Path
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("fleet", type=Path, metavar="FLEET", help="the folder that calib batch wrote")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="PRIOR", help="the file to write, such as prior.yaml")
+    parser.add_argument(
+        "fleet", type=Path, metavar="FLEET", help="the folder that calib batch wrote"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="PRIOR",
+        help="the file to write, such as prior.yaml",
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

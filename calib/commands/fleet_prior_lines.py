@@ -1,4 +1,6 @@
-"""A fleet's prior on the terminal: how well it knows each number before any view, and whom it was not made from."""
+"""A fleet's prior on the terminal: how well it knows each number before any view, and whom it was
+not made from.
+"""
 
 from __future__ import annotations
 
@@ -28,9 +30,15 @@ def print_prior(prior: FleetPrior, written: Path) -> None:
     for name, unit, per_si in _units(prior):
         (declared, tolerance), (value, sigma) = (
             (number.value * per_si, number.sigma * per_si)
-            for number in (numbers_of(*prior.declared)[name], numbers_of(prior.intrinsics, prior.cover)[name])
+            for number in (
+                numbers_of(*prior.declared)[name],
+                numbers_of(prior.intrinsics, prior.cover)[name],
+            )
         )
-        stated, expected = (f"{text} {unit}".rstrip() for text in (f"{declared:.6g} ± {tolerance:.2g}", with_sigma(value, sigma)))
+        stated, expected = (
+            f"{text} {unit}".rstrip()
+            for text in (f"{declared:.6g} ± {tolerance:.2g}", with_sigma(value, sigma))
+        )
         table.add_row(name, stated, expected, f"{100 * sigma / tolerance:.0f} %")
     console.print(table)
     for camera, because in prior.left_out[:MOST]:
@@ -39,7 +47,10 @@ def print_prior(prior: FleetPrior, written: Path) -> None:
         console.print(f"and {len(prior.left_out) - MOST} more.")
     console.print(harmless(f"Wrote {written}"), markup=False, soft_wrap=True)
     console.print(
-        f"A session of such a camera names it in session.yaml: prior: {written.name}, with its path.", markup=False, soft_wrap=True
+        f"A session of such a camera names it in session.yaml: prior: {written.name}, with its"
+        " path.",
+        markup=False,
+        soft_wrap=True,
     )
 
 
@@ -65,7 +76,11 @@ def prior_json(prior: FleetPrior, written: Path) -> dict[str, object]:
 
 def _units(prior: FleetPrior) -> Iterator[tuple[str, str, float]]:
     """Each number that the prior knows, its unit, and how many of that make one SI unit."""
-    quantities: dict[str, Quantity] = {f"cover.{name}": quantity for quantity in SHAPES[prior.cover.shape] for name in quantity.names}
+    quantities: dict[str, Quantity] = {
+        f"cover.{name}": quantity
+        for quantity in SHAPES[prior.cover.shape]
+        for name in quantity.names
+    }
     pinhole = {f"camera.{quantity.key}" for quantity in PINHOLE}
     for name in prior.names:
         unit, per_si = ("px", 1.0) if name in pinhole else quantities.get(name, COEFFICIENT).unit

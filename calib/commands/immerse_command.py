@@ -1,9 +1,12 @@
-"""Put a calibration into another medium: made in air, it is written for water, with sigma for what water makes visible.
+"""Put a calibration into another medium: made in air, it is written for water, with sigma for what
+water makes visible.
 
-The camera and its cover are as the views told, and what lies outside has another index, that of --outside-index or of water by
---salinity and --temperature (Quan and Fry 1995). Numbers that the fit held as declared, as they hardly mattered, are estimated within
-their tolerances, unless they are exact. Where the views leave something open that hardly matters in their own
-medium and much in the other, as where a window stands, it is said, with what would have to be known. Back to air: --outside-index 1.
+The camera and its cover are as the views told, and what lies outside has another index, that of
+--outside-index or of water by
+--salinity and --temperature (Quan and Fry 1995). Numbers that the fit held as declared, as they
+hardly mattered, are estimated within their tolerances, unless they are exact. Where the views leave
+something open that hardly matters in their own medium and much in the other, as where a window
+stands, it is said, with what would have to be known. Back to air: --outside-index 1.
 """
 
 import argparse
@@ -30,14 +33,39 @@ AIRY = 1.01
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration(parser)
-    parser.add_argument("--outside-index", type=_between(1, 2), metavar="N", help="of what is outside: 1.34, say; 1 of air")
-    parser.add_argument("--salinity", type=_between(*SALINITY), metavar="S", help="of the water, per mille; 35 of oceans, by default 0")
-    parser.add_argument("--temperature", type=_between(*TEMPERATURE), metavar="T", help="of the water, degrees C, by default 15")
-    parser.add_argument("--wavelength", type=_between(*WAVELENGTH), metavar="L", help="of the light, nm, by default 550")
-    sigma = "standard deviation of the index; by default 0.001 of water, for its temperature and the camera's colours, and 0 of air"
+    parser.add_argument(
+        "--outside-index",
+        type=_between(1, 2),
+        metavar="N",
+        help="of what is outside: 1.34, say; 1 of air",
+    )
+    parser.add_argument(
+        "--salinity",
+        type=_between(*SALINITY),
+        metavar="S",
+        help="of the water, per mille; 35 of oceans, by default 0",
+    )
+    parser.add_argument(
+        "--temperature",
+        type=_between(*TEMPERATURE),
+        metavar="T",
+        help="of the water, degrees C, by default 15",
+    )
+    parser.add_argument(
+        "--wavelength",
+        type=_between(*WAVELENGTH),
+        metavar="L",
+        help="of the light, nm, by default 550",
+    )
+    sigma = (
+        "standard deviation of the index; by default 0.001 of water, for its temperature and the"
+        " camera's colours, and 0 of air"
+    )
     parser.add_argument("--index-sigma", type=_between(0, 0.1), metavar="N", help=sigma)
     add_depths(parser, required=False)
-    add_output(parser, "where the calibration goes, by default immersed in its folder", required=False)
+    add_output(
+        parser, "where the calibration goes, by default immersed in its folder", required=False
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
@@ -61,7 +89,10 @@ def run(args: argparse.Namespace) -> None:
     immersion = immerse(all_free(calibration), Number(index, sigma), depths or DEPTHS)
     output = args.output or folder_of(args.calibration) / "immersed"
     with Bars() as bars, FileSet(output) as files:
-        written = [immersion.calibration.write(files), *write_npz(immersion.calibration, depths, files, bars)]
+        written = [
+            immersion.calibration.write(files),
+            *write_npz(immersion.calibration, depths, files, bars),
+        ]
         files.commit(instead_of=DERIVED)
     remarks = list(_remarks(immersion))
     if args.json:
@@ -79,7 +110,9 @@ def _between(low: float, high: float) -> Callable[[str], float]:
         except ValueError:
             number = float("nan")
         if not low <= number <= high:
-            raise argparse.ArgumentTypeError(f"{quoted(text)} will not do: write a number from {low:g} to {high:g}")
+            raise argparse.ArgumentTypeError(
+                f"{quoted(text)} will not do: write a number from {low:g} to {high:g}"
+            )
         return number
 
     return parsed
@@ -90,12 +123,19 @@ def _index(args: argparse.Namespace) -> float:
     water = (args.salinity, args.temperature, args.wavelength)
     if args.outside_index is not None:
         if any(number is not None for number in water):
-            raise InputError("--outside-index says it all: drop it, or --salinity, --temperature and --wavelength.")
+            raise InputError(
+                "--outside-index says it all: drop it, or --salinity, --temperature and"
+                " --wavelength."
+            )
         return float(args.outside_index)
     if all(number is None for number in water):
-        raise InputError("what is outside is not said: write --outside-index 1.34, or --salinity 35 --temperature 15 for sea water.")
+        raise InputError(
+            "what is outside is not said: write --outside-index 1.34, or --salinity 35"
+            " --temperature 15 for sea water."
+        )
     salinity, temperature, wavelength = (
-        default if number is None else number for number, default in zip(water, (0.0, 15.0, GREEN), strict=True)
+        default if number is None else number
+        for number, default in zip(water, (0.0, 15.0, GREEN), strict=True)
     )
     return index_of_water(salinity, temperature, wavelength)
 
@@ -104,31 +144,44 @@ def _remarks(immersion: "Immersion") -> Iterator[str]:
     """What a person should know before relying on it, a sentence each."""
     at = _listed(immersion.depths)
     if not immersion.after_px:
-        yield "the fit estimated no covariance, so that it is not known how sure these maps are: fit with --method joint."
+        yield (
+            "the fit estimated no covariance, so that it is not known how sure these maps are: fit"
+            " with --method joint."
+        )
     if immersion.unknown:
         before, sure = (_listed(sigmas) for sigmas in (immersion.before_px, immersion.after_px))
         yield (
-            f"the views do not tell all that matters there: at {at} m the maps are known to {sure} px, in their own medium to {before}. "
-            "Take three pictures of the board there, which say the rest (calib check IMMERSED PICTURES --update), or mend the following."
+            f"the views do not tell all that matters there: at {at} m the maps are known to {sure}"
+            f" px, in their own medium to {before}. Take three pictures of the board there, which"
+            " say the rest (calib check IMMERSED PICTURES --update), or mend the following."
         )
         for one in immersion.loose[:2]:
             yield f"they leave open {one.words}: {one.advice}."
     if immersion.other_face_px and max(immersion.other_face_px) > UNKNOWN_FACE:
         yield (
-            "which face of the glass is uneven no view in one medium tells; it is taken to be the outer. Were it the inner one, the maps "
-            f"would be off by {_listed(immersion.other_face_px)} px at {at} m: calib check with a few pictures taken there says."
+            "which face of the glass is uneven no view in one medium tells; it is taken to be the"
+            " outer. Were it the inner one, the maps would be off by"
+            f" {_listed(immersion.other_face_px)} px at {at} m: calib check with a few pictures"
+            " taken there says."
         )
     if immersion.unexplained:
-        yield f"{', '.join(immersion.unexplained)} mends an error whose cause is not known, and it may be another there."
+        yield (
+            f"{', '.join(immersion.unexplained)} mends an error whose cause is not known, and it"
+            " may be another there."
+        )
 
 
 def _listed(numbers: tuple[float, ...]) -> str:
     """Of many the first, the middle and the last."""
-    some = numbers if len(numbers) <= TOLD else (numbers[0], numbers[len(numbers) // 2], numbers[-1])
+    some = (
+        numbers if len(numbers) <= TOLD else (numbers[0], numbers[len(numbers) // 2], numbers[-1])
+    )
     return ", ".join(f"{one:.2g}" for one in some)
 
 
-def _as_mapping(immersion: "Immersion", remarks: list[str], written: list[str]) -> dict[str, object]:
+def _as_mapping(
+    immersion: "Immersion", remarks: list[str], written: list[str]
+) -> dict[str, object]:
     outside = immersion.calibration.cover.parameters["outside_index"]
     before = immersion.before_px or (None,) * len(immersion.depths)
     after = immersion.after_px or (None,) * len(immersion.depths)
@@ -136,10 +189,18 @@ def _as_mapping(immersion: "Immersion", remarks: list[str], written: list[str]) 
     rows = zip(immersion.depths, before, after, face, strict=True)
     return {
         "outside_index": {"value": outside.value, "sigma": outside.sigma},
-        "maps": [{"depth_m": depth, "sigma_before_px": was, "sigma_px": now, "other_face_px": other} for depth, was, now, other in rows],
+        "maps": [
+            {"depth_m": depth, "sigma_before_px": was, "sigma_px": now, "other_face_px": other}
+            for depth, was, now, other in rows
+        ],
         "known": not immersion.unknown,
         "loose": [
-            {"name": one.name, "sigma_px_if_known": list(one.sigma_px), "measured_to": one.measured_to, "unit": one.unit}
+            {
+                "name": one.name,
+                "sigma_px_if_known": list(one.sigma_px),
+                "measured_to": one.measured_to,
+                "unit": one.unit,
+            }
             for one in immersion.loose
         ],
         "remarks": remarks,
@@ -157,14 +218,24 @@ def _print(immersion: "Immersion", remarks: list[str], written: "list[Path]") ->
     outside = immersion.calibration.cover.parameters["outside_index"]
     spread = f" ± {outside.sigma:.2g}" if outside.sigma else ""
     if immersion.after_px:
-        console.print(f"How sure the maps are (one sigma), outside index {outside.value:.5g}{spread}:", highlight=False)
+        console.print(
+            f"How sure the maps are (one sigma), outside index {outside.value:.5g}{spread}:",
+            highlight=False,
+        )
         table = Table("depth", "before", "there")
-        for depth, was, now in zip(immersion.depths, immersion.before_px, immersion.after_px, strict=True):
+        for depth, was, now in zip(
+            immersion.depths, immersion.before_px, immersion.after_px, strict=True
+        ):
             table.add_row(f"{depth:g} m", f"{was:.3f} px", f"{now:.3f} px")
         console.print(table)
     for one in immersion.loose:
         left = ", ".join(f"{sigma:.3f}" for sigma in one.sigma_px)
-        console.print(f"If {one.words} were known exactly: {left} px.", soft_wrap=True, markup=False, highlight=False)
+        console.print(
+            f"If {one.words} were known exactly: {left} px.",
+            soft_wrap=True,
+            markup=False,
+            highlight=False,
+        )
     print_paths(written)
     narrator = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
     for remark in remarks:

@@ -1,6 +1,8 @@
-"""Make a session folder of what other programs recorded: their pictures, or the corners that they found.
+"""Make a session folder of what other programs recorded: their pictures, or the corners that they
+found.
 
-A folder that is there already is left alone. The new session has no cover; describe yours in its session.yaml.
+A folder that is there already is left alone. The new session has no cover; describe yours in its
+session.yaml.
 """
 
 import argparse
@@ -21,7 +23,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("mrcal", "FILE.cameramodel", "a camera model with its optimization inputs"),
         ("mrcal-corners", "CORNERS.vnl", "corners found by mrgingham or another detector"),
         ("ros", "FILE.tar.gz", "the archive of ROS's camera_calibration"),
-        ("kalibr", "FOLDER", "camchain.yaml, target.yaml and the pictures in cam0/, cam1/, ...; checkerboards and aprilgrids"),
+        (
+            "kalibr",
+            "FOLDER",
+            (
+                "camchain.yaml, target.yaml and the pictures in cam0/, cam1/, ...; checkerboards"
+                " and aprilgrids"
+            ),
+        ),
         ("images", "FOLDER", "pictures of a board"),
     ):
         own = sources.add_parser(name, help=words, description=words[0].upper() + words[1:] + ".")
@@ -30,16 +39,38 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             required = name != "kalibr"
             pictured = name in ("ros", "images")
             tags = ", or an aprilgrid's tags" if pictured else ""
-            own.add_argument("--board", type=whole_size, required=required, metavar="AxB", help=f"inner corners, columns x rows{tags}")
-            own.add_argument("--square-mm", type=millimetres, required=required and not pictured, metavar="S", help="side of a square")
+            own.add_argument(
+                "--board",
+                type=whole_size,
+                required=required,
+                metavar="AxB",
+                help=f"inner corners, columns x rows{tags}",
+            )
+            own.add_argument(
+                "--square-mm",
+                type=millimetres,
+                required=required and not pictured,
+                metavar="S",
+                help="side of a square",
+            )
             if pictured:
                 add_coding(own)
         if name == "ros":
-            own.add_argument("--camera", choices=("left", "right"), help="which one of a stereo pair")
+            own.add_argument(
+                "--camera", choices=("left", "right"), help="which one of a stereo pair"
+            )
         if name == "kalibr":
-            own.add_argument("--camera", metavar="camN", help="which one, where camchain.yaml describes several")
+            own.add_argument(
+                "--camera", metavar="camN", help="which one, where camchain.yaml describes several"
+            )
         if name == "mrcal-corners":
-            own.add_argument("--size", type=whole_size, required=True, metavar="WxH", help="of the pictures, in px")
+            own.add_argument(
+                "--size",
+                type=whole_size,
+                required=True,
+                metavar="WxH",
+                help="of the pictures, in px",
+            )
         add_output(own, "the new session folder", required=True)
 
 
@@ -66,4 +97,8 @@ def _draft(args: argparse.Namespace) -> "Draft":
     assert board
     if args.source == "mrcal-corners":
         return from_corners(args.path, board, args.size)
-    return from_tar(args.path, board, args.camera) if args.source == "ros" else from_pictures(args.path, board)
+    return (
+        from_tar(args.path, board, args.camera)
+        if args.source == "ros"
+        else from_pictures(args.path, board)
+    )

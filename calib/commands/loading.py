@@ -1,4 +1,6 @@
-"""Slow libraries are loaded in the least time: what no command uses of them is left until it is asked for, and nothing is collected."""
+"""Slow libraries are loaded in the least time: what no command uses of them is left until it is
+asked for, and nothing is collected.
+"""
 
 import gc
 import sys
@@ -36,14 +38,18 @@ LATER = frozenset(
         "torch.utils.data",
     }
 )
-"""Of torch, what its import ends with and none of which is needed to compute with tensors: tracing and compiling, tensors without data,
-quantised networks, distributions, what helps to train networks, docstrings. Of numpy, what scipy takes, without using it, when it takes
-all."""
+"""Of torch, what its import ends with and none of which is needed to compute with tensors: tracing
+and compiling, tensors without data, quantised networks, distributions, what helps to train
+networks, docstrings. Of numpy, what scipy takes, without using it, when it takes all.
+"""
 
 
 @contextmanager
 def quickly() -> Iterator[None]:
-    """For a command's imports. What they load stays until the process ends, so that no later collection goes through it."""
+    """For a command's imports.
+
+    What they load stays until the process ends, so that no later collection goes through it.
+    """
     if "torch" in sys.modules or not _is_tried():
         yield
         return
@@ -68,7 +74,9 @@ def _is_tried() -> bool:
 
 
 class _Later(MetaPathFinder, Loader):
-    def find_spec(self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
         spec = PathFinder.find_spec(fullname, path, target) if fullname in LATER else None
         if spec:
             spec.loader_state, spec.loader = spec.loader, self

@@ -1,13 +1,16 @@
-"""Measure in metres: where pixels look on a plane, or where the rays of several pictures meet, and how far apart the points are.
+"""Measure in metres: where pixels look on a plane, or where the rays of several pictures meet, and
+how far apart the points are.
 
-POINTS is a CSV file with the columns x,y (px in the pictures as they were taken), and optionally name and image. Points are on a plane
-across the optical axis (--depth), on the board that their own picture shows (--on-boards), or where the rays to one name meet from two or
-more pictures of one still board (--triangulate). Pictures are sought beside POINTS. A
-point outside its picture, or without a ray, is not measured; the table and the JSON say why.
+POINTS is a CSV file with the columns x,y (px in the pictures as they were taken), and optionally
+name and image. Points are on a plane across the optical axis (--depth), on the board that their own
+picture shows (--on-boards), or where the rays to one name meet from two or more pictures of one
+still board (--triangulate). Pictures are sought beside POINTS. A point outside its picture, or
+without a ray, is not measured; the table and the JSON say why.
 
-Sigma counts the pixels' noise, the uncertainty of the calibrated rays, the corner noise of the boards, and how well the side of their
-squares is known (board.square_mm, by 0.2 % where session.yaml says nothing of it); not a board of another shape, nor glass that the fit
-cannot follow.
+Sigma counts the pixels' noise, the uncertainty of the calibrated rays, the corner noise of the
+boards, and how well the side of their squares is known (board.square_mm, by 0.2 % where
+session.yaml says nothing of it); not a board of another shape, nor glass that the fit cannot
+follow.
 """
 
 import argparse
@@ -27,12 +30,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration(parser)
     parser.add_argument("points", type=Path, metavar="POINTS", help="a CSV file of pixels")
     where = parser.add_mutually_exclusive_group(required=True)
-    where.add_argument("--depth", type=depth, metavar="M", help="how far away the plane is, in metres")
-    where.add_argument("--on-boards", action="store_true", help="each point lies on the board in its picture; in the camera frame")
-    where.add_argument("--triangulate", action="store_true", help="points of the same name are one; in the board's frame")
-    poses = "a CSV file of T_camera_board for each picture, image,rx,ry,rz,tx,ty,tz in rad and m, instead of looking for boards"
+    where.add_argument(
+        "--depth", type=depth, metavar="M", help="how far away the plane is, in metres"
+    )
+    where.add_argument(
+        "--on-boards",
+        action="store_true",
+        help="each point lies on the board in its picture; in the camera frame",
+    )
+    where.add_argument(
+        "--triangulate",
+        action="store_true",
+        help="points of the same name are one; in the board's frame",
+    )
+    poses = (
+        "a CSV file of T_camera_board for each picture, image,rx,ry,rz,tx,ty,tz in rad and m,"
+        " instead of looking for boards"
+    )
     parser.add_argument("--poses", type=Path, metavar="FILE", help=poses)
-    noise = "noise of the given pixels, per axis; by default that of the calibration's corners, which a click seldom reaches"
+    noise = (
+        "noise of the given pixels, per axis; by default that of the calibration's corners, which a"
+        " click seldom reaches"
+    )
     parser.add_argument("--noise", type=positive, metavar="PX", help=noise)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
@@ -40,7 +59,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     with quickly():
         from calib.apply.measure import Measurer
-        from calib.apply.measure_files import measure_at_depth, measure_by_rays, measure_on_boards, read_points, read_poses
+        from calib.apply.measure_files import (
+            measure_at_depth,
+            measure_by_rays,
+            measure_on_boards,
+            read_points,
+            read_poses,
+        )
         from calib.calibration import Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_json
@@ -64,17 +89,29 @@ def run(args: argparse.Namespace) -> None:
         _print(names, measured, frame, measurer.noise_px)
 
 
-def _as_mapping(names: list[str], measured: "Measured", frame: str, noise_px: float) -> dict[str, object]:
-    rows = zip(names, measured.points.tolist(), measured.sigma.tolist(), measured.gap_px.tolist(), measured.reasons, strict=True)
+def _as_mapping(
+    names: list[str], measured: "Measured", frame: str, noise_px: float
+) -> dict[str, object]:
+    rows = zip(
+        names,
+        measured.points.tolist(),
+        measured.sigma.tolist(),
+        measured.gap_px.tolist(),
+        measured.reasons,
+        strict=True,
+    )
     return {
         "frame": frame,
         "noise_px": noise_px,
         "points": [
-            {"name": name, "m": at, "sigma_m": sigma, "gap_px": gap, "reason": reason or None} for name, at, sigma, gap, reason in rows
+            {"name": name, "m": at, "sigma_m": sigma, "gap_px": gap, "reason": reason or None}
+            for name, at, sigma, gap, reason in rows
         ],
         "distances": [
             {"from": names[i], "to": names[i + 1], "m": metres, "sigma_m": sigma}
-            for i, (metres, sigma) in enumerate(measured.distance(i, i + 1) for i in range(len(names) - 1))
+            for i, (metres, sigma) in enumerate(
+                measured.distance(i, i + 1) for i in range(len(names) - 1)
+            )
         ],
     }
 
@@ -88,23 +125,47 @@ def _print(names: list[str], measured: "Measured", frame: str, noise_px: float) 
 
     console = Console()
     title = f"In the {frame} frame, metres ± sigma"
-    table = Table("point", "x", "y", "z", "to the next", title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    table = Table(
+        "point",
+        "x",
+        "y",
+        "z",
+        "to the next",
+        title=title,
+        box=SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+        show_edge=False,
+    )
     for column in table.columns[1:]:
         column.justify = "right"
     for i, (name, at, sigma) in enumerate(zip(names, measured.points, measured.sigma, strict=True)):
         cells = [_cell(value, spread) for value, spread in zip(at, sigma, strict=True)]
-        table.add_row(Text(brief(name)), *cells, _cell(*measured.distance(i, i + 1)) if i + 1 < len(names) else "")
+        table.add_row(
+            Text(brief(name)),
+            *cells,
+            _cell(*measured.distance(i, i + 1)) if i + 1 < len(names) else "",
+        )
     console.print(table)
     for name, reason in zip(names, measured.reasons, strict=True):
         if reason:
-            console.print(harmless(f"Not measured: {name}: {reason}."), markup=False, highlight=False, soft_wrap=True)
+            console.print(
+                harmless(f"Not measured: {name}: {reason}."),
+                markup=False,
+                highlight=False,
+                soft_wrap=True,
+            )
     if frame == "board" and np.isfinite(measured.gap_px).any():
-        console.print(f"The rays miss their points by {np.nanmax(measured.gap_px):.2f} px at most, root mean square of each point.")
+        console.print(
+            f"The rays miss their points by {np.nanmax(measured.gap_px):.2f} px at most, root mean"
+            " square of each point."
+        )
     console.print(f"Pixel noise {noise_px:.3f} px per axis.")
 
 
 def _cell(metres: float, sigma: float) -> str:
-    """With as many digits as sigma says something about: one of its own, two where it begins with a 1. What is given has no sigma."""
+    """With as many digits as sigma says something about: one of its own, two where it begins with a
+    1. What is given has no sigma.
+    """
     if not (math.isfinite(metres) and math.isfinite(sigma)):
         return "-"
     if sigma <= 0:

@@ -1,12 +1,14 @@
 """Locate tags: where AprilTags or ArUco markers are that pictures show, in metres, with sigma.
 
-PICTURES are as the camera took them, through its cover. A tag's pose is solved on the calibrated rays, which do not meet in one point. It
-is given in the camera frame (x right, y down, z forward): the tag's middle, and the rotation vector of its own frame, x to the right of
-the upright tag, y down, z away from who looks at it. AprilTags are upright as their makers print them. A small tag that is seen from the
+PICTURES are as the camera took them, through its cover. A tag's pose is solved on the calibrated
+rays, which do not meet in one point. It is given in the camera frame (x right, y down, z forward):
+the tag's middle, and the rotation vector of its own frame, x to the right of the upright tag, y
+down, z away from who looks at it. AprilTags are upright as their makers print them. A small tag
+that is seen from the
 front may have either of two poses: both are given then, with their probabilities.
 
-Sigma counts the noise of the corners, the uncertainty of the calibrated rays, and how well the side of the tags is known; not a tag that
-is not flat.
+Sigma counts the noise of the corners, the uncertainty of the calibrated rays, and how well the side
+of the tags is known; not a tag that is not flat.
 """
 
 import argparse
@@ -32,15 +34,29 @@ BORDERS = (1, 2)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration(parser)
-    parser.add_argument("pictures", type=Path, nargs="+", metavar="PICTURES", help="pictures, or folders of them")
+    parser.add_argument(
+        "pictures", type=Path, nargs="+", metavar="PICTURES", help="pictures, or folders of them"
+    )
     named = "the tags' dictionary, as OpenCV calls it: DICT_APRILTAG_36h11, DICT_4X4_50 ..."
     parser.add_argument("--tags", required=True, metavar="DICTIONARY", help=named)
-    parser.add_argument("--size-mm", type=millimetres, required=True, metavar="S", help="side of the tags' black square")
+    parser.add_argument(
+        "--size-mm",
+        type=millimetres,
+        required=True,
+        metavar="S",
+        help="side of the tags' black square",
+    )
     sigma = "how well that is known, one standard deviation; by default 0.2 %% of it, 0: exactly"
     parser.add_argument("--size-sigma-mm", type=positive_or_zero, metavar="S", help=sigma)
     border = "cells of black around a tag's bits, by default 1; Kalibr's have 2"
     parser.add_argument("--border", type=int, choices=BORDERS, default=1, metavar="N", help=border)
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="a CSV table of all poses, with their covariances")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="a CSV table of all poses, with their covariances",
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
@@ -54,7 +70,9 @@ def run(args: argparse.Namespace) -> None:
         from calib.io.files import check_writable, write_atomically
 
     sigma = None if args.size_sigma_mm is None else args.size_sigma_mm / 1000
-    locator = TagLocator(Calibration.load(args.calibration), args.tags, args.size_mm / 1000, sigma, args.border)
+    locator = TagLocator(
+        Calibration.load(args.calibration), args.tags, args.size_mm / 1000, sigma, args.border
+    )
     if args.output:
         check_writable(args.output.parent)
     with Bars() as bars:
@@ -72,7 +90,10 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _as_mapping(
-    locator: "TagLocator", pictures: "Sequence[Picture]", refused: "Sequence[Refused]", written: Sequence[Path]
+    locator: "TagLocator",
+    pictures: "Sequence[Picture]",
+    refused: "Sequence[Refused]",
+    written: Sequence[Path],
 ) -> dict[str, object]:
     return {
         "frame": "camera",
@@ -90,8 +111,14 @@ def _as_mapping(
                     }
                     for tag in picture.located.tags
                 ],
-                "growth_px": {"value": picture.located.growth.px, "sigma": picture.located.growth.sigma},
-                "not_placed": [{"id": one.number, "reason": str(one.reason)} for one in picture.located.unplaced],
+                "growth_px": {
+                    "value": picture.located.growth.px,
+                    "sigma": picture.located.growth.sigma,
+                },
+                "not_placed": [
+                    {"id": one.number, "reason": str(one.reason)}
+                    for one in picture.located.unplaced
+                ],
             }
             for picture in pictures
         ],
@@ -127,37 +154,59 @@ def _print(pictures: "Sequence[Picture]") -> None:
         if located.tags:
             title = Text(f"{brief(picture.path)}: in the camera frame, ± sigma")
             head = ("tag", "x, mm", "y, mm", "z, mm", "±", "turn, degrees", "±", "off, px")
-            table = Table(*head, title=title, box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
+            table = Table(
+                *head, title=title, box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0)
+            )
             for column in table.columns[1:]:
                 column.justify = "right"
             for tag in located.tags:
                 for pose in tag.poses if tag.ambiguous else tag.poses[:1]:
-                    name = f"{tag.number} ({pose.probability:.0%})" if tag.ambiguous else str(tag.number)
-                    at, near = _rounded((1000 * pose.position).tolist(), 1000 * float(pose.sigma[3:].max()), most=3)
-                    turn, wide = _rounded(np.degrees(pose.rotation).tolist(), math.degrees(pose.sigma[:3].max()), most=2)
+                    name = (
+                        f"{tag.number} ({pose.probability:.0%})"
+                        if tag.ambiguous
+                        else str(tag.number)
+                    )
+                    at, near = _rounded(
+                        (1000 * pose.position).tolist(), 1000 * float(pose.sigma[3:].max()), most=3
+                    )
+                    turn, wide = _rounded(
+                        np.degrees(pose.rotation).tolist(),
+                        math.degrees(pose.sigma[:3].max()),
+                        most=2,
+                    )
                     table.add_row(name, *at, near, " ".join(turn), wide, f"{pose.off_px:.3f}")
             console.print(table)
         _remark(console, picture)
 
 
 def _rounded(numbers: list[float], sigma: float, most: int) -> tuple[list[str], str]:
-    """Each with as many digits as the largest sigma says something about, `most` at most; and that sigma."""
+    """Each with as many digits as the largest sigma says something about, `most` at most; and that
+    sigma.
+    """
     digits = max(0, min(most, -math.floor(math.log10(sigma / 2))))
-    return [f"{number:.{digits}f}" for number in numbers], f"{sigma:.1g}" if sigma < 1 else f"{sigma:.0f}"
+    return [f"{number:.{digits}f}" for number in numbers], (
+        f"{sigma:.1g}" if sigma < 1 else f"{sigma:.0f}"
+    )
 
 
 def _remark(console: "Console", picture: "Picture") -> None:
     """A sentence for each tag that is not placed, or has two poses."""
     growth, lines = picture.located.growth, []
     if growth.px:
-        lines = [f"Black looks {2 * abs(growth.px):.2f} px {'wider' if growth.px > 0 else 'narrower'} than it is; that is taken off."]
+        lines = [
+            f"Black looks {2 * abs(growth.px):.2f} px {'wider' if growth.px > 0 else 'narrower'}"
+            " than it is; that is taken off."
+        ]
     lines += [f"Not placed: tag {one.number}, {one.reason}." for one in picture.located.unplaced]
     lines += [
-        f"Ambiguous: tag {tag.number} may have either of two poses: show it larger, or less from the front."
+        f"Ambiguous: tag {tag.number} may have either of two poses: show it larger, or less from"
+        " the front."
         for tag in picture.located.tags
         if tag.ambiguous
     ]
     if not (picture.located.unplaced or picture.located.tags):
         lines = ["no tag is seen."]
     for line in lines:
-        console.print(harmless(f"{picture.path}: {line}"), markup=False, highlight=False, soft_wrap=True)
+        console.print(
+            harmless(f"{picture.path}: {line}"), markup=False, highlight=False, soft_wrap=True
+        )

@@ -1,4 +1,6 @@
-"""How a person who started this program can start its commands: by their names where the shell finds them, else by their places."""
+"""How a person who started this program can start its commands: by their names where the shell
+finds them, else by their places.
+"""
 
 import shlex
 import sys
@@ -9,9 +11,11 @@ PROGRAMS = ("calib", "capture")
 
 
 def as_typed(command: str) -> str:
-    """A command line that begins with the name of a program, as the shell runs that program of this very installation.
+    """A command line that begins with the name of a program, as the shell runs that program of this
+    very installation.
 
-    Where a virtual environment is not activated, its programs are not found by their names, or others are.
+    Where a virtual environment is not activated, its programs are not found by their names, or
+    others are.
     """
     program, blank, arguments = command.partition(" ")
     return f"{shlex.quote(_found(program))}{blank}{arguments}"

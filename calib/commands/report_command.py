@@ -1,6 +1,7 @@
 """Show a calibration: write report.html beside it, afresh, and open it in a browser.
 
-The report is one file that needs no network. Over SSH, and where there is no screen, its path is printed and nothing opened.
+The report is one file that needs no network. Over SSH, and where there is no screen, its path is
+printed and nothing opened.
 """
 
 import argparse
@@ -41,4 +42,8 @@ def has_screen(environment: Mapping[str, str], platform: str) -> bool:
     """Whether a browser would open where the person is."""
     if "SSH_CONNECTION" in environment or "SSH_TTY" in environment:
         return False
-    return platform in ("darwin", "win32") or "DISPLAY" in environment or "WAYLAND_DISPLAY" in environment
+    return (
+        platform in ("darwin", "win32")
+        or "DISPLAY" in environment
+        or "WAYLAND_DISPLAY" in environment
+    )

@@ -1,6 +1,8 @@
-"""Straighten pictures and videos: show the scene as the camera would without its cover and lens distortion.
+"""Straighten pictures and videos: show the scene as the camera would without its cover and lens
+distortion.
 
-Colour and grey, 8 and 16 bit. Pixels that the camera does not see through its cover become 0. Videos lose their sound.
+Colour and grey, 8 and 16 bit. Pixels that the camera does not see through its cover become 0.
+Videos lose their sound.
 """
 
 import argparse
@@ -12,24 +14,45 @@ from calib.commands.loading import quickly
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_calibration(parser)
-    parser.add_argument("images", type=Path, nargs="+", metavar="FILE", help="pictures, videos, or folders of them")
+    parser.add_argument(
+        "images", type=Path, nargs="+", metavar="FILE", help="pictures, videos, or folders of them"
+    )
     how_far = parser.add_mutually_exclusive_group(required=True)
-    how_far.add_argument("--depth", type=depth, metavar="M", help="how far away the scene is, in metres")
+    how_far.add_argument(
+        "--depth", type=depth, metavar="M", help="how far away the scene is, in metres"
+    )
     how_far.add_argument(
         "--depth-image",
         type=Path,
         metavar="FILE",
-        help="a depth for each pixel of the straightened picture: floating-point metres (npy, tiff) or 16-bit millimetres (png), 0 where "
-        "unknown; or a folder with one for each picture, under its name",
+        help=(
+            "a depth for each pixel of the straightened picture: floating-point metres (npy, tiff)"
+            " or 16-bit millimetres (png), 0 where unknown; or a folder with one for each picture,"
+            " under its name"
+        ),
     )
-    parser.add_argument("--near", type=depth, default=0.1, metavar="M", help="the nearest that depth images reach, by default 0.1 m")
+    parser.add_argument(
+        "--near",
+        type=depth,
+        default=0.1,
+        metavar="M",
+        help="the nearest that depth images reach, by default 0.1 m",
+    )
     parser.add_argument(
         "--crop",
         type=_alpha,
         metavar="ALPHA",
-        help="0: only valid pixels; 1: everything that the camera sees; by default, its own focal length",
+        help=(
+            "0: only valid pixels; 1: everything that the camera sees; by default, its own focal"
+            " length"
+        ),
     )
-    parser.add_argument("--size", type=_size, metavar="WxH", help="of the straightened pictures, in px; by default the camera's")
+    parser.add_argument(
+        "--size",
+        type=_size,
+        metavar="WxH",
+        help="of the straightened pictures, in px; by default the camera's",
+    )
     add_output(parser, "where the straightened files go, under their own names", required=True)
 
 
@@ -41,7 +64,9 @@ def run(args: argparse.Namespace) -> None:
         from calib.commands.printing import print_paths
 
     calibration = Calibration.load(args.calibration)
-    wanted = Wanted(args.depth if args.depth is not None else args.depth_image, args.crop, args.size, args.near)
+    wanted = Wanted(
+        args.depth if args.depth is not None else args.depth_image, args.crop, args.size, args.near
+    )
     with Bars() as bars:
         written = undistort_files(calibration, args.images, wanted, args.output, bars)
     print_paths(written)
@@ -54,13 +79,21 @@ def _alpha(text: str) -> float:
         alpha = -1.0
     if not 0 <= alpha <= 1:
         raise argparse.ArgumentTypeError(
-            f"{quoted(text)} is not from 0 to 1: write 0 for valid pixels only, 1 for all that the camera sees"
+            f"{quoted(text)} is not from 0 to 1: write 0 for valid pixels only, 1 for all that the"
+            " camera sees"
         )
     return alpha
 
 
 def _size(text: str) -> tuple[int, int]:
     width, _, height = text.partition("x")
-    if not (width.isdecimal() and height.isdecimal() and 2 <= int(width) <= 32767 and 2 <= int(height) <= 32767):
-        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a size: write width and height in px, such as 1280x720")
+    if not (
+        width.isdecimal()
+        and height.isdecimal()
+        and 2 <= int(width) <= 32767
+        and 2 <= int(height) <= 32767
+    ):
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} is not a size: write width and height in px, such as 1280x720"
+        )
     return int(width), int(height)

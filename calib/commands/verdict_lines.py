@@ -24,4 +24,6 @@ def print_verdict(verdict: Verdict, written: Sequence[Path], further: Sequence[s
         console.print(harmless(f"- {reason.sentence}"))
     console.print(harmless(f"Next: {as_typed(verdict.next)}"))
     if further and verdict.word is not Word.DO_NOT_USE:
-        console.print(harmless(f"Then: {'; '.join(as_typed(one) for one in further if one != verdict.next)}"))
+        console.print(
+            harmless(f"Then: {'; '.join(as_typed(one) for one in further if one != verdict.next)}")
+        )

@@ -1,8 +1,9 @@
 """mrcal's corners file, a vnlog: "# filename x y level", then a line for each corner.
 
-Corners come row by row, columns fastest. Level k weighs 2^-k; "-" for x and y, for the level, or a negative level, marks a corner
-that was not seen. A picture with a single line of "-" shows no board. Three more columns may give each corner's covariance,
-"xx xy yy", px^2; mrcal itself reads files without them only.
+Corners come row by row, columns fastest. Level k weighs 2^-k; "-" for x and y, for the level, or a
+negative level, marks a corner that was not seen. A picture with a single line of "-" shows no
+board. Three more columns may give each corner's covariance, "xx xy yy", px^2; mrcal itself reads
+files without them only.
 """
 
 import math
@@ -39,25 +40,37 @@ class _Row(NamedTuple):
 
 
 def read_corners(path: Path, board: Board) -> tuple[View, ...]:
-    """The views of a corners file, in its order. Pictures in which no corner was seen are left out."""
+    """The views of a corners file, in its order. Pictures in which no corner was seen are left
+    out.
+    """
     rows = _read_rows(path)
     views: dict[str, View | None] = {}
     for name, group in groupby(rows, key=lambda row: row.name):
         block = list(group)
         where = f"{path}, line {block[0].line}"
         if name in views:
-            raise InputError(f"{where}: {brief(name)} comes a second time: keep all lines of one picture together, and each picture once.")
+            raise InputError(
+                f"{where}: {brief(name)} comes a second time: keep all lines of one picture"
+                " together, and each picture once."
+            )
         seen = any(row.weight > 0 for row in block)
         if len(block) != board.count and (seen or len(block) > 1):
             raise InputError(
-                f"{where}: {brief(name)} has {len(block)} of the {board.count} lines that a {board} board needs: "
-                'write one for each inner corner ("-" if not seen), or correct board in session.yaml.'
+                f"{where}: {brief(name)} has {len(block)} of the {board.count} lines that a {board}"
+                ' board needs: write one for each inner corner ("-" if not seen), or correct board'
+                " in session.yaml."
             )
         views[name] = _view(name, block) if seen else None
     if not views:
-        raise InputError(f'{path} has no corners: below "{LEGEND}", write one line for each corner of each picture.')
+        raise InputError(
+            f'{path} has no corners: below "{LEGEND}", write one line for each corner of each'
+            " picture."
+        )
     if not any(views.values()):
-        raise NotEnoughDataError(f"{path} lists {len(views)} pictures, none with a board in it: detect the corners again.")
+        raise NotEnoughDataError(
+            f"{path} lists {len(views)} pictures, none with a board in it: detect the corners"
+            " again."
+        )
     return tuple(view for view in views.values() if view)
 
 
@@ -67,16 +80,34 @@ def write_corners(path: Path, views: Sequence[View]) -> None:
     lines = [" ".join((LEGEND, *COVARIANCE)) if known else LEGEND]
     for view in views:
         if view.name.startswith("#") or view.name.split() != [view.name]:
-            raise InputError(f'{path} cannot name a picture "{view.name}": rename it without spaces and without a leading "#".')
-        corners = [f"{view.name} {_corner(xy, weight)}" for xy, weight in zip(view.corners, view.weight, strict=True)]
-        lines += [f"{corner} {_spread(own)}" for corner, own in zip(corners, _covariances(view), strict=True)] if known else corners
+            raise InputError(
+                f'{path} cannot name a picture "{view.name}": rename it without spaces and without'
+                ' a leading "#".'
+            )
+        corners = [
+            f"{view.name} {_corner(xy, weight)}"
+            for xy, weight in zip(view.corners, view.weight, strict=True)
+        ]
+        lines += (
+            [
+                f"{corner} {_spread(own)}"
+                for corner, own in zip(corners, _covariances(view), strict=True)
+            ]
+            if known
+            else corners
+        )
     write_atomically(path, "\n".join(lines) + "\n")
 
 
 def _view(name: str, block: Sequence[_Row]) -> View:
     given = np.array([row.covariance for row in block])
     covariance = given[:, [0, 1, 1, 2]].reshape(-1, 2, 2) if np.isfinite(given).any() else None
-    return View(name, np.array([row[2:4] for row in block]), np.array([row.weight for row in block]), covariance=covariance)
+    return View(
+        name,
+        np.array([row[2:4] for row in block]),
+        np.array([row.weight for row in block]),
+        covariance=covariance,
+    )
 
 
 def _covariances(view: View) -> NDArray[np.float64]:
@@ -100,7 +131,9 @@ def _read_rows(path: Path) -> list[_Row]:
     try:
         text = read_file(path, LARGEST).decode()
     except UnicodeDecodeError as error:
-        raise InputError(f'{path} is not a UTF-8 text file: write a vnlog that starts with "{LEGEND}".') from error
+        raise InputError(
+            f'{path} is not a UTF-8 text file: write a vnlog that starts with "{LEGEND}".'
+        ) from error
     legend: list[str] = []
     rows = []
     for number, line in enumerate(text.splitlines(), start=1):
@@ -114,19 +147,32 @@ def _read_rows(path: Path) -> list[_Row]:
             continue
         where = f"{path}, line {number}"
         if not legend:
-            raise InputError(f'{where}: no line above says what the columns are: start the file with "{LEGEND}".')
+            raise InputError(
+                f'{where}: no line above says what the columns are: start the file with "{LEGEND}".'
+            )
         if len(fields) != len(legend):
-            raise InputError(f'{where} has {len(fields)} columns: write {len(legend)}, "{" ".join(legend)}" ("-" for none).')
+            raise InputError(
+                f'{where} has {len(fields)} columns: write {len(legend)}, "{" ".join(legend)}" ("-"'
+                " for none)."
+            )
         rows.append(_row(dict(zip(legend, fields, strict=True)), number, where))
     return rows
 
 
 def _row(fields: dict[str, str], number: int, where: str) -> _Row:
-    x, y, level = (_number(fields.get(column, "0"), column, where) for column in ("x", "y", "level"))
+    x, y, level = (
+        _number(fields.get(column, "0"), column, where) for column in ("x", "y", "level")
+    )
     if level is not None and level > HIGHEST_LEVEL:
-        raise InputError(f'{where}: level is {level:g}: write 0 for the best corners, 1 for vaguer ones, and so on, or "-" if not seen.')
+        raise InputError(
+            f"{where}: level is {level:g}: write 0 for the best corners, 1 for vaguer ones, and so"
+            ' on, or "-" if not seen.'
+        )
     if (x is None) != (y is None):
-        raise InputError(f'{where}: only one of x and y is "-": write both numbers, or "-" for both if the corner was not seen.')
+        raise InputError(
+            f'{where}: only one of x and y is "-": write both numbers, or "-" for both if the'
+            " corner was not seen."
+        )
     weight = 0.5**level if level is not None and level >= 0 else 0.0
     if x is None or y is None or weight == 0:
         return _Row(number, fields["filename"], math.nan, math.nan, 0.0, UNKNOWN)
@@ -134,7 +180,10 @@ def _row(fields: dict[str, str], number: int, where: str) -> _Row:
     if xx is None or xy is None or yy is None:
         return _Row(number, fields["filename"], x, y, weight, UNKNOWN)
     if xx <= 0 or xx * yy <= xy**2:
-        raise InputError(f'{where}: xx, xy and yy are {xx:g}, {xy:g} and {yy:g}, which is no covariance: correct them, or write "- - -".')
+        raise InputError(
+            f"{where}: xx, xy and yy are {xx:g}, {xy:g} and {yy:g}, which is no covariance: correct"
+            ' them, or write "- - -".'
+        )
     return _Row(number, fields["filename"], x, y, weight, (xx, xy, yy))
 
 
@@ -146,5 +195,8 @@ def _number(text: str, column: str, where: str) -> float | None:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise InputError(f'{where}: {column} is "{brief(text)}": write a number, or "-" if the corner was not seen.')
+        raise InputError(
+            f'{where}: {column} is "{brief(text)}": write a number, or "-" if the corner was not'
+            " seen."
+        )
     return value

@@ -1,11 +1,14 @@
 """One picture -> the corners of one board, to a few hundredths of a pixel and better.
 
-Where a whole board's edges cross tells in 8 ms which corner is which (`calib.corners.saddle_grid`, as in the live picture);
-cornerSubPix comes within hundredths of a pixel; a fit of every corner's patch measures (`calib.corners.measure`). Boards that are not
-found so are looked for by the sector detector (SB, 50 ms in a reduced picture), those that it cannot see, or sees wrongly, by the classic
-one. SB's own corners are, on rendered views of known truth, off by 0.04 px, by 0.1 where the squares are small and by 0.2 where the
-board is tilted by 50 degrees, all in one direction in a view, with CALIB_CB_EXHAUSTIVE and CALIB_CB_ACCURACY and at 2 s a picture;
-CALIB_CB_NORMALIZE_IMAGE doubles that. cornerSubPix on a smoothed picture leaves 0.03 px, without a direction, and the patches 0.012.
+Where a whole board's edges cross tells in 8 ms which corner is which (`calib.corners.saddle_grid`,
+as in the live picture); cornerSubPix comes within hundredths of a pixel; a fit of every corner's
+patch measures (`calib.corners.measure`). Boards that are not found so are looked for by the sector
+detector (SB, 50 ms in a reduced picture), those that it cannot see, or sees wrongly, by the classic
+one. SB's own corners are, on rendered views of known truth, off by 0.04 px, by 0.1 where the
+squares are small and by 0.2 where the board is tilted by 50 degrees, all in one direction in a
+view, with CALIB_CB_EXHAUSTIVE and CALIB_CB_ACCURACY and at 2 s a picture; CALIB_CB_NORMALIZE_IMAGE
+doubles that. cornerSubPix on a smoothed picture leaves 0.03 px, without a direction, and the
+patches 0.012.
 """
 
 from collections.abc import Callable
@@ -28,18 +31,24 @@ VERSION = 9
 """To be raised with every change that moves corners: kept detections are then made again."""
 
 SEED = 0
-"""SB's search trees draw from the thread's random numbers: where a board is partly hidden, the same picture would give other corners after
-other pictures. (OpenCV's own start.)"""
+"""SB's search trees draw from the thread's random numbers: where a board is partly hidden, the same
+picture would give other corners after other pictures. (OpenCV's own start.)
+"""
 COARSE = 800  # px, longer side of the picture in which the board is looked for
 STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
-BEND = 0.3  # of the spacing, how far a corner may lie off the middle of its neighbours: perspective and lenses stay below 0.2
-KINK = 0.15  # of the spacing, how fast that may change from corner to corner: a skipped row makes 0.6
+# of the spacing, how far a corner may lie off the middle of its neighbours: perspective and lenses
+# stay below 0.2
+BEND = 0.3
+KINK = (
+    0.15  # of the spacing, how fast that may change from corner to corner: a skipped row makes 0.6
+)
 SEARCH = cv2.CALIB_CB_NORMALIZE_IMAGE
 QUADS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
 
 FINER = 2
-"""cornerSubPix interpolates linearly, which pulls corners towards pixel borders by 0.01 to 0.02 px; on a picture enlarged by cubic
-splines it does not."""
+"""cornerSubPix interpolates linearly, which pulls corners towards pixel borders by 0.01 to 0.02 px;
+on a picture enlarged by cubic splines it does not.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,11 +72,15 @@ class Rough:
 
 
 def find_corners(grey: NDArray, board: Board) -> Detection | None:
-    """The board's corners in a (H, W) uint8 or uint16 picture; None where it is not wholly and clearly there."""
+    """The board's corners in a (H, W) uint8 or uint16 picture; None where it is not wholly and
+    clearly there.
+    """
     grey, every_bit = eight_bits(grey), grey
     for detector, search in SEARCHES:
         rough = search(grey, board)
-        if rough and _is_inside(rough.corners, grey.shape):  # SB's corners may be pixels off: only refined ones are judged
+        if rough and _is_inside(
+            rough.corners, grey.shape
+        ):  # SB's corners may be pixels off: only refined ones are judged
             corners = refine(grey, rough.corners, board)
             if is_regular(corners, board, grey.shape):
                 measured = measure(every_bit, canonical_order(grey, corners, board), board)
@@ -82,10 +95,14 @@ def shows_two(grid: SaddleGrid, board: Board) -> bool:
 
 
 def largest_grid(grey: NDArray) -> Grid | None:
-    """The largest chessboard in a (H, W) uint8 picture, whatever its size; part of a board where the rest is hidden."""
+    """The largest chessboard in a (H, W) uint8 picture, whatever its size; part of a board where
+    the rest is hidden.
+    """
     small, scale = _reduced(grey)
     cv2.setRNGSeed(SEED)
-    found, corners, meta = cv2.findChessboardCornersSBWithMeta(small, (3, 3), SEARCH | cv2.CALIB_CB_LARGER)
+    found, corners, meta = cv2.findChessboardCornersSBWithMeta(
+        small, (3, 3), SEARCH | cv2.CALIB_CB_LARGER
+    )
     if not found:
         return None
     grid = _enlarged(_pairs(corners), scale).reshape(*meta.shape[:2], 2)
@@ -98,11 +115,18 @@ def has_grid(grey: NDArray, board: Board) -> bool:
     """Whether a quick look at a (H, W) uint8 picture finds this board."""
     small, _ = _reduced(grey)
     corners = _sectors(small, board, SEARCH)
-    return corners is not None and _is_inside(corners, small.shape) and is_regular(refine(small, corners, board), board, small.shape)
+    return (
+        corners is not None
+        and _is_inside(corners, small.shape)
+        and is_regular(refine(small, corners, board), board, small.shape)
+    )
 
 
 def eight_bits(grey: NDArray) -> NDArray[np.uint8]:
-    """(H, W) uint8. Of uint16, all but the darkest and the brightest thousandth is spread over the range."""
+    """(H, W) uint8.
+
+    Of uint16, all but the darkest and the brightest thousandth is spread over the range.
+    """
     if grey.dtype == np.uint8:
         return np.ascontiguousarray(grey)
     low, high = np.percentile(grey, (0.1, 99.9))
@@ -125,13 +149,20 @@ def refine(grey: NDArray, corners: NDArray, board: Board) -> NDArray[np.float64]
 
 
 def is_regular(corners: NDArray, board: Board, shape: tuple[int, ...]) -> bool:
-    """Whether (count, 2) px corners are a whole grid inside a picture of this (H, W): unfolded, and bent smoothly if at all."""
-    return _is_inside(corners, shape) and is_smooth_grid(corners.reshape(board.rows, board.columns, 2))
+    """Whether (count, 2) px corners are a whole grid inside a picture of this (H, W): unfolded, and
+    bent smoothly if at all.
+    """
+    return _is_inside(corners, shape) and is_smooth_grid(
+        corners.reshape(board.rows, board.columns, 2)
+    )
 
 
 def is_smooth_grid(grid: NDArray) -> bool:
     """Whether (rows, columns, 2) px are that, wherever they are."""
-    down, up = grid[1:, 1:] - grid[:-1, :-1], grid[:-1, 1:] - grid[1:, :-1]  # the diagonals of each square
+    down, up = (
+        grid[1:, 1:] - grid[:-1, :-1],
+        grid[:-1, 1:] - grid[1:, :-1],
+    )  # the diagonals of each square
     area = up[..., 0] * down[..., 1] - up[..., 1] * down[..., 0]
     if not ((area > 0).all() or (area < 0).all()):
         return False
@@ -140,16 +171,22 @@ def is_smooth_grid(grid: NDArray) -> bool:
 
 def _is_inside(corners: NDArray, shape: tuple[int, ...]) -> bool:
     """Whether all (..., 2) px are, in a picture of this (H, W)."""
-    return bool(((corners >= 0) & (corners <= (shape[1] - 1, shape[0] - 1))).all())  # never true of NaN
+    return bool(
+        ((corners >= 0) & (corners <= (shape[1] - 1, shape[0] - 1))).all()
+    )  # never true of NaN
 
 
 def half_window(corners: NDArray, board: Board) -> int:
-    """px, cornerSubPix's half-size: far enough from the neighbouring corners that none of them pulls."""
+    """px, cornerSubPix's half-size: far enough from the neighbouring corners that none of them
+    pulls.
+    """
     return int(np.clip(0.4 * _smallest_spacing(corners, board), 2, 15))
 
 
 def _bend(lines: NDArray) -> NDArray[np.float64]:
-    """(lines, corners - 2, 2) how far each corner lies off the middle of its neighbours on the line, in parts of their spacing."""
+    """(lines, corners - 2, 2) how far each corner lies off the middle of its neighbours on the
+    line, in parts of their spacing.
+    """
     before, here, after = lines[:, :-2], lines[:, 1:-1], lines[:, 2:]
     spacing = np.linalg.norm(after - before, axis=-1, keepdims=True) / 2
     return np.asarray((here - (before + after) / 2) / np.maximum(spacing, 1e-9))
@@ -157,13 +194,20 @@ def _bend(lines: NDArray) -> NDArray[np.float64]:
 
 def _is_smooth(bend: NDArray) -> bool:
     kinks = np.concatenate([np.diff(bend, axis=axis).ravel().reshape(-1, 2) for axis in (0, 1)])
-    return bool(np.linalg.norm(bend, axis=-1).max() < BEND and np.linalg.norm(kinks, axis=-1).max() < KINK)
+    return bool(
+        np.linalg.norm(bend, axis=-1).max() < BEND and np.linalg.norm(kinks, axis=-1).max() < KINK
+    )
 
 
 def _smallest_spacing(corners: NDArray, board: Board) -> float:
     """px, along rows, columns and diagonals."""
     grid = corners.reshape(board.rows, board.columns, 2)
-    steps = (grid[1:] - grid[:-1], grid[:, 1:] - grid[:, :-1], grid[1:, 1:] - grid[:-1, :-1], grid[1:, :-1] - grid[:-1, 1:])
+    steps = (
+        grid[1:] - grid[:-1],
+        grid[:, 1:] - grid[:, :-1],
+        grid[1:, 1:] - grid[:-1, :-1],
+        grid[1:, :-1] - grid[:-1, 1:],
+    )
     return min(float(np.linalg.norm(step, axis=-1).min()) for step in steps)
 
 
@@ -183,11 +227,18 @@ def _by_saddles(grey: NDArray[np.uint8], board: Board) -> Rough | None:
 def _sighted(grey: NDArray, board: Board) -> Rough | None:
     """The largest grid, if it has the board's size: it cannot be a part of a larger board."""
     grid = largest_grid(grey)
-    if grid is None or grid.size != (max(board.columns, board.rows), min(board.columns, board.rows)):
+    if grid is None or grid.size != (
+        max(board.columns, board.rows),
+        min(board.columns, board.rows),
+    ):
         return None
     columns, rows = grid.size
     upright = columns == board.columns
-    return Rough(grid.corners if upright else grid.corners.reshape(rows, columns, 2).swapaxes(0, 1).reshape(-1, 2))
+    return Rough(
+        grid.corners
+        if upright
+        else grid.corners.reshape(rows, columns, 2).swapaxes(0, 1).reshape(-1, 2)
+    )
 
 
 def _by_sectors(grey: NDArray, board: Board) -> Rough | None:
@@ -197,7 +248,9 @@ def _by_sectors(grey: NDArray, board: Board) -> Rough | None:
 
 
 def _by_quads(grey: NDArray, board: Board) -> Rough | None:
-    """In the reduced picture: where there is no such board, the classic search takes many seconds for millions of pixels."""
+    """In the reduced picture: where there is no such board, the classic search takes many seconds
+    for millions of pixels.
+    """
     small, scale = _reduced(grey)
     if min(small.shape) < 20:  # its thresholds would have no window
         return None
@@ -217,7 +270,9 @@ def _pairs(corners: MatLike) -> NDArray[np.float64]:
 
 
 def _reduced(grey: NDArray) -> tuple[NDArray, NDArray[np.float64]]:
-    """The picture no longer than COARSE, and (2,) its width and height as parts of the whole one's."""
+    """The picture no longer than COARSE, and (2,) its width and height as parts of the whole
+    one's.
+    """
     height, width = grey.shape
     factor = min(1.0, COARSE / max(height, width))
     size = max(round(width * factor), 1), max(round(height * factor), 1)
@@ -230,5 +285,10 @@ def _enlarged(corners: NDArray, scale: NDArray) -> NDArray[np.float64]:
 
 
 Detector = Literal["saddles", "sb", "classic"]
-SEARCHES: tuple[tuple[Detector, _Search], ...] = (("saddles", _by_saddles), ("sb", _sighted), ("sb", _by_sectors), ("classic", _by_quads))
+SEARCHES: tuple[tuple[Detector, _Search], ...] = (
+    ("saddles", _by_saddles),
+    ("sb", _sighted),
+    ("sb", _by_sectors),
+    ("classic", _by_quads),
+)
 """In this order, until the corners that one found are regular."""

@@ -1,4 +1,6 @@
-"""The pictures of a session -> their corners, by several threads; what was found is kept beside the pictures."""
+"""The pictures of a session -> their corners, by several threads; what was found is kept beside the
+pictures.
+"""
 
 import hashlib
 import json
@@ -32,10 +34,28 @@ KEPT = ".detections.json"
 FEWEST = 3
 """Views, of however many: with fewer, no calibration is possible."""
 SMALLEST_PART = 0.2
-"""Of the views: below it, the board is not the declared one, or something is wrong with the pictures."""
+"""Of the views: below it, the board is not the declared one, or something is wrong with the
+pictures.
+"""
 PROBED = 6
-"""Views, spread over the session, that are looked at first, and once more for other boards if the declared one is in none of them."""
-COMMON = ((11, 8), (10, 7), (9, 9), (9, 7), (9, 6), (8, 8), (8, 6), (8, 5), (7, 7), (7, 6), (7, 5), (6, 5), (6, 4))
+"""Views, spread over the session, that are looked at first, and once more for other boards if the
+declared one is in none of them.
+"""
+COMMON = (
+    (11, 8),
+    (10, 7),
+    (9, 9),
+    (9, 7),
+    (9, 6),
+    (8, 8),
+    (8, 6),
+    (8, 5),
+    (7, 7),
+    (7, 6),
+    (7, 5),
+    (6, 5),
+    (6, 4),
+)
 """Boards that people have, the larger first: part of a larger one can pass for a smaller one."""
 
 
@@ -59,8 +79,10 @@ def detect(
     """Look for the board in every picture.
 
     Args:
-        paths: the pictures. Their folders get a `.detections.json`, if they can be written, and it is used again.
-        progress: called after each view with how many are done, and in how many of them the board was found.
+        paths: the pictures. Their folders get a `.detections.json`, if they can be written, and it
+            is used again.
+        progress: called after each view with how many are done, and in how many of them the board
+            was found.
         size: width and height that every picture must have, px. None: any.
         fewest: pictures that must show the board, if there are so many.
 
@@ -70,7 +92,10 @@ def detect(
         OtherBoardError: but another one is, which the message names.
     """
     if not paths:
-        raise NotEnoughDataError(f"there is no picture to find the {board} board in: take some, from different sides and distances.")
+        raise NotEnoughDataError(
+            f"there is no picture to find the {board} board in: take some, from different sides and"
+            " distances."
+        )
     sample = sorted({round(index) for index in np.linspace(0, len(paths) - 1, PROBED)})
     rest = [index for index in range(len(paths)) if index not in sample]
     stores = {folder: _Store(folder, board, size) for folder in {path.parent for path in paths}}
@@ -78,7 +103,9 @@ def detect(
     hits = 0
     try:
         for batch in (sample, rest):
-            for index, result in zip(batch, _in_threads([paths[i] for i in batch], stores), strict=True):
+            for index, result in zip(
+                batch, _in_threads([paths[i] for i in batch], stores), strict=True
+            ):
                 found[index] = result
                 hits += isinstance(result, Detection)
                 if progress is not None:
@@ -90,21 +117,39 @@ def detect(
             store.save()
     if hits < min(fewest, len(paths)) or hits < SMALLEST_PART * len(paths):
         if hits:
-            _refuse_other_board([paths[i] for i in (*sample, *rest) if isinstance(found[i], NotFound)][:PROBED], board)
+            _refuse_other_board(
+                [paths[i] for i in (*sample, *rest) if isinstance(found[i], NotFound)][:PROBED],
+                board,
+            )
         reasons = Counter(hit.reason for hit in found.values() if isinstance(hit, NotFound))
         advice = reasons.most_common(1)[0][0] if board.coding else ADVICE
-        raise NotEnoughDataError(f"the {board} board was found in {hits} of {len(paths)} pictures: {advice}, or take more of them.")
+        raise NotEnoughDataError(
+            f"the {board} board was found in {hits} of {len(paths)} pictures: {advice}, or take"
+            " more of them."
+        )
     every = [(path.name, found[index]) for index, path in enumerate(paths)]
     views = weighted([_view(name, hit) for name, hit in every if isinstance(hit, Detection)])
-    return Detections(views, tuple(Rejected(name, hit.reason) for name, hit in every if isinstance(hit, NotFound)))
+    return Detections(
+        views, tuple(Rejected(name, hit.reason) for name, hit in every if isinstance(hit, NotFound))
+    )
 
 
 def _view(name: str, hit: Detection) -> View:
-    return View(name, hit.corners, np.isfinite(hit.corners[:, 0]).astype(np.float64), covariance=hit.covariances)
+    return View(
+        name,
+        hit.corners,
+        np.isfinite(hit.corners[:, 0]).astype(np.float64),
+        covariance=hit.covariances,
+    )
 
 
-def _in_threads(paths: Sequence[Path], stores: dict[Path, "_Store"]) -> Iterator[Detection | NotFound]:
-    """In the order of the paths. OpenCV lets other threads run while it works, and processes would each import it anew."""
+def _in_threads(
+    paths: Sequence[Path], stores: dict[Path, "_Store"]
+) -> Iterator[Detection | NotFound]:
+    """In the order of the paths.
+
+    OpenCV lets other threads run while it works, and processes would each import it anew.
+    """
     pool = ThreadPoolExecutor(os.cpu_count())
     try:
         yield from pool.map(lambda path: stores[path.parent].look(path), paths)
@@ -113,36 +158,56 @@ def _in_threads(paths: Sequence[Path], stores: dict[Path, "_Store"]) -> Iterator
 
 
 def _refuse_other_board(paths: Sequence[Path], board: Board) -> None:
-    """Raise OtherBoardError if at least half of the pictures show one board, and not the declared one."""
+    """Raise OtherBoardError if at least half of the pictures show one board, and not the declared
+    one.
+    """
     pictures = [eight_bits(read_grey(path)) for path in paths]
     if board.coding:
         if said := other_coding(pictures, board):
             raise OtherBoardError(said)
         return
     size, count = _shown(pictures, board.square)
-    if 2 * count >= len(paths) and count >= min(2, len(paths)) and set(size) != {board.columns, board.rows}:
+    if (
+        2 * count >= len(paths)
+        and count >= min(2, len(paths))
+        and set(size) != {board.columns, board.rows}
+    ):
         raise OtherBoardError(
-            f"a board of {size[0]}x{size[1]} inner corners fits {count} of the {len(paths)} pictures that were tried, the declared {board} "
-            f"none of them: write board.columns: {size[0]}, board.rows: {size[1]} in session.yaml."
+            f"a board of {size[0]}x{size[1]} inner corners fits {count} of the {len(paths)}"
+            f" pictures that were tried, the declared {board} none of them: write board.columns:"
+            f" {size[0]}, board.rows: {size[1]} in session.yaml."
         )
 
 
 def _shown(pictures: Sequence[NDArray[np.uint8]], square: float) -> tuple[tuple[int, int], int]:
-    """Columns and rows of the board that most pictures show, and how many do; of the common boards where none can be measured."""
+    """Columns and rows of the board that most pictures show, and how many do; of the common boards
+    where none can be measured.
+    """
     measured = Counter(grid.size for grid in map(largest_grid, pictures) if grid is not None)
     if measured and 2 * max(measured.values()) >= len(pictures):
         return measured.most_common(1)[0]
-    tried = {size: sum(has_grid(picture, Board(*size, square)) for picture in pictures) for size in COMMON}
+    tried = {
+        size: sum(has_grid(picture, Board(*size, square)) for picture in pictures)
+        for size in COMMON
+    }
     return max(tried.items(), key=lambda entry: entry[1])
 
 
 class _Store:
-    """The detections of one folder's pictures, kept from run to run. They hold for the same bytes, board, detector and OpenCV alone."""
+    """The detections of one folder's pictures, kept from run to run.
+
+    They hold for the same bytes, board, detector and OpenCV alone.
+    """
 
     def __init__(self, folder: Path, board: Board, size: tuple[int, int] | None) -> None:
         self._path, self._board, self._size = folder / KEPT, board, size
         opencv = int(cv2.__version__.split(".")[0])
-        self._settings: dict[str, object] = {"columns": board.columns, "rows": board.rows, "detector": detector.VERSION, "opencv": opencv}
+        self._settings: dict[str, object] = {
+            "columns": board.columns,
+            "rows": board.rows,
+            "detector": detector.VERSION,
+            "opencv": opencv,
+        }
         if board.coding:
             self._settings["board"] = board_to_yaml(board)
         self._files: dict[str, Any] = {}
@@ -177,27 +242,40 @@ class _Store:
     def _check(self, path: Path, size: tuple[int, int]) -> None:
         if self._size and size != self._size:
             raise InputError(
-                f"{path} is {size[0]}x{size[1]} px where camera.width and camera.height in session.yaml say "
-                f"{self._size[0]}x{self._size[1]}: correct them, or remove the picture."
+                f"{path} is {size[0]}x{size[1]} px where camera.width and camera.height in"
+                f" session.yaml say {self._size[0]}x{self._size[1]}: correct them, or remove the"
+                " picture."
             )
 
     def save(self) -> None:
         if self._changed:
             with suppress(InputError):  # a folder that cannot be written does without
-                write_atomically(self._path, json.dumps({"settings": self._settings, "files": dict(sorted(self._files.items()))}))
+                write_atomically(
+                    self._path,
+                    json.dumps(
+                        {"settings": self._settings, "files": dict(sorted(self._files.items()))}
+                    ),
+                )
 
 
 def _kept(found: Detection | NotFound) -> dict[str, Any]:
-    """What an entry says of a detection: x and y of every corner, and the variances of x, of both, and of y; null where not measured."""
+    """What an entry says of a detection: x and y of every corner, and the variances of x, of both,
+    and of y; null where not measured.
+    """
     if isinstance(found, NotFound):
         return {"corners": None, "covariances": None, "detector": None, "reason": found.reason}
     seen = np.isfinite(found.corners[:, 0])
     rows = {"corners": found.corners, "covariances": found.covariances.reshape(-1, 4)[:, [0, 1, 3]]}
-    lists = {key: [row.tolist() if one else None for row, one in zip(part, seen, strict=True)] for key, part in rows.items()}
+    lists = {
+        key: [row.tolist() if one else None for row, one in zip(part, seen, strict=True)]
+        for key, part in rows.items()
+    }
     return {**lists, "detector": found.detector}
 
 
-def _recalled(entry: Any, digest: str, board: Board) -> tuple[Detection | NotFound, tuple[int, int]]:
+def _recalled(
+    entry: Any, digest: str, board: Board
+) -> tuple[Detection | NotFound, tuple[int, int]]:
     """An entry's result and the picture's width and height.
 
     Raises:
@@ -211,13 +289,26 @@ def _recalled(entry: Any, digest: str, board: Board) -> tuple[Detection | NotFou
     if entry["corners"] is None:
         return NotFound(str(entry["reason"])), (width, height)
     seen = np.array([row is not None for row in entry["corners"]])
-    corners, variances = (_rows(entry[key], seen, width) for key, width in (("corners", 2), ("covariances", 3)))
-    if len(seen) != board.count or entry["detector"] not in ("saddles", "sb", "classic", "part", "coded"):
+    corners, variances = (
+        _rows(entry[key], seen, width) for key, width in (("corners", 2), ("covariances", 3))
+    )
+    if len(seen) != board.count or entry["detector"] not in (
+        "saddles",
+        "sb",
+        "classic",
+        "part",
+        "coded",
+    ):
         raise ValueError("not a detection")
-    return Detection(corners, variances[:, [0, 1, 1, 2]].reshape(-1, 2, 2), entry["detector"]), (width, height)
+    return Detection(corners, variances[:, [0, 1, 1, 2]].reshape(-1, 2, 2), entry["detector"]), (
+        width,
+        height,
+    )
 
 
-def _rows(rows: list[list[float] | None], seen: NDArray[np.bool_], width: int) -> NDArray[np.float64]:
+def _rows(
+    rows: list[list[float] | None], seen: NDArray[np.bool_], width: int
+) -> NDArray[np.float64]:
     """(count, width), NaN where not seen.
 
     Raises:

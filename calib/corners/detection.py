@@ -12,13 +12,16 @@ class Detection:
     """A board in a picture."""
 
     corners: NDArray[np.float64]
-    """(count, 2) px, row by row, columns fastest, of a checkerboard in the order of `canonical_order`; NaN where one was not found, or
-    cannot be measured."""
+    """(count, 2) px, row by row, columns fastest, of a checkerboard in the order of
+    `canonical_order`; NaN where one was not found, or cannot be measured.
+    """
     covariances: NDArray[np.float64]
     """(count, 2, 2) px^2, NaN likewise."""
     detector: Literal["saddles", "sb", "classic", "part", "coded"]
     twice: bool = False
-    """Whether a second whole board of its kind was seen beside it: which one this is would be anybody's guess."""
+    """Whether a second whole board of its kind was seen beside it: which one this is would be
+    anybody's guess.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,5 +31,6 @@ class NotFound:
     reason: str
     """To be said with the picture's name."""
     markers: Literal["none", "other", "own"] = "own"
-    """Of a board with markers: whether hardly any was read, or those that were read may be another board's; `other_coding` then looks
-    into that."""
+    """Of a board with markers: whether hardly any was read, or those that were read may be another
+    board's; `other_coding` then looks into that.
+    """

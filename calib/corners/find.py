@@ -22,5 +22,7 @@ def find_board(grey: NDArray, board: Board) -> Detection | NotFound:
 
 
 def two_boards(board: Board) -> str:
-    """What is wrong with a picture that shows it twice: which of both it was would be anybody's guess."""
+    """What is wrong with a picture that shows it twice: which of both it was would be anybody's
+    guess.
+    """
     return f"two {board} boards are seen: show one board alone"

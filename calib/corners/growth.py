@@ -1,6 +1,8 @@
-"""A grid of corners -> the larger one that it is a part of: line after line on each side, as long as the picture shows a third of one.
+"""A grid of corners -> the larger one that it is a part of: line after line on each side, as long
+as the picture shows a third of one.
 
-What hides a corner leaves the detector a grid that ends there; the board goes on around it. How large the board is declared to be does not
+What hides a corner leaves the detector a grid that ends there; the board goes on around it. How
+large the board is declared to be does not
 count: one that is larger is not to pass for it.
 """
 
@@ -24,7 +26,8 @@ STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
 
 
 def grown(grey: NDArray[np.uint8], every_bit: NDArray, grid: Floats) -> Floats:
-    """Less the lines at its ends of which less than a third looks like corners, and with those around it of which more does.
+    """Less the lines at its ends of which less than a third looks like corners, and with those
+    around it of which more does.
 
     Args:
         grey: (H, W), what is looked at.
@@ -48,9 +51,15 @@ def grown(grey: NDArray[np.uint8], every_bit: NDArray, grid: Floats) -> Floats:
 
 def filled(grid: Floats) -> Floats:
     """(rows, columns, 2) px, with those that are NaN where the others say."""
-    points = np.stack(np.meshgrid(np.arange(grid.shape[1]), np.arange(grid.shape[0])), -1).astype(np.float64)
+    points = np.stack(np.meshgrid(np.arange(grid.shape[1]), np.arange(grid.shape[0])), -1).astype(
+        np.float64
+    )
     seen = np.isfinite(grid[..., 0])
-    there = LocalMap.of(points[seen], grid[seen], points[~seen], FOUND_NOISE).pixels if not seen.all() else np.empty((0, 2))
+    there = (
+        LocalMap.of(points[seen], grid[seen], points[~seen], FOUND_NOISE).pixels
+        if not seen.all()
+        else np.empty((0, 2))
+    )
     whole = grid.copy()
     whole[~seen] = there
     return whole
@@ -73,7 +82,9 @@ def _with_line(grey: NDArray[np.uint8], every_bit: NDArray, grid: Floats) -> Flo
     inside = ((start >= half) & (start <= np.array(grey.shape[::-1]) - 1 - half)).all(1)
     if inside.sum() < LEAST_SEEN * len(start):
         return None
-    moved = cv2.cornerSubPix(grey, start[inside].reshape(-1, 1, 2).astype(np.float32), (half, half), (-1, -1), STOP)
+    moved = cv2.cornerSubPix(
+        grey, start[inside].reshape(-1, 1, 2).astype(np.float32), (half, half), (-1, -1), STOP
+    )
     longer[0, inside] = np.asarray(moved, np.float64).reshape(-1, 2)
     found = _seen(every_bit, longer)
     new = np.isfinite(found[0, :, 0])

@@ -1,9 +1,12 @@
-"""A grid of corners as its neighbours see it: where each corner's two edges lead, and how they bend.
+"""A grid of corners as its neighbours see it: where each corner's two edges lead, and how they
+bend.
 
-A whole checkerboard's corners are all there, at equal distances. Of one that is partly hidden, and of a board with markers, some may be
-missing; and of the latter, a corner's edges end, or something else begins beside them, before the next corner.
+A whole checkerboard's corners are all there, at equal distances. Of one that is partly hidden, and
+of a board with markers, some may be missing; and of the latter, a corner's edges end, or something
+else begins beside them, before the next corner.
 
-An edge that bends by one pixel over a square looks, to a straight line through the half of it that is measured, like a corner moved by
+An edge that bends by one pixel over a square looks, to a straight line through the half of it that
+is measured, like a corner moved by
 some hundredths of a pixel: so the bend is taken from the neighbours.
 """
 
@@ -22,7 +25,8 @@ BORDER = 0.2  # of a tag's side: its black border
 FREE = 0.83  # of the small square's side
 FARTHEST = 0.4  # of a tag's side
 CLEAR = 0.8  # of what lies between a tag's edge and its bits
-CLEAR_OF_MARKER = 0.6  # of what lies between a square's edge and its marker: from there on, blur brings the marker's black
+# of what lies between a square's edge and its marker: from there on, blur brings the marker's black
+CLEAR_OF_MARKER = 0.6
 NOISE = 0.1  # px, of corners that were found
 SECOND, THIRD = 6, 20  # variances of an error's second and third differences, over its own
 
@@ -34,7 +38,9 @@ class Lattice:
     corners: Floats
     """(N, 2) px."""
     steps: Floats
-    """(N, 2 edges, 2) px, along each edge to the next corner, in the mean of both sides; of an AprilGrid, twice what is free of others."""
+    """(N, 2 edges, 2) px, along each edge to the next corner, in the mean of both sides; of an
+    AprilGrid, twice what is free of others.
+    """
     curvatures: Floats
     """(N, 2 edges) 1/px, of each edge, towards its normal."""
     clear: float = np.inf
@@ -49,8 +55,9 @@ class Lattice:
 
     @staticmethod
     def between(corners: Floats, ahead: Floats, behind: Floats, board: Board) -> "Lattice":
-        """From (N, 2) px, and (N, 2 edges, 2) px, where a model sees what is half a `step_of` the board further along each edge, and
-        before."""
+        """From (N, 2) px, and (N, 2 edges, 2) px, where a model sees what is half a `step_of` the
+        board further along each edge, and before.
+        """
         steps, bends = ahead - behind, 4 * (ahead + behind - 2 * corners[:, None])
         _, clear = _step_and_clear(board)
         return Lattice(corners, steps, (normals(steps) * bends).sum(-1) / (steps**2).sum(-1), clear)
@@ -63,17 +70,24 @@ class Lattice:
         points = board.points()[seen] / unit
         near = LocalMap.of(points, corners[seen], points, NOISE, changing=True)
         bends = (normals(near.steps) * near.bends).sum(-1)
-        return Lattice(corners[seen], near.steps * (step / unit), bends / (near.steps**2).sum(-1), clear)
+        return Lattice(
+            corners[seen], near.steps * (step / unit), bends / (near.steps**2).sum(-1), clear
+        )
 
     @staticmethod
     def _whole(corners: Floats, board: Board) -> "Lattice":
         grid = corners.reshape(board.rows, board.columns, 2)
         steps, curvatures = np.empty((*grid.shape[:2], 2, 2)), np.empty(grid.shape)
         for edge, turned in enumerate((grid, grid.swapaxes(0, 1))):
-            own = (part[:, :, edge] if edge == 0 else part[:, :, edge].swapaxes(0, 1) for part in (steps, curvatures))
+            own = (
+                part[:, :, edge] if edge == 0 else part[:, :, edge].swapaxes(0, 1)
+                for part in (steps, curvatures)
+            )
             for part, values in zip(own, _along(turned), strict=True):
                 part[...] = values
-        return Lattice(np.array(corners, np.float64), steps.reshape(-1, 2, 2), curvatures.reshape(-1, 2))
+        return Lattice(
+            np.array(corners, np.float64), steps.reshape(-1, 2, 2), curvatures.reshape(-1, 2)
+        )
 
     @property
     def angles(self) -> Floats:
@@ -111,8 +125,10 @@ def normals(steps: Floats) -> Floats:
 
 
 def _along(lines: Floats) -> tuple[Floats, Floats]:
-    """(lines, corners, 2) px -> of the same shape, the step at each corner; and (lines, corners) 1/px, how the line bends there: what the
-    second difference tells, of which the ends take their neighbours'."""
+    """(lines, corners, 2) px -> of the same shape, the step at each corner; and (lines, corners)
+    1/px, how the line bends there: what the second difference tells, of which the ends take their
+    neighbours'.
+    """
     apart = lines[:, 1:] - lines[:, :-1]
     bends = np.empty_like(lines)
     bends[:, 1:-1] = apart[:, 1:] - apart[:, :-1]
@@ -124,21 +140,26 @@ def _along(lines: Floats) -> tuple[Floats, Floats]:
     length = np.sqrt(squared)
     across = (bends[..., 1] * steps[..., 0] - bends[..., 0] * steps[..., 1]) / length
     change = bends[:, 2:-1] - bends[:, 1:-2]
-    third = (change[..., 1] * steps[:, 1:-2, 0] - change[..., 0] * steps[:, 1:-2, 1]) / length[:, 1:-2]
+    third = (change[..., 1] * steps[:, 1:-2, 0] - change[..., 0] * steps[:, 1:-2, 1]) / length[
+        :, 1:-2
+    ]
     return steps, _told(across, float((third**2).mean()) if third.size else 0.0) / squared
 
 
 def _told(bends: Floats, third: float) -> Floats:
-    """What (lines, corners) px of bends tell beside what the corners' own errors make of them, smoothed: James and Stein's part of it, the
-    errors' size by px^2 of third differences, which bends hardly have."""
+    """What (lines, corners) px of bends tell beside what the corners' own errors make of them,
+    smoothed: James and Stein's part of it, the errors' size by px^2 of third differences, which
+    bends hardly have.
+    """
     inner = float((bends[:, 1:-1] ** 2).mean())
     noise = third * SECOND / THIRD
     return _smoothed(bends) * (max(0.0, 1 - noise / inner) if inner else 0.0)
 
 
 def _smoothed(bends: Floats) -> Floats:
-    """(lines, corners) means of each and its neighbours by the weights 1, 2, 1, both ways: a corner's own error would else come back
-    to it, larger by a sixth, in its bend."""
+    """(lines, corners) means of each and its neighbours by the weights 1, 2, 1, both ways: a
+    corner's own error would else come back to it, larger by a sixth, in its bend.
+    """
     for _ in range(2):
         smooth = np.empty_like(bends)
         smooth[1:-1] = bends[:-2] + 2 * bends[1:-1] + bends[2:]

@@ -1,6 +1,8 @@
-"""A board's plane -> the picture, near each of some places: a fit of second or third order to the points around it, the nearer the heavier.
+"""A board's plane -> the picture, near each of some places: a fit of second or third order to the
+points around it, the nearer the heavier.
 
-Lens and glass bend the picture of a board, slowly: no formula of theirs is needed where enough points are near.
+Lens and glass bend the picture of a board, slowly: no formula of theirs is needed where enough
+points are near.
 """
 
 from dataclasses import dataclass
@@ -29,21 +31,25 @@ class LocalMap:
     """(N,) by how much a point at such a place draws the map there to itself, 0 to 1."""
 
     @staticmethod
-    def of(points: Floats, pixels: Floats, at: Floats, noise: float, *, changing: bool = False) -> "LocalMap":
+    def of(
+        points: Floats, pixels: Floats, at: Floats, noise: float, *, changing: bool = False
+    ) -> "LocalMap":
         """Fit M points, at N places.
 
         Args:
             points: (M, 2) units of the board, of about the distance of two points.
             pixels: (M, 2) px, each by some `noise` off.
             at: (N, 2) units.
-            changing: whether bends may change, by a third order: at a board's rim, where all other points are on one side, they are else
-                those of the points there.
+            changing: whether bends may change, by a third order: at a board's rim, where all other
+                points are on one side, they are else those of the points there.
         """
         apart = points - at[:, None]  # (N, M, 2)
         weight = np.exp(-(apart**2).sum(-1) / (2 * REACH**2))
         u, v = apart[..., 0], apart[..., 1]
         third = [u**3 / 6, u * u * v / 2, u * v * v / 2, v**3 / 6] if changing else []
-        terms = np.stack([np.ones_like(u), u, v, u * u / 2, u * v, v * v / 2, *third], -1)  # (N, M, 6 or 10)
+        terms = np.stack(
+            [np.ones_like(u), u, v, u * u / 2, u * v, v * v / 2, *third], -1
+        )  # (N, M, 6 or 10)
         weighted = terms * weight[..., None]
         normal = np.einsum("nmi,nmj->nij", weighted, terms)
         right = np.einsum("nmi,mc->nic", weighted, pixels - pixels.mean(0))

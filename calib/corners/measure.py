@@ -1,4 +1,6 @@
-"""Corners that were found -> where they are, how sure that is, and which of them do not look like corners after all."""
+"""Corners that were found -> where they are, how sure that is, and which of them do not look like
+corners after all.
+"""
 
 from dataclasses import dataclass
 
@@ -10,7 +12,8 @@ from calib.corners.patch_fit import Fit, fit_patches
 from calib.corners.patch_model import CONTRAST
 from calib.session.board import Board
 
-FARTHEST = 0.15  # of the square's height, and at least a pixel: what was found is nearer than that to the corner
+# of the square's height, and at least a pixel: what was found is nearer than that to the corner
+FARTHEST = 0.15
 FAINTEST = 0.2  # of the median contrast
 STRANGEST = 3.0  # times the median misfit
 ALWAYS_ALIKE = 0.1  # of the contrast: a misfit that is no reason for doubt
@@ -24,12 +27,16 @@ class Measured:
     """The corners of one board in a picture."""
 
     corners: Floats
-    """(count, 2) px, NaN where the picture, though a corner was found, shows none of this board's: it is covered, or saturated."""
+    """(count, 2) px, NaN where the picture, though a corner was found, shows none of this board's:
+    it is covered, or saturated.
+    """
     covariances: Floats
     """(count, 2, 2) px^2, NaN likewise."""
 
 
-def measure(grey: NDArray, corners: Floats, board: Board, lattice: Lattice | None = None) -> Measured:
+def measure(
+    grey: NDArray, corners: Floats, board: Board, lattice: Lattice | None = None
+) -> Measured:
     """Measure what was found.
 
     Args:
@@ -44,7 +51,9 @@ def measure(grey: NDArray, corners: Floats, board: Board, lattice: Lattice | Non
     places, covariances = np.full((board.count, 2), np.nan), np.full((board.count, 2, 2), np.nan)
     places[seen] = corners[seen] + fit.parameters[shown, :2]
     unit = fit.unit_covariances[shown]
-    covariances[seen] = fit.inflation * (unit + unit.swapaxes(1, 2)) / 2  # symmetric to the last digit
+    covariances[seen] = (
+        fit.inflation * (unit + unit.swapaxes(1, 2)) / 2
+    )  # symmetric to the last digit
     return Measured(places, covariances)
 
 

@@ -1,9 +1,12 @@
 """The same corner comes first in every view.
 
-A board can be read in two ways, a square one in four, that keep its shape and are no mirror image. The colours of the squares tell them
-apart where they can: the square diagonally outward of corner 0 is black. Where more than one reading is left, the one is taken whose
-columns run most to the right in the picture. So a board that looks the same upside down (odd x odd, even x even) must not be rolled by
-more than 90 degrees between views, nor a square one with an even number of corners, which has four such readings, by more than 45.
+A board can be read in two ways, a square one in four, that keep its shape and are no mirror image.
+The colours of the squares tell them
+apart where they can: the square diagonally outward of corner 0 is black. Where more than one
+    reading is left, the one is taken whose
+columns run most to the right in the picture. So a board that looks the same upside down (odd x odd,
+even x even) must not be rolled by more than 90 degrees between views, nor a square one with an even
+number of corners, which has four such readings, by more than 45.
 """
 
 import cv2
@@ -18,8 +21,8 @@ def canonical_order(grey: NDArray, corners: NDArray, board: Board) -> NDArray[np
 
     Args:
         grey: (H, W) uint8 or uint16, the picture.
-        corners: (count, 2) px, a grid of the board's size, begun at any of its corners, in either direction; NaN where not seen, in
-            whole rows and columns.
+        corners: (count, 2) px, a grid of the board's size, begun at any of its corners, in either
+            direction; NaN where not seen, in whole rows and columns.
 
     Returns:
         (count, 2) px, row by row, columns fastest; y is clockwise of x in the picture.
@@ -46,11 +49,19 @@ def _rightness(grid: NDArray) -> float:
 
 
 def starts_black(grey: NDArray, grid: NDArray) -> bool:
-    """Whether the squares coloured like the first, as the one outward of corner 0 is, are darker than their neighbours."""
-    middles = ((grid[:-1, :-1] + grid[:-1, 1:] + grid[1:, :-1] + grid[1:, 1:]) / 4).astype(np.float32)
-    light = np.asarray(cv2.remap(grey, middles[..., 0], middles[..., 1], cv2.INTER_LINEAR), np.float64)
+    """Whether the squares coloured like the first, as the one outward of corner 0 is, are darker
+    than their neighbours.
+    """
+    middles = ((grid[:-1, :-1] + grid[:-1, 1:] + grid[1:, :-1] + grid[1:, 1:]) / 4).astype(
+        np.float32
+    )
+    light = np.asarray(
+        cv2.remap(grey, middles[..., 0], middles[..., 1], cv2.INTER_LINEAR), np.float64
+    )
     light[np.isnan(middles[..., 0])] = np.nan
-    sign = (-1.0) ** np.add.outer(np.arange(light.shape[0]), np.arange(light.shape[1]))  # +1 where coloured like the first
+    sign = (-1.0) ** np.add.outer(
+        np.arange(light.shape[0]), np.arange(light.shape[1])
+    )  # +1 where coloured like the first
     across = (light[:, :-1] - light[:, 1:]) * sign[:, :-1]
     down = (light[:-1] - light[1:]) * sign[:-1]
     return float(np.nanmedian(np.concatenate([across.ravel(), down.ravel()]))) < 0

@@ -1,13 +1,15 @@
 """What a patch around a corner should look like, and how that changes with each of its parameters.
 
-Two edges meet at the corner, each bent as its neighbours say. Light is an error function of the distance from an edge: a step, blurred by
-the lens and by the pixel's own square, whose standard deviation across an edge is 12^-1/2 px whatever the edge's direction. The product
-of both edges is the checkerboard; where the edges are not perpendicular, a blurred corner differs from it by the correlation of the two
-distances, of which the first three orders are kept. Uneven light multiplies all of it. Further from the other edge than its blur and its
-halo reach, that edge is but a sign.
+Two edges meet at the corner, each bent as its neighbours say. Light is an error function of the
+distance from an edge: a step, blurred by the lens and by the pixel's own square, whose standard
+deviation across an edge is 12^-1/2 px whatever the edge's direction. The product of both edges is
+the checkerboard; where the edges are not perpendicular, a blurred corner differs from it by the
+correlation of the two distances, of which the first three orders are kept. Uneven light multiplies
+all of it. Further from the other edge than its blur and its halo reach, that edge is but a sign.
 
-Sharpening, a curve of tones, and the rounder foot of a real blur are not in the model. They all leave a corner's picture the same when it
-is turned by 180 degrees, as the model is: so they can widen what the fit expects of itself, and not move it to a side.
+Sharpening, a curve of tones, and the rounder foot of a real blur are not in the model. They all
+leave a corner's picture the same when it is turned by 180 degrees, as the model is: so they can
+widen what the fit expects of itself, and not move it to a side.
 """
 
 import math
@@ -23,21 +25,60 @@ PARAMETERS = (
     *("x", "y", "first angle", "second angle", "first log blur", "second log blur"),
     *("middle", "contrast", "light along the first edge", "light along the second edge", "halo"),
 )
-"""px from the lattice's corner, rad, logarithms of px, grey levels, and parts of the light over half a patch."""
-X, Y, FIRST_ANGLE, SECOND_ANGLE, FIRST_BLUR, SECOND_BLUR, MIDDLE, CONTRAST, FIRST_LIGHT, SECOND_LIGHT, HALO_STRENGTH = range(
-    len(PARAMETERS)
+"""px from the lattice's corner, rad, logarithms of px, grey levels, and parts of the light over
+half a patch.
+"""
+(
+    X,
+    Y,
+    FIRST_ANGLE,
+    SECOND_ANGLE,
+    FIRST_BLUR,
+    SECOND_BLUR,
+    MIDDLE,
+    CONTRAST,
+    FIRST_LIGHT,
+    SECOND_LIGHT,
+    HALO_STRENGTH,
+) = range(len(PARAMETERS))
+PLACE, ANGLES, BLURS, LIGHTS = (
+    slice(begin, begin + 2) for begin in (X, FIRST_ANGLE, FIRST_BLUR, FIRST_LIGHT)
 )
-PLACE, ANGLES, BLURS, LIGHTS = (slice(begin, begin + 2) for begin in (X, FIRST_ANGLE, FIRST_BLUR, FIRST_LIGHT))
-FIRST_ACROSS, SECOND_ACROSS = X, Y  # where derivatives have, in place of x and y, the px across both edges
-SECOND_FIRST = [1, 0, 3, 2, 5, 4, 6, 7, 9, 8, 10]  # the second edge's parameters before the first one's
+FIRST_ACROSS, SECOND_ACROSS = (
+    X,
+    Y,
+)  # where derivatives have, in place of x and y, the px across both edges
+SECOND_FIRST = [
+    1,
+    0,
+    3,
+    2,
+    5,
+    4,
+    6,
+    7,
+    9,
+    8,
+    10,
+]  # the second edge's parameters before the first one's
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 
 HALO = 1.2  # px from an edge, where sharpening's overshoot is largest
-FAR, HALO_ENDS = 4.5, 5.0  # blurs, and px, from an edge: from there on it is a sign, but for 1e-5 of a step, and 7e-4 of a halo
+FAR, HALO_ENDS = (
+    4.5,
+    5.0,
+    # blurs, and px, from an edge: from there on it is a sign, but for 1e-5 of a step, and 7e-4 of a
+    # halo
+)
 _PEAK = (2 / math.pi) ** 0.5
-_STEP = (0.7987782, 0.035297989)  # tanh of such an odd polynomial is erf(x / sqrt 2), to 3e-4: a pixel is rounded by ten times that
+_STEP = (
+    0.7987782,
+    0.035297989,
+    # tanh of such an odd polynomial is erf(x / sqrt 2), to 3e-4: a pixel is rounded by ten times
+    # that
+)
 _ROWS, _COLUMNS = np.triu_indices(3)
 _HALF = np.where(_ROWS == _COLUMNS, 0.5, 1.0)
 
@@ -86,7 +127,16 @@ class _Edge:
         """Of a few rows, from some pixels."""
         seen = (self.back, self.beyond, self.side, self.falling, self.halo, self.halo_falling)
         back, beyond, side, falling, halo, halo_falling = (part[rows, pixels] for part in seen)
-        return _Edge(back, beyond, side, falling, halo, halo_falling, self.sharpness[rows], self.halo_sharpness[rows])
+        return _Edge(
+            back,
+            beyond,
+            side,
+            falling,
+            halo,
+            halo_falling,
+            self.sharpness[rows],
+            self.halo_sharpness[rows],
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +151,8 @@ class Expected:
     facing: Floats
     """(R, P) from -1 to 1, the side of the other edge."""
     both: Floats
-    """(R, near), by how much a blurred corner is not the product of its edges, to the first order."""
+    """(R, near), by how much a blurred corner is not the product of its edges, to the first order.
+    """
     pattern: Floats
     """(R, P) from -1 to 1."""
     even: Floats
@@ -127,11 +178,16 @@ class Expected:
         """
         angles, blurs = parameters[:, ANGLES], np.exp(parameters[:, BLURS])
         beyond, back = _ways(parameters[:, PLACE], angles, curvatures, patches.ends)
-        forms = np.zeros((2, len(parameters), 4, 6), np.float32)  # of the own edge, and of the other
-        forms[:, :, 0], forms[:, :, 1], forms[:, :, 2] = (part.swapaxes(0, 1) for part in (beyond / blurs[..., None], beyond / HALO, back))
+        forms = np.zeros(
+            (2, len(parameters), 4, 6), np.float32
+        )  # of the own edge, and of the other
+        forms[:, :, 0], forms[:, :, 1], forms[:, :, 2] = (
+            part.swapaxes(0, 1) for part in (beyond / blurs[..., None], beyond / HALO, back)
+        )
         forms[0, :, 3, 0], forms[0, :, 3, 1:3] = 1, parameters[:, LIGHTS]
         middle, contrast, strength, own_blur, other_blur = (
-            part.astype(np.float32)[:, None] for part in (*parameters[:, [MIDDLE, CONTRAST, HALO_STRENGTH]].T, *blurs.T)
+            part.astype(np.float32)[:, None]
+            for part in (*parameters[:, [MIDDLE, CONTRAST, HALO_STRENGTH]].T, *blurs.T)
         )
         beyond_own, ring, back_own, uneven = _at(forms[0], patches.forms)
         own = _Edge.of(beyond_own, ring, back_own, own_blur, strength)
@@ -143,7 +199,9 @@ class Expected:
         facing[:, :near] = other.side
         pattern = own.side * facing
         turn = angles[:, 1] - angles[:, 0]
-        slant, crossing = (part.astype(np.float32)[:, None] for part in (np.cos(turn), np.sin(turn)))
+        slant, crossing = (
+            part.astype(np.float32)[:, None] for part in (np.cos(turn), np.sin(turn))
+        )
         both = own.falling[:, :near] * other.falling
         both *= _PEAK**2 * slant
         more = own.beyond[:, :near] * other.beyond
@@ -154,17 +212,35 @@ class Expected:
         even = pattern * contrast
         even += middle
         u, v = patches.forms[1:3]
-        return Expected(even * uneven, own, other, facing, both, pattern, even, uneven, contrast, crossing, u, v)
+        return Expected(
+            even * uneven, own, other, facing, both, pattern, even, uneven, contrast, crossing, u, v
+        )
 
     def some(self, rows: slice) -> "Expected":
         """Of a few rows."""
-        parts = (self.facing, self.both, self.pattern, self.even, self.uneven, self.contrast, self.crossing, self.u, self.v)
-        return Expected(self.light[rows], self.own.some(rows), self.other.some(rows), *(part[rows] for part in parts))
+        parts = (
+            self.facing,
+            self.both,
+            self.pattern,
+            self.even,
+            self.uneven,
+            self.contrast,
+            self.crossing,
+            self.u,
+            self.v,
+        )
+        return Expected(
+            self.light[rows],
+            self.own.some(rows),
+            self.other.some(rows),
+            *(part[rows] for part in parts),
+        )
 
     def derivatives(self, weights: Floats, out: Sequence[Floats]) -> None:
         """Write the derivatives of the light, times (R, P) weights, into eleven (R, P).
 
-        They are by the parameters, the own edge's before the other's; in place of x and y, by the px across both edges.
+        They are by the parameters, the own edge's before the other's; in place of x and y, by the
+        px across both edges.
         """
         own, other = self.own, self.other
         near = other.side.shape[1]
@@ -195,7 +271,9 @@ class Expected:
         out[SECOND_ANGLE][:, :near] -= closing
 
     def _near(self, lit: Floats, own: _Edge, out: Sequence[Floats]) -> None:
-        """Of those pixels that are near both edges, what both change; of the slant, the first order."""
+        """Of those pixels that are near both edges, what both change; of the slant, the first
+        order.
+        """
         other = self.other
         both = lit * self.both
         bent = both * own.beyond
@@ -216,9 +294,14 @@ class Expected:
 
 
 def by_distances(parameters: Doubles) -> Doubles:
-    """(N, 2, 2) px along x and y that the corner moves, for each px that its pixels move across the first edge, and the second."""
-    (first, second) = parameters[:, ANGLES].T
-    rows = np.stack([-np.cos(second), np.cos(first), -np.sin(second), np.sin(first)], -1) / np.sin(second - first)[:, None]
+    """(N, 2, 2) px along x and y that the corner moves, for each px that its pixels move across the
+    first edge, and the second.
+    """
+    first, second = parameters[:, ANGLES].T
+    rows = (
+        np.stack([-np.cos(second), np.cos(first), -np.sin(second), np.sin(first)], -1)
+        / np.sin(second - first)[:, None]
+    )
     return np.asarray(rows.reshape(-1, 2, 2))
 
 
@@ -229,7 +312,9 @@ def _at(forms: Floats, places: Floats) -> Floats:
     return values
 
 
-def _ways(place: Doubles, angles: Doubles, curvatures: Doubles, ends: Doubles) -> tuple[Doubles, Doubles]:
+def _ways(
+    place: Doubles, angles: Doubles, curvatures: Doubles, ends: Doubles
+) -> tuple[Doubles, Doubles]:
     """(R, 2 edges, 6) px across each edge, and px along it towards the corner, as forms."""
     cosine, sine = np.cos(angles), np.sin(angles)
     towards = np.stack([-place, ends[:, 0], ends[:, 1]], -1)  # (R, 2, 3) px for 1, u, v

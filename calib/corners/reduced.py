@@ -14,12 +14,20 @@ def live_factor(grey: NDArray[np.uint8]) -> int:
 
 
 def reduced(picture: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
-    """A picture, grey or in colours, in blocks of factor x factor px, which is ten times faster than any other ratio; what is left at the
-    end is dropped."""
+    """A picture, grey or in colours, in blocks of factor x factor px, which is ten times faster
+    than any other ratio; what is left at the end is dropped.
+    """
     if factor == 1:
         return np.ascontiguousarray(picture)
     height, width = (size // factor for size in picture.shape[:2])
-    return np.asarray(cv2.resize(picture[: height * factor, : width * factor], (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+    return np.asarray(
+        cv2.resize(
+            picture[: height * factor, : width * factor],
+            (width, height),
+            interpolation=cv2.INTER_AREA,
+        ),
+        np.uint8,
+    )
 
 
 def enlarged(corners: NDArray, factor: float) -> NDArray[np.float64]:

@@ -1,8 +1,9 @@
 """Saddles -> the checkerboard they belong to, or the part of it that is in the picture.
 
-Two saddles are neighbours if each is the nearest opposite one along an edge of the other. Counting squares from neighbour to neighbour
-gives every saddle a column and a row. Only the sides of whole squares are counted along, for clutter seldom makes a square. A corner that
-glare or a finger hides does not stop the count: it goes round.
+Two saddles are neighbours if each is the nearest opposite one along an edge of the other. Counting
+squares from neighbour to neighbour gives every saddle a column and a row. Only the sides of whole
+squares are counted along, for clutter seldom makes a square. A corner that glare or a finger hides
+does not stop the count: it goes round.
 """
 
 from collections import deque
@@ -15,9 +16,17 @@ from numpy.typing import NDArray
 from calib.corners.saddles import Saddles, find_saddles
 from calib.session.board import Board
 
-OPPOSITE = -0.6  # cosine between second derivatives: perspective and uneven light keep those of neighbours below -0.8
-AHEAD = 0.96  # cosine between an edge and the way to its other end: 16 degrees, for bent edges and the grain of pixels
-NEARBY = 24  # saddles, among which a neighbour is looked for: twelve are as near as that in a board tilted to a third of its height
+OPPOSITE = (
+    -0.6
+    # cosine between second derivatives: perspective and uneven light keep those of neighbours below
+    # -0.8
+)
+# cosine between an edge and the way to its other end: 16 degrees, for bent edges and the grain of
+# pixels
+AHEAD = 0.96
+# saddles, among which a neighbour is looked for: twelve are as near as that in a board tilted to a
+# third of its height
+NEARBY = 24
 LEAST = 9  # saddles: texture makes smaller groups by chance
 CLUTTER = 300  # saddles besides the board's, stronger than the weakest of its corners
 AT_ONCE = 256  # saddles, whose distances to all others are held
@@ -40,21 +49,30 @@ class SaddleGrid:
     def whole(self, board: Board) -> Iterator[NDArray[np.float64]]:
         """(count, 2) px, row by row, for each way in which the board may lie in it.
 
-        A stray saddle at its rim does not matter; a line of them does, for then it is a part of another board.
+        A stray saddle at its rim does not matter; a line of them does, for then it is a part of
+        another board.
         """
         for points in (self.points, self.points.swapaxes(0, 1)):
             seen = np.isfinite(points[..., 0])
             spare = seen.sum() - board.count
-            if seen.shape[0] < board.rows or seen.shape[1] < board.columns or spare > 0.5 * min(board.rows, board.columns):
+            if (
+                seen.shape[0] < board.rows
+                or seen.shape[1] < board.columns
+                or spare > 0.5 * min(board.rows, board.columns)
+            ):
                 continue
-            windows = np.lib.stride_tricks.sliding_window_view(seen, (board.rows, board.columns)).all((-1, -2))
+            windows = np.lib.stride_tricks.sliding_window_view(
+                seen, (board.rows, board.columns)
+            ).all((-1, -2))
             row, column = np.unravel_index(windows.argmax(), windows.shape)
             if windows.any():
                 yield points[row : row + board.rows, column : column + board.columns].reshape(-1, 2)
 
 
 def find_grid(grey: NDArray[np.uint8], board: Board) -> SaddleGrid | None:
-    """The largest in a (H, W) picture, if that is cluttered no more than where this board is shown."""
+    """The largest in a (H, W) picture, if that is cluttered no more than where this board is
+    shown.
+    """
     return grid_of(find_saddles(grey, CLUTTER + board.count))
 
 
@@ -85,10 +103,16 @@ def _grid(saddles: Saddles, group: dict[int, tuple[int, int]]) -> SaddleGrid | N
 
 
 def _neighbours(saddles: Saddles) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """(n, 4) each, by saddle and edge: the neighbour, -1 for none; and by how many of its edges the neighbour's count is turned."""
+    """(n, 4) each, by saddle and edge: the neighbour, -1 for none; and by how many of its edges the
+    neighbour's count is turned.
+    """
     count, edges = len(saddles.points), saddles.edges
-    nearest = np.concatenate([_ahead(saddles, slice(first, first + AT_ONCE)) for first in range(0, count, AT_ONCE)])
-    arriving = np.einsum("ikx,ikmx->ikm", edges, edges[nearest]).argmax(-1)  # the neighbour's edge that goes on in the same direction
+    nearest = np.concatenate(
+        [_ahead(saddles, slice(first, first + AT_ONCE)) for first in range(0, count, AT_ONCE)]
+    )
+    arriving = np.einsum("ikx,ikmx->ikm", edges, edges[nearest]).argmax(
+        -1
+    )  # the neighbour's edge that goes on in the same direction
     back = nearest[nearest, (arriving + 2) % 4]
     mutual = (nearest >= 0) & (back == np.arange(count)[:, None])
     return np.where(mutual, nearest, -1), (arriving - np.arange(4)) % 4
@@ -99,7 +123,9 @@ def _ahead(saddles: Saddles, some: slice) -> NDArray[np.intp]:
     points = saddles.points
     x, y = points.T.astype(np.float32)
     squared = np.square(x[some, None] - x) + np.square(y[some, None] - y)
-    other = np.argpartition(squared, min(NEARBY, len(points) - 1), axis=1)[:, : NEARBY + 1]  # itself among them
+    other = np.argpartition(squared, min(NEARBY, len(points) - 1), axis=1)[
+        :, : NEARBY + 1
+    ]  # itself among them
     far = np.sqrt(np.take_along_axis(squared, other, 1))[..., None]
     way = points[other] - points[some, None]  # (i, j, 2)
     opposite = saddles.bends[other] @ saddles.bends[some, :, None] < OPPOSITE  # (i, j, 1)
@@ -125,8 +151,13 @@ def _of_squares(neighbour: NDArray[np.intp], turned: NDArray[np.intp]) -> NDArra
     return np.where(closed, neighbour, -1)
 
 
-def _count(start: int, neighbour: list[list[int]], turned: list[list[int]]) -> dict[int, tuple[int, int]]:
-    """Row and column of every saddle that is reached from the first. A place belongs to the one that comes to it first."""
+def _count(
+    start: int, neighbour: list[list[int]], turned: list[list[int]]
+) -> dict[int, tuple[int, int]]:
+    """Row and column of every saddle that is reached from the first.
+
+    A place belongs to the one that comes to it first.
+    """
     steps = ((0, 1), (1, 0), (0, -1), (-1, 0))
     cells, taken, turns = {start: (0, 0)}, {(0, 0)}, {start: 0}
     ahead = deque([start])

@@ -14,8 +14,12 @@ LEAST_STRAY = 0.7  # px: at least
 MOST_OWN = 0.98  # of what is said of a corner: beyond, others say hardly anything
 
 
-def without_strays(corners: NDArray[np.float64], board: Board, *, by_others: bool = False) -> NDArray[np.float64]:
-    """(count, 2) px, NaN where a corner is not where it and those around it say, or those around it alone; the farthest first."""
+def without_strays(
+    corners: NDArray[np.float64], board: Board, *, by_others: bool = False
+) -> NDArray[np.float64]:
+    """(count, 2) px, NaN where a corner is not where it and those around it say, or those around it
+    alone; the farthest first.
+    """
     unit = 2 * board.half[0] / (board.columns - 1)
     kept = corners.copy()
     while (seen := np.flatnonzero(np.isfinite(kept[:, 0]))).size >= FEWEST:

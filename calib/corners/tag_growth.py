@@ -1,9 +1,11 @@
 """By how much black looks larger than it is, as a picture's tags tell it themselves.
 
-A camera brightens what is dark, which moves the half-way level of a blurred step into the black, by some tenths of a pixel: all tags look
-smaller, and so farther away. Ink that spreads does the opposite. Neither shows in a tag's outline alone. But within it, cells of black and
-of white border on each other both ways round, and where black grows, white cells shrink: edges that look one way move against those that
-look the other. The growth is what makes both agree, the same for all tags of a picture.
+A camera brightens what is dark, which moves the half-way level of a blurred step into the black, by
+some tenths of a pixel: all tags look smaller, and so farther away. Ink that spreads does the
+opposite. Neither shows in a tag's outline alone. But within it, cells of black and of white border
+on each other both ways round, and where black grows, white cells shrink: edges that look one way
+move against those that look the other. The growth is what makes both agree, the same for all tags
+of a picture.
 """
 
 from __future__ import annotations
@@ -58,8 +60,18 @@ def growth_of(grey: NDArray, corners: Floats, black: Sequence[NDArray[np.bool_]]
         to_pixels = cv2.getPerspectiveTransform(square, corners[at].astype(np.float32))
         first, last = cv2.perspectiveTransform(np.array([[start, end]], np.float64), to_pixels)[0]
         step = last - first
-        normal = np.array([step[1], -step[0]]) / np.hypot(*step)  # to the left of who goes from the first to the last
-        found = fit_edge(grey, first, step, normal, 0.0, BLUR, float(np.hypot(*step)) / max(1, np.abs(end - start).max()))
+        normal = np.array([step[1], -step[0]]) / np.hypot(
+            *step
+        )  # to the left of who goes from the first to the last
+        found = fit_edge(
+            grey,
+            first,
+            step,
+            normal,
+            0.0,
+            BLUR,
+            float(np.hypot(*step)) / max(1, np.abs(end - start).max()),
+        )
         if found is not None and found.inverse[PLACE, PLACE] > 0:
             # The outline has grown too, and with it, in proportion, where this edge is expected.
             expected = outward * (2 * start[axis] / cells - 1)
@@ -73,15 +85,21 @@ def growth_of(grey: NDArray, corners: Floats, black: Sequence[NDArray[np.bool_]]
 def without(growth: Growth, outlines: Outlines) -> Outlines:
     """The corners where they would be if black had not grown."""
     _, normals = edges_of(outlines.corners)
-    both = np.stack([np.roll(normals, 1, 1), normals], -2)  # (T, 4, 2, 2), of the edge before a corner, and of that behind
-    outwards = np.linalg.solve(both, np.ones((*both.shape[:2], 2, 1)))[..., 0]  # px for each of growth
+    both = np.stack(
+        [np.roll(normals, 1, 1), normals], -2
+    )  # (T, 4, 2, 2), of the edge before a corner, and of that behind
+    outwards = np.linalg.solve(both, np.ones((*both.shape[:2], 2, 1)))[
+        ..., 0
+    ]  # px for each of growth
     flat = outwards.reshape(len(outwards), -1)
     spread = growth.sigma**2 * flat[:, :, None] * flat[:, None, :]
     return Outlines(outlines.corners - growth.px * outwards, outlines.covariances + spread)
 
 
 def _least(place: Floats, lever: Floats, variance: Floats) -> Growth:
-    """Of (N,) px = growth times (N,), the outlying left out; its sigma from how the rest scatter."""
+    """Of (N,) px = growth times (N,), the outlying left out; its sigma from how the rest
+    scatter.
+    """
     kept = np.ones(len(place), bool)
     px = spread = 0.0
     for _ in range(5):
@@ -94,8 +112,10 @@ def _least(place: Floats, lever: Floats, variance: Floats) -> Growth:
 
 
 def _edges(black: NDArray[np.bool_]) -> list[tuple[Floats, Floats, int, int]]:
-    """The edges between cells within a tag: where each begins and ends, in cells, with white at the left, as seen in the picture; the axis
-    across it; and 1 where white is on the side of larger coordinates, or -1."""
+    """The edges between cells within a tag: where each begins and ends, in cells, with white at the
+    left, as seen in the picture; the axis across it; and 1 where white is on the side of larger
+    coordinates, or -1.
+    """
     found = []
     for axis in (0, 1):
         cells = black if axis == 1 else black.T  # across the first index

@@ -1,11 +1,14 @@
 """The four corners of a tag, where the edges of its black square meet.
 
-Nothing crosses in a tag's corner as in a checkerboard's, so each edge is measured on its whole length, away from the corners, and
-neighbours are intersected. An edge is a blurred step, an error function of the distance from a curve, in light that changes along it: what
-is fitted is the curve's place and slope, the blur, and the light of both sides. The curve's bend is given, by who knows the camera: a
-straight line through an edge that bends by half a pixel has its ends off by a third, and to fit the bend too makes corners less sure.
+Nothing crosses in a tag's corner as in a checkerboard's, so each edge is measured on its whole
+length, away from the corners, and neighbours are intersected. An edge is a blurred step, an error
+function of the distance from a curve, in light that changes along it: what is fitted is the curve's
+place and slope, the blur, and the light of both sides. The curve's bend is given, by who knows the
+camera: a straight line through an edge that bends by half a pixel has its ends off by a third, and
+to fit the bend too makes corners less sure.
 
-A curve of tones that a camera applies moves all edges outwards or inwards, which is the same as another size of the tag: see tag_growth.
+A curve of tones that a camera applies moves all edges outwards or inwards, which is the same as
+another size of the tag: see tag_growth.
 """
 
 from __future__ import annotations
@@ -42,25 +45,33 @@ class Outlines:
     """T tags."""
 
     corners: Floats
-    """(T, 4, 2) px, in the order in which they were given; NaN where the picture shows no black square there."""
+    """(T, 4, 2) px, in the order in which they were given; NaN where the picture shows no black
+    square there.
+    """
     covariances: Floats
     """(T, 8, 8) px^2 of x and y of the four corners, NaN likewise; neighbours share an edge."""
 
 
-def measure_outlines(grey: NDArray, rough: Floats, cells: int, bends: Floats | None = None) -> Outlines:
+def measure_outlines(
+    grey: NDArray, rough: Floats, cells: int, bends: Floats | None = None
+) -> Outlines:
     """Measure the corners of tags that were found.
 
     Args:
         grey: (H, W) uint8 or uint16.
         rough: (T, 4, 2) px, clockwise as seen in the picture, off by some pixels.
         cells: along a tag's side, its black border among them.
-        bends: (T, 4) px, by how much the middle of the edge from each corner to the next lies outside of the straight line; 0 by default.
+        bends: (T, 4) px, by how much the middle of the edge from each corner to the next lies
+            outside of the straight line; 0 by default.
     """
     bends = np.zeros(rough.shape[:2]) if bends is None else bends
     found = [_tag(grey, own, cells, bent) for own, bent in zip(rough, bends, strict=True)]
     edges = [edge for tag in found if tag for edge in tag.edges]
     grown = _inflation(edges) if edges else 1.0
-    corners, covariances = np.full((len(rough), SIDES, 2), np.nan), np.full((len(rough), 2 * SIDES, 2 * SIDES), np.nan)
+    corners, covariances = (
+        np.full((len(rough), SIDES, 2), np.nan),
+        np.full((len(rough), 2 * SIDES, 2 * SIDES), np.nan),
+    )
     for at, tag in enumerate(found):
         if tag:
             corners[at], covariances[at] = tag.corners, grown * tag.unit_covariance()
@@ -68,9 +79,13 @@ def measure_outlines(grey: NDArray, rough: Floats, cells: int, bends: Floats | N
 
 
 def edges_of(corners: Floats) -> tuple[Floats, Floats]:
-    """(..., 4, 2) from each of (..., 4, 2) corners, clockwise as seen, to the next, and the unit normals of these edges, outward."""
+    """(..., 4, 2) from each of (..., 4, 2) corners, clockwise as seen, to the next, and the unit
+    normals of these edges, outward.
+    """
     steps = np.roll(corners, -1, -2) - corners
-    return steps, np.stack([steps[..., 1], -steps[..., 0]], -1) / np.linalg.norm(steps, axis=-1, keepdims=True)
+    return steps, np.stack([steps[..., 1], -steps[..., 0]], -1) / np.linalg.norm(
+        steps, axis=-1, keepdims=True
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +93,9 @@ class Edge:
     """One edge, fitted to P pixels, sorted along it."""
 
     parameters: Floats
-    """(6,) px, px at the ends, log px, and grey levels; the light as a part of itself from the middle to an end."""
+    """(6,) px, px at the ends, log px, and grey levels; the light as a part of itself from the
+    middle to an end.
+    """
     jacobian: Floats
     """(6, P)"""
     residuals: Floats
@@ -102,7 +119,9 @@ class _Tag:
         for at, edge in enumerate(self.edges):
             own = slice(2 * at, 2 * at + 2)
             before = (at - 1) % SIDES
-            turned = np.linalg.inv(self.normals[[before, at]])  # from the distances along both normals
+            turned = np.linalg.inv(
+                self.normals[[before, at]]
+            )  # from the distances along both normals
             by_edge[own, 2 * before : 2 * before + 2] = turned[:, :1] @ [[1.0, 1.0]]
             by_edge[own, own] = turned[:, 1:] @ [[1.0, -1.0]]
             spread[own, own] = edge.inverse[:2, :2]
@@ -115,27 +134,50 @@ def _tag(grey: NDArray, rough: Floats, cells: int, bends: Floats) -> _Tag | None
         steps, normals = edges_of(corners)
         cell = float(np.linalg.norm(steps, axis=-1).min()) / cells
         edges = []
-        for start, step, normal, bend, blur in zip(corners, steps, normals, bends, blurs, strict=True):
+        for start, step, normal, bend, blur in zip(
+            corners, steps, normals, bends, blurs, strict=True
+        ):
             edge = fit_edge(grey, start, step, normal, float(bend), float(blur), cell)
             if edge is None:
                 return None
             edges.append(edge)
         places = np.array([edge.parameters[:2] for edge in edges])
-        beyond = np.stack([np.roll(places.sum(1), 1), places[:, 0] - places[:, 1]], -1)  # of the edge before, and of the own, at a corner
-        corners = corners + np.linalg.solve(np.stack([np.roll(normals, 1, 0), normals], 1), beyond[..., None])[..., 0]
+        beyond = np.stack(
+            [np.roll(places.sum(1), 1), places[:, 0] - places[:, 1]], -1
+        )  # of the edge before, and of the own, at a corner
+        corners = (
+            corners
+            + np.linalg.solve(np.stack([np.roll(normals, 1, 0), normals], 1), beyond[..., None])[
+                ..., 0
+            ]
+        )
         blurs = np.exp(np.array([edge.parameters[LOG_BLUR] for edge in edges]))
     return _Tag(corners, normals, edges)
 
 
-def fit_edge(grey: NDArray, start: Floats, step: Floats, normal: Floats, bend: float, blur: float, cell: float) -> Edge | None:
-    """The edge of black near a line from start to start + step, (2,) px each, beyond which, along the (2,) normal, white begins; None where
-    there is none. It bends outwards by so many px; blur is a guess, and within half a cell, px, nothing else is seen."""
+def fit_edge(
+    grey: NDArray,
+    start: Floats,
+    step: Floats,
+    normal: Floats,
+    bend: float,
+    blur: float,
+    cell: float,
+) -> Edge | None:
+    """The edge of black near a line from start to start + step, (2,) px each, beyond which, along
+    the (2,) normal, white begins; None where there is none. It bends outwards by so many px; blur
+    is a guess, and within half a cell, px, nothing else is seen.
+    """
     length = float(np.linalg.norm(step))
-    half_width = float(np.clip(3 * blur + 1, WIDTHS[0], max(WIDTHS[0], min(WITHIN * cell, WIDTHS[1]))))
+    half_width = float(
+        np.clip(3 * blur + 1, WIDTHS[0], max(WIDTHS[0], min(WITHIN * cell, WIDTHS[1])))
+    )
     ends = min(max(ENDS * blur, LEAST_ENDS), MOST_ENDS * length)
     ends_of = np.stack([start, start + step])
     low = np.maximum(np.floor(ends_of.min(0) - half_width - abs(bend)).astype(int), 0)
-    high = np.minimum(np.ceil(ends_of.max(0) + half_width + abs(bend)).astype(int) + 1, grey.shape[::-1])
+    high = np.minimum(
+        np.ceil(ends_of.max(0) + half_width + abs(bend)).astype(int) + 1, grey.shape[::-1]
+    )
     if (high <= low).any():
         return None
     y, x = np.mgrid[low[1] : high[1], low[0] : high[0]]
@@ -146,23 +188,38 @@ def fit_edge(grey: NDArray, start: Floats, step: Floats, normal: Floats, bend: f
     used = used[np.argsort(along[used], kind="stable")]
     if len(used) < 2 * len(range(6)):
         return None
-    light = grey[low[1] : high[1], low[0] : high[0]].ravel()[used] / (257.0 if grey.dtype == np.uint16 else 1.0)
+    light = grey[low[1] : high[1], low[0] : high[0]].ravel()[used] / (
+        257.0 if grey.dtype == np.uint16 else 1.0
+    )
     return _fit(light, along[used], across[used], blur, half_width)
 
 
-def _fit(light: Floats, along: Floats, across: Floats, blur: float, half_width: float) -> Edge | None:
+def _fit(
+    light: Floats, along: Floats, across: Floats, blur: float, half_width: float
+) -> Edge | None:
     """Levenberg's and Marquardt's steps."""
     outside = across > 0
     if not (outside.any() and (~outside).any()):
         return None
-    own = np.array([0.0, 0.0, np.log(blur), np.quantile(light[~outside], 0.3), np.quantile(light[outside], 0.7), 0.0])
+    own = np.array(
+        [
+            0.0,
+            0.0,
+            np.log(blur),
+            np.quantile(light[~outside], 0.3),
+            np.quantile(light[outside], 0.7),
+            0.0,
+        ]
+    )
     damping = 1e-3
     residuals, jacobian = _residuals(own, light, along, across)
     for _ in range(STEPS):
         bound = OUTLYING * max(SIGMA * float(np.median(np.abs(residuals))), NOISE)
         weight = np.minimum(1.0, bound / np.maximum(np.abs(residuals), 1e-9))
         normal = (jacobian * weight) @ jacobian.T
-        step = np.linalg.solve(normal + damping * np.diag(normal.diagonal() + 1e-9), jacobian @ (weight * residuals))
+        step = np.linalg.solve(
+            normal + damping * np.diag(normal.diagonal() + 1e-9), jacobian @ (weight * residuals)
+        )
         tried = own + step
         tried[LOG_BLUR] = np.clip(tried[LOG_BLUR], *BLUR_LIMITS)
         new_residuals, new_jacobian = _residuals(tried, light, along, across)
@@ -177,7 +234,9 @@ def _fit(light: Floats, along: Floats, across: Floats, blur: float, half_width: 
     bound = OUTLYING * max(SIGMA * float(np.median(np.abs(residuals))), NOISE)
     weight = np.minimum(1.0, bound / np.maximum(np.abs(residuals), 1e-9))
     inverse = np.linalg.inv((jacobian * weight) @ jacobian.T + 1e-9 * np.eye(len(own)))
-    return Edge(own, jacobian, np.asarray(weight * residuals), np.asarray(inverse, np.float64), half_width)
+    return Edge(
+        own, jacobian, np.asarray(weight * residuals), np.asarray(inverse, np.float64), half_width
+    )
 
 
 def _residuals(own: Floats, light: Floats, along: Floats, across: Floats) -> tuple[Floats, Floats]:
@@ -188,7 +247,16 @@ def _residuals(own: Floats, light: Floats, along: Floats, across: Floats) -> tup
     contrast, uneven = own[WHITE] - own[DARK], 1 + own[LIGHT] * along
     even = own[DARK] + contrast * side
     steep = uneven * contrast * np.exp(-(beyond**2) / 2) / (2 * np.pi) ** 0.5  # by `beyond`
-    jacobian = np.stack([-steep / blur, -steep * along / blur, -steep * beyond, uneven * (1 - side), uneven * side, even * along])
+    jacobian = np.stack(
+        [
+            -steep / blur,
+            -steep * along / blur,
+            -steep * beyond,
+            uneven * (1 - side),
+            uneven * side,
+            even * along,
+        ]
+    )
     return light - uneven * even, jacobian
 
 

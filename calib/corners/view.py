@@ -1,4 +1,6 @@
-"""One picture's corners, wherever they came from: detection or a corners file; or why there are none."""
+"""One picture's corners, wherever they came from: detection or a corners file; or why there are
+none.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +11,9 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """The corners of one board, in one picture: row by row, columns fastest, as in `Board.points`."""
+    """The corners of one board, in one picture: row by row, columns fastest, as in
+    `Board.points`.
+    """
 
     name: str
     """The picture's file name."""
@@ -20,9 +24,15 @@ class View:
     time_s: float | None = None
     """When it was taken, s from any origin that the session's views share. None: not recorded."""
     pose_id: str | None = None
-    """The label of the board's pose that it shows: pictures of one burst share it. None: not recorded, so a pose of its own."""
+    """The label of the board's pose that it shows: pictures of one burst share it.
+
+    None: not recorded, so a pose of its own.
+    """
     covariance: NDArray[np.float64] | None = None
-    """(corners of the board, 2, 2) px^2, by the picture's own noise; NaN where not seen. None: not known."""
+    """(corners of the board, 2, 2) px^2, by the picture's own noise; NaN where not seen.
+
+    None: not known.
+    """
 
     @property
     def seen(self) -> NDArray[np.bool_]:
@@ -44,7 +54,9 @@ class Rejected:
 
 
 def board_poses(views: Sequence[View]) -> NDArray[np.int64]:
-    """(V,) from 0 on, in the order of the views: equal for views of one burst, which are not independent of each other."""
+    """(V,) from 0 on, in the order of the views: equal for views of one burst, which are not
+    independent of each other.
+    """
     labels = [index if view.pose_id is None else view.pose_id for index, view in enumerate(views)]
     numbered = {label: number for number, label in enumerate(dict.fromkeys(labels))}
     return np.array([numbered[label] for label in labels], dtype=np.int64)

@@ -1,7 +1,8 @@
 """The covariances of a session's corners -> how much each weighs in a fit.
 
-A corner's pixels are not all that moves it: the board is not as it is declared, the glass has relief. So the better half of the corners of
-a session weigh alike, and the others by how much wider than the median they spread.
+A corner's pixels are not all that moves it: the board is not as it is declared, the glass has
+relief. So the better half of the corners of a session weigh alike, and the others by how much wider
+than the median they spread.
 """
 
 from collections.abc import Sequence
@@ -14,17 +15,28 @@ from calib.corners.view import View
 
 
 def weighted(views: Sequence[View]) -> tuple[View, ...]:
-    """The same, each corner's weight the median standard deviation of all over its own, at most 1. Views without covariances stay."""
-    spreads = [np.full(len(view.weight), np.nan) if view.covariance is None else _spread(view.covariance) for view in views]
+    """The same, each corner's weight the median standard deviation of all over its own, at most 1.
+
+    Views without covariances stay.
+    """
+    spreads = [
+        np.full(len(view.weight), np.nan) if view.covariance is None else _spread(view.covariance)
+        for view in views
+    ]
     known = np.concatenate([*spreads, np.empty(0)])
     known = known[np.isfinite(known)]
     if not known.size:
         return tuple(views)
     median = float(np.median(known))
     return tuple(
-        view
-        if view.covariance is None
-        else replace(view, weight=np.where(view.seen, np.minimum(1, median / np.maximum(spread, 1e-9)), 0.0))
+        (
+            view
+            if view.covariance is None
+            else replace(
+                view,
+                weight=np.where(view.seen, np.minimum(1, median / np.maximum(spread, 1e-9)), 0.0),
+            )
+        )
         for view, spread in zip(views, spreads, strict=True)
     )
 

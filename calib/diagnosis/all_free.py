@@ -1,6 +1,8 @@
-"""A calibration with every number estimated that is not exact: those, too, that its fit held as declared, as the views allow that.
+"""A calibration with every number estimated that is not exact: those, too, that its fit held as
+declared, as the views allow that.
 
-In its own medium such a number is as good as exact. In another it may move every ray, so its tolerance has to be in the covariance.
+In its own medium such a number is as good as exact. In another it may move every ray, so its
+tolerance has to be in the covariance.
 """
 
 from dataclasses import replace
@@ -16,11 +18,17 @@ from calib.threads import single_thread
 
 
 def all_free(calibration: Calibration) -> Calibration:
-    """The calibration itself where nothing was held that is not exact, or where its fit was told what to hold."""
+    """The calibration itself where nothing was held that is not exact, or where its fit was told
+    what to hold.
+    """
     declared = calibration.declared
     intrinsics, cover = with_free(declared.intrinsics, declared.cover, (ALL,))
     same = (intrinsics, cover) == (declared.intrinsics, declared.cover)
-    if same or AUTO not in calibration.settings.get("free", ()) or not (calibration.views and calibration.covariance.size):
+    if (
+        same
+        or AUTO not in calibration.settings.get("free", ())
+        or not (calibration.views and calibration.covariance.size)
+    ):
         return calibration
     freed = replace(calibration, stated=Declared(intrinsics, cover, declared.doubted))
     model, observations = model_of(freed), calibration.observations

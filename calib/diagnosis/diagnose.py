@@ -1,4 +1,6 @@
-"""From a calibration to a better one: find the residual, name the effect, add it, and say what that changed on held-out views."""
+"""From a calibration to a better one: find the residual, name the effect, add it, and say what that
+changed on held-out views.
+"""
 
 from __future__ import annotations
 
@@ -42,14 +44,18 @@ NOTICEABLE = 0.03
 """Of the variance, above chance: less is not worth a word."""
 
 
-def diagnose(calibration: Calibration, progress: Progress = Silent(), holdout: Session | None = None) -> tuple[Calibration, Diagnosis]:
+def diagnose(
+    calibration: Calibration, progress: Progress = Silent(), holdout: Session | None = None
+) -> tuple[Calibration, Diagnosis]:
     """Run the loop.
 
     Args:
-        holdout: views that no fit has seen; without them, held-out errors are those of folds over the calibration's own views.
+        holdout: views that no fit has seen; without them, held-out errors are those of folds over
+            the calibration's own views.
 
     Returns:
-        The calibration with the accepted effects, or an equal one where there are none, and the finding.
+        The calibration with the accepted effects, or an equal one where there are none, and the
+        finding.
 
     Raises:
         NotEnoughDataError: too few views to hold any out, or no fit of them is finite.
@@ -57,7 +63,8 @@ def diagnose(calibration: Calibration, progress: Progress = Silent(), holdout: S
     poses = board_poses(calibration.views)
     if (count := len(set(poses.tolist()))) < FEWEST_VIEWS:
         raise NotEnoughDataError(
-            f"A diagnosis holds views out in turn and needs {FEWEST_VIEWS} or more, but the calibration has {count}: take more pictures."
+            f"A diagnosis holds views out in turn and needs {FEWEST_VIEWS} or more, but the"
+            f" calibration has {count}: take more pictures."
         )
     observations = calibration.observations
     advance = progress.task("Diagnosis", MOST_EFFECTS + 2 * TRIED)
@@ -78,7 +85,11 @@ def diagnose(calibration: Calibration, progress: Progress = Silent(), holdout: S
             joint,
             lambda done, words: advance(min(1 + done, MOST_EFFECTS + 2 * TRIED - 1), words),
             lambda model, joint: bool(
-                organising_of(split_of(calibration, model, joint, observations, _missed(model, joint, observations)))
+                organising_of(
+                    split_of(
+                        calibration, model, joint, observations, _missed(model, joint, observations)
+                    )
+                )
             ),
         )
         families: tuple[Family, ...] = ()
@@ -92,12 +103,21 @@ def diagnose(calibration: Calibration, progress: Progress = Silent(), holdout: S
             unconfirmed = ()
         last = loop.left()
         advance(MOST_EFFECTS + 2 * TRIED, "")
-        before, after = _missed(model, joint, observations), _missed(loop.model, loop.joint, observations)
+        before, after = (
+            _missed(model, joint, observations),
+            _missed(loop.model, loop.joint, observations),
+        )
         shares = split_of(calibration, model, joint, observations, before)
-        organising = organising_of(split_of(calibration, loop.model, loop.joint, observations, after))
+        organising = organising_of(
+            split_of(calibration, loop.model, loop.joint, observations, after)
+        )
         formulas = tuple(formulas_of(loop))
         worse = filter(None, [noisier(calibration.settings.get(VIEW_NOISE, {}))])
-        said = (*unconfirmed, *worse, *remarks(loop, families, formulas, organising, timed=are_timed(calibration.views)))
+        said = (
+            *unconfirmed,
+            *worse,
+            *remarks(loop, families, formulas, organising, timed=are_timed(calibration.views)),
+        )
     accepted = tuple(effect.name for effect in loop.model.effects)
     found = with_fit(calibration, loop.model, loop.joint, observations)
     held = first.rms, last.rms
@@ -113,7 +133,11 @@ def diagnose(calibration: Calibration, progress: Progress = Silent(), holdout: S
     noise = still if np.isfinite(still) else short_scale_noise(grid, calibration.board)
     finding = Diagnosis(
         noise_px=noise,
-        noise_from="pictures of one pose of the board" if np.isfinite(still) else "the residual's short-scale part",
+        noise_from=(
+            "pictures of one pose of the board"
+            if np.isfinite(still)
+            else "the residual's short-scale part"
+        ),
         residual=tuple(shares),
         candidates=tuple(_candidates(loop, accepted)),
         accepted=accepted,
@@ -125,21 +149,34 @@ def diagnose(calibration: Calibration, progress: Progress = Silent(), holdout: S
         organised_by=organising[0].organised_by if organising else "",
         remarks=said,
     )
-    return replace(found, noise_px=noise, settings=found.settings | {"diagnosis": finding.as_json()}), finding
+    return (
+        replace(found, noise_px=noise, settings=found.settings | {"diagnosis": finding.as_json()}),
+        finding,
+    )
 
 
 def _depths(model: CameraModel, joint: JointFit, observations: Observations) -> NDArray[np.float64]:
     """(V,) m, of each view's corners on average."""
     timed = observations.with_times(joint.values)
-    depth = model.path.place(observations.corners, timed, joint.poses[observations.view])[:, 2].numpy()
-    return np.asarray(np.bincount(observations.view.numpy(), depth) / np.bincount(observations.view.numpy()))
+    depth = model.path.place(observations.corners, timed, joint.poses[observations.view])[
+        :, 2
+    ].numpy()
+    return np.asarray(
+        np.bincount(observations.view.numpy(), depth) / np.bincount(observations.view.numpy())
+    )
 
 
 def _missed(model: CameraModel, joint: JointFit, observations: Observations) -> Residuals:
     return residuals(model.path, joint.values, observations, joint.poses)
 
 
-def split_of(calibration: Calibration, model: CameraModel, joint: JointFit, observations: Observations, left: Residuals) -> list[Share]:
+def split_of(
+    calibration: Calibration,
+    model: CameraModel,
+    joint: JointFit,
+    observations: Observations,
+    left: Residuals,
+) -> list[Share]:
     """What organises the residual of a fit, by how much each explains."""
     missed = left.image
     seen = torch.isfinite(missed).all(-1)
@@ -149,27 +186,52 @@ def split_of(calibration: Calibration, model: CameraModel, joint: JointFit, obse
     rays = model.path.trace(kept.pixels, timed)
     start = model.path.lens(*model.path.adjusted(kept.pixels, timed)).direction
     incidence = start.z if not model.path.cover else start.dot(rays.direction)
-    scene = Scene(kept, missed[seen].numpy(), depth.numpy(), incidence.numpy(), calibration.camera.width, calibration.camera.height)
+    scene = Scene(
+        kept,
+        missed[seen].numpy(),
+        depth.numpy(),
+        incidence.numpy(),
+        calibration.camera.width,
+        calibration.camera.height,
+    )
     return scene.split()
 
 
 def organising_of(shares: Sequence[Share]) -> list[Share]:
     """Those that explain more than noise would."""
-    return [s for s in shares if s.p_value < ORGANISED / len(shares) and s.fraction - s.chance > NOTICEABLE]
+    return [
+        s
+        for s in shares
+        if s.p_value < ORGANISED / len(shares) and s.fraction - s.chance > NOTICEABLE
+    ]
 
 
-def _unexplained(missed: Residuals, noise: float, observations: Observations, joint: JointFit) -> float:
-    """The fraction of the residual's variance above the noise floor, fitted parameters allowed for."""
-    freedom = max(1, 2 * len(observations.pixels) - joint.poses.numel()) / (2 * len(observations.pixels))
-    return max(0.0, 1.0 - noise**2 * freedom / missed.rms_px**2) if np.isfinite(noise) else float("nan")
+def _unexplained(
+    missed: Residuals, noise: float, observations: Observations, joint: JointFit
+) -> float:
+    """The fraction of the residual's variance above the noise floor, fitted parameters allowed
+    for.
+    """
+    freedom = max(1, 2 * len(observations.pixels) - joint.poses.numel()) / (
+        2 * len(observations.pixels)
+    )
+    return (
+        max(0.0, 1.0 - noise**2 * freedom / missed.rms_px**2)
+        if np.isfinite(noise)
+        else float("nan")
+    )
 
 
 def _candidates(loop: Loop, accepted: tuple[str, ...]) -> list[Candidate]:
     listed = []
     for (name, shape), trial in loop.trials.items():
-        taken = name in accepted and any(e.name == name and e.form == shape for e in loop.model.effects)
+        taken = name in accepted and any(
+            e.name == name and e.form == shape for e in loop.model.effects
+        )
         joint = loop.joint if taken else trial.fit and trial.fit.joint
-        effect = next(e for e in loop.model.effects if e.name == name) if taken else trial.test.effect
+        effect = (
+            next(e for e in loop.model.effects if e.name == name) if taken else trial.test.effect
+        )
         listed.append(
             Candidate(
                 effect=name,

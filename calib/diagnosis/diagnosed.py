@@ -14,12 +14,23 @@ from calib.estimation.stated_priors import with_estimates
 STAGE = "cover+rbf+effects"
 
 
-def with_fit(calibration: Calibration, model: CameraModel, joint: JointFit, observations: Observations) -> Calibration:
+def with_fit(
+    calibration: Calibration, model: CameraModel, joint: JointFit, observations: Observations
+) -> Calibration:
     """The calibration with another fit's parameters and effects."""
     assert calibration.camera.intrinsics
     intrinsics, cover = with_estimates(calibration.camera.intrinsics, calibration.cover, joint)
     effects = tuple(
-        AddedEffect(e, {u.param.name: (joint.values[u.param.name].numpy(), joint.sigma_of(u.param.name).numpy()) for u in e.unknowns})
+        AddedEffect(
+            e,
+            {
+                u.param.name: (
+                    joint.values[u.param.name].numpy(),
+                    joint.sigma_of(u.param.name).numpy(),
+                )
+                for u in e.unknowns
+            },
+        )
         for e in model.effects
     )
     missed = residuals(model.path, joint.values, observations, joint.poses)
@@ -28,7 +39,11 @@ def with_fit(calibration: Calibration, model: CameraModel, joint: JointFit, obse
         calibration,
         camera=replace(calibration.camera, intrinsics=intrinsics),
         cover=cover,
-        amplitudes=joint.values["relief.amplitudes"].numpy() if calibration.relief else calibration.amplitudes,
+        amplitudes=(
+            joint.values["relief.amplitudes"].numpy()
+            if calibration.relief
+            else calibration.amplitudes
+        ),
         poses=joint.poses.numpy(),
         covariance=joint.known_covariance,
         effects=effects,

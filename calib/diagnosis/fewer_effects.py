@@ -1,4 +1,6 @@
-"""A model with some of its effects alone: what the others do, and whether they are needed, is asked of it."""
+"""A model with some of its effects alone: what the others do, and whether they are needed, is asked
+of it.
+"""
 
 from __future__ import annotations
 
@@ -26,12 +28,18 @@ class FewerEffects:
     """Where the models that the loop went through ended, by their effects."""
 
     def fitted(self, whole: Fit, effects: Sequence[Effect]) -> Fit:
-        """With the noise and the prior of the whole model; from where the loop had it once, or from where the whole ended."""
+        """With the noise and the prior of the whole model; from where the loop had it once, or from
+        where the whole ended.
+        """
         if len(effects) == len(whole.model.effects):
             return whole
         names = _names(effects)
         if names not in self.known:
-            model, poses, start = self.base.with_effects(effects), whole.joint.poses, whole.joint.start
+            model, poses, start = (
+                self.base.with_effects(effects),
+                whole.joint.poses,
+                whole.joint.start,
+            )
             if was := self.earlier.get(names):
                 poses, start = was.poses, replace(start, values=was.values)
             else:

@@ -25,7 +25,11 @@ class ParameterEstimate:
         return f"{with_sigma(self.value * factor, self.sigma * factor)} {unit}".rstrip()
 
 
-PLAIN = {"absorbed": "the fit imitates it", "not asked for": "nothing points to it", "not finite": "cannot be fitted"}
+PLAIN = {
+    "absorbed": "the fit imitates it",
+    "not asked for": "nothing points to it",
+    "not finite": "cannot be fitted",
+}
 """What people are told of a candidate, where its verdict in JSON says little to them."""
 
 
@@ -42,8 +46,9 @@ class Candidate:
     absorbed: float
     """The fraction of it that the parameters fitted before can imitate."""
     held_out_px_before: float | None
-    """Corners weighted by how surely they are predicted, and clipped where bad, so not quite the whole model's. None: the score was too
-    low to fit it."""
+    """Corners weighted by how surely they are predicted, and clipped where bad, so not quite the
+    whole model's. None: the score was too low to fit it.
+    """
     held_out_px_after: float | None
     gain_ci95: tuple[float, float] | None
     """px"""
@@ -52,7 +57,10 @@ class Candidate:
     accepted: bool
     verdict: str
     depth_bands_px: tuple[float, float] | None = None
-    """Before and after, with near, middle and far views held out in turn. None: there are no such bands, or folds gave no gain."""
+    """Before and after, with near, middle and far views held out in turn.
+
+    None: there are no such bands, or folds gave no gain.
+    """
 
     @property
     def title(self) -> str:
@@ -78,7 +86,10 @@ class Family:
 
     def __str__(self) -> str:
         among = ", ".join(f"{name} ({chance:.2f})" for name, chance in self.members.items())
-        return f"What was found is {self.name}, but these views do not say what: {among}. {self.experiment}"
+        return (
+            f"What was found is {self.name}, but these views do not say what: {among}."
+            f" {self.experiment}"
+        )
 
 
 @dataclass(frozen=True, slots=True)

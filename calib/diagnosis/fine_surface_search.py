@@ -30,22 +30,40 @@ def suspected_place(at: Optimum) -> Tensor | None:
     fine = Relief(coarse.low, coarse.high, (rows, columns))
     kept = Relief(coarse.low, coarse.high, coarse.grid, coarse.beta, "coarse")
     joint = at.joint
-    finer = replace(path, cover=(*path.cover[:-1], replace(outer, relief=fine, more=(*outer.more, kept))))
+    finer = replace(
+        path, cover=(*path.cover[:-1], replace(outer, relief=fine, more=(*outer.more, kept)))
+    )
     zero = torch.zeros(fine.grid, dtype=torch.float64)
     values = {**joint.values, "coarse.amplitudes": joint.values[AMPLITUDES], AMPLITUDES: zero}
     scores, squares = np.zeros(rows * columns), np.zeros(rows * columns)
-    for view in view_equations(finer, Parameters(values, fine, (), NONE), at.observations, joint.poses, joint.sigma):
+    for view in view_equations(
+        finer, Parameters(values, fine, (), NONE), at.observations, joint.poses, joint.sigma
+    ):
         bells = eliminated(view.own, view.shared)
         scores += bells.T @ view.residual
         squares += (bells**2).sum(0)
     score = np.where(squares > 1e-3 * squares.max(), scores**2 / np.maximum(squares, 1e-300), 0.0)
     best = int(score.argmax())
-    along = [torch.linspace(low, high, n, dtype=torch.float64) for low, high, n in zip(fine.low, fine.high, fine.grid, strict=True)]
+    along = [
+        torch.linspace(low, high, n, dtype=torch.float64)
+        for low, high, n in zip(fine.low, fine.high, fine.grid, strict=True)
+    ]
     return torch.stack([along[0][best // columns], along[1][best % columns]])
 
 
 def surroundings(at: Optimum, board: Board, camera: Camera, *, place: bool) -> Surroundings:
-    """What effects may go by there; the place on the glass only if it is asked for, as it takes a while."""
+    """What effects may go by there; the place on the glass only if it is asked for, as it takes a
+    while.
+    """
     free = frozenset(at.model.priors.sigmas)
     found = suspected_place(at) if place else None
-    return Surroundings(board, camera.width, camera.height, at.model.path, at.joint.values, free, camera.shutter, found)
+    return Surroundings(
+        board,
+        camera.width,
+        camera.height,
+        at.model.path,
+        at.joint.values,
+        free,
+        camera.shutter,
+        found,
+    )

@@ -1,7 +1,9 @@
-"""Cross-validation of one model against another: their errors on held-out views, and whether the difference is more than chance.
+"""Cross-validation of one model against another: their errors on held-out views, and whether the
+difference is more than chance.
 
-Whole poses of the board are held out, by folds or by bands of depth, never single corners. An interval comes from a bootstrap over views,
-a p-value from a permutation test that flips the signs of the views' gains.
+Whole poses of the board are held out, by folds or by bands of depth, never single corners. An
+interval comes from a bootstrap over views, a p-value from a permutation test that flips the signs
+of the views' gains.
 
 Source: B. Efron, R. Tibshirani, An introduction to the bootstrap (1993), chapter 13.
 """
@@ -33,7 +35,9 @@ BANDED = 1.3
 DRAWS = 4000
 """Of the bootstrap."""
 CLIP = 2.5
-"""Times the typical error of a corner: what is farther off counts as that far, for single bad corners are not the model's."""
+"""Times the typical error of a corner: what is farther off counts as that far, for single bad
+corners are not the model's.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,13 +45,19 @@ class HeldOut:
     """Each view's error when it was held out."""
 
     missed: Array
-    """(M, 2) px, what is left of every corner; NaN where it was not scored, infinite where the model cannot see it."""
+    """(M, 2) px, what is left of every corner; NaN where it was not scored, infinite where the
+    model cannot see it.
+    """
     view: NDArray[np.int64]
     """(M,) the pose of the board."""
     weight: Array
-    """(M,) from 0 to 1, how surely the fit that did not see a corner predicts it: the noise's part of the predicted variance."""
+    """(M,) from 0 to 1, how surely the fit that did not see a corner predicts it: the noise's part
+    of the predicted variance.
+    """
     half: bool
-    """Whether the views' own parameters are those of half of their corners, and the others were scored."""
+    """Whether the views' own parameters are those of half of their corners, and the others were
+    scored.
+    """
 
     @property
     def squares(self) -> Array:
@@ -86,8 +96,9 @@ class Gain:
     p_value: float
     """How often chance alone does as much."""
     presence: float
-    """How often chance alone makes what other views say of the difference agree as well with what held-out views leave. 1 where halves of
-    views were scored."""
+    """How often chance alone makes what other views say of the difference agree as well with what
+    held-out views leave. 1 where halves of views were scored.
+    """
 
     @property
     def relative(self) -> float:
@@ -95,7 +106,9 @@ class Gain:
 
     @property
     def explained(self) -> float:
-        """px RMS, what the one model explains of the error and the other does not; 0 where it leaves more."""
+        """px RMS, what the one model explains of the error and the other does not; 0 where it
+        leaves more.
+        """
         return math.sqrt(max(0.0, self.before**2 - self.after**2))
 
 
@@ -106,7 +119,10 @@ class Split:
     part: NDArray[np.int64]
     """(V,) from 0 on."""
     pose: NDArray[np.int64]
-    """(V,) of the board, from 0 on: the pictures of a burst share one. They are always in the same part, and count as one view."""
+    """(V,) of the board, from 0 on: the pictures of a burst share one.
+
+    They are always in the same part, and count as one view.
+    """
 
 
 def folds(poses: Sequence[int] | NDArray[np.int64]) -> Split:
@@ -133,19 +149,30 @@ def _numbered(poses: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
     return np.unique(poses, return_inverse=True)[1].astype(np.int64)
 
 
-def hold_out(model: CameraModel, observations: Observations, fitted: JointFit, split: Split, *, half: bool = False) -> HeldOut:
+def hold_out(
+    model: CameraModel,
+    observations: Observations,
+    fitted: JointFit,
+    split: Split,
+    *,
+    half: bool = False,
+) -> HeldOut:
     """Fit without each part of the views, and score it.
 
     Args:
         fitted: to all views; the other fits start there, with its noise and prior.
-        half: fit the parameters of a held-out view to every other corner and score the rest, as parameters of single views ask for.
+        half: fit the parameters of a held-out view to every other corner and score the rest, as
+            parameters of single views ask for.
     """
     scored = torch.ones(len(observations.pixels), dtype=torch.bool)
     part = torch.from_numpy(split.part)[observations.view]
     if half:
         for index in range(int(part.max()) + 1):
             scored[(part == index).nonzero()[::2]] = False
-    missed, weight = torch.full((len(scored), 2), torch.nan, dtype=torch.float64), torch.zeros(len(scored), dtype=torch.float64)
+    missed, weight = (
+        torch.full((len(scored), 2), torch.nan, dtype=torch.float64),
+        torch.zeros(len(scored), dtype=torch.float64),
+    )
     each = without_each(Optimum(model, observations, fitted), split.part, ~scored if half else None)
     for index, left in enumerate(each):
         out = part == index
@@ -155,23 +182,37 @@ def hold_out(model: CameraModel, observations: Observations, fitted: JointFit, s
 
 
 def gain(before: HeldOut, after: HeldOut) -> Gain:
-    """Compare on the same views: an interval by bootstrap over views, and a test by flipping the signs of the views' gains, which are as
-    often losses if the models are alike. A corner counts the less, the less surely the first fit predicts it."""
+    """Compare on the same views: an interval by bootstrap over views, and a test by flipping the
+    signs of the views' gains, which are as often losses if the models are alike. A corner counts
+    the less, the less surely the first fit predicts it.
+    """
     one, two = (held.by_view(before.limit, before.weight) for held in (before, after))
     rng = np.random.default_rng(0)
     drawn = rng.integers(0, len(one), (DRAWS, len(one)))
-    low, high = np.quantile(np.sqrt(one[drawn].mean(1)) - np.sqrt(two[drawn].mean(1)), [0.025, 0.975])
+    low, high = np.quantile(
+        np.sqrt(one[drawn].mean(1)) - np.sqrt(two[drawn].mean(1)), [0.025, 0.975]
+    )
     presence = 1.0 if after.half else views_agree(_agreement(before, after))
-    return Gain(float(np.sqrt(one.mean())), float(np.sqrt(two.mean())), (float(low), float(high)), views_gain(one, two), presence)
+    return Gain(
+        float(np.sqrt(one.mean())),
+        float(np.sqrt(two.mean())),
+        (float(low), float(high)),
+        views_gain(one, two),
+        presence,
+    )
 
 
 def _agreement(before: HeldOut, after: HeldOut) -> Array:
-    """(V,) px^2, of what the one model leaves with what the other takes from it, summed over the corners that are no outliers.
+    """(V,) px^2, of what the one model leaves with what the other takes from it, summed over the
+    corners that are no outliers.
 
-    Both fit a view's pose to all of its corners, so what these leave is the view's own noise, and what one takes from the other is by views
+    Both fit a view's pose to all of its corners, so what these leave is the view's own noise, and
+    what one takes from the other is by views
     that it is independent of: without the effect the products are as often negative.
     """
-    known = (before.squares < before.limit) & np.isfinite(after.squares)  # not by how large these are: where they disagree, they are larger
+    known = (before.squares < before.limit) & np.isfinite(
+        after.squares
+    )  # not by how large these are: where they disagree, they are larger
     left, taken = before.missed[known], before.missed[known] - after.missed[known]
     own = before.weight[known] * (left * taken).sum(1)
     return np.asarray(np.bincount(before.view[known], own, before.view.max() + 1), np.float64)

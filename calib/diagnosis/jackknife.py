@@ -1,7 +1,9 @@
-"""Whether an effect's parameters, estimated from the other views to first order, lower the error of each view.
+"""Whether an effect's parameters, estimated from the other views to first order, lower the error of
+each view.
 
-Hotelling's statistic divides the views' mean score by their scatter, so that few views, or a few that say little or are bad, leave it
-undecided. Here a view is left out instead (a jackknife), and what the others say of the effect is tried on it.
+Hotelling's statistic divides the views' mean score by their scatter, so that few views, or a few
+that say little or are bad, leave it undecided. Here a view is left out instead (a jackknife), and
+what the others say of the effect is tried on it.
 
 Source: B. Efron, The jackknife, the bootstrap and other resampling plans (1982), chapter 2.
 """
@@ -16,7 +18,9 @@ from calib.diagnosis.sign_flips import views_gain
 Array = NDArray[np.float64]
 
 
-def jackknife(residuals: Sequence[Array], rows: Sequence[Array], score: Array, hessian: Array) -> float:
+def jackknife(
+    residuals: Sequence[Array], rows: Sequence[Array], score: Array, hessian: Array
+) -> float:
     """p-value of "the effect helps no view that it was not estimated from".
 
     Args:

@@ -38,10 +38,15 @@ def with_named(calibration: Calibration, names: Sequence[str], progress: Progres
         joint = model.fitted(observations, torch.from_numpy(calibration.poses))
         for done, name in enumerate(names, start=1):
             at = Optimum(model, observations, joint)
-            there = surroundings(at, calibration.board, calibration.camera, place=kinds[name].needs_place)
+            there = surroundings(
+                at, calibration.board, calibration.camera, place=kinds[name].needs_place
+            )
             forms = kinds[name].propose(there)
             if not forms:
-                raise InputError(f"--effects {name}: this set-up can have no {name}, or the fit estimates it already: leave it out.")
+                raise InputError(
+                    f"--effects {name}: this set-up can have no {name}, or the fit estimates it"
+                    " already: leave it out."
+                )
             tried: list[tuple[float, CameraModel, JointFit]] = []
             for test in at.candidates(forms):
                 wider = model.with_effect(test.effect)

@@ -1,7 +1,9 @@
-"""Where a fit begins without an effect that an earlier one had: what stays takes up what it can of it.
+"""Where a fit begins without an effect that an earlier one had: what stays takes up what it can of
+it.
 
-By how much, the earlier fit's covariance says to first order: the mean of what stays, given that what goes is not there. From where the
-earlier fit ended, a lens whose other coefficients have to make up for one that goes was often not found.
+By how much, the earlier fit's covariance says to first order: the mean of what stays, given that
+what goes is not there. From where the earlier fit ended, a lens whose other coefficients have to
+make up for one that goes was often not found.
 """
 
 from dataclasses import replace
@@ -15,8 +17,11 @@ from calib.estimation.observations import Observations
 from calib.optics.params import Values
 
 
-def start_of_fewer(model: CameraModel, before: CameraModel, joint: JointFit, observations: Observations) -> Start:
-    """Of the two starts, with and without what the covariance says, the one from which less is left once boards have adapted.
+def start_of_fewer(
+    model: CameraModel, before: CameraModel, joint: JointFit, observations: Observations
+) -> Start:
+    """Of the two starts, with and without what the covariance says, the one from which less is left
+    once boards have adapted.
 
     Args:
         model: with fewer effects than `before`, or simpler ones.
@@ -27,20 +32,27 @@ def start_of_fewer(model: CameraModel, before: CameraModel, joint: JointFit, obs
     gone = {name: value for values in neutral for name, value in values.items() if name not in stay}
     if not gone:
         return joint.start
-    starts = [Start({**joint.values, **values}, joint.sigma, joint.smoothness) for values in ({}, _given(joint, gone))]
+    starts = [
+        Start({**joint.values, **values}, joint.sigma, joint.smoothness)
+        for values in ({}, _given(joint, gone))
+    ]
     return min(starts, key=lambda start: _left(model, start, joint, observations))
 
 
 def _given(joint: JointFit, nothing: Values) -> Values:
     """The parameters that stay, where those that go have these values."""
     parameters = joint.parameters
-    goes = torch.from_numpy(parameters.entries(name for name in nothing if name in parameters.slices()))
+    goes = torch.from_numpy(
+        parameters.entries(name for name in nothing if name in parameters.slices())
+    )
     if not len(goes):
         return {}
     here, there = parameters.vector(joint.values), parameters.vector({**joint.values, **nothing})
     known = inverse(joint.covariance[goes][:, goes]) @ (there - here)[goes]
     moved = parameters.values(here + joint.covariance[:, goes] @ known)
-    return moved | {param.name: moved[param.name].clamp_min(param.least) for param in parameters.free}
+    return moved | {
+        param.name: moved[param.name].clamp_min(param.least) for param in parameters.free
+    }
 
 
 def _left(model: CameraModel, start: Start, joint: JointFit, observations: Observations) -> float:

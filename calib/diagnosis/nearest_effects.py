@@ -16,8 +16,11 @@ MOST = 3
 """Of the names."""
 
 
-def nearest_named(at: Optimum, field: Effect, values: dict[str, torch.Tensor], named: Sequence[Effect]) -> list[tuple[str, float]]:
-    """What each named effect can do of the shifts that a fitted field makes, beside what the fit without either can do, best first.
+def nearest_named(
+    at: Optimum, field: Effect, values: dict[str, torch.Tensor], named: Sequence[Effect]
+) -> list[tuple[str, float]]:
+    """What each named effect can do of the shifts that a fitted field makes, beside what the fit
+    without either can do, best first.
 
     Args:
         at: where the fit without the field ended.
@@ -27,7 +30,9 @@ def nearest_named(at: Optimum, field: Effect, values: dict[str, torch.Tensor], n
         Names, and fractions of the field's sum of squares.
     """
     columns = at.test(field).jacobian
-    moved = columns @ np.concatenate([(values[u.param.name] / u.param.scale).numpy().ravel() for u in field.unknowns])
+    moved = columns @ np.concatenate(
+        [(values[u.param.name] / u.param.scale).numpy().ravel() for u in field.unknowns]
+    )
     shares = dict[str, float]()
     for scored in at.candidates(named):
         if scored.jacobian.size:  # parameters of every view could do anything

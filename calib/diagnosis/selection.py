@@ -1,7 +1,9 @@
-"""Closing the loop: forward selection of the effects that the model lacks, then backward elimination of those it does not need.
+"""Closing the loop: forward selection of the effects that the model lacks, then backward
+elimination of those it does not need.
 
-In each round every effect is scored (score_test), the best few are fitted, and the one that lowers the error on held-out views most is
-added, if it does so beyond chance (held_out) with all candidates tried so far allowed for (Bonferroni). It ends when none is.
+In each round every effect is scored (score_test), the best few are fitted, and the one that lowers
+the error on held-out views most is added, if it does so beyond chance (held_out) with all
+candidates tried so far allowed for (Bonferroni). It ends when none is.
 """
 
 from __future__ import annotations
@@ -34,7 +36,9 @@ from calib.session.camera import Camera
 WORTH_TRYING = 0.05
 """p-value of the score."""
 TRIED = 4
-"""Candidates that are fitted in a round, best scores first; those whose neutral point says little of them come on top."""
+"""Candidates that are fitted in a round, best scores first; those whose neutral point says little
+of them come on top.
+"""
 HOPELESS = 3.0
 """Times the error without it."""
 MOST_EFFECTS = 6
@@ -62,10 +66,14 @@ class Loop:
     trials: dict[tuple[str, str], Trial] = field(default_factory=dict)
     """By effect and form: where each came closest."""
     hopeless: set[tuple[str, str]] = field(default_factory=set)
-    """Those of which a fit left so much more that they are none of the causes, whatever else there is: they are not asked again."""
+    """Those of which a fit left so much more that they are none of the causes, whatever else there
+    is: they are not asked again.
+    """
     confounded: dict[str, set[str]] = field(default_factory=dict)
     dropped: set[str] = field(default_factory=set)
-    """Effects that were accepted and that what came after them did without: they are not asked again."""
+    """Effects that were accepted and that what came after them did without: they are not asked
+    again.
+    """
     done: int = 0
     known: dict[tuple[bool, bool], HeldOut] = field(default_factory=dict)
     """What the model leaves on held-out views, by `half` and `banded`."""
@@ -73,7 +81,9 @@ class Loop:
     """What some of its effects alone leave there, by these and `half`."""
     fewer: FewerEffects = field(init=False)
     structured: float | None = None
-    """By how much structure of no cause beside the model makes the corners more probable: the logarithm."""
+    """By how much structure of no cause beside the model makes the corners more probable: the
+    logarithm.
+    """
 
     def __post_init__(self) -> None:
         self.fewer = FewerEffects(self.base, self.observations)
@@ -83,7 +93,11 @@ class Loop:
         first = self.left()
         added = self._add_what_helps()  # if nothing, what was added before may still be idle
         full = len(self.model.effects) == MOST_EFFECTS
-        while drop_idle(self, self.model.effects[-1] if added else None) and full and (added := self._add_what_helps()):
+        while (
+            drop_idle(self, self.model.effects[-1] if added else None)
+            and full
+            and (added := self._add_what_helps())
+        ):
             full = len(self.model.effects) == MOST_EFFECTS
         return first
 
@@ -94,7 +108,9 @@ class Loop:
             self._accept(best)
         return self.model is not before
 
-    def replace(self, test: ScoreTest, without: CameraModel, model: CameraModel, joint: JointFit) -> None:
+    def replace(
+        self, test: ScoreTest, without: CameraModel, model: CameraModel, joint: JointFit
+    ) -> None:
         """Go on with another model, whose last effect, scored so, was not there `without`."""
         half = model.path.private
         before = self.left_of(without.effects, half=half)
@@ -103,10 +119,14 @@ class Loop:
         self.trials[test.effect.name, test.effect.form] = Trial(test, Fit(model, joint), gain=shown)
 
     def _best(self) -> Trial | None:
-        """The next effect. Parameters of every view can imitate much, so they wait until no effect with a few for all views helps; and
-        they are taken only if they make the corners more probable, themselves integrated out, than the model as it is, and than a field
-        without a name that all views share."""
-        shared, single = ([e for e in EFFECTS if bool(e.per_view) is alone] for alone in (False, True))
+        """The next effect. Parameters of every view can imitate much, so they wait until no effect
+        with a few for all views helps; and they are taken only if they make the corners more
+        probable, themselves integrated out, than the model as it is, and than a field without a
+        name that all views share.
+        """
+        shared, single = (
+            [e for e in EFFECTS if bool(e.per_view) is alone] for alone in (False, True)
+        )
         fitted = self._lowering(shared)
         if passing := self._first_passing(fitted, lambda fit: fit.joint.log_evidence):
             return passing
@@ -116,20 +136,32 @@ class Loop:
             return None
         ahead = private.fitted.joint.log_marginal - self.joint.log_marginal if private else 0.0
         fields = self._more_probable(self._lowering(FIELDS, among=len(EFFECTS), least=ahead))
-        better = [field for field in fields if not private or field.fitted.joint.log_marginal > private.fitted.joint.log_marginal]
+        better = [
+            field
+            for field in fields
+            if not private or field.fitted.joint.log_marginal > private.fitted.joint.log_marginal
+        ]
         return self._first_passing(better, lambda fit: fit.joint.log_marginal) or private
 
-    def _lowering(self, effects: Sequence[type[Effect]], among: int = 0, least: float = 0.0) -> list[Trial]:
-        """Score all effects, fit the best few, and return those that lower the error enough to be worth holding views out.
+    def _lowering(
+        self, effects: Sequence[type[Effect]], among: int = 0, least: float = 0.0
+    ) -> list[Trial]:
+        """Score all effects, fit the best few, and return those that lower the error enough to be
+        worth holding views out.
 
         Args:
             among: candidates of which none passed before.
-            least: the logarithm by which one must be able to make the corners more probable: by half of its chi2 at best.
+            least: the logarithm by which one must be able to make the corners more probable: by
+                half of its chi2 at best.
         """
         scores = self.scores(effects)
         judged = (c for c in scores if c.effect.judged_by_score and c.chi2 / 2 > least)
         promising = (c for c in judged if c.p_value < WORTH_TRYING and c.promises > LEAST_GAIN)
-        always = [c for c in scores if not (c.effect.judged_by_score or (c.effect.name, c.effect.form) in self.hopeless)]
+        always = [
+            c
+            for c in scores
+            if not (c.effect.judged_by_score or (c.effect.name, c.effect.form) in self.hopeless)
+        ]
         chosen = always + sorted(promising, key=lambda c: 2 * c.dof - c.chi2)[:TRIED]
         tried = [self._try(test, among + len(scores)) for test in chosen]
         return [trial for trial in tried if trial.lowers > LEAST_GAIN and not trial.improbable]
@@ -137,12 +169,18 @@ class Loop:
     def scores(self, effects: Sequence[type[Effect]]) -> list[ScoreTest]:
         """What the residual says of each effect."""
         at = Optimum(self.model, self.observations, self.joint)
-        there = surroundings(at, self.board, self.camera, place=any(kind.needs_place for kind in effects))
+        there = surroundings(
+            at, self.board, self.camera, place=any(kind.needs_place for kind in effects)
+        )
         taken = self.dropped | {effect.name for effect in self.model.effects}
-        found = at.candidates([effect for kind in effects if kind.name not in taken for effect in kind.propose(there)])
+        found = at.candidates(
+            [effect for kind in effects if kind.name not in taken for effect in kind.propose(there)]
+        )
         for test in found:
             key = test.effect.name, test.effect.form
-            if key not in self.trials or (not self.trials[key].gain and test.p_value < self.trials[key].test.p_value):
+            if key not in self.trials or (
+                not self.trials[key].gain and test.p_value < self.trials[key].test.p_value
+            ):
                 self.trials[key] = Trial(test)
         self._note_confounded(found)
         return found
@@ -157,20 +195,34 @@ class Loop:
         shared = not test.effect.per_view
         if joint.finite and lowers < 1 - HOPELESS:
             self.hopeless.add((test.effect.name, test.effect.form))
-        trial = Trial(test, Fit(wider, joint), lowers, among, odds if shared else -np.inf, improbable=shared and odds <= 0)
+        trial = Trial(
+            test,
+            Fit(wider, joint),
+            lowers,
+            among,
+            odds if shared else -np.inf,
+            improbable=shared and odds <= 0,
+        )
         key = test.effect.name, test.effect.form
         if not self.trials[key].gain:
             self.trials[key] = trial
         return trial
 
     def _more_probable(self, trials: Sequence[Trial]) -> list[Trial]:
-        """Of trials whose numbers of parameters have no common measure, those that make the corners more probable than the model as it
-        is, in their most probable forms."""
+        """Of trials whose numbers of parameters have no common measure, those that make the corners
+        more probable than the model as it is, in their most probable forms.
+        """
         found = []
         for trial in trials:
-            model, joint = with_most_probable(self.model, trial.test.effect, self.observations, trial.fitted.joint)
+            model, joint = with_most_probable(
+                self.model, trial.test.effect, self.observations, trial.fitted.joint
+            )
             trial = replace(
-                trial, fit=Fit(model, joint), finished=True, odds=-np.inf, improbable=joint.log_marginal <= self.joint.log_marginal
+                trial,
+                fit=Fit(model, joint),
+                finished=True,
+                odds=-np.inf,
+                improbable=joint.log_marginal <= self.joint.log_marginal,
             )
             if trial.improbable:
                 self.trials[trial.test.effect.name, trial.test.effect.form] = trial
@@ -179,23 +231,37 @@ class Loop:
         return found
 
     def _caused(self, trials: Sequence[Trial]) -> list[Trial]:
-        """Of trials of what single views have for themselves, those without which structure of no cause does not make the corners as
-        probable: what a model lacks in single views, small numbers in single views follow, whatever they are called."""
+        """Of trials of what single views have for themselves, those without which structure of no
+        cause does not make the corners as
+        probable: what a model lacks in single views, small numbers in single views follow, whatever
+            they are called.
+        """
         found = []
         for trial in trials:
-            odds = trial.fitted.joint.log_marginal - self.joint.log_marginal + self._structure_left(trial)
+            odds = (
+                trial.fitted.joint.log_marginal
+                - self.joint.log_marginal
+                + self._structure_left(trial)
+            )
             known = replace(trial, odds=odds)
             if known.sure:
                 found.append(known)
         return found
 
     def _structure_left(self, trial: Trial) -> float:
-        """By how much more, or less where it is negative, structure of no cause has to explain with the trial than without."""
+        """By how much more, or less where it is negative, structure of no cause has to explain with
+        the trial than without.
+        """
         if self.structured is None:
             self.structured = gain_of_structure(Optimum(self.model, self.observations, self.joint))
-        return gain_of_structure(Optimum(trial.fitted.model, self.observations, trial.fitted.joint)) - self.structured
+        return (
+            gain_of_structure(Optimum(trial.fitted.model, self.observations, trial.fitted.joint))
+            - self.structured
+        )
 
-    def _first_passing(self, trials: Sequence[Trial], probable: Callable[[Fit], float]) -> Trial | None:
+    def _first_passing(
+        self, trials: Sequence[Trial], probable: Callable[[Fit], float]
+    ) -> Trial | None:
         """The most probable of the trials that held-out views confirm."""
         for trial in sorted(trials, key=lambda trial: probable(trial.fitted), reverse=True):
             if (held := self._held_out(trial)).passes:
@@ -221,7 +287,9 @@ class Loop:
         return trial
 
     def _accept(self, trial: Trial) -> None:
-        """Take an effect in, with the noise and the prior estimated anew; where such a fit is not finite, the trial's stands."""
+        """Take an effect in, with the noise and the prior estimated anew; where such a fit is not
+        finite, the trial's stands.
+        """
         wider, joint = trial.fitted.model, trial.fitted.joint
         if not trial.finished:
             anew = with_most_probable(self.model, trial.test.effect, self.observations, joint)
@@ -246,19 +314,27 @@ class Loop:
         if key not in self.apart:
             self._say("what is needed")
             fit = self.with_only(effects)
-            self.apart[key] = hold_out(fit.model, self.observations, fit.joint, self.folds, half=half)
+            self.apart[key] = hold_out(
+                fit.model, self.observations, fit.joint, self.folds, half=half
+            )
         return self.apart[key]
 
     def left(self, *, half: bool | None = None, banded: bool = False) -> HeldOut:
-        """What the model leaves on held-out views; whether its views' own parameters ask for half of the corners, it knows itself."""
+        """What the model leaves on held-out views; whether its views' own parameters ask for half
+        of the corners, it knows itself.
+        """
         key = self.model.path.private if half is None else half, banded
         if key not in self.known:
             split = self.bands if banded and self.bands else self.folds
-            self.known[key] = hold_out(self.model, self.observations, self.joint, split, half=key[0])
+            self.known[key] = hold_out(
+                self.model, self.observations, self.joint, split, half=key[0]
+            )
         return self.known[key]
 
     def _note_confounded(self, scores: Sequence[ScoreTest]) -> None:
-        """Pairs of which the whole of the one that has fewer directions can be done by the other."""
+        """Pairs of which the whole of the one that has fewer directions can be done by the
+        other.
+        """
         spans = [(test.effect.name, test.span()) for test in scores if test.jacobian.size]
         for (one, ours), (other, theirs) in combinations(spans, 2):
             if one == other or not (ours.size and theirs.size):

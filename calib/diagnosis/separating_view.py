@@ -1,7 +1,8 @@
 """The pose of the board that would tell effects apart which the views there are confound.
 
-Where one effect can do what another does, the information on both has a near-null direction. The view is wanted that shortens it most:
-of a bank of poses, the one that leaves the smallest predicted sigma of the effect, with the others free beside it.
+Where one effect can do what another does, the information on both has a near-null direction. The
+view is wanted that shortens it most: of a bank of poses, the one that leaves the smallest predicted
+sigma of the effect, with the others free beside it.
 """
 
 from collections.abc import Iterator, Sequence
@@ -50,7 +51,9 @@ class SeparatingView:
     """By which factor it alone makes the effect's sigma smaller."""
 
 
-def separating_view(at: Optimum, board: Board, camera: Camera, effect: Effect, others: Sequence[Effect]) -> SeparatingView | None:
+def separating_view(
+    at: Optimum, board: Board, camera: Camera, effect: Effect, others: Sequence[Effect]
+) -> SeparatingView | None:
     """The best view of the bank.
 
     Args:
@@ -62,8 +65,12 @@ def separating_view(at: Optimum, board: Board, camera: Camera, effect: Effect, o
     path, values, count = at.model.path, at.joint.values, board.count
     index = torch.arange(len(poses)).repeat_interleave(count)
     motionless = at.model.padded(poses)
-    pixels = project(path, values, path.place(corners.repeat(len(poses), 1), values, motionless[index]))
-    inside = ((pixels >= 0) & (pixels <= torch.tensor([camera.width - 1, camera.height - 1]))).all(-1)
+    pixels = project(
+        path, values, path.place(corners.repeat(len(poses), 1), values, motionless[index])
+    )
+    inside = ((pixels >= 0) & (pixels <= torch.tensor([camera.width - 1, camera.height - 1]))).all(
+        -1
+    )
     seen = inside.reshape(-1, count).all(-1)
     if not bool(seen.any()):
         return None
@@ -84,7 +91,9 @@ def _bank(at: Optimum, camera: Camera) -> Iterator[Array]:
     """(6,) poses, wherever the middle of the board lies in the picture of a pinhole."""
     seen = at.observations
     timed = seen.with_times(at.joint.values)
-    depth = float(at.model.path.place(seen.corners, timed, at.joint.poses[seen.view])[:, 2].median())
+    depth = float(
+        at.model.path.place(seen.corners, timed, at.joint.poses[seen.view])[:, 2].median()
+    )
     focal, cx, cy = (float(at.joint.values[f"camera.{name}"]) for name in ("fx", "cx", "cy"))
     for part, right, down, tilt, turn in product(DEPTHS, PLACES, PLACES, TILTS, TURNS):
         z = part * depth

@@ -1,4 +1,5 @@
-"""Whether matched pairs differ: the test that flips the signs of their differences, which are as often one as the other if they do not.
+"""Whether matched pairs differ: the test that flips the signs of their differences, which are as
+often one as the other if they do not.
 
 Source: P. Good, Permutation, parametric, and bootstrap tests of hypotheses (2005), section 3.2.
 """
@@ -15,10 +16,13 @@ FLIPS = 20_000
 def views_gain(before: Array, after: Array) -> float:
     """p-value of "these views' errors, (V,) mean squares before and after, do not fall".
 
-    The test is made twice, and the better p-value doubled: on the logarithm of the errors' ratio, in which a view with bad corners counts
-    no more than another, and on the difference of the squares, for an effect that only some of the views show.
+    The test is made twice, and the better p-value doubled: on the logarithm of the errors' ratio,
+    in which a view with bad corners counts no more than another, and on the difference of the
+    squares, for an effect that only some of the views show.
     """
-    return min(1.0, 2 * min(views_agree(gains) for gains in (np.log(before / after), before - after)))
+    return min(
+        1.0, 2 * min(views_agree(gains) for gains in (np.log(before / after), before - after))
+    )
 
 
 def views_agree(each: Array) -> float:

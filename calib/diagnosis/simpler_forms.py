@@ -1,4 +1,6 @@
-"""Effects in simpler forms than they were found in: what another one that came later took over, they need no more."""
+"""Effects in simpler forms than they were found in: what another one that came later took over,
+they need no more.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +13,24 @@ from calib.estimation.observations import Observations
 
 
 def simplified(fit: Fit, base: CameraModel, observations: Observations) -> Fit:
-    """The same fit, or one in which effects that all views share have fewer parameters and the corners are more probable.
+    """The same fit, or one in which effects that all views share have fewer parameters and the
+    corners are more probable.
 
     Args:
         base: the model without any effect.
     """
     for place, effect in enumerate(fit.model.effects):
-        forms = [] if effect.per_view else [form for form in effect.alternatives() if len(form.unknowns) < len(effect.unknowns)]
+        forms = (
+            []
+            if effect.per_view
+            else [
+                form for form in effect.alternatives() if len(form.unknowns) < len(effect.unknowns)
+            ]
+        )
         effects = fit.model.effects
-        models = [base.with_effects([*effects[:place], form, *effects[place + 1 :]]) for form in forms]
+        models = [
+            base.with_effects([*effects[:place], form, *effects[place + 1 :]]) for form in forms
+        ]
         odds = [odds_of(model, fit.model, fit.joint) for model in models]
         if not odds or max(odds) <= 0:
             continue

@@ -1,4 +1,6 @@
-"""The model that a diagnosis starts from: a calibration's, with what its fit estimated free again."""
+"""The model that a diagnosis starts from: a calibration's, with what its fit estimated free
+again.
+"""
 
 from dataclasses import replace
 
@@ -17,7 +19,12 @@ from calib.session.tolerances import OWN_CENTRE, OWN_COEFFICIENT, OWN_FOCAL
 def base_model(calibration: Calibration) -> CameraModel:
     """What the calibration's fit started from, as far as it says, without any effect."""
     declared = calibration.declared
-    as_declared = replace(calibration, camera=replace(calibration.camera, intrinsics=declared.intrinsics), cover=declared.cover, effects=())
+    as_declared = replace(
+        calibration,
+        camera=replace(calibration.camera, intrinsics=declared.intrinsics),
+        cover=declared.cover,
+        effects=(),
+    )
     path, values = as_declared.model()
     intrinsics, cover = declared.intrinsics, declared.cover
     for name in declared.doubted:
@@ -25,11 +32,22 @@ def base_model(calibration: Calibration) -> CameraModel:
     priors = priors_of(intrinsics, cover, path)
     if calibration.settings.get("intrinsics_from") == "views":
         focal = OWN_FOCAL.sigma * float(values["camera.fx"])
-        own = {"camera.fx": focal, "camera.fy": focal, "camera.cx": OWN_CENTRE.sigma, "camera.cy": OWN_CENTRE.sigma}
-        own = {param.name: own.get(param.name, OWN_COEFFICIENT.sigma) for param in path.lens.params if not param.shape}
+        own = {
+            "camera.fx": focal,
+            "camera.fy": focal,
+            "camera.cx": OWN_CENTRE.sigma,
+            "camera.cy": OWN_CENTRE.sigma,
+        }
+        own = {
+            param.name: own.get(param.name, OWN_COEFFICIENT.sigma)
+            for param in path.lens.params
+            if not param.shape
+        }
         priors = Priors({**priors.sigmas, **own})
     if calibration.relief:
-        values[AMPLITUDES] = torch.from_numpy(expected_amplitudes(calibration.relief, declared.cover.glass))
+        values[AMPLITUDES] = torch.from_numpy(
+            expected_amplitudes(calibration.relief, declared.cover.glass)
+        )
     return CameraModel(path, values, priors)
 
 

@@ -1,10 +1,13 @@
-"""The rival of what single views have for themselves: structure of no cause, smooth over the board and another one in every view.
+"""The rival of what single views have for themselves: structure of no cause, smooth over the board
+and another one in every view.
 
-Where a model lacks something small in every view, small numbers in every view follow it, whatever they are called. So how probable the
-corners are is asked with a Gaussian process over each view's board as well: a sum of three, of different lengths, whose heights, and the
-noise beside them, are chosen by evidence. What is said to be a cause has to make them more probable beside that, too.
+Where a model lacks something small in every view, small numbers in every view follow it, whatever
+they are called. So how probable the corners are is asked with a Gaussian process over each view's
+board as well: a sum of three, of different lengths, whose heights, and the noise beside them, are
+chosen by evidence. What is said to be a cause has to make them more probable beside that, too.
 
-Source: C. E. Rasmussen, C. K. I. Williams, Gaussian processes for machine learning (2006), sections 2.7 and 5.4.
+Source: C. E. Rasmussen, C. K. I. Williams, Gaussian processes for machine learning (2006), sections
+    2.7 and 5.4.
 """
 
 from __future__ import annotations
@@ -33,13 +36,17 @@ FAINT = 1e-3
 """Of an axis's largest: a mode with a smaller variance is left out."""
 
 BEFOREHAND = 0.05
-"""The probability of such structure before corners are looked at: its heights are chosen, and noise has some, too."""
+"""The probability of such structure before corners are looked at: its heights are chosen, and noise
+has some, too.
+"""
 TINY = 1e-12
 """Of the processes' variance: what keeps the root of their covariance real."""
 
 
 def gain(at: Optimum) -> float:
-    """By how much the logarithm of the corners' probability rises where such structure may be, everything else integrated out."""
+    """By how much the logarithm of the corners' probability rises where such structure may be,
+    everything else integrated out.
+    """
     modes, spread = modes_of(at.observations.corners.numpy())
     around = Linearised.around(at)
     likelihood = Likelihood(
@@ -53,11 +60,12 @@ def gain(at: Optimum) -> float:
 
 
 def modes_of(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Functions over the board that all lengths share, and how large each length's process is in them.
+    """Functions over the board that all lengths share, and how large each length's process is in
+    them.
 
     Returns:
-        (M, q) at (M, 2) corners, products of one along x and one along y, orthonormal on the board's grid; and (L, q, q) the covariances
-        of their coefficients.
+        (M, q) at (M, 2) corners, products of one along x and one along y, orthonormal on the
+        board's grid; and (L, q, q) the covariances of their coefficients.
     """
     side = float(np.ptp(corners, axis=0).max())
     functions, spreads = [], []
@@ -77,19 +85,33 @@ def modes_of(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray
 class Likelihood:
     """Of the linearised corners beside the processes, for any heights of them and any noise."""
 
-    def __init__(self, around: Linearised, spread: Tensor, modes: Sequence[Tensor], own_precision: Tensor) -> None:
+    def __init__(
+        self, around: Linearised, spread: Tensor, modes: Sequence[Tensor], own_precision: Tensor
+    ) -> None:
         """
         Args:
             spread: (L, q, q), as `modes_of` has it.
             modes: (m, q) of each view's m corners.
             own_precision: (B,) of the prior of a view's own parameters.
         """
-        self.around, self.spread, self.own_precision, self.products = around, spread, own_precision, around.products
+        self.around, self.spread, self.own_precision, self.products = (
+            around,
+            spread,
+            own_precision,
+            around.products,
+        )
         self.inner = torch.stack([seen.mT @ seen for seen in modes])
-        self.crossed = [torch.stack([seen.mT @ own[axis::2] for seen, own in zip(modes, around.columns, strict=True)]) for axis in (0, 1)]
+        self.crossed = [
+            torch.stack(
+                [seen.mT @ own[axis::2] for seen, own in zip(modes, around.columns, strict=True)]
+            )
+            for axis in (0, 1)
+        ]
 
     def log(self, heights: Tensor, noise: Tensor) -> Tensor:
-        """() the logarithm up to a constant, of (L,) heights over the noise, and a noise over the fit's noise."""
+        """() the logarithm up to a constant, of (L,) heights over the noise, and a noise over the
+        fit's noise.
+        """
         each = torch.eye(self.spread.shape[-1], dtype=torch.float64)
         spread = (heights[:, None, None] ** 2 * self.spread).sum(0)
         root = torch.linalg.cholesky(spread + TINY * (1 + spread.diagonal().mean()) * each)
@@ -105,7 +127,10 @@ class Likelihood:
         """The largest."""
         count = len(self.spread)
         starts = [
-            torch.tensor([height if place == one else LOW for place in range(count)] + [noise], dtype=torch.float64)
+            torch.tensor(
+                [height if place == one else LOW for place in range(count)] + [noise],
+                dtype=torch.float64,
+            )
             for one in range(count)
             for height in HEIGHTS
             for noise in (0.8, 1.0)
@@ -119,4 +144,13 @@ class Likelihood:
             return float(found.detach()), slope.numpy()
 
         bounds = np.log([LIMITS] * count + [NOISES]).tolist()
-        return -float(minimize(badness, first.log().numpy(), jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-6}).fun)
+        return -float(
+            minimize(
+                badness,
+                first.log().numpy(),
+                jac=True,
+                method="L-BFGS-B",
+                bounds=bounds,
+                options={"ftol": 1e-6},
+            ).fun
+        )

@@ -1,4 +1,6 @@
-"""Where a residual lives: how much of its variance each thing explains that could organise it, named effect or not."""
+"""Where a residual lives: how much of its variance each thing explains that could organise it,
+named effect or not.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,9 @@ class Scene:
     depth: Array
     """(M,) m"""
     incidence: Array
-    """(M,) cosine between the ray and the cover's normal, or the optical axis where there is no cover."""
+    """(M,) cosine between the ray and the cover's normal, or the optical axis where there is no
+    cover.
+    """
     width: int
     height: int
 
@@ -56,7 +60,9 @@ class Scene:
         """(M,) px: the robust size of each view's own residual."""
         view = self.observations.view.numpy()
         length = np.hypot(*self.residual.T)
-        sizes = np.array([np.median(length[view == v]) for v in range(len(self.observations.names))])
+        sizes = np.array(
+            [np.median(length[view == v]) for v in range(len(self.observations.names))]
+        )
         return np.asarray(np.maximum(sizes, 1e-9)[view])
 
     def _share(self, name: str, basis: Basis, weighed: Array) -> Share:
@@ -77,9 +83,9 @@ class Scene:
 
 def _image(scene: Scene) -> Basis:
     x, y = scene.observations.pixels.numpy().T
-    cell = np.floor(x / scene.width * CELLS[0]).clip(0, CELLS[0] - 1) * CELLS[1] + np.floor(y / scene.height * CELLS[1]).clip(
-        0, CELLS[1] - 1
-    )
+    cell = np.floor(x / scene.width * CELLS[0]).clip(0, CELLS[0] - 1) * CELLS[1] + np.floor(
+        y / scene.height * CELLS[1]
+    ).clip(0, CELLS[1] - 1)
     return _means(cell)
 
 
@@ -99,7 +105,11 @@ def _motion(scene: Scene) -> Basis:
 def _time(scene: Scene) -> Basis:
     """What grows with time, as a whole or away from the image's middle."""
     seen = scene.observations
-    when = (seen.view.numpy() / max(1, len(seen.names) - 1) if seen.moment is None else seen.moment[:, 0].numpy() + 0.5) - 0.5
+    when = (
+        seen.view.numpy() / max(1, len(seen.names) - 1)
+        if seen.moment is None
+        else seen.moment[:, 0].numpy() + 0.5
+    ) - 0.5
     x, y = (seen.pixels.numpy() - [scene.width / 2, scene.height / 2]).T / scene.width
     return _everywhere(when, when * x, when * y, when**2, when**2 * x, when**2 * y)
 

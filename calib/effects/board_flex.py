@@ -12,7 +12,9 @@ from calib.optics.path import Path
 
 @dataclass(frozen=True, slots=True)
 class BoardFlex(Effect):
-    """Three more parameters in every view: xx (1 - u^2) + xy u v + yy (1 - v^2), on top of the shape that all views share."""
+    """Three more parameters in every view: xx (1 - u^2) + xy u v + yy (1 - v^2), on top of the
+    shape that all views share.
+    """
 
     half_x: float
     """m, half the distance between the outermost corners along x: there u = 1."""
@@ -21,7 +23,9 @@ class BoardFlex(Effect):
     """Over what is possible at most: the standard deviation of each parameter beforehand."""
     name: ClassVar[str] = "board_flex"
     about: ClassVar[str] = "each single view"
-    advice: ClassVar[str] = "glue the board to something stiff, or lay it down or lean it alike in every view"
+    advice: ClassVar[str] = (
+        "glue the board to something stiff, or lay it down or lean it alike in every view"
+    )
     per_view: ClassVar[str] = FLEX
 
     @classmethod
@@ -36,4 +40,8 @@ class BoardFlex(Effect):
         return ()
 
     def apply(self, path: Path) -> Path:
-        return replace(path, target=replace(path.target, flex=(self.half_x, self.half_y)), sizes=(*path.sizes, (FLEX, self.size)))
+        return replace(
+            path,
+            target=replace(path.target, flex=(self.half_x, self.half_y)),
+            sizes=(*path.sizes, (FLEX, self.size)),
+        )

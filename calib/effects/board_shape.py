@@ -1,7 +1,9 @@
 """The board is not flat: a smooth deflection, of a degree that the evidence chooses.
 
-Sources: mrcal's `calobject_warp` for the two terms of a dish (https://mrcal.secretsauce.net/formulation.html); S. Timoshenko,
-S. Woinowsky-Krieger, Theory of plates and shells (1959), section 10: a plate's bending energy goes with the square of its curvature.
+Sources: mrcal's `calobject_warp` for the two terms of a dish
+    (https://mrcal.secretsauce.net/formulation.html); S. Timoshenko,
+S. Woinowsky-Krieger, Theory of plates and shells (1959), section 10: a plate's bending energy goes
+with the square of its curvature.
 """
 
 from __future__ import annotations
@@ -28,9 +30,11 @@ PROBE = "board_shape.probe"
 
 @dataclass(frozen=True, slots=True)
 class BoardShape(Effect):
-    """The sum of its terms, by degree: xx (1 - u^2) + xy u v + yy (1 - v^2), by how much the middle is farther from the camera than the
-    edges, and by how much two corners are than the others; then Legendre's P_i(u) P_j(v), i + j = 3, 4, called by i times x, j times y.
-    What a pose does as well, degrees 0 and 1, is left out. Beyond the rim the board goes on level."""
+    """The sum of its terms, by degree: xx (1 - u^2) + xy u v + yy (1 - v^2), by how much the middle
+    is farther from the camera than the edges, and by how much two corners are than the others; then
+    Legendre's P_i(u) P_j(v), i + j = 3, 4, called by i times x, j times y. What a pose does as
+    well, degrees 0 and 1, is left out. Beyond the rim the board goes on level.
+    """
 
     half_x: float
     """m, half the distance between the outermost corners along x: there u = 1."""
@@ -39,7 +43,8 @@ class BoardShape(Effect):
     name: ClassVar[str] = "board_shape"
     about: ClassVar[str] = "the board"
     advice: ClassVar[str] = (
-        "tilt the board by 40 degrees and more, in both directions, so that its middle and its edges lie at different depths"
+        "tilt the board by 40 degrees and more, in both directions, so that its middle and its"
+        " edges lie at different depths"
     )
 
     @classmethod
@@ -63,7 +68,9 @@ class BoardShape(Effect):
 
     def tuned(self, information: NDArray[np.float64], score: NDArray[np.float64]) -> Self:
         """With the degree of the largest evidence, to first order."""
-        return most_evident([form for form in self.alternatives() if form.degree <= self.degree], information, score)
+        return most_evident(
+            [form for form in self.alternatives() if form.degree <= self.degree], information, score
+        )
 
     def apply(self, path: Path) -> Path:
         return replace(path, target=replace(path.target, bends=(*path.target.bends, self)))
@@ -73,7 +80,9 @@ class BoardShape(Effect):
         with torch.no_grad():
             (u, v), (inside_u, inside_v) = self._powers(x, y)
         sizes = torch.stack([values[name] for name in self.probes], -1)
-        table = (sizes @ _monomials(self._terms).to(sizes)).reshape(*sizes.shape[:-1], self.degree + 1, self.degree + 1)
+        table = (sizes @ _monomials(self._terms).to(sizes)).reshape(
+            *sizes.shape[:-1], self.degree + 1, self.degree + 1
+        )
         along = times(u, table)
         up = (along * v).sum(0)
         with torch.no_grad():
@@ -95,8 +104,13 @@ class BoardShape(Effect):
         return dict(zip(self.probes, torch.split(each, 1, -1), strict=True))
 
     def _powers(self, x: Tensor, y: Tensor) -> tuple[tuple[Tensor, Tensor], tuple[Tensor, Tensor]]:
-        """(degree + 1, ...) of either coordinate over its half, and (...) whether it is within the rim."""
-        (u, inside_u), (v, inside_v) = powers(x, self.half_x, self.degree), powers(y, self.half_y, self.degree)
+        """(degree + 1, ...) of either coordinate over its half, and (...) whether it is within the
+        rim.
+        """
+        (u, inside_u), (v, inside_v) = (
+            powers(x, self.half_x, self.degree),
+            powers(y, self.half_y, self.degree),
+        )
         return (u, v), (inside_u, inside_v)
 
 
@@ -108,7 +122,9 @@ def _unknown(term: Term) -> Unknown:
 
 @cache
 def _monomials(terms: tuple[Term, ...]) -> Tensor:
-    """(n, orders^2) of each term by the products u^a v^b: a dish is 0 at the edges, and not on average."""
+    """(n, orders^2) of each term by the products u^a v^b: a dish is 0 at the edges, and not on
+    average.
+    """
     table = monomials(terms)
     for row, term in zip(table, terms, strict=True):
         if term in ((2, 0), (0, 2)):

@@ -1,4 +1,6 @@
-"""The part that effects on the camera share: an adjustment of the pixels or of the camera's parameters."""
+"""The part that effects on the camera share: an adjustment of the pixels or of the camera's
+parameters.
+"""
 
 from __future__ import annotations
 

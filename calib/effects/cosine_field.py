@@ -1,4 +1,5 @@
-"""The part that smooth fields share: a displacement over an area, of products of cosines whose sizes the evidence chooses.
+"""The part that smooth fields share: a displacement over an area, of products of cosines whose
+sizes the evidence chooses.
 
 Source: N. Ahmed, T. Natarajan, K. Rao, Discrete cosine transform (1974).
 """
@@ -44,19 +45,30 @@ class CosineField(Effect):
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        return tuple(Unknown(Param(f"{self.area}.{axis}", self.unit, self.scale, (WAVES**2,)), self.size) for axis in "xy")
+        return tuple(
+            Unknown(Param(f"{self.area}.{axis}", self.unit, self.scale, (WAVES**2,)), self.size)
+            for axis in "xy"
+        )
 
     @property
     def params(self) -> tuple[Param, ...]:
         return tuple(unknown.param for unknown in self.unknowns)
 
     def tuned(self, information: NDArray[np.float64], score: NDArray[np.float64]) -> Self:
-        """With the size and the knee of the largest evidence: of the residual's probability, the field itself integrated out."""
-        forms = [replace(self, size=self.first_size * factor, knee=knee) for factor in SIZES for knee in KNEES]
+        """With the size and the knee of the largest evidence: of the residual's probability, the
+        field itself integrated out.
+        """
+        forms = [
+            replace(self, size=self.first_size * factor, knee=knee)
+            for factor in SIZES
+            for knee in KNEES
+        ]
         mine = self._falls(torch.float64).numpy().ravel() * self.scale
 
         def evidence(form: Self) -> float:
-            spread = np.tile(form.size * form._falls(torch.float64).numpy().ravel() / mine, 2)  # of my parameters over their scales
+            spread = np.tile(
+                form.size * form._falls(torch.float64).numpy().ravel() / mine, 2
+            )  # of my parameters over their scales
             return linear_evidence(information, score, spread)
 
         return max(forms, key=evidence)
@@ -67,7 +79,9 @@ class CosineField(Effect):
         return 1 / (1 + (order[:, None] ** 2 + order**2) / self.knee**2)
 
     def shift(self, x: Tensor, y: Tensor, values: Values) -> list[tuple[Tensor, Tensor, Tensor]]:
-        """(...) m or px by which a point is moved along x and along y, each with its slopes by x and by y, which carry no derivatives."""
+        """(...) m or px by which a point is moved along x and along y, each with its slopes by x
+        and by y, which carry no derivatives.
+        """
         with torch.no_grad():
             (along, rise_along), (down, rise_down) = self._cosines(x, y)
         falls = self._falls(x.dtype).to(x.device).flatten()
@@ -89,12 +103,17 @@ class CosineField(Effect):
     def weights(self, x: Tensor, y: Tensor) -> dict[str, Tensor]:
         """As `linear_part` has them."""
         (along, _), (down, _) = self._cosines(x, y)
-        waves = (along.unsqueeze(1) * down).flatten(0, 1).movedim(0, -1) * self._falls(x.dtype).flatten()
+        waves = (along.unsqueeze(1) * down).flatten(0, 1).movedim(0, -1) * self._falls(
+            x.dtype
+        ).flatten()
         return dict.fromkeys(self.probes, waves)
 
     def _cosines(self, x: Tensor, y: Tensor) -> list[tuple[Tensor, Tensor]]:
         """(WAVES, ...) cosines along each direction, and their derivatives."""
-        order = torch.arange(WAVES, dtype=x.dtype, device=x.device).reshape(-1, *[1] * x.ndim) * torch.pi
+        order = (
+            torch.arange(WAVES, dtype=x.dtype, device=x.device).reshape(-1, *[1] * x.ndim)
+            * torch.pi
+        )
         found = []
         for at, low, high in zip((x, y), self.low, self.high, strict=True):
             angle = (at - low) / (high - low) * order

@@ -9,4 +9,7 @@ from calib.session.tolerances import RADIUS, RADIUS_SLOPE, Tolerance
 class CoverRadius(CoverEffect):
     name: ClassVar[str] = "cover_radius"
     advice: ClassVar[str] = "hold the board as near as it fits into the picture"
-    candidates: ClassVar[dict[str, Tolerance]] = {"cover.inner_radius": RADIUS, "cover.radius_slope": RADIUS_SLOPE}
+    candidates: ClassVar[dict[str, Tolerance]] = {
+        "cover.inner_radius": RADIUS,
+        "cover.radius_slope": RADIUS_SLOPE,
+    }

@@ -18,7 +18,10 @@ class CoverTilt(Effect):
     """Turned about the origin of the cover's frame, on top of the tilt that is stated."""
 
     axes: str
-    """Those about which a turn changes this shape: xz of a cone or cylinder, xy of a window. A turned dome is the same dome."""
+    """Those about which a turn changes this shape: xz of a cone or cylinder, xy of a window.
+
+    A turned dome is the same dome.
+    """
     name: ClassVar[str] = "cover_tilt"
     about: ClassVar[str] = "the cover"
     on_cover: ClassVar[bool] = True
@@ -32,11 +35,16 @@ class CoverTilt(Effect):
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        return tuple(Unknown.of(f"cover_tilt.{axis}", COVER_TILT, (f"cover.tilt.{axis}",)) for axis in self.axes)
+        return tuple(
+            Unknown.of(f"cover_tilt.{axis}", COVER_TILT, (f"cover.tilt.{axis}",))
+            for axis in self.axes
+        )
 
     def apply(self, path: Path) -> Path:
         names = axis_names("cover_tilt", self.axes)
-        turned = (replace(i, frame=replace(i.frame, more=(*i.frame.more, names))) for i in path.cover)
+        turned = (
+            replace(i, frame=replace(i.frame, more=(*i.frame.more, names))) for i in path.cover
+        )
         return replace(path, cover=tuple(turned))
 
 

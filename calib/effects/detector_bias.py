@@ -18,7 +18,9 @@ X, Y = (unknown.param for unknown in UNKNOWNS)
 
 @dataclass(frozen=True, slots=True)
 class DetectorBias(CameraEffect):
-    """A corner was seen too far right by -bias sin(2 pi x), x its place in px: with a positive bias, pulled to the middle of a pixel."""
+    """A corner was seen too far right by -bias sin(2 pi x), x its place in px: with a positive
+    bias, pulled to the middle of a pixel.
+    """
 
     name: ClassVar[str] = "detector_bias"
     about: ClassVar[str] = "the corners' detector"
@@ -27,4 +29,8 @@ class DetectorBias(CameraEffect):
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
         wave = torch.sin(tau * pixels)
-        return pixels + torch.stack([values[X.name] * wave[..., 0], values[Y.name] * wave[..., 1]], -1), values
+        return (
+            pixels
+            + torch.stack([values[X.name] * wave[..., 0], values[Y.name] * wave[..., 1]], -1),
+            values,
+        )

@@ -1,4 +1,6 @@
-"""The outer surface is uneven on a finer scale than the relief's centres can follow, at one place."""
+"""The outer surface is uneven on a finer scale than the relief's centres can follow, at one
+place.
+"""
 
 from __future__ import annotations
 
@@ -25,14 +27,19 @@ class FineSurface(Effect):
     about: ClassVar[str] = "the cover"
     on_cover: ClassVar[bool] = True
     needs_place: ClassVar[bool] = True
-    advice: ClassVar[str] = "fill the place in question with corners: a board with smaller squares, or more views there"
+    advice: ClassVar[str] = (
+        "fill the place in question with corners: a board with smaller squares, or more views there"
+    )
 
     @classmethod
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:
         outer = there.path.cover[-1] if there.path.cover else None
         if outer is None or outer.relief is None or outer.more or there.place is None:
             return ()
-        half = [(n - 1) / 2 * step / FINER for n, step in zip(CENTRES, outer.relief.spacing, strict=True)]
+        half = [
+            (n - 1) / 2 * step / FINER
+            for n, step in zip(CENTRES, outer.relief.spacing, strict=True)
+        ]
         (first, second), (a, b) = there.place.tolist(), half
         return (cls((first - a, second - b), (first + a, second + b)),)
 

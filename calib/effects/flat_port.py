@@ -24,18 +24,25 @@ DISTANCE = 0.025
 """m"""
 AIR, WATER = 1.0, 1.333
 UNSAID = 0.1
-"""How often a window stands there of which the session says nothing, over causes that no session speaks of."""
+"""How often a window stands there of which the session says nothing, over causes that no session
+speaks of.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class FlatPort(Effect):
-    """A flat window across the optical axis. Neutral: nothing but air behind a window without thickness."""
+    """A flat window across the optical axis.
+
+    Neutral: nothing but air behind a window without thickness.
+    """
 
     behind: str
     """air or water"""
     name: ClassVar[str] = "flat_port"
     about: ClassVar[str] = "what stands before the lens"
-    advice: ClassVar[str] = "hold the board near and far: what a window does depends on depth, what a lens does not"
+    advice: ClassVar[str] = (
+        "hold the board near and far: what a window does depends on depth, what a lens does not"
+    )
     judged_by_score: ClassVar[bool] = False
     beforehand: ClassVar[float] = UNSAID
 
@@ -46,11 +53,16 @@ class FlatPort(Effect):
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
         tilt = (Unknown.of(f"flat_port.tilt.{axis}", PORT_TILT) for axis in "xy")
-        slab = (*tilt, Unknown(Param("flat_port.thickness", "m", 1e-3), PORT_THICKNESS.sigma, 0.0, WALL))
+        slab = (
+            *tilt,
+            Unknown(Param("flat_port.thickness", "m", 1e-3), PORT_THICKNESS.sigma, 0.0, WALL),
+        )
         if self.behind == "air":  # where it stands moves no ray
             return slab
         return (
-            Unknown(Param("flat_port.distance", "m", 1e-3), PORT_DISTANCE.sigma, DISTANCE, DISTANCE),
+            Unknown(
+                Param("flat_port.distance", "m", 1e-3), PORT_DISTANCE.sigma, DISTANCE, DISTANCE
+            ),
             *slab,
             Unknown(Param("flat_port.outside_index", "", 1e-2), WATER_INDEX.sigma, AIR, WATER),
         )
@@ -61,17 +73,25 @@ class FlatPort(Effect):
 
     @property
     def params(self) -> tuple[Param, ...]:
-        return tuple(unknown.param for unknown in self.unknowns if unknown.param.name != "flat_port.distance")
+        return tuple(
+            unknown.param for unknown in self.unknowns if unknown.param.name != "flat_port.distance"
+        )
 
     def displaced(self, values: Values) -> tuple[Values, ...]:
-        """Behind a window in water a camera looks as if its focal length were longer, by water's index, or, if its lens has no distortion
-        that could take up the window's, shorter."""
+        """Behind a window in water a camera looks as if its focal length were longer, by water's
+        index, or, if its lens has no distortion that could take up the window's, shorter.
+        """
         factors = WATER ** (torch.arange(-4, 3) / 4) if self.behind == "water" else ()
-        return tuple({name: values[name] * factor for name in ("camera.fx", "camera.fy")} for factor in factors)
+        return tuple(
+            {name: values[name] * factor for name in ("camera.fx", "camera.fy")}
+            for factor in factors
+        )
 
     def apply(self, path: Path) -> Path:
         distance = None if self.behind == "air" else "flat_port.distance"
-        frame = CoverFrame(origin=(None, None, distance), tilt=("flat_port.tilt.x", "flat_port.tilt.y", None))
+        frame = CoverFrame(
+            origin=(None, None, distance), tilt=("flat_port.tilt.x", "flat_port.tilt.y", None)
+        )
         window = (Interface("inner", Flat(), frame), Interface("outer", Flat(), frame))
         return replace(path, cover=window, adjustments=(*path.adjustments, self))
 
@@ -80,4 +100,9 @@ class FlatPort(Effect):
         thickness = values["flat_port.thickness"]
         wall, air = (torch.full_like(thickness, index) for index in (WALL_INDEX, AIR))
         outside = values.get("flat_port.outside_index", air)
-        return pixels, {**values, "cover.refractive_index": wall, "cover.thickness": thickness, "cover.outside_index": outside}
+        return pixels, {
+            **values,
+            "cover.refractive_index": wall,
+            "cover.thickness": thickness,
+            "cover.outside_index": outside,
+        }

@@ -15,7 +15,9 @@ DRIFT = Unknown.of("focal_drift.over_session", FOCAL)
 
 @dataclass(frozen=True, slots=True)
 class FocalDrift(CameraEffect):
-    """By this fraction from the first picture to the last, evenly in time; in the middle it is as stated."""
+    """By this fraction from the first picture to the last, evenly in time; in the middle it is as
+    stated.
+    """
 
     name: ClassVar[str] = "focal_drift"
     about: ClassVar[str] = "the lens"
@@ -26,4 +28,7 @@ class FocalDrift(CameraEffect):
         if TIME not in values:
             return pixels, values
         factor = 1 + values[DRIFT.param.name] * values[TIME]
-        return pixels, {**values, **{name: values[name] * factor for name in ("camera.fx", "camera.fy")}}
+        return pixels, {
+            **values,
+            **{name: values[name] * factor for name in ("camera.fx", "camera.fy")},
+        }

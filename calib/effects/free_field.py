@@ -21,7 +21,9 @@ class FreeField(CosineField):
     name: ClassVar[str] = "free_field"
     about: ClassVar[str] = "the board"
     has_cause: ClassVar[bool] = False
-    advice: ClassVar[str] = "turn the board by 90 degrees in some views, and move it over the whole picture"
+    advice: ClassVar[str] = (
+        "turn the board by 90 degrees in some views, and move it over the whole picture"
+    )
     area: ClassVar[str] = "free_field.board"
     unit: ClassVar[str] = "m"
     scale: ClassVar[float] = 1e-5

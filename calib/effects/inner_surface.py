@@ -22,7 +22,10 @@ class InnerSurface(Effect):
     name: ClassVar[str] = "inner_surface"
     about: ClassVar[str] = "the cover"
     on_cover: ClassVar[bool] = True
-    advice: ClassVar[str] = "hold the board as near as it fits into the picture, where parallax tells the two surfaces apart"
+    advice: ClassVar[str] = (
+        "hold the board as near as it fits into the picture, where parallax tells the two surfaces"
+        " apart"
+    )
 
     @classmethod
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:

@@ -1,4 +1,5 @@
-"""The lens distorts otherwise than stated: Brown's radial and tangential terms, from the distorted to the undistorted pixel.
+"""The lens distorts otherwise than stated: Brown's radial and tangential terms, from the distorted
+to the undistorted pixel.
 
 Source: D. C. Brown, Close-range camera calibration (1971).
 """
@@ -26,7 +27,9 @@ class Lens(CameraEffect):
 
     name: ClassVar[str] = "lens"
     about: ClassVar[str] = "the lens"
-    advice: ClassVar[str] = "take pictures without the cover (bare/), and boards at very different depths"
+    advice: ClassVar[str] = (
+        "take pictures without the cover (bare/), and boards at very different depths"
+    )
     unknowns_: ClassVar[tuple[Unknown, ...]] = UNKNOWNS
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:

@@ -1,4 +1,6 @@
-"""The lens distorts otherwise than any polynomial says: a smooth free-form displacement over the image, of a camera that stays central."""
+"""The lens distorts otherwise than any polynomial says: a smooth free-form displacement over the
+image, of a camera that stays central.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,10 @@ class LensField(CosineField):
 
     name: ClassVar[str] = "lens_field"
     about: ClassVar[str] = "the lens"
-    advice: ClassVar[str] = "move the board over the whole picture, near and far, and turn it by 90 degrees in some views"
+    advice: ClassVar[str] = (
+        "move the board over the whole picture, near and far, and turn it by 90 degrees in some"
+        " views"
+    )
     area: ClassVar[str] = "lens_field"
     unit: ClassVar[str] = "px"
     scale: ClassVar[float] = 0.1
@@ -29,7 +34,9 @@ class LensField(CosineField):
 
     @classmethod
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:
-        return (cls((-0.5, -0.5), (there.width - 0.5, there.height - 0.5), cls.first_size, FIRST_KNEE),)
+        return (
+            cls((-0.5, -0.5), (there.width - 0.5, there.height - 0.5), cls.first_size, FIRST_KNEE),
+        )
 
     def apply(self, path: Path) -> Path:
         return replace(path, adjustments=(*path.adjustments, self))

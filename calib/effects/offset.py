@@ -1,4 +1,6 @@
-"""Parameters of the stages that differ from what the fit holds: to each, one of the effect's own is added."""
+"""Parameters of the stages that differ from what the fit holds: to each, one of the effect's own is
+added.
+"""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -36,4 +38,7 @@ def shifted(values: Values, unknowns: Iterable[Unknown]) -> Values:
 
 def increments(effect: str, parameters: Mapping[str, Tolerance]) -> tuple[Unknown, ...]:
     """An unknown of the effect for each of some of the stages' parameters."""
-    return tuple(Unknown.of(f"{effect}.{name.split('.', 1)[1]}", tolerance, (name,)) for name, tolerance in parameters.items())
+    return tuple(
+        Unknown.of(f"{effect}.{name.split('.', 1)[1]}", tolerance, (name,))
+        for name, tolerance in parameters.items()
+    )

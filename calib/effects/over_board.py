@@ -1,4 +1,6 @@
-"""Polynomials over a board: products of Legendre's, P_i(u) P_j(v), where u and v are 1 at the outermost corners."""
+"""Polynomials over a board: products of Legendre's, P_i(u) P_j(v), where u and v are 1 at the
+outermost corners.
+"""
 
 from __future__ import annotations
 
@@ -28,10 +30,14 @@ def called(term: Term) -> str:
 
 
 def powers(at: Tensor, half: float, degree: int) -> tuple[Tensor, Tensor]:
-    """(degree + 1, ...) of a coordinate over its half, kept within the rim, and (...) 1 inside of it, else 0."""
+    """(degree + 1, ...) of a coordinate over its half, kept within the rim, and (...) 1 inside of
+    it, else 0.
+    """
     along = at / half
     within = along.clamp(-RIM, RIM)
-    return torch.stack([torch.ones_like(within), *within.expand(degree, *within.shape).cumprod(0)]), (along.abs() < RIM).to(at.dtype)
+    return torch.stack(
+        [torch.ones_like(within), *within.expand(degree, *within.shape).cumprod(0)]
+    ), (along.abs() < RIM).to(at.dtype)
 
 
 def monomials(terms: Iterable[Term]) -> NDArray[np.float64]:

@@ -11,7 +11,9 @@ from calib.effects.offset import shifted
 from calib.optics.params import Values
 from calib.session.tolerances import PRINCIPAL_POINT
 
-UNKNOWNS = tuple(Unknown.of(f"principal_point.{axis}", PRINCIPAL_POINT, (f"camera.c{axis}",)) for axis in "xy")
+UNKNOWNS = tuple(
+    Unknown.of(f"principal_point.{axis}", PRINCIPAL_POINT, (f"camera.c{axis}",)) for axis in "xy"
+)
 
 
 @dataclass(frozen=True, slots=True)

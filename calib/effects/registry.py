@@ -47,7 +47,9 @@ EFFECTS: tuple[type[Effect], ...] = (
 """In the order of a ray's way, as reports list them."""
 
 FIELDS: tuple[type[Effect], ...] = (LensField, FreeField)
-"""Tried where none of these helps and the residual is still organised: they can do much of what others do."""
+"""Tried where none of these helps and the residual is still organised: they can do much of what
+others do.
+"""
 
 KINDS: tuple[type[Effect], ...] = (*EFFECTS, *FIELDS)
 """Every effect, by whose names calibrations and commands call them."""

@@ -12,7 +12,10 @@ from calib.optics.path import Path
 
 @dataclass(frozen=True, slots=True)
 class RollingShutter(Effect):
-    """Six more parameters in every view: how far its board turns and moves during one readout. The readout's time is not needed."""
+    """Six more parameters in every view: how far its board turns and moves during one readout.
+
+    The readout's time is not needed.
+    """
 
     size: float = SIZES[-1]
     """Over what is possible at most: the standard deviation of each parameter beforehand."""

@@ -19,7 +19,9 @@ class Wedge(Effect):
     name: ClassVar[str] = "wedge"
     about: ClassVar[str] = "the cover"
     on_cover: ClassVar[bool] = True
-    advice: ClassVar[str] = "hold the board as near as it fits into the picture, at its left and its right side"
+    advice: ClassVar[str] = (
+        "hold the board as near as it fits into the picture, at its left and its right side"
+    )
 
     @classmethod
     def propose(cls, there: Surroundings) -> tuple[Self, ...]:

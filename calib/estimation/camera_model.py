@@ -1,4 +1,6 @@
-"""A model of the camera as a fit sees it: the ray path, the priors of its parameters, and the effects that were added."""
+"""A model of the camera as a fit sees it: the ray path, the priors of its parameters, and the
+effects that were added.
+"""
 
 from __future__ import annotations
 
@@ -41,36 +43,75 @@ class CameraModel:
 
     def with_effect(self, effect: Effect) -> CameraModel:
         """The model with one effect more, at the start of its parameters."""
-        values = {u.param.name: torch.full(u.param.shape, u.begin, dtype=torch.float64) for u in effect.unknowns}
+        values = {
+            u.param.name: torch.full(u.param.shape, u.begin, dtype=torch.float64)
+            for u in effect.unknowns
+        }
         sigmas = {u.param.name: u.sigma for u in effect.unknowns}
-        return CameraModel(effect.apply(self.path), {**self.means, **values}, self.priors.beside(sigmas), (*self.effects, effect))
+        return CameraModel(
+            effect.apply(self.path),
+            {**self.means, **values},
+            self.priors.beside(sigmas),
+            (*self.effects, effect),
+        )
 
     def with_effects(self, effects: Iterable[Effect]) -> CameraModel:
-        """The model with some effects more, but for those on a cover that is not there: a window that was found may be dropped."""
-        return reduce(lambda model, effect: model.with_effect(effect) if possible(effect, model.path) else model, effects, self)
+        """The model with some effects more, but for those on a cover that is not there: a window
+        that was found may be dropped.
+        """
+        return reduce(
+            lambda model, effect: (
+                model.with_effect(effect) if possible(effect, model.path) else model
+            ),
+            effects,
+            self,
+        )
 
     def neutral(self, effect: Effect) -> Values:
         """The parameters of an effect where it is not there."""
-        return {u.param.name: torch.full(u.param.shape, u.neutral, dtype=torch.float64) for u in effect.unknowns}
+        return {
+            u.param.name: torch.full(u.param.shape, u.neutral, dtype=torch.float64)
+            for u in effect.unknowns
+        }
 
     def fitted(
-        self, observations: Observations, poses: Tensor, start: Start | None = None, rounds: Sequence[float] | None = None
+        self,
+        observations: Observations,
+        poses: Tensor,
+        start: Start | None = None,
+        rounds: Sequence[float] | None = None,
     ) -> JointFit:
-        """The most probable parameters, from a start like `fit_joint`'s; those that the start lacks begin at their means.
+        """The most probable parameters, from a start like `fit_joint`'s; those that the start lacks
+        begin at their means.
 
         Args:
             rounds: of `fit_joint`; None: what a fit takes that has such a start, or none.
         """
         if start:
-            start = replace(start, values={name: start.values.get(name, mean) for name, mean in self.means.items()})
+            start = replace(
+                start,
+                values={name: start.values.get(name, mean) for name, mean in self.means.items()},
+            )
         rounds = rounds or (AGAIN if start else ROUNDS)
-        return fit_joint(self.path, self.means, observations, self.padded(poses), priors=self.priors, start=start, rounds=rounds)
+        return fit_joint(
+            self.path,
+            self.means,
+            observations,
+            self.padded(poses),
+            priors=self.priors,
+            start=start,
+            rounds=rounds,
+        )
 
     def padded(self, poses: Tensor) -> Tensor:
-        """(V, B) parameters of views as this model has them: what is new to it is zero, and what it has not is dropped."""
+        """(V, B) parameters of views as this model has them: what is new to it is zero, and what it
+        has not is dropped.
+        """
         return with_parts(poses, self.path.view_parts)
 
     def seen(self, joint: JointFit, observations: Observations, poses: Tensor) -> Tensor:
         """The (V, B) own parameters of views that were not fitted, from a start."""
         padded = self.padded(poses)
-        return refine_poses_in_image(self.path, joint.values, observations, padded, sigma=joint.sigma, tolerance=CLOSE).blocks
+        return refine_poses_in_image(
+            self.path, joint.values, observations, padded, sigma=joint.sigma, tolerance=CLOSE
+        ).blocks

@@ -1,7 +1,9 @@
-"""What views say of the parameters they share, once each view's own are eliminated: the least-squares fit of a view's own parameters is
-projected out of its rows (variable projection; for linear rows, the theorem of Frisch, Waugh and Lovell).
+"""What views say of the parameters they share, once each view's own are eliminated: the
+least-squares fit of a view's own parameters is projected out of its rows (variable projection; for
+linear rows, the theorem of Frisch, Waugh and Lovell).
 
-The solver eliminates the same parameters from its normal equations, by the Schur complement; here the rows themselves are wanted.
+The solver eliminates the same parameters from its normal equations, by the Schur complement; here
+the rows themselves are wanted.
 """
 
 from __future__ import annotations
@@ -30,7 +32,9 @@ DEPENDENT = 1e-7
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewEquations:
-    """The residuals of one view's m corners, linearised; px over sigma, x and y of one corner after the other."""
+    """The residuals of one view's m corners, linearised; px over sigma, x and y of one corner after
+    the other.
+    """
 
     residual: Array
     """(2m,)"""
@@ -46,24 +50,37 @@ class ViewEquations:
         return np.asarray(rows.T @ rows)
 
 
-def view_equations(path: Path, parameters: Parameters, observations: Observations, poses: Tensor, sigma: float) -> Iterator[ViewEquations]:
-    """Every view's equations at the origin of the parameters and at (V, B) own ones; sigma is px per axis. Those of a corner that the model
-    cannot see are 0: it says nothing."""
+def view_equations(
+    path: Path, parameters: Parameters, observations: Observations, poses: Tensor, sigma: float
+) -> Iterator[ViewEquations]:
+    """Every view's equations at the origin of the parameters and at (V, B) own ones; sigma is px
+    per axis. Those of a corner that the model
+    cannot see are 0: it says nothing.
+    """
     problem = problem_at(path, parameters, observations, poses, sigma)
     for piece in problem.linearise(poses.new_zeros(parameters.count), poses):
         for first, last in pairwise(piece.starts.tolist()):
             residual = piece.residual[first:last].flatten().numpy()
-            own, shared = (part[first:last].flatten(0, 1).numpy() for part in (piece.jacobian_block, piece.jacobian_shared))
+            own, shared = (
+                part[first:last].flatten(0, 1).numpy()
+                for part in (piece.jacobian_block, piece.jacobian_shared)
+            )
             unseen = np.isnan(residual)
             residual[unseen], own[unseen], shared[unseen] = 0, 0, 0
             yield ViewEquations(residual, own, shared)
 
 
-def problem_at(path: Path, parameters: Parameters, observations: Observations, poses: Tensor, sigma: float) -> LandingProblem:
-    """What a fit minimises there, corners weighed as at the origin of the parameters and at (V, B) own ones; no prior of shared ones."""
+def problem_at(
+    path: Path, parameters: Parameters, observations: Observations, poses: Tensor, sigma: float
+) -> LandingProblem:
+    """What a fit minimises there, corners weighed as at the origin of the parameters and at (V, B)
+    own ones; no prior of shared ones.
+    """
     weights = pixel_weights(path, parameters.origin, observations, poses, sigma)
     views = tuple(landings(path, parameters, observations, weights))
-    return LandingProblem(parameters, views, poses.new_zeros(parameters.count).diag(), view_precision(path, poses))
+    return LandingProblem(
+        parameters, views, poses.new_zeros(parameters.count).diag(), view_precision(path, poses)
+    )
 
 
 def eliminated(own: Array, rows: Array) -> Array:

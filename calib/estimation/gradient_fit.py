@@ -1,10 +1,14 @@
-"""The paper's procedure: with poses and cover held, the amplitudes go down the gradient (section 3, equations 2 and 3).
+"""The paper's procedure: with poses and cover held, the amplitudes go down the gradient (section 3,
+equations 2 and 3).
 
-The paper does not name its descent. This is Nesterov's accelerated gradient descent with the step 1 / L, L the curvature of the
-loss measured by power iteration, restarted when the loss rises: no learning rate is left to choose, at any amplitude.
+The paper does not name its descent. This is Nesterov's accelerated gradient descent with the step 1
+/ L, L the curvature of the loss measured by power iteration, restarted when the loss rises: no
+learning rate is left to choose, at any amplitude.
 
-Sources: Y. Nesterov, A method of solving a convex programming problem with convergence rate O(1/k^2) (1983);
-B. O'Donoghue, E. Candes, Adaptive restart for accelerated gradient schemes (2015), section 3.2, the function scheme.
+Sources: Y. Nesterov, A method of solving a convex programming problem with convergence rate
+    O(1/k^2) (1983);
+B. O'Donoghue, E. Candes, Adaptive restart for accelerated gradient schemes (2015), section 3.2, the
+function scheme.
 """
 
 from collections.abc import Callable
@@ -65,14 +69,21 @@ def descend(
     return here if float(loss(here)) < lowest else best
 
 
-def _loss(path: Path, values: Values, observations: Observations, poses: Tensor) -> Callable[[Tensor], Tensor]:
-    """The sum of squared distances on the board as a function of the amplitudes. What they cannot change is traced once."""
+def _loss(
+    path: Path, values: Values, observations: Observations, poses: Tensor
+) -> Callable[[Tensor], Tensor]:
+    """The sum of squared distances on the board as a function of the amplitudes.
+
+    What they cannot change is traced once.
+    """
     *before, outer = path.cover
     rays = Path(path.lens, tuple[Interface, ...](before)).trace(observations.pixels, values)
     own = Placement.of(poses)[observations.view]
 
     def loss(amplitudes: Tensor) -> Tensor:
-        landed, failure = path.target(outer(rays, {**values, "relief.amplitudes": amplitudes}), own, values)
+        landed, failure = path.target(
+            outer(rays, {**values, "relief.amplitudes": amplitudes}), own, values
+        )
         squared = ((landed - observations.corners) ** 2).sum(-1) * observations.weight**2
         return torch.where(failure == 0, squared, torch.zeros_like(squared)).sum()
 
@@ -87,7 +98,9 @@ def _gradient(loss: Callable[[Tensor], Tensor], at: Tensor) -> tuple[float, Tens
 
 
 def _curvature(loss: Callable[[Tensor], Tensor], start: Tensor) -> float:
-    """The largest eigenvalue of the loss's second derivative, by power iteration on differences of gradients."""
+    """The largest eigenvalue of the loss's second derivative, by power iteration on differences of
+    gradients.
+    """
     _, base = _gradient(loss, start)
     direction = torch.ones_like(start) / start.numel() ** 0.5
     size = 1e-7  # m: far above rounding, far below a bump

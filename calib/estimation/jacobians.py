@@ -1,4 +1,5 @@
-"""The Jacobian of a pixel's undistorted position A + B / Z (`undistortion.ray_field`), by a fit's shared parameters and by a rigid motion
+"""The Jacobian of a pixel's undistorted position A + B / Z (`undistortion.ray_field`), by a fit's
+shared parameters and by a rigid motion
 of all rays: that motion is the gauge, which board views with unknown poses leave open.
 """
 
@@ -17,30 +18,47 @@ from calib.optics.vector import Vector
 Array = NDArray[np.float64]
 
 
-def undistorted_jacobian(path: Path, parameters: Parameters, pixels: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+def undistorted_jacobian(
+    path: Path, parameters: Parameters, pixels: Array
+) -> tuple[Array, Array, NDArray[np.bool_]]:
     """The Jacobian of A, in px, and of B, in px m, at (N, 2) px and at the parameters' origin.
 
     Returns:
-        (N, 2, 2, S) of A and B, x and y each, by the shared parameters' vector; (N, 2, 2, 6) by a small rotation (rad) and translation (m)
-        of all rays; (N,) where there is no ray.
+        (N, 2, 2, S) of A and B, x and y each, by the shared parameters' vector; (N, 2, 2, 6) by a
+        small rotation (rad) and translation (m) of all rays; (N,) where there is no ray.
     """
     rows, at, values = len(pixels), torch.from_numpy(pixels), parameters.origin
     probed = Probed.of(path, parameters, values, rows, path.adjustments)
     motion = torch.zeros(rows, 6, dtype=torch.float64, requires_grad=True)
     with torch.enable_grad():
         rays = path.trace(at, probed.values)
-        by_motion, *rest = by_row(_undistorted(rays, motion, values), [motion, *probed.leaves.values()])
+        by_motion, *rest = by_row(
+            _undistorted(rays, motion, values), [motion, *probed.leaves.values()]
+        )
     columns = probed.columns(rest, Seen(at, rays, values, path.linear_parts(at, values)))
     by_shared = by_motion[..., :0] if columns is None else columns
-    jacobian, by_rigid = (part.reshape(rows, 2, 2, part.shape[-1]).numpy() for part in (by_shared, by_motion))
+    jacobian, by_rigid = (
+        part.reshape(rows, 2, 2, part.shape[-1]).numpy() for part in (by_shared, by_motion)
+    )
     return jacobian, by_rigid, (rays.failure != 0).numpy()
 
 
 def _undistorted(rays: Rays, motion: Tensor, values: Values) -> Tensor:
-    """(N, 4) A, less the principal point, and B of rays after a small motion. The picture's own pinhole is held."""
+    """(N, 4) A, less the principal point, and B of rays after a small motion.
+
+    The picture's own pinhole is held.
+    """
     turn, shift = Vector.of(motion[:, :3]), Vector.of(motion[:, 3:])
     direction = rays.direction + turn.cross(rays.direction)
     origin = rays.origin + turn.cross(rays.origin) + shift
     fx, fy = (float(values[f"camera.{name}"]) for name in ("fx", "fy"))
     across, down = direction.x / direction.z, direction.y / direction.z
-    return torch.stack([fx * across, fy * down, fx * (origin.x - across * origin.z), fy * (origin.y - down * origin.z)], -1)
+    return torch.stack(
+        [
+            fx * across,
+            fy * down,
+            fx * (origin.x - across * origin.z),
+            fy * (origin.y - down * origin.z),
+        ],
+        -1,
+    )

@@ -7,6 +7,8 @@ T = TypeVar("T")
 
 
 def simplest(errors: Mapping[T, float], tolerance: float) -> T:
-    """The first model whose error is within a fraction `tolerance` of the least; simpler models stand first."""
+    """The first model whose error is within a fraction `tolerance` of the least; simpler models
+    stand first.
+    """
     least = min(errors.values())
     return next(model for model, error in errors.items() if (1 - tolerance) * error <= least)

@@ -14,33 +14,42 @@ FEWEST_BENDS = 20
 HIGHEST = 5
 """Degree of what is smooth over a board, for a single view's noise."""
 SPREAD = 1.5
-"""Standard deviation of a single view's noise over itself, times the root of the number of its bends: measured, 1.3 to 1.6 for boards of
-4x3 to 20x15, whole or in part. What the polynomial takes of the bends themselves is 3 % of them."""
+"""Standard deviation of a single view's noise over itself, times the root of the number of its
+bends: measured, 1.3 to 1.6 for boards of 4x3 to 20x15, whole or in part. What the polynomial takes
+of the bends themselves is 3 % of them.
+"""
 
 
 def short_scale_noise(residuals: NDArray[np.float64], board: Board) -> float:
     """The noise floor of a fit from its own residuals.
 
-    What a corner is off the line through its two neighbours in a row or a column cancels what varies slowly over the board; with
-    neighbours at equal distances, independent noise of variance s^2 gives that 1.5 s^2. The median absolute value keeps single bad
-    corners out.
+    What a corner is off the line through its two neighbours in a row or a column cancels what
+    varies slowly over the board; with neighbours at equal distances, independent noise of variance
+    s^2 gives that 1.5 s^2. The median absolute value keeps single bad corners out.
 
     Args:
         residuals: (V, corners of the board, 2) px, NaN where not seen.
 
     Returns:
-        px, root mean square of the two-dimensional error that noise alone would leave; NaN with too few corners.
+        px, root mean square of the two-dimensional error that noise alone would leave; NaN with too
+        few corners.
     """
     return _typical(_off_neighbours(residuals, board).ravel())
 
 
-def noise_of_views(residuals: NDArray[np.float64], board: Board) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The same of each view by itself, (V,) px, NaN with too few corners, and its standard deviation over itself, (V,).
+def noise_of_views(
+    residuals: NDArray[np.float64], board: Board
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The same of each view by itself, (V,) px, NaN with too few corners, and its standard
+    deviation over itself, (V,).
 
-    A polynomial of the board's coordinates is taken out first, of as high a degree as leaves two thirds of a view's freedom: what a model
-    lacks can be a hundred times the noise in some views, and bends enough there.
+    A polynomial of the board's coordinates is taken out first, of as high a degree as leaves two
+    thirds of a view's freedom: what a model lacks can be a hundred times the noise in some views,
+    and bends enough there.
     """
-    views = _off_neighbours(np.stack([_without_polynomial(view, board) for view in residuals]), board)
+    views = _off_neighbours(
+        np.stack([_without_polynomial(view, board) for view in residuals]), board
+    )
     noise = np.array([_typical(view) for view in views])
     return noise, SPREAD / np.sqrt(np.maximum(np.isfinite(views).sum(1), 1))
 
@@ -67,11 +76,17 @@ def _off_neighbours(residuals: NDArray[np.float64], board: Board) -> NDArray[np.
 
 def _typical(bends: NDArray[np.float64]) -> float:
     bends = bends[np.isfinite(bends)]
-    return float(2**0.5 * SIGMA * np.median(np.abs(bends))) if bends.size >= FEWEST_BENDS else float("nan")
+    return (
+        float(2**0.5 * SIGMA * np.median(np.abs(bends)))
+        if bends.size >= FEWEST_BENDS
+        else float("nan")
+    )
 
 
 def _bends(lines: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(V, lines, corners - 2, 2) of (V, lines, corners, 2): as far off the neighbours' line as noise of one unit would leave by one."""
+    """(V, lines, corners - 2, 2) of (V, lines, corners, 2): as far off the neighbours' line as
+    noise of one unit would leave by one.
+    """
     towards_last = ((places[1:-1] - places[:-2]) / (places[2:] - places[:-2]))[:, None]
     off = lines[:, :, 1:-1] - (1 - towards_last) * lines[:, :, :-2] - towards_last * lines[:, :, 2:]
     return np.asarray(off / np.sqrt(1 + towards_last**2 + (1 - towards_last) ** 2))
@@ -80,7 +95,8 @@ def _bends(lines: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[n
 def burst_noise(residuals: NDArray[np.float64], poses: Sequence[int] | NDArray[np.int64]) -> float:
     """From pictures of one pose of the board: what differs between them.
 
-    Each picture's own pose was fitted, so that a board that trembles in the hand adds nothing but its blur.
+    Each picture's own pose was fitted, so that a board that trembles in the hand adds nothing but
+    its blur.
 
     Args:
         residuals: (V, corners of the board, 2) px, NaN where a corner was not seen.
@@ -96,7 +112,9 @@ def burst_noise(residuals: NDArray[np.float64], poses: Sequence[int] | NDArray[n
         seen = np.isfinite(own).all((0, 2))
         free = 1 - 6 / max(7, 2 * int(seen.sum()))  # the six parameters of each picture's pose
         off = own[:, seen] - own[:, seen].mean(0)
-        differences.append((off / np.sqrt(free * (1 - 1 / pictures))).ravel() if pictures > 1 else np.empty(0))
+        differences.append(
+            (off / np.sqrt(free * (1 - 1 / pictures))).ravel() if pictures > 1 else np.empty(0)
+        )
     off = np.concatenate(differences)
     if off.size < 20:
         return float("nan")

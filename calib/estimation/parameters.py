@@ -1,4 +1,6 @@
-"""The shared parameters of a fit: their names, scales and priors, and where each stands in the solver's vector."""
+"""The shared parameters of a fit: their names, scales and priors, and where each stands in the
+solver's vector.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +27,8 @@ Array = NDArray[np.float64]
 class Parameters:
     """What a fit estimates beside the parameters of each view.
 
-    The vector holds the relief's amplitudes (m), row by row, then the entries of each free parameter over its scale, all as deviations
-    from `origin`.
+    The vector holds the relief's amplitudes (m), row by row, then the entries of each free
+    parameter over its scale, all as deviations from `origin`.
     """
 
     origin: Values
@@ -40,9 +42,13 @@ class Parameters:
 
     @staticmethod
     def of(path: Path, origin: Values, priors: Priors, last: Iterable[str] = ()) -> Parameters:
-        """Of a path's relief and of those of its parameters that have a prior, in the path's order, but the `last` ones last."""
+        """Of a path's relief and of those of its parameters that have a prior, in the path's order,
+        but the `last` ones last.
+        """
         free = [param for param in path.params if param.name in priors.sigmas]
-        return Parameters(origin, path.relief, tuple(sorted(free, key=lambda param: param.name in last)), priors)
+        return Parameters(
+            origin, path.relief, tuple(sorted(free, key=lambda param: param.name in last)), priors
+        )
 
     @staticmethod
     def none(origin: Values) -> Parameters:
@@ -61,11 +67,16 @@ class Parameters:
     def scales(self) -> Tensor:
         """(F,) of each entry of the free parameters."""
         like = next(iter(self.origin.values()))
-        return like.new_tensor([param.scale for param in self.free for _ in range(self.origin[param.name].numel())])
+        return like.new_tensor(
+            [param.scale for param in self.free for _ in range(self.origin[param.name].numel())]
+        )
 
     def slices(self) -> dict[str, slice]:
         """Where each parameter stands."""
-        begin, found = self.amplitudes, {AMPLITUDES: slice(0, self.amplitudes)} if self.relief else {}
+        begin, found = (
+            self.amplitudes,
+            ({AMPLITUDES: slice(0, self.amplitudes)} if self.relief else {}),
+        )
         for param in self.free:
             found[param.name] = slice(begin, begin + self.origin[param.name].numel())
             begin = found[param.name].stop
@@ -74,22 +85,32 @@ class Parameters:
     def entries(self, names: Iterable[str]) -> NDArray[np.int64]:
         """Where the entries of these parameters stand."""
         slices = self.slices()
-        return np.concatenate([np.zeros(0, np.int64), *(np.r_[slices[name]] for name in names)]).astype(np.int64)
+        return np.concatenate(
+            [np.zeros(0, np.int64), *(np.r_[slices[name]] for name in names)]
+        ).astype(np.int64)
 
     def values(self, vector: Tensor) -> dict[str, Tensor]:
         """Every value of the path at (S,)."""
         moved = dict(self.origin)
         if self.relief:
-            moved[AMPLITUDES] = moved[AMPLITUDES] + vector[: self.amplitudes].reshape(self.relief.grid)
+            moved[AMPLITUDES] = moved[AMPLITUDES] + vector[: self.amplitudes].reshape(
+                self.relief.grid
+            )
         slices = self.slices()
         for param in self.free:
-            moved[param.name] = moved[param.name] + param.scale * vector[slices[param.name]].reshape(moved[param.name].shape)
+            moved[param.name] = moved[param.name] + param.scale * vector[
+                slices[param.name]
+            ].reshape(moved[param.name].shape)
         return moved
 
     def vector(self, values: Values) -> Tensor:
         """The (S,) at which the path has these values."""
-        scales = ({AMPLITUDES: 1.0} if self.relief else {}) | {param.name: param.scale for param in self.free}
-        parts = [(values[name] - self.origin[name]).flatten() / scale for name, scale in scales.items()]
+        scales = ({AMPLITUDES: 1.0} if self.relief else {}) | {
+            param.name: param.scale for param in self.free
+        }
+        parts = [
+            (values[name] - self.origin[name]).flatten() / scale for name, scale in scales.items()
+        ]
         return torch.cat(parts) if parts else next(iter(self.origin.values())).new_zeros(0)
 
     def prior_precision(self, smoothness: Smoothness | None) -> Array:
@@ -99,7 +120,9 @@ class Parameters:
             to_heights = block_diag(basis(self.relief), np.eye(self.count - self.amplitudes))
             half = solve_triangular(self.joint_root(smoothness, glass), to_heights, lower=True)
             return np.asarray(half.T @ half)
-        amplitudes = smoothness.precision(self.relief) if self.relief and smoothness else np.zeros((0, 0))
+        amplitudes = (
+            smoothness.precision(self.relief) if self.relief and smoothness else np.zeros((0, 0))
+        )
         free = self.free_root()
         whitened = solve_triangular(free, np.eye(len(free)), lower=True)
         return np.asarray(block_diag(amplitudes, whitened.T @ whitened))
@@ -110,16 +133,24 @@ class Parameters:
             assert self.relief
             to_heights = block_diag(basis(self.relief), np.eye(self.count - self.amplitudes))
             return np.asarray(np.linalg.solve(to_heights, self.joint_root(smoothness, glass)))
-        amplitudes = np.linalg.solve(basis(self.relief), smoothness.root(self.relief)) if self.relief else np.zeros((0, 0))
+        amplitudes = (
+            np.linalg.solve(basis(self.relief), smoothness.root(self.relief))
+            if self.relief
+            else np.zeros((0, 0))
+        )
         return np.asarray(block_diag(amplitudes, self.free_root()))
 
     @property
     def known_glass(self) -> Glass | None:
-        """Whose figure the relief is expected to have, beside the free parameters; None: that of any glass, on its own."""
+        """Whose figure the relief is expected to have, beside the free parameters; None: that of
+        any glass, on its own.
+        """
         return self.priors.glass if self.relief else None
 
     def joint_root(self, smoothness: Smoothness, glass: Glass) -> Array:
-        """(S, S) the lower Cholesky factor of the covariance of the heights at the centres and the free parameters, over their scales."""
+        """(S, S) the lower Cholesky factor of the covariance of the heights at the centres and the
+        free parameters, over their scales.
+        """
         assert self.relief
         free, slices = self.free_root(), self.slices()
         coefficients = np.zeros((len(glass.mean), len(free)))
@@ -128,27 +159,48 @@ class Parameters:
                 at = slices[name].start - self.amplitudes
                 coefficients[:, at] = column / float(self.scales[at])
         beside = waves(self.relief, glass.low, glass.high, glass.degree) @ coefficients
-        return np.asarray(cholesky(np.block([[smoothness.covariance(self.relief, glass), beside], [beside.T, free @ free.T]]), lower=True))
+        return np.asarray(
+            cholesky(
+                np.block(
+                    [[smoothness.covariance(self.relief, glass), beside], [beside.T, free @ free.T]]
+                ),
+                lower=True,
+            )
+        )
 
     def free_root(self) -> Array:
-        """(F, F) the lower Cholesky factor of the covariance of the free parameters' entries beforehand, over their scales."""
+        """(F, F) the lower Cholesky factor of the covariance of the free parameters' entries
+        beforehand, over their scales.
+        """
         sigmas = self.priors.sigmas
-        each = (np.broadcast_to(np.asarray(sigmas[p.name]) / p.scale, self.origin[p.name].shape).ravel() for p in self.free)
+        each = (
+            np.broadcast_to(np.asarray(sigmas[p.name]) / p.scale, self.origin[p.name].shape).ravel()
+            for p in self.free
+        )
         spread = np.concatenate([np.zeros(0), *each])
-        blocks = {name: slice(place.start - self.amplitudes, place.stop - self.amplitudes) for name, place in self.slices().items()}
+        blocks = {
+            name: slice(place.start - self.amplitudes, place.stop - self.amplitudes)
+            for name, place in self.slices().items()
+        }
         places = {name: block.start for name, block in blocks.items()}
         correlation = np.eye(len(spread))
         for (one, other), value in self.priors.correlations.items():
             if one in places and other in places:
-                correlation[places[one], places[other]] = correlation[places[other], places[one]] = value
+                correlation[places[one], places[other]] = correlation[
+                    places[other], places[one]
+                ] = value
         root = np.asarray(spread[:, None] * cholesky(correlation, lower=True))
         for param in self.free:
             if param.name in self.priors.roots:
-                root[blocks[param.name], blocks[param.name]] = self.priors.roots[param.name] / param.scale
+                root[blocks[param.name], blocks[param.name]] = (
+                    self.priors.roots[param.name] / param.scale
+                )
         return root
 
     def sigma(self, name: str, covariance: Tensor) -> Tensor:
-        """The standard deviation of a free parameter, shaped as it is and in its unit, from the vector's (S, S) covariance."""
+        """The standard deviation of a free parameter, shaped as it is and in its unit, from the
+        vector's (S, S) covariance.
+        """
         scale = next(param.scale for param in self.free if param.name == name)
         variance = covariance.diagonal()[self.slices()[name]].clamp_min(0.0)
         return scale * variance.sqrt().reshape(self.origin[name].shape)

@@ -1,4 +1,6 @@
-"""Where the board was in each view: a start from the pinhole model, then refined through the whole ray path."""
+"""Where the board was in each view: a start from the pinhole model, then refined through the whole
+ray path.
+"""
 
 import cv2
 import numpy as np
@@ -18,14 +20,18 @@ from calib.optics.params import Values
 from calib.optics.path import Path
 
 FLATTEST = 0.1
-"""z of a unit direction: what is flatter, 84 degrees from the middle of its view, gives a pose no start."""
+"""z of a unit direction: what is flatter, 84 degrees from the middle of its view, gives a pose no
+start.
+"""
 
 
 def pinhole_poses(observations: Observations, values: Values) -> Tensor:
-    """Each view's pose as if there were no cover, by perspective-n-point and its refinement (the paper's section 4.2, step 1).
+    """Each view's pose as if there were no cover, by perspective-n-point and its refinement (the
+    paper's section 4.2, step 1).
 
     Returns:
-        (V, 6) T_camera_board, rotation vector (rad) and translation (m); NaN for a view whose corners admit no pose.
+        (V, 6) T_camera_board, rotation vector (rad) and translation (m); NaN for a view whose
+        corners admit no pose.
     """
     lens = lens_of(values)
     if lens.wide:
@@ -33,7 +39,11 @@ def pinhole_poses(observations: Observations, values: Values) -> Tensor:
     camera, coefficients = opencv_intrinsics(values)
     poses = [
         _pnp(corners.numpy(), pixels.numpy(), camera, coefficients)
-        for corners, pixels in zip(observations.per_view(observations.corners), observations.per_view(observations.pixels), strict=True)
+        for corners, pixels in zip(
+            observations.per_view(observations.corners),
+            observations.per_view(observations.pixels),
+            strict=True,
+        )
     ]
     return torch.from_numpy(np.stack(poses)) if poses else torch.zeros(0, 6, dtype=torch.float64)
 
@@ -42,11 +52,14 @@ def opencv_intrinsics(values: Values) -> tuple[NDArray[np.float64], NDArray[np.f
     """OpenCV's (3, 3) camera matrix and its (n,) distortion coefficients."""
     fx, fy, cx, cy = (float(values[f"camera.{name}"]) for name in ("fx", "fy", "cx", "cy"))
     names = [f"camera.{name}" for name in COEFFICIENTS if f"camera.{name}" in values]
-    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), np.array([float(values[name]) for name in names])
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), np.array(
+        [float(values[name]) for name in names]
+    )
 
 
 def refine_poses(path: Path, values: Values, observations: Observations, poses: Tensor) -> Solution:
-    """Each view's pose through the cover, with the paper's objective: squared distances on the board (section 3, equation 2).
+    """Each view's pose through the cover, with the paper's objective: squared distances on the
+    board (section 3, equation 2).
 
     Args:
         poses: (V, 6) to start from.
@@ -57,28 +70,57 @@ def refine_poses(path: Path, values: Values, observations: Observations, poses: 
     # A corner whose ray never leaves the cover says nothing of its board.
     observations = observations.kept(path.trace(observations.pixels, values).failure == 0)
     eye = torch.eye(2, dtype=poses.dtype, device=poses.device)
-    return _refined(path, values, observations, poses, eye * observations.weight[:, None, None], torch.inf)
+    return _refined(
+        path, values, observations, poses, eye * observations.weight[:, None, None], torch.inf
+    )
 
 
 def refine_poses_in_image(
-    path: Path, values: Values, observations: Observations, poses: Tensor, *, sigma: float = 1.0, tolerance: float = 1e-10
+    path: Path,
+    values: Values,
+    observations: Observations,
+    poses: Tensor,
+    *,
+    sigma: float = 1.0,
+    tolerance: float = 1e-10,
 ) -> Solution:
-    """Each view's pose of least reprojection error, robust against single bad corners from three times sigma (px) on; as `refine_poses`
-    otherwise."""
-    observations = observations.kept(path.land(observations.pixels, values, poses[observations.view])[1] == 0)
-    return _refined(path, values, observations, poses, pixel_weights(path, values, observations, poses, sigma), HUBER, tolerance)
+    """Each view's pose of least reprojection error, robust against single bad corners from three
+    times sigma (px) on; as `refine_poses` otherwise.
+    """
+    observations = observations.kept(
+        path.land(observations.pixels, values, poses[observations.view])[1] == 0
+    )
+    return _refined(
+        path,
+        values,
+        observations,
+        poses,
+        pixel_weights(path, values, observations, poses, sigma),
+        HUBER,
+        tolerance,
+    )
 
 
-def refit_poses(path: Path, values: Values, observations: Observations, start: Tensor, *, sigma: float = 1.0) -> tuple[Tensor, Residuals]:
-    """The (V, 6) poses of least reprojection error through a known path, and what they leave; sigma (px) as `refine_poses_in_image` has it.
-    What else views have for themselves has a prior, which is weighed against the corners by it."""
+def refit_poses(
+    path: Path, values: Values, observations: Observations, start: Tensor, *, sigma: float = 1.0
+) -> tuple[Tensor, Residuals]:
+    """The (V, 6) poses of least reprojection error through a known path, and what they leave; sigma
+    (px) as `refine_poses_in_image` has it. What else views have for themselves has a prior, which
+    is weighed against the corners by it.
+    """
     poses = refine_poses(path, values, observations, start).blocks
     poses = refine_poses_in_image(path, values, observations, poses, sigma=sigma).blocks
     return poses, residuals(path, values, observations, poses)
 
 
 def _refined(
-    path: Path, values: Values, observations: Observations, poses: Tensor, weights: Tensor, huber: float, tolerance: float = 1e-10
+    path: Path,
+    values: Values,
+    observations: Observations,
+    poses: Tensor,
+    weights: Tensor,
+    huber: float,
+    tolerance: float = 1e-10,
 ) -> Solution:
     none = Parameters.none(values)
     views = tuple(landings(path, none, observations, weights))
@@ -91,21 +133,31 @@ def _poses_by_rays(path: Path, values: Values, observations: Observations) -> Te
     poses = rough_poses(path, values, observations)
     lost = ~torch.isfinite(poses).all(-1)
     if not bool(lost.all()):
-        poses[~lost] = refine_poses_in_image(path, values, observations.without(lost), poses[~lost]).blocks
+        poses[~lost] = refine_poses_in_image(
+            path, values, observations.without(lost), poses[~lost]
+        ).blocks
     return poses
 
 
 def rough_poses(path: Path, values: Values, observations: Observations) -> Tensor:
-    """Each view's (6,) pose by any lens: its rays are turned to where a pinhole could take its picture. NaN for a view that has none."""
+    """Each view's (6,) pose by any lens: its rays are turned to where a pinhole could take its
+    picture. NaN for a view that has none.
+    """
     rays = path.trace(observations.pixels, values)
     directions = torch.where((rays.failure == 0).unsqueeze(-1), rays.direction.stacked(), torch.nan)
-    each = zip(observations.per_view(observations.corners), observations.per_view(directions), strict=True)
+    each = zip(
+        observations.per_view(observations.corners), observations.per_view(directions), strict=True
+    )
     begun = [_pnp_by_rays(corners.numpy(), own.numpy()) for corners, own in each]
     return torch.from_numpy(np.stack(begun)) if begun else torch.zeros(0, 6, dtype=torch.float64)
 
 
-def _pnp_by_rays(corners: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(6,) T_camera_board of (n, 2) m on the board in (n, 3) unit directions, NaN where there is none; NaN if there is no pose."""
+def _pnp_by_rays(
+    corners: NDArray[np.float64], directions: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(6,) T_camera_board of (n, 2) m on the board in (n, 3) unit directions, NaN where there is
+    none; NaN if there is no pose.
+    """
     seen = np.isfinite(directions).all(-1)
     middle = directions[seen].sum(0)
     length = np.linalg.norm(middle)
@@ -126,20 +178,29 @@ def _onto_axis(direction: NDArray[np.float64]) -> NDArray[np.float64]:
     axis = np.cross(direction, [0, 0, 1.0])
     sine = float(np.linalg.norm(axis))
     angle = np.arctan2(sine, direction[2])
-    return np.asarray(cv2.Rodrigues(axis * (angle / sine) if sine > 0 else np.array([angle, 0, 0]))[0], np.float64)
+    return np.asarray(
+        cv2.Rodrigues(axis * (angle / sine) if sine > 0 else np.array([angle, 0, 0]))[0], np.float64
+    )
 
 
 def _pnp(
-    corners: NDArray[np.float64], pixels: NDArray[np.float64], camera: NDArray[np.float64], coefficients: NDArray[np.float64]
+    corners: NDArray[np.float64],
+    pixels: NDArray[np.float64],
+    camera: NDArray[np.float64],
+    coefficients: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     if len(corners) < 4:
         return np.full(6, np.nan)
     points = np.column_stack([corners, np.zeros(len(corners))])
     try:
-        found, rotvec, translation = cv2.solvePnP(points, pixels, camera, coefficients, flags=cv2.SOLVEPNP_IPPE)
+        found, rotvec, translation = cv2.solvePnP(
+            points, pixels, camera, coefficients, flags=cv2.SOLVEPNP_IPPE
+        )
         if not found:
             return np.full(6, np.nan)
-        rotvec, translation = cv2.solvePnPRefineLM(points, pixels, camera, coefficients, rotvec, translation)
+        rotvec, translation = cv2.solvePnPRefineLM(
+            points, pixels, camera, coefficients, rotvec, translation
+        )
     except cv2.error:  # corners on one line, or nowhere near a plane
         return np.full(6, np.nan)
     pose = np.concatenate([np.ravel(rotvec), np.ravel(translation)]).astype(np.float64)

@@ -1,7 +1,8 @@
 """Derivatives by every estimated parameter of a path, row by row, from few reverse passes.
 
-A relief and what is linear in its parameters (`optics.linear_part`) are differentiated by probes, a few for each row, and the chain rule
-spreads these over their parameters; the others are differentiated one by one.
+A relief and what is linear in its parameters (`optics.linear_part`) are differentiated by probes, a
+few for each row, and the chain rule spreads these over their parameters; the others are
+differentiated one by one.
 """
 
 from __future__ import annotations
@@ -45,7 +46,9 @@ class Probed:
     """(M, ...) by name: probes, and the parameters that have none."""
 
     @staticmethod
-    def of(path: Path, parameters: Parameters, values: Values, rows: int, parts: Iterable[object]) -> Probed:
+    def of(
+        path: Path, parameters: Parameters, values: Values, rows: int, parts: Iterable[object]
+    ) -> Probed:
         """
         Args:
             rows: M.
@@ -55,14 +58,26 @@ class Probed:
         linear = [part for part in parts if isinstance(part, LinearPart)]
         probe = {name: by for part in linear for name, by in part.probes.items()}
         free = [param.name for param in parameters.free]
-        leaves = {name: like.new_zeros(rows) for name in (*(PROBES if parameters.relief else ()), *(probe[n] for n in free if n in probe))}
-        leaves |= {name: values[name].expand(rows, *values[name].shape).clone() for name in free if name not in probe}
+        leaves = {
+            name: like.new_zeros(rows)
+            for name in (
+                *(PROBES if parameters.relief else ()),
+                *(probe[n] for n in free if n in probe),
+            )
+        }
+        leaves |= {
+            name: values[name].expand(rows, *values[name].shape).clone()
+            for name in free
+            if name not in probe
+        }
         for leaf in leaves.values():
             leaf.requires_grad_()
         return Probed(path, parameters, {**values, **leaves}, leaves)
 
     def columns(self, derivatives: Sequence[Tensor], seen: Seen) -> Tensor | None:
-        """(M, k, S) by the vector of the parameters, from the (M, k, ...) by each of the leaves; None where there is no parameter."""
+        """(M, k, S) by the vector of the parameters, from the (M, k, ...) by each of the leaves;
+        None where there is no parameter.
+        """
         if not self.parameters.count:
             return None
         by = dict(zip(self.leaves, derivatives, strict=True))
@@ -73,14 +88,27 @@ class Probed:
             assert outer.relief
             _, adjusted = self.path.adjusted(seen.pixels, seen.values)
             where = outer.surface.chart(outer.frame.at(adjusted).enter(seen.rays.origin.detach()))
-            outer.relief.spread(torch.stack([by[name] for name in PROBES], -1), where, found[..., : self.parameters.amplitudes])
-        scales, places = {param.name: param.scale for param in self.parameters.free}, self.parameters.slices()
+            outer.relief.spread(
+                torch.stack([by[name] for name in PROBES], -1),
+                where,
+                found[..., : self.parameters.amplitudes],
+            )
+        scales, places = (
+            {param.name: param.scale for param in self.parameters.free},
+            self.parameters.slices(),
+        )
         for name, scale in scales.items():
             if name in by:
-                found[..., places[name]] = scale * by[name].flatten(2) if by[name].ndim > 2 else scale * by[name].unsqueeze(-1)
+                found[..., places[name]] = (
+                    scale * by[name].flatten(2)
+                    if by[name].ndim > 2
+                    else scale * by[name].unsqueeze(-1)
+                )
         for part, x, y in seen.parts:
             for name, weights in part.weights(x, y).items():
                 if part.probes[name] in by and name in places:
                     probed = scales[name] * by[part.probes[name]]
-                    torch.mul(probed.unsqueeze(-1), weights.unsqueeze(-2), out=found[..., places[name]])
+                    torch.mul(
+                        probed.unsqueeze(-1), weights.unsqueeze(-2), out=found[..., places[name]]
+                    )
         return found

@@ -8,7 +8,9 @@ from calib.optics.path import Path
 
 
 def height_spread(path: Path, values: Values, observations: Observations) -> float:
-    """m, standard deviation of the relief's height where corners' rays leave it: an even layer is thickness; 0 without a relief."""
+    """m, standard deviation of the relief's height where corners' rays leave it: an even layer is
+    thickness; 0 without a relief.
+    """
     outer = path.cover[-1:]
     if not outer or not path.relief:
         return 0.0

@@ -16,9 +16,12 @@ class Residuals:
     """NaN where no ray of the model joins the corner and the camera."""
 
     image: Tensor
-    """(M, 2) px: the reprojection error, where the model sees the corner minus where it was seen."""
+    """(M, 2) px: the reprojection error, where the model sees the corner minus where it was seen.
+    """
     board: Tensor
-    """(M, 2) m: where the seen pixel's ray lands on the board minus the corner (the paper's equation 2)."""
+    """(M, 2) m: where the seen pixel's ray lands on the board minus the corner (the paper's
+    equation 2).
+    """
 
     @property
     def rms_px(self) -> float:
@@ -35,8 +38,14 @@ def residuals(path: Path, values: Values, observations: Observations, poses: Ten
     """The residuals of all corners, with the boards at (V, 6) poses."""
     own, values = poses[observations.view], observations.with_times(values)
     landed, failure = path.land(observations.pixels, values, own)
-    off = torch.where((failure != 0).unsqueeze(-1), torch.full_like(landed, torch.nan), landed - observations.corners)
-    seen = project(path, values, path.place(observations.corners, values, own), start=observations.pixels)
+    off = torch.where(
+        (failure != 0).unsqueeze(-1),
+        torch.full_like(landed, torch.nan),
+        landed - observations.corners,
+    )
+    seen = project(
+        path, values, path.place(observations.corners, values, own), start=observations.pixels
+    )
     return Residuals(seen - observations.pixels, off)
 
 

@@ -10,8 +10,9 @@ SIGMA = 1.4826
 def outlying(errors: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which of these errors (V,), positive, do not belong with the rest.
 
-    Above four times the median, and above the median by eight robust standard deviations: views that are near, tilted or at the
-    edge have larger errors than the rest on an uneven cover, and they are what a calibration needs most. What is not finite is outlying.
+    Above four times the median, and above the median by eight robust standard deviations: views
+    that are near, tilted or at the edge have larger errors than the rest on an uneven cover, and
+    they are what a calibration needs most. What is not finite is outlying.
     """
     if not np.isfinite(errors).any():
         return np.ones(errors.shape, dtype=bool)

@@ -1,4 +1,6 @@
-"""Whether a camera is as its prior expects: how far its views pull its numbers away, where they tell them."""
+"""Whether a camera is as its prior expects: how far its views pull its numbers away, where they
+tell them.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +13,16 @@ from scipy.special import chdtrc
 Array = NDArray[np.float64]
 
 TOLD = 0.05
-"""Of the prior's precision: of a direction of which views tell less, what they seem to say is what the fit was linearised by."""
+"""Of the prior's precision: of a direction of which views tell less, what they seem to say is what
+the fit was linearised by.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Told:
-    """What one camera's views say of its K numbers: a normal likelihood, by information and score, which may be zero in some directions."""
+    """What one camera's views say of its K numbers: a normal likelihood, by information and score,
+    which may be zero in some directions.
+    """
 
     information: Array
     """(K, K) L, and `score` (K,) s: the logarithm of the likelihood of x is s x - x L x / 2."""
@@ -27,21 +33,28 @@ class Told:
         """What turned a prior into a posterior.
 
         Args:
-            mean: (K,) of the posterior, and its (K, K) covariance; `prior_mean`, `prior`: the same of the prior.
+            mean: (K,) of the posterior, and its (K, K) covariance; `prior_mean`, `prior`: the same
+                of the prior.
         """
         root = np.linalg.cholesky(prior)
         whitened = np.linalg.solve(root, np.linalg.solve(root, covariance).T)
         kept, axes = np.linalg.eigh((whitened + whitened.T) / 2)
-        kept = np.clip(kept, np.finfo(float).eps, 1.0)  # rounding, or a linearisation elsewhere: views tell nothing less than nothing
-        axes = np.linalg.solve(root.T, axes)  # columns, whose squares sum up to the prior's precision
+        kept = np.clip(
+            kept, np.finfo(float).eps, 1.0
+        )  # rounding, or a linearisation elsewhere: views tell nothing less than nothing
+        axes = np.linalg.solve(
+            root.T, axes
+        )  # columns, whose squares sum up to the prior's precision
         gained = np.where(1 / kept - 1 > TOLD, 1 / kept - 1, 0.0)
         information = (axes * gained) @ axes.T
         shift = np.where(gained > 0, axes.T @ (mean - prior_mean) / kept, 0.0)
         return Told(information, information @ prior_mean + axes @ shift)
 
     def pulls(self, mean: Array, covariance: Array) -> Array:
-        """(K,) how far each number's estimate ends from what is expected, (K,) and (K, K), in the standard deviations which that has if the
-        camera is as expected; 0 where the views say nothing of it."""
+        """(K,) how far each number's estimate ends from what is expected, (K,) and (K, K), in the
+        standard deviations which that has if the camera is as expected; 0 where the views say
+        nothing of it.
+        """
         after = np.linalg.inv(self.information + np.linalg.inv(covariance))
         moved = after @ (self.score - self.information @ mean)
         allowed = (covariance - after).diagonal()

@@ -1,10 +1,14 @@
-"""Calibmar and COLMAP's fork for under water: a camera behind a flat port or a dome by the port's own numbers, which hold at every depth.
+"""Calibmar and COLMAP's fork for under water: a camera behind a flat port or a dome by the port's
+own numbers, which hold at every depth.
 
-FLATPORT has Nx, Ny, Nz, int_dist, int_thick, na, ng, nw: the window's unit normal, its inner face's distance from the pinhole along that
-normal, the thickness, and the indices of air, glass and what lies outside. DOMEPORT has Cx, Cy, Cz, int_radius, int_thick, na, ng, nw. Both
-are in the camera frame, in m, and count pixels from the corner of the picture. Neither has a place for uneven glass: that is left out.
+FLATPORT has Nx, Ny, Nz, int_dist, int_thick, na, ng, nw: the window's unit normal, its inner face's
+distance from the pinhole along that normal, the thickness, and the indices of air, glass and what
+lies outside. DOMEPORT has Cx, Cy, Cz, int_radius, int_thick, na, ng, nw. Both are in the camera
+frame, in m, and count pixels from the corner of the picture. Neither has a place for uneven glass:
+that is left out.
 
-Source: FlatPort and DomePort in src/colmap/sensor/models_refrac.h of COLMAP Underwater; "Calibration Report" in Calibmar's documentation.
+Source: FlatPort and DomePort in src/colmap/sensor/models_refrac.h of COLMAP Underwater;
+    "Calibration Report" in Calibmar's documentation.
 """
 
 from __future__ import annotations
@@ -36,7 +40,10 @@ AIR = 1.0
 EXACT = 1e-3
 """px: a misfit below this is none."""
 FLAT, DOME = "FLATPORT", "DOMEPORT"
-KEYS = {FLAT: "Nx, Ny, Nz, int_dist, int_thick, na, ng, nw", DOME: "Cx, Cy, Cz, int_radius, int_thick, na, ng, nw"}
+KEYS = {
+    FLAT: "Nx, Ny, Nz, int_dist, int_thick, na, ng, nw",
+    DOME: "Cx, Cy, Cz, int_radius, int_thick, na, ng, nw",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +74,15 @@ class Port:
             sine = float(np.hypot(x, y))
             turn = np.arctan2(sine, z) / sine if sine else 1.0
             own = {"distance": self.reach / z, "tilt.x": -y * turn, "tilt.y": x * turn}
-        numbers = own | {"thickness": self.thickness, "refractive_index": self.glass, "outside_index": self.outside}
-        return Cover("dome" if self.name == DOME else "flat", {name: Number(float(value)) for name, value in numbers.items()})
+        numbers = own | {
+            "thickness": self.thickness,
+            "refractive_index": self.glass,
+            "outside_index": self.outside,
+        }
+        return Cover(
+            "dome" if self.name == DOME else "flat",
+            {name: Number(float(value)) for name, value in numbers.items()},
+        )
 
 
 def export(wanted: Export) -> Exported:
@@ -90,11 +104,14 @@ def port_of(calibration: Calibration) -> Port:
     if not path.cover or not isinstance(path.cover[-1].surface, Flat | Dome):
         shape = calibration.cover.shape
         raise InputError(
-            f"--format calibmar has flat and dome ports, and this cover is a {shape}: write --format generic, which holds all."
+            f"--format calibmar has flat and dome ports, and this cover is a {shape}: write"
+            " --format generic, which holds all."
         )
     _, told = path.adjusted(torch.zeros((1, 2), dtype=torch.float64), values)
     inner, outer = path.cover
-    thickness, glass, outside = (float(told[f"cover.{name}"]) for name in ("thickness", "refractive_index", "outside_index"))
+    thickness, glass, outside = (
+        float(told[f"cover.{name}"]) for name in ("thickness", "refractive_index", "outside_index")
+    )
     at = _numbers(inner.frame.at(told).leave(_point(0.0)))
     if isinstance(outer.surface, Dome):
         return Port(DOME, at, float(told["cover.inner_radius"]), thickness, glass, outside)
@@ -103,7 +120,10 @@ def port_of(calibration: Calibration) -> Port:
 
 
 def calibration_yaml(camera: CentralModel, port: Port, off: tuple[str, ...]) -> str:
-    """The file's text, with the options of COLMAP's fork as a comment. Calibmar reads keys line by line."""
+    """The file's text, with the options of COLMAP's fork as a comment.
+
+    Calibmar reads keys line by line.
+    """
     cx, cy = camera.principal
     own = ", ".join(map(repr, (*camera.focal, cx + 0.5, cy + 0.5, *camera.distortion)))
     ports = ", ".join(map(repr, port.parameters))
@@ -112,8 +132,14 @@ def calibration_yaml(camera: CentralModel, port: Port, off: tuple[str, ...]) -> 
         for line in (
             "# A camera behind a port, by Refracal. Its frame is the calibration's camera frame.",
             *(f"# {line}" for line in off),
-            f'# COLMAP\'s fork: --ImageReader.camera_model {camera.lens.name} --ImageReader.camera_params "{own}"',
-            f'#   --ImageReader.camera_refrac_model {port.name} --ImageReader.camera_refrac_params "{ports}"',
+            (
+                f"# COLMAP's fork: --ImageReader.camera_model {camera.lens.name}"
+                f' --ImageReader.camera_params "{own}"'
+            ),
+            (
+                f"#   --ImageReader.camera_refrac_model {port.name}"
+                f' --ImageReader.camera_refrac_params "{ports}"'
+            ),
             f"model: {camera.lens.name}",
             f"parameters: [{own}]",
             f"non_svp_model: {port.name}",
@@ -127,12 +153,18 @@ def calibration_yaml(camera: CentralModel, port: Port, off: tuple[str, ...]) -> 
 
 def _behind(bare: Calibration, camera: CentralModel, port: Port) -> Calibration:
     """What the file says, as a calibration."""
-    intrinsics = as_intrinsics((*camera.focal, *camera.principal, *camera.distortion), camera.lens.fisheye)
-    return replace(bare, camera=replace(bare.camera, intrinsics=intrinsics), cover=port.cover, effects=())
+    intrinsics = as_intrinsics(
+        (*camera.focal, *camera.principal, *camera.distortion), camera.lens.fisheye
+    )
+    return replace(
+        bare, camera=replace(bare.camera, intrinsics=intrinsics), cover=port.cover, effects=()
+    )
 
 
 def _misfits(calibration: Calibration, said: Calibration, depths: Sequence[float]) -> Iterator[str]:
-    """How far what a pixel sees by the file is from what it sees by the calibration, in px of the undistorted picture."""
+    """How far what a pixel sees by the file is from what it sees by the calibration, in px of the
+    undistorted picture.
+    """
     k = calibration.camera.intrinsics
     assert k
     sizes = calibration.camera.width, calibration.camera.height
@@ -140,12 +172,22 @@ def _misfits(calibration: Calibration, said: Calibration, depths: Sequence[float
     pixels = np.stack(np.meshgrid(*axes), -1).reshape(-1, 2)
     (from_, along), (other, beside) = (one.rays(pixels) for one in (calibration, said))
     for depth in depths:
-        seen, stated = (o[:, :2] + d[:, :2] * ((depth - o[:, 2]) / d[:, 2])[:, None] for o, d in ((from_, along), (other, beside)))
+        seen, stated = (
+            o[:, :2] + d[:, :2] * ((depth - o[:, 2]) / d[:, 2])[:, None]
+            for o, d in ((from_, along), (other, beside))
+        )
         off = np.linalg.norm((seen - stated) * [k.fx.value / depth, k.fy.value / depth], axis=-1)
         off = off[np.isfinite(off)]
         rms, worst = float(np.sqrt((off**2).mean())), float(off.max())
-        told = "exact" if worst < EXACT else "what the port has no place for, an uneven glass say, is left out"
-        yield f"Misfit over the image: {rms:.4f} px RMS, {worst:.4f} px at worst, at {depth:g} m: {told}"
+        told = (
+            "exact"
+            if worst < EXACT
+            else "what the port has no place for, an uneven glass say, is left out"
+        )
+        yield (
+            f"Misfit over the image: {rms:.4f} px RMS, {worst:.4f} px at worst, at {depth:g} m:"
+            f" {told}"
+        )
 
 
 def _point(z: float) -> Vector:

@@ -1,6 +1,8 @@
-"""COLMAP: cameras.txt of one camera. COLMAP's pixel (0, 0) is the corner of the top-left pixel, half a pixel before its centre.
+"""COLMAP: cameras.txt of one camera. COLMAP's pixel (0, 0) is the corner of the top-left pixel,
+half a pixel before its centre.
 
-Its poses are those of the shifted centre: a comment says what to add to a pose of the calibration's camera frame, and to a rig's.
+Its poses are those of the shifted centre: a comment says what to add to a pose of the calibration's
+camera frame, and to a rig's.
 """
 
 from calib.export.central import CentralModel
@@ -16,6 +18,14 @@ def cameras_txt(model: CentralModel) -> str:
     cx, cy = model.principal
     parameters = (*model.focal, cx + 0.5, cy + 0.5, *model.distortion)
     x, y, z = (0.0 - metres for metres in model.centre)
-    about = f"# TX TY TZ of a pose of the calibration's camera frame, and cam_from_rig of that frame as the rig: add {x!r} {y!r} {z!r}\n"
-    line = " ".join(["1", model.lens.name, str(model.width), str(model.height), *map(repr, parameters)])
-    return f"{model.commented()}{about * any(model.centre)}# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n# Number of cameras: 1\n{line}\n"
+    about = (
+        "# TX TY TZ of a pose of the calibration's camera frame, and cam_from_rig of that frame as"
+        f" the rig: add {x!r} {y!r} {z!r}\n"
+    )
+    line = " ".join(
+        ["1", model.lens.name, str(model.width), str(model.height), *map(repr, parameters)]
+    )
+    return (
+        f"{model.commented()}{about * any(model.centre)}# CAMERA_ID, MODEL, WIDTH, HEIGHT,"
+        f" PARAMS[]\n# Number of cameras: 1\n{line}\n"
+    )

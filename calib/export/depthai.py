@@ -1,10 +1,13 @@
-"""DepthAI: a warp mesh of one depth, for StereoDepth.loadMeshFiles of a Luxonis camera, or for its Warp node.
+"""DepthAI: a warp mesh of one depth, for StereoDepth.loadMeshFiles of a Luxonis camera, or for its
+Warp node.
 
-mesh_Zm_XxY.calib holds 32-bit floats: y and x in px of the camera's picture, for every X-th column and Y-th row of the straight one, row
-by row, with one more of each beyond the last. X and Y are the largest up to 16 by which the picture's width and height can be divided:
-tell the device by setMeshStep(X, Y). It interpolates between them linearly.
+mesh_Zm_XxY.calib holds 32-bit floats: y and x in px of the camera's picture, for every X-th column
+and Y-th row of the straight one, row by row, with one more of each beyond the last. X and Y are the
+largest up to 16 by which the picture's width and height can be divided: tell the device by
+setMeshStep(X, Y). It interpolates between them linearly.
 
-Source: include/depthai/pipeline/node/StereoDepth.hpp of depthai-core: the order and the count of points at loadMeshFiles and setMeshStep,
+Source: include/depthai/pipeline/node/StereoDepth.hpp of depthai-core: the order and the count of
+    points at loadMeshFiles and setMeshStep,
 and at useHomographyRectification that they mean what cv2.initUndistortRectifyMap gives.
 """
 
@@ -33,13 +36,18 @@ def export(wanted: Export) -> Exported:
 
 
 def write_mesh(field: RayField, depth: float, files: FileSet, said: str) -> tuple[Path, str]:
-    """Write the mesh of a depth in m, which the file's name gives as `said`; its path, and what to tell the device."""
+    """Write the mesh of a depth in m, which the file's name gives as `said`; its path, and what to
+    tell the device.
+    """
     steps = mesh_step(field.width), mesh_step(field.height)
     points = mesh(field, depth, steps)
     rms, worst = misfit(field, depth, points)
     across, down = steps
     path = files.write(f"mesh_{said}m_{across}x{down}.calib", points[..., ::-1].tobytes())
-    told = f"setMeshStep({across}, {down}); between the points it is off by {rms:.4f} px RMS, {worst:.4f} px at worst, at {depth:g} m."
+    told = (
+        f"setMeshStep({across}, {down}); between the points it is off by {rms:.4f} px RMS,"
+        f" {worst:.4f} px at worst, at {depth:g} m."
+    )
     return path, told
 
 
@@ -49,9 +57,14 @@ def mesh_step(size: int) -> int:
 
 
 def mesh(field: RayField, depth: float, steps: tuple[int, int]) -> NDArray[np.float32]:
-    """(h, w, 2) px x and y in the camera's picture; where the camera does not see, the smooth continuation, or -1 where there is none."""
+    """(h, w, 2) px x and y in the camera's picture; where the camera does not see, the smooth
+    continuation, or -1 where there is none.
+    """
     sizes = field.width, field.height
-    columns, rows = (np.arange(0, size + step, step, dtype=np.float64) for size, step in zip(sizes, steps, strict=True))
+    columns, rows = (
+        np.arange(0, size + step, step, dtype=np.float64)
+        for size, step in zip(sizes, steps, strict=True)
+    )
     pixels = np.stack(np.meshgrid(columns, rows), -1)
     found, _ = field.distorted(pixels.reshape(-1, 2), depth)
     return np.where(np.isfinite(found), found, -1.0).astype("<f4").reshape(pixels.shape)

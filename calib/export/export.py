@@ -1,4 +1,6 @@
-"""What every export format is asked for and gives, and the loop over depths that formats of a central camera share."""
+"""What every export format is asked for and gives, and the loop over depths that formats of a
+central camera share.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The forms that a calibration is written in, and the lens models that each of them has. Nothing slow is imported here."""
+"""The forms that a calibration is written in, and the lens models that each of them has.
+
+Nothing slow is imported here.
+"""
 
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -15,13 +18,18 @@ class ExportLens:
 
     name: str
     coefficients: int
-    """How many it has: 4, 5, 8 or 12, in OpenCV's order; two for each knot of a splined model, 0 before it is fitted."""
+    """How many it has: 4, 5, 8 or 12, in OpenCV's order; two for each knot of a splined model, 0
+    before it is fitted.
+    """
     fisheye: bool = False
     """Whether it is the equidistant model of cv2.fisheye, with its 4, for wide lenses."""
     knots: tuple[int, int, float] | None = None
-    """Of a splined model: how many along x and y, and how far apart in stereographic coordinates."""
+    """Of a splined model: how many along x and y, and how far apart in stereographic coordinates.
+    """
     windshield: bool = False
-    """Whether the lens, of 12 coefficients or of a fisheye's 4, stands behind four polynomials, whose coefficients follow its own."""
+    """Whether the lens, of 12 coefficients or of a fisheye's 4, stands behind four polynomials,
+    whose coefficients follow its own.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,15 +38,23 @@ class Format:
 
     name: str
     module: str
-    """Of this package, with `export(wanted: Export) -> Exported`. It is imported when it is asked for."""
+    """Of this package, with `export(wanted: Export) -> Exported`.
+
+    It is imported when it is asked for.
+    """
     summary: str
     """For the help."""
     lenses: tuple[ExportLens, ...] = ()
-    """Those of a central camera, the simplest first. None: the format holds maps, which are exact at their depth."""
+    """Those of a central camera, the simplest first.
+
+    None: the format holds maps, which are exact at their depth.
+    """
     needs_depth: bool = True
     """Whether its files hold for one depth."""
     needs: str = ""
-    """The library that it is written with, by the name it is imported by, where refracal installs that only with an extra."""
+    """The library that it is written with, by the name it is imported by, where refracal installs
+    that only with an extra.
+    """
     lacking: str = ""
     """What to do where that is absent."""
     brief: str = ""
@@ -49,11 +65,31 @@ class Format:
         return not self.needs or find_spec(self.needs) is not None
 
 
-OPENCV = (ExportLens("4", 4), ExportLens("5", 5), ExportLens("8", 8), ExportLens("12", 12), ExportLens("fisheye", 4, fisheye=True))
-ROS = (ExportLens("plumb_bob", 5), ExportLens("rational_polynomial", 8), ExportLens("equidistant", 4, fisheye=True))
-COLMAP = (ExportLens("OPENCV", 4), ExportLens("FULL_OPENCV", 8), ExportLens("OPENCV_FISHEYE", 4, fisheye=True))
+OPENCV = (
+    ExportLens("4", 4),
+    ExportLens("5", 5),
+    ExportLens("8", 8),
+    ExportLens("12", 12),
+    ExportLens("fisheye", 4, fisheye=True),
+)
+ROS = (
+    ExportLens("plumb_bob", 5),
+    ExportLens("rational_polynomial", 8),
+    ExportLens("equidistant", 4, fisheye=True),
+)
+COLMAP = (
+    ExportLens("OPENCV", 4),
+    ExportLens("FULL_OPENCV", 8),
+    ExportLens("OPENCV_FISHEYE", 4, fisheye=True),
+)
 SPLINED = ExportLens("SPLINED", 0)
-MRCAL = (ExportLens("OPENCV4", 4), ExportLens("OPENCV5", 5), ExportLens("OPENCV8", 8), ExportLens("OPENCV12", 12), SPLINED)
+MRCAL = (
+    ExportLens("OPENCV4", 4),
+    ExportLens("OPENCV5", 5),
+    ExportLens("OPENCV8", 8),
+    ExportLens("OPENCV12", 12),
+    SPLINED,
+)
 
 WINDSHIELD = (
     ExportLens("opencv-pinhole", 12 + 4 * 21, windshield=True),
@@ -65,26 +101,55 @@ AXES = ("opencv", "opengl")
 
 FORMATS: tuple[Format, ...] = (
     Format(
-        *("npz", "npz", "the ray field, from which any depth's map follows, and the maps of cv2.remap for every --depth"),
+        *(
+            "npz",
+            "npz",
+            (
+                "the ray field, from which any depth's map follows, and the maps of cv2.remap for"
+                " every --depth"
+            ),
+        ),
         needs_depth=False,
         brief="maps for cv2.remap, and every ray",
     ),
     Format(
-        *("opencv", "opencv", "FileStorage YAML, and the exact maps of cv2.remap as float TIFF", OPENCV),
+        *(
+            "opencv",
+            "opencv",
+            "FileStorage YAML, and the exact maps of cv2.remap as float TIFF",
+            OPENCV,
+        ),
         brief="FileStorage YAML, and maps as TIFF",
     ),
     Format("opencv-xml", "opencv", "the same with FileStorage XML", OPENCV),
     Format("ros", "ros", "camera_info", ROS),
-    Format("kalibr", "kalibr", "camchain", (ExportLens("radtan", 4), ExportLens("equidistant", 4, fisheye=True))),
+    Format(
+        "kalibr",
+        "kalibr",
+        "camchain",
+        (ExportLens("radtan", 4), ExportLens("equidistant", 4, fisheye=True)),
+    ),
     Format("colmap", "colmap", "cameras.txt", COLMAP),
     Format("mrcal", "mrcal", ".cameramodel", MRCAL),
     Format(
-        *("windshield", "windshield", "the windshield model of NVIDIA NCore and gsplat", WINDSHIELD),
+        *(
+            "windshield",
+            "windshield",
+            "the windshield model of NVIDIA NCore and gsplat",
+            WINDSHIELD,
+        ),
         brief="of NVIDIA NCore and gsplat",
     ),
     Format("depthai", "depthai", "warp mesh of Luxonis cameras"),
     Format(
-        *("generic", "generic", "NoncentralGenericModel of Schöps et al. (puzzlepaint), a line for every pixel at every depth"),
+        *(
+            "generic",
+            "generic",
+            (
+                "NoncentralGenericModel of Schöps et al. (puzzlepaint), a line for every pixel at"
+                " every depth"
+            ),
+        ),
         needs_depth=False,
         brief="a line for every pixel, puzzlepaint's",
     ),
@@ -99,7 +164,14 @@ FORMATS: tuple[Format, ...] = (
         brief="flat port or dome, also for COLMAP",
     ),
     Format(
-        *("ray-image", "ray_image", "origin and direction of every pixel's ray, for ray tracers: (height, width, 2, 3) float32"),
+        *(
+            "ray-image",
+            "ray_image",
+            (
+                "origin and direction of every pixel's ray, for ray tracers: (height, width, 2, 3)"
+                " float32"
+            ),
+        ),
         needs_depth=False,
         brief="every pixel's ray, for ray tracers",
     ),
@@ -110,7 +182,10 @@ FORMATS: tuple[Format, ...] = (
     Format(
         *("stmap-exr", "stmap", "the same as OpenEXR"),
         needs="OpenEXR",
-        lacking=f"OpenEXR is not installed: {how_to_install('exr')}, or use --format stmap, which writes TIFF.",
+        lacking=(
+            f"OpenEXR is not installed: {how_to_install('exr')}, or use --format stmap, which"
+            " writes TIFF."
+        ),
     ),
 )
 """In the order of the help. A new format is a module of this package and a line here."""

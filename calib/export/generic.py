@@ -1,12 +1,16 @@
-"""The non-central generic camera model of Schöps et al.: a line for every pixel, by cubic B-splines over the picture, for every depth.
+"""The non-central generic camera model of Schöps et al.: a line for every pixel, by cubic B-splines
+over the picture, for every depth.
 
-A grid of control points spans the picture: the second and the last but one of a row stand at its edges, so that every pixel lies between
-four of them each way. One grid has points on the lines, in m, another unit directions, which are normalised again between them; as the
-control points are unit vectors themselves, they are found by iteration. Pixels count from the corner of the picture. Where no ray leaves
-the cover the lines are continued smoothly.
+A grid of control points spans the picture: the second and the last but one of a row stand at its
+edges, so that every pixel lies between four of them each way. One grid has points on the lines, in
+m, another unit directions, which are normalised again between them; as the control points are unit
+vectors themselves, they are found by iteration. Pixels count from the corner of the picture. Where
+no ray leaves the cover the lines are continued smoothly.
 
-Source: T. Schöps et al., Why having 10,000 parameters in your camera model is better than twelve (CVPR 2020); SaveCameraModel in
-applications/camera_calibration/src/camera_calibration/io/calibration_io.cc and generic_models/src/noncentral_generic.h of their program.
+Source: T. Schöps et al., Why having 10,000 parameters in your camera model is better than twelve
+    (CVPR 2020); SaveCameraModel in
+applications/camera_calibration/src/camera_calibration/io/calibration_io.cc and
+generic_models/src/noncentral_generic.h of their program.
 """
 
 from __future__ import annotations
@@ -50,15 +54,23 @@ def export(wanted: Export) -> Exported:
             break
     stated = f"Misfit over the image: {rms:.4f} px RMS, {worst:.4f} px at worst, at {NEAR:g} m."
     text = camera_yaml(field, points.coefficients, directions.coefficients, stated)
-    return Exported((wanted.files.write("intrinsics0.yaml", text),), remarks=(stated,) if worst >= CLOSE else ())
+    return Exported(
+        (wanted.files.write("intrinsics0.yaml", text),), remarks=(stated,) if worst >= CLOSE else ()
+    )
 
 
 def control_points(field: RayField, pinhole: Array, spacing: float) -> tuple[Spline, Spline]:
-    """Splines through the lines' points and directions at nodes over the picture, one of them on each edge; their coefficients are the
-    control points, which of the directions are unit vectors."""
-    columns, rows = (np.linspace(-0.5, size - 0.5, max(6, int(np.ceil(size / spacing)) + 1)) for size in (field.width, field.height))
+    """Splines through the lines' points and directions at nodes over the picture, one of them on
+    each edge; their coefficients are the control points, which of the directions are unit vectors.
+    """
+    columns, rows = (
+        np.linspace(-0.5, size - 0.5, max(6, int(np.ceil(size / spacing)) + 1))
+        for size in (field.width, field.height)
+    )
     pixels = np.stack(np.meshgrid(columns, rows), -1)
-    origin, direction = (part.reshape(*pixels.shape[:2], 3) for part in lines(field, pinhole, pixels.reshape(-1, 2)))
+    origin, direction = (
+        part.reshape(*pixels.shape[:2], 3) for part in lines(field, pinhole, pixels.reshape(-1, 2))
+    )
     aim = direction
     for _ in range(ROUNDS):
         fitted = _unit_coefficients(Spline.through(columns, rows, aim))
@@ -68,29 +80,45 @@ def control_points(field: RayField, pinhole: Array, spacing: float) -> tuple[Spl
 
 
 def lines(field: RayField, pinhole: Array, pixels: Array) -> tuple[Array, Array]:
-    """(N, 3) m where the lines of (N, 2) px pass the plane z = 0 through the pinhole, and their (N, 3) unit directions."""
+    """(N, 3) m where the lines of (N, 2) px pass the plane z = 0 through the pinhole, and their (N,
+    3) unit directions.
+    """
     focal, centre = pinhole[:2], pinhole[2:]
     far = field.undistorted(pixels, np.inf)
     parallax = field.undistorted(pixels, 1.0) - far
     zero, one = np.zeros((len(pixels), 1)), np.ones((len(pixels), 1))
     towards = np.concatenate([(far - centre) / focal, one], -1)
-    return np.concatenate([parallax / focal, zero], -1), towards / np.linalg.norm(towards, axis=-1, keepdims=True)
+    return np.concatenate([parallax / focal, zero], -1), towards / np.linalg.norm(
+        towards, axis=-1, keepdims=True
+    )
 
 
-def misfit(field: RayField, pinhole: Array, points: Spline, directions: Spline) -> tuple[float, float]:
-    """px of the undistorted picture at NEAR, RMS and at worst, midway between the nodes, where the camera sees."""
-    pixels = np.stack(np.meshgrid(middles(points.nodes_x), middles(points.nodes_y)), -1).reshape(-1, 2)
+def misfit(
+    field: RayField, pinhole: Array, points: Spline, directions: Spline
+) -> tuple[float, float]:
+    """px of the undistorted picture at NEAR, RMS and at worst, midway between the nodes, where the
+    camera sees.
+    """
+    pixels = np.stack(np.meshgrid(middles(points.nodes_x), middles(points.nodes_y)), -1).reshape(
+        -1, 2
+    )
     pixels = pixels[field.sees(pixels[:, 0], pixels[:, 1], np.inf)]
     seen, stated = (
         origin[:, :2] + towards[:, :2] / towards[:, 2:] * (NEAR - origin[:, 2:])
-        for origin, towards in (lines(field, pinhole, pixels), (points.at(pixels)[0], directions.at(pixels)[0]))
+        for origin, towards in (
+            lines(field, pinhole, pixels),
+            (points.at(pixels)[0], directions.at(pixels)[0]),
+        )
     )
     off = np.linalg.norm((seen - stated) * pinhole[:2] / NEAR, axis=-1)
     return float(np.sqrt((off**2).mean())), float(off.max())
 
 
 def camera_yaml(field: RayField, points: Array, directions: Array, stated: str) -> str:
-    """The file's text, of (h, w, 3) control points each. Its readers want every key on one line, and the sizes first."""
+    """The file's text, of (h, w, 3) control points each.
+
+    Its readers want every key on one line, and the sizes first.
+    """
     height, width = points.shape[:2]
     keys = {
         "type": "NoncentralGenericModel",
@@ -105,7 +133,10 @@ def camera_yaml(field: RayField, points: Array, directions: Array, stated: str) 
         "point_grid": f"[{', '.join(map(repr, points.ravel().tolist()))}]",
         "direction_grid": f"[{', '.join(map(repr, directions.ravel().tolist()))}]",
     }
-    about = "# Lines of a camera behind a cover, by Refracal. The frame is the calibration's camera frame.\n"
+    about = (
+        "# Lines of a camera behind a cover, by Refracal. The frame is the calibration's camera"
+        " frame.\n"
+    )
     return about + f"# {stated}\n" + "".join(f"{key} : {value}\n" for key, value in keys.items())
 
 

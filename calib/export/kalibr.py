@@ -1,6 +1,7 @@
 """Kalibr: a camchain of one camera, pinhole with radtan or equidistant distortion.
 
-A chain of one camera says of no frame but its own: a comment has the transform from the calibration's.
+A chain of one camera says of no frame but its own: a comment has the transform from the
+calibration's.
 """
 
 import yaml
@@ -26,8 +27,9 @@ def camchain(model: CentralModel) -> str:
     }
     x, y, z = (0.0 - metres for metres in model.centre)
     about = (
-        "# To chain it, as in T_cam_imu or T_cn_cnm1, put on the left of a transform into the calibration's camera frame:\n"
-        f"# [[1.0, 0.0, 0.0, {x!r}], [0.0, 1.0, 0.0, {y!r}], [0.0, 0.0, 1.0, {z!r}], [0.0, 0.0, 0.0, 1.0]]\n"
+        "# To chain it, as in T_cam_imu or T_cn_cnm1, put on the left of a transform into the"
+        f" calibration's camera frame:\n# [[1.0, 0.0, 0.0, {x!r}], [0.0, 1.0, 0.0, {y!r}], [0.0,"
+        f" 0.0, 1.0, {z!r}], [0.0, 0.0, 0.0, 1.0]]\n"
     )
     chain = yaml.safe_dump({"cam0": camera}, sort_keys=False, default_flow_style=None, width=120)
     return model.commented() + about * any(model.centre) + chain

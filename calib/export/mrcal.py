@@ -1,4 +1,8 @@
-"""mrcal: a .cameramodel. Its extrinsics carry the shift of the centre, so the reference frame is the calibration's camera frame."""
+"""mrcal: a .cameramodel.
+
+Its extrinsics carry the shift of the centre, so the reference frame is the calibration's camera
+frame.
+"""
 
 from calib.export.central import CentralModel
 from calib.export.export import Export, Exported, export_central

@@ -1,13 +1,15 @@
 """NumPy files: the ray field, and maps for cv2.remap.
 
-rays.npz: width, height px of the image; fx, fy, cx, cy px of the undistorted picture; nodes_x (w,), nodes_y (h,) px; at_infinity (h, w, 2)
-px and parallax (h, w, 2) px m, so that the undistorted pixel at depth Z of the distorted pixel at a node is at_infinity + parallax / Z;
-valid (h, w); nearest (h, w) m, how far in front of the camera each ray leaves the cover.
-sigma_x (m,), sigma_y (n,) px and variance (n, m, 3), where the fit estimated it: the predicted variance of the undistorted position at
-those distorted pixels is variance[..., 0] + variance[..., 1] / Z + variance[..., 2] / Z^2, px^2, x and y together (calib.apply).
-map_Zm.npz: map_x, map_y (height, width) float32 for cv2.remap, -1 where not valid; valid (height, width); depth_m; and sigma (height,
-width) float32 px, where the fit estimated it: the standard deviation of each pixel's position, NaN where not valid.
-Both have calibration, the SHA-256 of the calibration.npz that they were made from.
+rays.npz: width, height px of the image; fx, fy, cx, cy px of the undistorted picture; nodes_x (w,),
+nodes_y (h,) px; at_infinity (h, w, 2) px and parallax (h, w, 2) px m, so that the undistorted pixel
+at depth Z of the distorted pixel at a node is at_infinity + parallax / Z; valid (h, w); nearest (h,
+w) m, how far in front of the camera each ray leaves the cover. sigma_x (m,), sigma_y (n,) px and
+variance (n, m, 3), where the fit estimated it: the predicted variance of the undistorted position
+at those distorted pixels is variance[..., 0] + variance[..., 1] / Z + variance[..., 2] / Z^2, px^2,
+x and y together (calib.apply). map_Zm.npz: map_x, map_y (height, width) float32 for cv2.remap, -1
+where not valid; valid (height, width); depth_m; and sigma (height, width) float32 px, where the fit
+estimated it: the standard deviation of each pixel's position, NaN where not valid. Both have
+calibration, the SHA-256 of the calibration.npz that they were made from.
 """
 
 from collections.abc import Sequence
@@ -30,10 +32,14 @@ ARRAYS = ("nodes_x", "nodes_y", "at_infinity", "parallax", "valid", "nearest")
 
 
 def export(wanted: Export) -> Exported:
-    return Exported(tuple(write_npz(wanted.calibration, wanted.depths, wanted.files, wanted.progress)))
+    return Exported(
+        tuple(write_npz(wanted.calibration, wanted.depths, wanted.files, wanted.progress))
+    )
 
 
-def write_npz(calibration: Calibration, depths: Sequence[float], files: FileSet, progress: Progress) -> list[Path]:
+def write_npz(
+    calibration: Calibration, depths: Sequence[float], files: FileSet, progress: Progress
+) -> list[Path]:
     """Write rays.npz and one map file for each depth (m), and return their paths."""
     advance = progress.task("Maps", 1 + len(depths))
     field = calibration.ray_field()
@@ -51,24 +57,41 @@ def read_field(path: Path) -> RayField:
     with np.load(in_force(path), allow_pickle=False) as file:
         beside = in_force(path.with_name("calibration.npz"))
         if beside.exists() and sha256(beside.read_bytes()).hexdigest() != file["calibration"]:
-            raise InputError(f"{path} was made from another calibration than the one beside it: write it again by calib export.")
+            raise InputError(
+                f"{path} was made from another calibration than the one beside it: write it again"
+                " by calib export."
+            )
         return RayField(int(file["width"]), int(file["height"]), *(file[name] for name in ARRAYS))
 
 
-def _write_field(field: RayField, sigma: SigmaField | None, calibration: Calibration, files: FileSet) -> Path:
+def _write_field(
+    field: RayField, sigma: SigmaField | None, calibration: Calibration, files: FileSet
+) -> Path:
     intrinsics = calibration.camera.intrinsics
     assert intrinsics
     pinhole = {name: getattr(intrinsics, name).value for name in ("fx", "fy", "cx", "cy")}
     scalars = {"width": field.width, "height": field.height, **pinhole}
     said = {"calibration": np.asarray(calibration.digest)}
-    arrays = said | {name: np.asarray(number) for name, number in scalars.items()} | {name: getattr(field, name) for name in ARRAYS}
+    arrays = (
+        said
+        | {name: np.asarray(number) for name, number in scalars.items()}
+        | {name: getattr(field, name) for name in ARRAYS}
+    )
     if sigma:
         arrays |= {"sigma_x": sigma.nodes_x, "sigma_y": sigma.nodes_y, "variance": sigma.variance}
     return files.write("rays.npz", npz(arrays))
 
 
-def _write_map(made: DepthMap, sigma: SigmaField | None, calibration: Calibration, files: FileSet) -> Path:
-    arrays = {"calibration": calibration.digest, "map_x": made.x, "map_y": made.y, "valid": made.valid, "depth_m": np.float64(made.depth)}
+def _write_map(
+    made: DepthMap, sigma: SigmaField | None, calibration: Calibration, files: FileSet
+) -> Path:
+    arrays = {
+        "calibration": calibration.digest,
+        "map_x": made.x,
+        "map_y": made.y,
+        "valid": made.valid,
+        "depth_m": np.float64(made.depth),
+    }
     if sigma:
         arrays["sigma"] = sigma.of_map(made)
     held = npz({name: np.asarray(array) for name, array in arrays.items()}, compressed=False)

@@ -1,8 +1,10 @@
-"""Ray image: where the ray of every pixel starts and where it goes, for ray tracers and renderers that take their rays as an array.
+"""Ray image: where the ray of every pixel starts and where it goes, for ray tracers and renderers
+that take their rays as an array.
 
-ray_image.npy, or ray_image_opengl.npy, is (height, width, 2, 3) float32: [v, u, 0] is the point in m where the ray of the pixel in column u
-and row v leaves the cover, [v, u, 1] the unit direction; NaN where none leaves it. Both are in the calibration's camera frame: x right, y
-down, z forward (opencv), or that turned by half a turn about x: x right, y up, z backward (opengl).
+ray_image.npy, or ray_image_opengl.npy, is (height, width, 2, 3) float32: [v, u, 0] is the point in
+m where the ray of the pixel in column u and row v leaves the cover, [v, u, 1] the unit direction;
+NaN where none leaves it. Both are in the calibration's camera frame: x right, y down, z forward
+(opencv), or that turned by half a turn about x: x right, y up, z backward (opengl).
 """
 
 from io import BytesIO

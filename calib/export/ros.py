@@ -1,4 +1,5 @@
-"""ROS: the camera_info file of camera_calibration_parsers and camera_info_manager, with plumb_bob, rational_polynomial or equidistant.
+"""ROS: the camera_info file of camera_calibration_parsers and camera_info_manager, with plumb_bob,
+rational_polynomial or equidistant.
 
 The shift of the centre has no place in it: a comment has the command that publishes it to tf2.
 """
@@ -16,7 +17,10 @@ def export(wanted: Export) -> Exported:
 
 
 def camera_info(model: CentralModel) -> str:
-    """The file's text. The rectified picture keeps the camera matrix; a name may have letters, digits and underscores."""
+    """The file's text.
+
+    The rectified picture keeps the camera matrix; a name may have letters, digits and underscores.
+    """
     rows = model.matrix.tolist()
     name = re.sub(r"\W+", "_", model.name, flags=re.ASCII).strip("_") or "camera"
     content = {
@@ -32,21 +36,30 @@ def camera_info(model: CentralModel) -> str:
     return (
         model.commented()
         + _published(model, name)
-        + yaml.safe_dump(content, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
+        + yaml.safe_dump(
+            content, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120
+        )
     )
 
 
 def _published(model: CentralModel, name: str) -> str:
-    """Comments with the command that says where the camera stands; none where it stands at the calibration's own origin."""
+    """Comments with the command that says where the camera stands; none where it stands at the
+    calibration's own origin.
+    """
     if not any(model.centre):
         return ""
     x, y, z = model.centre
     frames = f"--frame-id {name}_calibration --child-frame-id {name}_optical_frame"
     return (
-        "# Publish that shift, where the child is the frame of the pictures' headers and the parent the calibration's camera frame:\n"
-        f"# ros2 run tf2_ros static_transform_publisher --x {x!r} --y {y!r} --z {z!r} {frames}\n"
+        "# Publish that shift, where the child is the frame of the pictures' headers and the"
+        " parent the calibration's camera frame:\n# ros2 run tf2_ros static_transform_publisher"
+        f" --x {x!r} --y {y!r} --z {z!r} {frames}\n"
     )
 
 
 def _matrix(rows: list[list[float]]) -> dict[str, object]:
-    return {"rows": len(rows), "cols": len(rows[0]), "data": [number for row in rows for number in row]}
+    return {
+        "rows": len(rows),
+        "cols": len(rows[0]),
+        "data": [number for row in rows for number in row],
+    }

@@ -16,9 +16,13 @@ Array = NDArray[np.float64]
 FITTED = (64, 48)
 """Pixels across and down, from edge to edge, that a model is fitted to."""
 CHECKED = (2 * FITTED[0] - 1, 2 * FITTED[1] - 1)
-"""Those that its misfit is measured at: these, and those halfway between, where a model of many numbers could hide its errors."""
+"""Those that its misfit is measured at: these, and those halfway between, where a model of many
+numbers could hide its errors.
+"""
 FLATTEST = 0.05
-"""z of a unit ray: what leaves the cover flatter than this, 3 degrees from sideways, no pinhole with a lens can follow."""
+"""z of a unit ray: what leaves the cover flatter than this, 3 degrees from sideways, no pinhole
+with a lens can follow.
+"""
 FEWEST = 0.25
 """Of the grid: the least that must see through the cover."""
 
@@ -44,20 +48,34 @@ class Sight:
         origins, directions = calibration.rays(pixels)
         kept = directions[:, 2] > FLATTEST  # false for NaN
         if np.count_nonzero(kept) < FEWEST * len(kept):
-            raise InputError("Too little of the image sees through the cover to fit a central camera: use --format npz, opencv or stmap.")
+            raise InputError(
+                "Too little of the image sees through the cover to fit a central camera: use"
+                " --format npz, opencv or stmap."
+            )
         origins, directions = origins[kept], directions[kept]
         tangent = directions[:, :2] / directions[:, 2:]
-        return Sight(pixels[kept], origins[:, :2] - tangent * origins[:, 2:], tangent, float(origins[:, 2].max()))
+        return Sight(
+            pixels[kept],
+            origins[:, :2] - tangent * origins[:, 2:],
+            tangent,
+            float(origins[:, 2].max()),
+        )
 
     def nearly_intersect(self) -> Array:
-        """(3,) m: the point to which the rays, where they pass its plane z = const, are nearest in the root mean square."""
+        """(3,) m: the point to which the rays, where they pass its plane z = const, are nearest in
+        the root mean square.
+        """
         ones, zeros = np.ones(len(self.foot)), np.zeros(len(self.foot))
         rows_x = np.column_stack([ones, zeros, -self.tangent[:, 0]])
         rows_y = np.column_stack([zeros, ones, -self.tangent[:, 1]])
-        return np.asarray(np.linalg.lstsq(np.vstack([rows_x, rows_y]), self.foot.T.ravel(), rcond=None)[0])
+        return np.asarray(
+            np.linalg.lstsq(np.vstack([rows_x, rows_y]), self.foot.T.ravel(), rcond=None)[0]
+        )
 
     def tangents(self, depth: float, centre: Array) -> Array:
-        """(N, 2) x / z and y / z, seen from the centre (3,) m, of what each pixel sees at depth m; infinity is a depth."""
+        """(N, 2) x / z and y / z, seen from the centre (3,) m, of what each pixel sees at depth m;
+        infinity is a depth.
+        """
         if math.isinf(depth):
             return self.tangent
         return np.asarray((self.foot + self.tangent * depth - centre[:2]) / (depth - centre[2]))

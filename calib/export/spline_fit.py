@@ -1,8 +1,10 @@
-"""mrcal's splined lens (LENSMODEL_SPLINED_STEREOGRAPHIC), fitted to directions whose pixels are known.
+"""mrcal's splined lens (LENSMODEL_SPLINED_STEREOGRAPHIC), fitted to directions whose pixels are
+known.
 
-A direction at an angle from the optical axis has stereographic coordinates u of length 2 tan(angle / 2). They are shifted by a bicubic
-B-spline surface over u, with evenly spaced knots, and scaled by a fixed pinhole to px. So the control points follow from linear least
-squares. The knots at the border stand one spacing beyond the stated field of view.
+A direction at an angle from the optical axis has stereographic coordinates u of length 2 tan(angle
+/ 2). They are shifted by a bicubic B-spline surface over u, with evenly spaced knots, and scaled by
+a fixed pinhole to px. So the control points follow from linear least squares. The knots at the
+border stand one spacing beyond the stated field of view.
 Source: https://mrcal.secretsauce.net/splined-models.html
 """
 
@@ -22,7 +24,9 @@ Array = NDArray[np.float64]
 ACROSS = 24
 """Knots along x."""
 HOLD = 1e-12
-"""How much a control point's square counts beside an observed direction's: it keeps those that no pixel sees at 0."""
+"""How much a control point's square counts beside an observed direction's: it keeps those that no
+pixel sees at 0.
+"""
 
 
 def fit_spline(normalised: Array, pixels: Array, bare: Sequence[float]) -> tuple[ExportLens, Array]:
@@ -34,8 +38,9 @@ def fit_spline(normalised: Array, pixels: Array, bare: Sequence[float]) -> tuple
         bare: fx, fy, cx, cy px and more, of the camera without its cover. The four are kept.
 
     Returns:
-        The lens, whose name states the field of view, and its (4 + coefficients,) parameters: fx, fy, cx, cy, then control points in
-        stereographic coordinates, row by row, x and y of each in turn.
+        The lens, whose name states the field of view, and its (4 + coefficients,) parameters: fx,
+        fy, cx, cy, then control points in stereographic coordinates, row by row, x and y of each in
+        turn.
     """
     u = _stereographic(normalised)
     wide, tall = np.abs(u).max(0)
@@ -43,17 +48,22 @@ def fit_spline(normalised: Array, pixels: Array, bare: Sequence[float]) -> tuple
     spacing = 4 * math.tan(math.radians(degrees) / 4) / (ACROSS - 3)
     down = math.ceil(2 * tall / spacing * (1 + 1e-6)) + 3
     design = NdBSpline.design_matrix(_y_first(u), _knots(ACROSS, down, spacing), 3)
-    basis = csr_array((design.data, design.indices, design.indptr), (len(u), down * ACROSS))  # scipy drops unused columns at the end
+    basis = csr_array(
+        (design.data, design.indices, design.indptr), (len(u), down * ACROSS)
+    )  # scipy drops unused columns at the end
     scale, shift = np.array(bare[:2]), np.array(bare[2:4])
     normal = (basis.T @ basis).tocsc()
     normal.setdiag(normal.diagonal() + HOLD * len(u) / normal.shape[0])
     control = np.asarray(spsolve(normal, basis.T @ ((pixels - shift) / scale - u)))
     name = f"SPLINED_STEREOGRAPHIC_order=3_Nx={ACROSS}_Ny={down}_fov_x_deg={degrees}"
-    return ExportLens(name, control.size, knots=(ACROSS, down, spacing)), np.concatenate([bare[:4], control.ravel()])
+    return ExportLens(name, control.size, knots=(ACROSS, down, spacing)), np.concatenate(
+        [bare[:4], control.ravel()]
+    )
 
 
 def project_spline(lens: ExportLens, parameters: Array, normalised: Array) -> Array:
-    """(N, 2) px of (N, 2) normalised image coordinates, with the lens and parameters of `fit_spline`.
+    """(N, 2) px of (N, 2) normalised image coordinates, with the lens and parameters of
+    `fit_spline`.
 
     Beyond the knots the surface goes on as its outermost polynomials.
     """
@@ -65,17 +75,26 @@ def project_spline(lens: ExportLens, parameters: Array, normalised: Array) -> Ar
 
 
 def _stereographic(normalised: Array) -> Array:
-    """(N, 2) u = 2 tan(angle / 2) along the direction's own, of (N, 2) normalised image coordinates."""
+    """(N, 2) u = 2 tan(angle / 2) along the direction's own, of (N, 2) normalised image
+    coordinates.
+    """
     return np.asarray(2 * normalised / (1 + np.sqrt(1 + (normalised**2).sum(-1, keepdims=True))))
 
 
 def _y_first(u: Array) -> Array:
-    """(N, 2) y and x, contiguous as scipy wants them: the control points come in rows, so y is their first axis."""
+    """(N, 2) y and x, contiguous as scipy wants them: the control points come in rows, so y is
+    their first axis.
+    """
     return np.ascontiguousarray(u[:, ::-1])
 
 
 def _knots(across: int, down: int, spacing: float) -> tuple[Array, Array]:
-    """(down + 4,) and (across + 4,) knots along y and x. The B-spline of each control point is centred on its own knot of mrcal's, so
-    scipy's, which begin with a B-spline's support, reach two spacings further."""
-    y, x = (spacing * (np.arange(-2, count + 2, dtype=np.float64) - (count - 1) / 2) for count in (down, across))
+    """(down + 4,) and (across + 4,) knots along y and x. The B-spline of each control point is
+    centred on its own knot of mrcal's, so scipy's, which begin with a B-spline's support, reach two
+    spacings further.
+    """
+    y, x = (
+        spacing * (np.arange(-2, count + 2, dtype=np.float64) - (count - 1) / 2)
+        for count in (down, across)
+    )
     return y, x

@@ -1,7 +1,8 @@
-"""NVIDIA's NCore and gsplat: a camera behind a windshield, with reference_poly, horizontal_poly, vertical_poly and their inverses.
+"""NVIDIA's NCore and gsplat: a camera behind a windshield, with reference_poly, horizontal_poly,
+vertical_poly and their inverses.
 
-The file is what ncore.data.decode_camera_model_parameters takes of a JSON file; gsplat's BivariateWindshieldModelParameters have the same
-names. A pixel's centre is at 0.5 there.
+The file is what ncore.data.decode_camera_model_parameters takes of a JSON file; gsplat's
+BivariateWindshieldModelParameters have the same names. A pixel's centre is at 0.5 there.
 
 Source: encode_camera_model_parameters in ncore/impl/data/types.py of NVIDIA NCore.
 """
@@ -20,7 +21,9 @@ WIDER = 1.01
 
 
 def export(wanted: Export) -> Exported:
-    return export_central(wanted, "windshield_{}m.json", lambda model: camera_model(model, wanted.calibration))
+    return export_central(
+        wanted, "windshield_{}m.json", lambda model: camera_model(model, wanted.calibration)
+    )
 
 
 def camera_model(model: CentralModel, calibration: Calibration) -> str:
@@ -44,17 +47,28 @@ def camera_model(model: CentralModel, calibration: Calibration) -> str:
         "focal_length": list(model.focal),
         **(_fisheye(model, lens) if model.lens.fisheye else _pinhole(lens)),
     }
-    said = {"camera_model_type": model.lens.name, "camera_model_parameters": content, "refracal": model.statement}
+    said = {
+        "camera_model_type": model.lens.name,
+        "camera_model_parameters": content,
+        "refracal": model.statement,
+    }
     return json.dumps(said, indent=1) + "\n"
 
 
 def _pinhole(lens: np.ndarray) -> dict[str, object]:
     radial, tangential, prism = lens[[0, 1, 4, 5, 6, 7]], lens[[2, 3]], lens[8:]
-    return {"radial_coeffs": radial.tolist(), "tangential_coeffs": tangential.tolist(), "thin_prism_coeffs": prism.tolist()}
+    return {
+        "radial_coeffs": radial.tolist(),
+        "tangential_coeffs": tangential.tolist(),
+        "thin_prism_coeffs": prism.tolist(),
+    }
 
 
 def _fisheye(model: CentralModel, lens: np.ndarray) -> dict[str, object]:
     right, bottom = model.width - 0.5, model.height - 0.5
     corners = np.array([[-0.5, -0.5], [right, -0.5], [-0.5, bottom], [right, bottom]])
-    slopes = np.linalg.norm(within_cover(corners, model.lens, np.array([*model.focal, *model.principal, *lens])), axis=-1)
+    slopes = np.linalg.norm(
+        within_cover(corners, model.lens, np.array([*model.focal, *model.principal, *lens])),
+        axis=-1,
+    )
     return {"radial_coeffs": lens.tolist(), "max_angle": WIDER * float(np.arctan(slopes.max()))}

@@ -1,11 +1,14 @@
-"""The windshield model of NVIDIA's NCore and of gsplat: a lens behind two polynomials that turn a ray, fitted to known directions.
+"""The windshield model of NVIDIA's NCore and of gsplat: a lens behind two polynomials that turn a
+ray, fitted to known directions.
 
-Of a unit ray (x, y, z), phi = asin x and theta = asin y. What they are within the cover, before the lens, are polynomials in what they
-are outside, with every term up to ORDER, those without theta first: c0 + c1 phi + ... + (c6 + c7 phi + ...) theta + ... . One pair leads
-inwards, for points to pixels, another outwards, for pixels to rays. Each is a least squares over a grid of pixels, so neither is the
-other's inverse.
+Of a unit ray (x, y, z), phi = asin x and theta = asin y. What they are within the cover, before the
+lens, are polynomials in what they are outside, with every term up to ORDER, those without theta
+first: c0 + c1 phi + ... + (c6 + c7 phi + ...) theta + ... . One pair leads inwards, for points to
+pixels, another outwards, for pixels to rays. Each is a least squares over a grid of pixels, so
+neither is the other's inverse.
 
-Source: BivariateWindshieldModel in ncore/impl/sensors/camera.py of NCore; gsplat/cuda/_torch_external_distortion.py says the same.
+Source: BivariateWindshieldModel in ncore/impl/sensors/camera.py of NCore;
+    gsplat/cuda/_torch_external_distortion.py says the same.
 """
 
 import numpy as np
@@ -24,7 +27,8 @@ TERMS = (ORDER + 1) * (ORDER + 2) // 2
 
 
 def fit_windshield(tangents: Array, pixels: Array, lens: ExportLens, own: Array) -> Array:
-    """The (4 + coefficients,) parameters: those of the bare camera, then both polynomials inwards and both outwards.
+    """The (4 + coefficients,) parameters: those of the bare camera, then both polynomials inwards
+    and both outwards.
 
     Args:
         tangents: (N, 2) x / z and y / z of what each pixel sees.
@@ -33,8 +37,13 @@ def fit_windshield(tangents: Array, pixels: Array, lens: ExportLens, own: Array)
         own: fx, fy, cx, cy px and the coefficients of the bare camera's lens.
     """
     outside, within = angles(tangents), angles(within_cover(pixels, lens, own))
-    inwards, outwards = (np.linalg.lstsq(_terms(a), b, rcond=None)[0].T.ravel() for a, b in ((outside, within), (within, outside)))
-    return np.concatenate([own, inwards, outwards]).astype(np.float32).astype(np.float64)  # as its readers hold them
+    inwards, outwards = (
+        np.linalg.lstsq(_terms(a), b, rcond=None)[0].T.ravel()
+        for a, b in ((outside, within), (within, outside))
+    )
+    return (
+        np.concatenate([own, inwards, outwards]).astype(np.float32).astype(np.float64)
+    )  # as its readers hold them
 
 
 def project_windshield(lens: ExportLens, parameters: Array, tangents: Array) -> Array:
@@ -60,4 +69,6 @@ def angles(tangents: Array) -> Array:
 def _terms(both: Array) -> Array:
     """(N, TERMS) phi^i theta^j in the order of the coefficients."""
     phi, theta = both.T
-    return np.column_stack([phi**i * theta**j for j in range(ORDER + 1) for i in range(ORDER + 1 - j)])
+    return np.column_stack(
+        [phi**i * theta**j for j in range(ORDER + 1) for i in range(ORDER + 1 - j)]
+    )

@@ -1,4 +1,6 @@
-"""How well a calibration without a cover knows its intrinsics, all together: their covariance, the boards' poses unknown."""
+"""How well a calibration without a cover knows its intrinsics, all together: their covariance, the
+boards' poses unknown.
+"""
 
 from collections.abc import Sequence
 
@@ -13,11 +15,15 @@ from calib.session.board import Board
 Array = NDArray[np.float64]
 
 LEAST_TOLD = 1e-6
-"""Of the direction that the views tell best, columns of length one: what they tell less is taken to be told so much, so that the covariance
-can be inverted in double precision. Eight coefficients for a lens that needs two come down to 3e-7."""
+"""Of the direction that the views tell best, columns of length one: what they tell less is taken to
+be told so much, so that the covariance can be inverted in double precision. Eight coefficients for
+a lens that needs two come down to 3e-7.
+"""
 
 
-def intrinsics_covariance(views: Sequence[View], board: Board, matrix: Array, coefficients: Array, poses: Array) -> Array:
+def intrinsics_covariance(
+    views: Sequence[View], board: Board, matrix: Array, coefficients: Array, poses: Array
+) -> Array:
     """The covariance at the least-squares fit, with the noise that its residual shows.
 
     Args:
@@ -36,7 +42,9 @@ def intrinsics_covariance(views: Sequence[View], board: Board, matrix: Array, co
     points = np.column_stack([board.points(), np.zeros(board.count)])
     jacobian, square = [], 0.0
     for view, pose in zip(views, poses, strict=True):
-        pixels, derivatives = cv2.projectPoints(points[view.seen], pose[:3], pose[3:], matrix, coefficients)
+        pixels, derivatives = cv2.projectPoints(
+            points[view.seen], pose[:3], pose[3:], matrix, coefficients
+        )
         square += float(((pixels.reshape(-1, 2) - view.corners[view.seen]) ** 2).sum())
         by_all = np.asarray(derivatives, np.float64)
         by_pose, _ = np.linalg.qr(by_all[:, :6])
@@ -61,5 +69,7 @@ def freedom(views: Sequence[View], poses: Array, coefficients: int) -> int:
 
 
 def widened_along(direction: Array, sigma: float, covariance: Array) -> Array:
-    """The covariance of parameters that change along `direction`, (n,) with 1 at the first, as far as `sigma` of the first says."""
+    """The covariance of parameters that change along `direction`, (n,) with 1 at the first, as far
+    as `sigma` of the first says.
+    """
     return np.asarray(covariance + (sigma**2 - covariance[0, 0]) * np.outer(direction, direction))

@@ -20,7 +20,9 @@ GRID_FOLDS = 4
 WORTH = 0.01
 """A finer grid must lower the held-out error by this fraction."""
 OVERFITS = 1.25
-"""Held-out over fitted error from which a fit is said to overfit, beyond what the fitted poses explain."""
+"""Held-out over fitted error from which a fit is said to overfit, beyond what the fitted poses
+explain.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,45 +42,75 @@ class CrossValidation:
         return self.held_out_px > OVERFITS * self.fitted_px
 
 
-def cross_validate(setup: Setup, views: Sequence[View], settings: Settings, folds: int, progress: Progress) -> CrossValidation:
-    """Fit `folds` times, each time without every folds-th pose of the board, and measure the views of those: a burst stays together.
+def cross_validate(
+    setup: Setup, views: Sequence[View], settings: Settings, folds: int, progress: Progress
+) -> CrossValidation:
+    """Fit `folds` times, each time without every folds-th pose of the board, and measure the views
+    of those: a burst stays together.
 
     Raises:
         NotEnoughDataError: too few views are left to fit.
     """
     pose = board_poses(views)
     fold_of = pose % folds
-    advance = progress.task(f"{folds} folds" + (f", grid {settings.grid[0]}x{settings.grid[1]}" if settings.grid else ""), folds)
-    squares, counts = np.zeros(pose.max() + 1), np.zeros(pose.max() + 1)  # px^2 and corners of each pose
+    advance = progress.task(
+        f"{folds} folds"
+        + (f", grid {settings.grid[0]}x{settings.grid[1]}" if settings.grid else ""),
+        folds,
+    )
+    squares, counts = (
+        np.zeros(pose.max() + 1),
+        np.zeros(pose.max() + 1),
+    )  # px^2 and corners of each pose
     fitted, corners = 0.0, 0
     with single_thread():
         for fold in range(folds):
-            rest, own = ([view for view, out in zip(views, fold_of == fold, strict=True) if out == held] for held in (False, True))
+            rest, own = (
+                [view for view, out in zip(views, fold_of == fold, strict=True) if out == held]
+                for held in (False, True)
+            )
             found = fit_stages(setup, Observations.of(rest, setup.board), settings, Silent())
             test = Observations.of(own, setup.board)
-            missed = refit_poses(found.path, found.values, test, pinhole_poses(test, found.values))[1]
-            for number, image in zip(pose[fold_of == fold], test.per_view(missed.image), strict=True):
+            missed = refit_poses(found.path, found.values, test, pinhole_poses(test, found.values))[
+                1
+            ]
+            for number, image in zip(
+                pose[fold_of == fold], test.per_view(missed.image), strict=True
+            ):
                 squares[number] += float(image.square().nansum())
                 counts[number] += int(image.isfinite().all(1).sum())
             fitted += found.residuals.rms_px**2 * len(test.pixels)
             corners += len(test.pixels)
             advance(fold + 1, f"{missed.rms_px:.3f} px held out")
     error = float(np.sqrt(squares.sum() / counts.sum()))
-    apart = float(np.sqrt(np.square(squares - error**2 * counts).sum() * len(counts) / max(1, len(counts) - 1)))
-    sigma = apart / counts.sum() / (2 * error) if error else 0.0  # of the mean square, and of its root to first order
+    apart = float(
+        np.sqrt(
+            np.square(squares - error**2 * counts).sum() * len(counts) / max(1, len(counts) - 1)
+        )
+    )
+    sigma = (
+        apart / counts.sum() / (2 * error) if error else 0.0
+    )  # of the mean square, and of its root to first order
     return CrossValidation(folds, error, (fitted / corners) ** 0.5, float(sigma))
 
 
-def choose_grid(setup: Setup, views: Sequence[View], settings: Settings, progress: Progress) -> tuple[tuple[int, int], dict[str, float]]:
-    """The coarsest of GRIDS that no finer one beats by WORTH on held-out views, and the held-out error of each that was tried, in px.
+def choose_grid(
+    setup: Setup, views: Sequence[View], settings: Settings, progress: Progress
+) -> tuple[tuple[int, int], dict[str, float]]:
+    """The coarsest of GRIDS that no finer one beats by WORTH on held-out views, and the held-out
+    error of each that was tried, in px.
 
     Finer grids are tried as long as they help.
     """
     errors: dict[tuple[int, int], float] = {}
     for grid in GRIDS:
-        error = cross_validate(setup, views, replace(settings, grid=grid), GRID_FOLDS, progress).held_out_px
+        error = cross_validate(
+            setup, views, replace(settings, grid=grid), GRID_FOLDS, progress
+        ).held_out_px
         lowest = min(errors.values(), default=math.inf)
         errors[grid] = error
         if error >= (1 - WORTH) * lowest:
             break
-    return simplest(errors, WORTH), {f"{around}x{along}": error for (around, along), error in errors.items()}
+    return simplest(errors, WORTH), {
+        f"{around}x{along}": error for (around, along), error in errors.items()
+    }

@@ -1,4 +1,6 @@
-"""What the session declares against what the views say: every number with its tolerance, and its estimate, effects' increments added."""
+"""What the session declares against what the views say: every number with its tolerance, and its
+estimate, effects' increments added.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ from calib.session.schema import Number, Quantity
 UNITS = {"millimetres": "mm", "degrees": "deg"}
 """As they are shown beside a figure."""
 PREFIXES = {"m": ("mm", 1e3), "rad": ("mrad", 1e3)}
-"""Units of effects' own parameters as people read them, where they are others, and how many make one."""
+"""Units of effects' own parameters as people read them, where they are others, and how many make
+one.
+"""
 CORRECTED = 3.0
 """Of the estimate's own standard deviations: nearer, the declared value is as good."""
 
@@ -30,7 +34,9 @@ FROM = {"bare": BARE, "views": VIEWS}
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """One number, in the unit that session.yaml writes it in: with an effect that is an increment of it, their sum."""
+    """One number, in the unit that session.yaml writes it in: with an effect that is an increment
+    of it, their sum.
+    """
 
     name: str
     unit: str
@@ -51,8 +57,10 @@ class Comparison:
 
     @property
     def apart(self) -> float:
-        """How far the estimate is from what is declared, in standard deviations of what that distance may be: see
-        `calib.estimation.doubt`. An estimate that owes nothing to what is declared has a variance of its own."""
+        """How far the estimate is from what is declared, in standard deviations of what that
+        distance may be: see `calib.estimation.doubt`. An estimate that owes nothing to what is
+        declared has a variance of its own.
+        """
         distance = self.estimate - self.declared
         return (apart_without if self.doubted else apart)(distance, self.tolerance, self.sigma)
 
@@ -83,28 +91,47 @@ class Comparison:
     @property
     def summed(self) -> str:
         """The estimate as what is declared and the effect's increment."""
-        value = f"{to_digit_of(self.estimate, self.sigma) if self.sigma > 0 else f'{self.estimate:.5g}'} {self.unit}".rstrip()
+        value = (
+            f"{to_digit_of(self.estimate, self.sigma) if self.sigma > 0 else f'{self.estimate:.5g}'}"  # noqa: E501
+            f" {self.unit}".rstrip()
+        )
         increment = self.estimate - self.declared
         sign = "-" if increment < 0 else "+"
-        return f"{self.name} {value} = {self.declared:.6g} {self.source} {sign} {with_sigma(abs(increment), self.sigma)}"
+        return (
+            f"{self.name} {value} = {self.declared:.6g} {self.source} {sign}"
+            f" {with_sigma(abs(increment), self.sigma)}"
+        )
 
 
 def comparisons(calibration: Calibration) -> Iterator[Comparison]:
-    """Every number of the cover and of the intrinsics, in the order in which a session writes them."""
+    """Every number of the cover and of the intrinsics, in the order in which a session writes
+    them.
+    """
     increments = {name: added for added in _scalars(calibration) for name in added.unknown.shifts}
     for one, per_si in _declared(calibration):
         yield increments[one.name].onto(one, per_si) if one.name in increments else one
 
 
 def own_parameters(calibration: Calibration) -> Iterator[Comparison]:
-    """The effects' scalars that are no increment of a declared number. What they are supposed to be stands for what is declared."""
+    """The effects' scalars that are no increment of a declared number.
+
+    What they are supposed to be stands for what is declared.
+    """
     declared = {one.name for one, _ in _declared(calibration)}
     for added in _scalars(calibration):
         if not declared & set(added.unknown.shifts):
             param = added.unknown.param
             unit, per_si = PREFIXES.get(param.unit, (param.unit, 1.0))
             supposed, tolerance = added.unknown.begin * per_si, added.unknown.sigma * per_si
-            yield Comparison(param.name, unit, supposed, tolerance, added.value * per_si, added.sigma * per_si, added.effect)
+            yield Comparison(
+                param.name,
+                unit,
+                supposed,
+                tolerance,
+                added.value * per_si,
+                added.sigma * per_si,
+                added.effect,
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,17 +174,43 @@ def _declared(calibration: Calibration) -> Iterator[tuple[Comparison, float]]:
 
     lens = FROM.get(calibration.settings.get("intrinsics_from", ""), DECLARED)
 
-    def compared(quantity: Quantity, name: str, said: Number, found: Number, source: str = DECLARED) -> tuple[Comparison, float]:
+    def compared(
+        quantity: Quantity, name: str, said: Number, found: Number, source: str = DECLARED
+    ) -> tuple[Comparison, float]:
         unit, per_si = ("px", 1.0) if quantity in PINHOLE else quantity.unit
-        (value, tolerance), (estimate, sigma) = ((number.value * per_si, number.sigma * per_si) for number in (said, found))
+        (value, tolerance), (estimate, sigma) = (
+            (number.value * per_si, number.sigma * per_si) for number in (said, found)
+        )
         unit = UNITS.get(unit, unit)
-        return Comparison(name, unit, value, tolerance, estimate, sigma, doubted=name in declared.doubted, source=source), per_si
+        return (
+            Comparison(
+                name,
+                unit,
+                value,
+                tolerance,
+                estimate,
+                sigma,
+                doubted=name in declared.doubted,
+                source=source,
+            ),
+            per_si,
+        )
 
     for quantity in SHAPES[cover.shape]:
         for name in quantity.names:
-            yield compared(quantity, f"cover.{name}", declared.cover.parameters[name], cover.parameters[name])
+            yield compared(
+                quantity, f"cover.{name}", declared.cover.parameters[name], cover.parameters[name]
+            )
     for quantity, name in zip(PINHOLE, ("fx", "fy", "cx", "cy"), strict=True):
-        yield compared(quantity, f"camera.{name}", getattr(declared.intrinsics, name), getattr(camera, name), lens)
-    for name, number, found in zip(camera.names, declared.intrinsics.distortion, camera.distortion, strict=False):
+        yield compared(
+            quantity,
+            f"camera.{name}",
+            getattr(declared.intrinsics, name),
+            getattr(camera, name),
+            lens,
+        )
+    for name, number, found in zip(
+        camera.names, declared.intrinsics.distortion, camera.distortion, strict=False
+    ):
         if number.value or number.sigma or found.sigma:
             yield compared(COEFFICIENT, f"camera.{name}", number, found, lens)

@@ -51,15 +51,23 @@ class Evaluation:
     """The nearest corner's depth."""
     far_m: float
     rejected: tuple[Rejected, ...]
-    """Pictures in which no board with enough corners was found. No view is dropped for its error."""
+    """Pictures in which no board with enough corners was found. No view is dropped for its error.
+    """
 
 
-def evaluate(calibration: Calibration, session: Session, progress: Progress = Silent(), *, halves: bool = False) -> Evaluation:
-    """Refit the poses of a session's views, with the camera and cover of a calibration, and measure what is left.
+def evaluate(
+    calibration: Calibration,
+    session: Session,
+    progress: Progress = Silent(),
+    *,
+    halves: bool = False,
+) -> Evaluation:
+    """Refit the poses of a session's views, with the camera and cover of a calibration, and measure
+    what is left.
 
     Args:
-        halves: measure each half of a view's corners with the pose that the other half gives, as it is always done where boards move
-            during the readout.
+        halves: measure each half of a view's corners with the pose that the other half gives, as it
+            is always done where boards move during the readout.
 
     Raises:
         InputError: the session is of another camera mode.
@@ -68,30 +76,47 @@ def evaluate(calibration: Calibration, session: Session, progress: Progress = Si
     ours, theirs = calibration.camera, session.camera
     if (ours.width, ours.height) != (theirs.width, theirs.height):
         raise InputError(
-            f"{session.path} is of {theirs.width}x{theirs.height} px and the calibration for {ours.width}x{ours.height}: "
-            "evaluate with a session of the calibrated camera mode."
+            f"{session.path} is of {theirs.width}x{theirs.height} px and the calibration for"
+            f" {ours.width}x{ours.height}: evaluate with a session of the calibrated camera mode."
         )
     views, rejected = read_views(session, progress)
     views, few = with_poses(views, session.board)
     path, values = calibration.model()
     views, poses, lost = posable(views, session.board, values)
     if not views:
-        raise NotEnoughDataError(f"{session.path} has no view to evaluate with: take pictures that show the whole board.")
+        raise NotEnoughDataError(
+            f"{session.path} has no view to evaluate with: take pictures that show the whole board."
+        )
     observations = Observations.of(views, session.board).timed(None, ours.height)
     with single_thread():
         if halves or path.private:
-            noise = float(calibration.settings.get("sigma_px", 1.0)) if path.private else 1.0  # else there is no prior to weigh
+            noise = (
+                float(calibration.settings.get("sigma_px", 1.0)) if path.private else 1.0
+            )  # else there is no prior to weigh
             poses, missed = _by_halves(path, values, observations, poses, noise)
         else:
             poses, missed = refit_poses(path, values, observations, poses)
-    depth = path.place(observations.corners, observations.with_times(values), poses[observations.view])[:, 2]
+    depth = path.place(
+        observations.corners, observations.with_times(values), poses[observations.view]
+    )[:, 2]
     near, far = float(depth.min()), float(depth.max())
-    return Evaluation(missed.rms_px, missed.rmse_cm, len(views), _bands(missed, depth), near, far, (*rejected, *few, *lost))
+    return Evaluation(
+        missed.rms_px,
+        missed.rmse_cm,
+        len(views),
+        _bands(missed, depth),
+        near,
+        far,
+        (*rejected, *few, *lost),
+    )
 
 
-def _by_halves(path: Path, values: Values, observations: Observations, poses: Tensor, sigma: float) -> tuple[Tensor, Residuals]:
-    """Each half of a view's corners measured with the parameters that the other half gives: where a view has so many of its own
-    that they would hide its error. sigma: px, of a corner."""
+def _by_halves(
+    path: Path, values: Values, observations: Observations, poses: Tensor, sigma: float
+) -> tuple[Tensor, Residuals]:
+    """Each half of a view's corners measured with the parameters that the other half gives: where a
+    view has so many of its own that they would hide its error. sigma: px, of a corner.
+    """
     poses = with_parts(poses, path.view_parts)
     odd = (torch.arange(len(observations.pixels)) - observations.starts[observations.view]) % 2 == 1
     image, board = torch.empty_like(observations.pixels), torch.empty_like(observations.pixels)

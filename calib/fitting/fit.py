@@ -28,13 +28,21 @@ from calib.threads import single_thread
 
 GAUGES = {
     "bare": "camera frame at the pinhole",
-    "paper": "camera frame at the pinhole; cover and intrinsics held as stated, or as bare/ gives them; poses as a smooth cover gives them",
-    "joint": "camera frame at the pinhole; cover and intrinsics near what is stated, or what bare/ gives, by their tolerances; "
-    "the relief's figure free, what is finer near zero by its prior",
+    "paper": (
+        "camera frame at the pinhole; cover and intrinsics held as stated, or as bare/ gives them;"
+        " poses as a smooth cover gives them"
+    ),
+    "joint": (
+        "camera frame at the pinhole; cover and intrinsics near what is stated, or what bare/"
+        " gives, by their tolerances; the relief's figure free, what is finer near zero by its"
+        " prior"
+    ),
 }
 
 
-def fit(session: Session, settings: Settings = Settings(), progress: Progress = Silent()) -> Calibration:
+def fit(
+    session: Session, settings: Settings = Settings(), progress: Progress = Silent()
+) -> Calibration:
     """Calibrate a session.
 
     Raises:
@@ -44,7 +52,11 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
     start = gather(session, progress)
     views, rejected = start.views, start.rejected
     expectation = Expectation.of(session, start)
-    told = expectation.told if expectation else Setup(session.board, session.camera, start.intrinsics, session.cover)
+    told = (
+        expectation.told
+        if expectation
+        else Setup(session.board, session.camera, start.intrinsics, session.cover)
+    )
     setup = told.freed(settings)
     grids: dict[str, float] = {}
     if settings.folds:
@@ -60,7 +72,9 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
         _check_enough(views, rejected)
         observations = Observations.of(views, session.board)
         with single_thread():
-            fitted = fit_stages(setup, observations, settings, progress, earlier=earlier, purpose=purpose)
+            fitted = fit_stages(
+                setup, observations, settings, progress, earlier=earlier, purpose=purpose
+            )
         earlier = None
         views, bad = _without_outliers(views, observations, fitted.residuals)
         rejected = (*rejected, *bad)
@@ -88,7 +102,14 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
             views, worse = with_own_noise(views, observations, fitted.residuals, session.board)
         if worse:
             observations = Observations.of(views, session.board)
-            fitted = fit_stages(setup, observations, settings, progress, earlier=fitted, purpose="with noisier views weighing less")
+            fitted = fit_stages(
+                setup,
+                observations,
+                settings,
+                progress,
+                earlier=fitted,
+                purpose="with noisier views weighing less",
+            )
         if expectation:
             believed, prior = expectation.believed(fitted, views, settings, progress)
         else:
@@ -105,7 +126,9 @@ def fit(session: Session, settings: Settings = Settings(), progress: Progress = 
         camera=replace(session.camera, intrinsics=intrinsics),
         cover=cover,
         relief=fitted.relief,
-        amplitudes=fitted.values["relief.amplitudes"].numpy() if fitted.relief else np.zeros((0, 0)),
+        amplitudes=(
+            fitted.values["relief.amplitudes"].numpy() if fitted.relief else np.zeros((0, 0))
+        ),
         exact_hit=settings.exact_hit,
         views=views,
         poses=fitted.poses.numpy(),
@@ -141,20 +164,31 @@ def _without_outliers(
     errors = np.array([float(own.nanmean().sqrt()) for own in observations.per_view(squared)])
     bad = outlying(errors)
     reasons = (
-        f"its {error:.2f} px do not fit the {np.nanmedian(errors):.2f} px of the other views"
-        if np.isfinite(error)
-        else "no board pose explains its corners"
+        (
+            f"its {error:.2f} px do not fit the {np.nanmedian(errors):.2f} px of the other views"
+            if np.isfinite(error)
+            else "no board pose explains its corners"
+        )
         for error in errors
     )
-    rejected = tuple(Rejected(view.name, reason) for view, reason, out in zip(views, reasons, bad, strict=True) if out)
+    rejected = tuple(
+        Rejected(view.name, reason)
+        for view, reason, out in zip(views, reasons, bad, strict=True)
+        if out
+    )
     return tuple(view for view, out in zip(views, bad, strict=True) if not out), rejected
 
 
 def _check_enough(views: Sequence[View], rejected: Sequence[Rejected], for_folds: int = 0) -> None:
     if len(views) < FEWEST_VIEWS:
-        why = f" (the first that was dropped, {rejected[0].name}: {rejected[0].reason})" if rejected else ""
+        why = (
+            f" (the first that was dropped, {rejected[0].name}: {rejected[0].reason})"
+            if rejected
+            else ""
+        )
         raise NotEnoughDataError(
-            f"A fit needs {FEWEST_VIEWS} usable views and there are {len(views)}: take more pictures of the board{why}."
+            f"A fit needs {FEWEST_VIEWS} usable views and there are {len(views)}: take more"
+            f" pictures of the board{why}."
         )
     if not for_folds:
         return
@@ -162,6 +196,7 @@ def _check_enough(views: Sequence[View], rejected: Sequence[Rejected], for_folds
     outside = min(int(np.count_nonzero(poses % for_folds != fold)) for fold in range(for_folds))
     if outside < FEWEST_VIEWS or poses.max() + 1 < for_folds:
         raise NotEnoughDataError(
-            f"{for_folds} folds need as many poses of the board, and {FEWEST_VIEWS} usable views outside each fold; there are {len(views)} "
-            f"views of {poses.max() + 1} poses in all: take more pictures of the board, or ask for fewer folds."
+            f"{for_folds} folds need as many poses of the board, and {FEWEST_VIEWS} usable views"
+            f" outside each fold; there are {len(views)} views of {poses.max() + 1} poses in all:"
+            " take more pictures of the board, or ask for fewer folds."
         )

@@ -1,4 +1,6 @@
-"""A fit that begins with what a fleet expects of its camera, and what its views then say of that."""
+"""A fit that begins with what a fleet expects of its camera, and what its views then say of
+that.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ from calib.session.session import Session
 KEY = "fleet_prior"
 """Of a calibration's settings: the prior that its session names, and what became of it."""
 REFUSED = 0.01
-"""Chance that a camera as the fleet expects it is taken for another: then it only loses what the prior would have given."""
+"""Chance that a camera as the fleet expects it is taken for another: then it only loses what the
+prior would have given.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,10 +54,12 @@ class Expectation:
     def believed(
         self, fitted: Fitted, views: tuple[View, ...], settings: Settings, progress: Progress
     ) -> tuple[Believed, dict[str, object]]:
-        """A fit with the prior, or one without where the views contradict it; and what is said of that in a calibration's settings.
+        """A fit with the prior, or one without where the views contradict it; and what is said of
+        that in a calibration's settings.
 
-        They contradict it where they pull the camera's numbers farther than one of REFUSED of such cameras would be, or leave more than the
-        corners' noise, which a fit without it explains better.
+        They contradict it where they pull the camera's numbers farther than one of REFUSED of such
+        cameras would be, or leave more than the corners' noise, which a fit without it explains
+        better.
         """
         setup = self.told.freed(settings)
         found, numbers = self._surprise(fitted)
@@ -62,22 +68,35 @@ class Expectation:
         if away or not at_noise(as_told, views):
             own = self.alone.freed(settings)
             observations = Observations.of(views, setup.board)
-            without = fit_stages(own, observations, settings, progress, purpose="without the fleet's prior")
+            without = fit_stages(
+                own, observations, settings, progress, purpose="without the fleet's prior"
+            )
             if away or log_evidence(without) > log_evidence(fitted):
-                return believing(without, own, self.alone, views, settings, progress), self._said(found, numbers, used=False)
-        return believing(fitted, setup, self.told, views, settings, progress), self._said(found, numbers, used=True)
+                return believing(without, own, self.alone, views, settings, progress), self._said(
+                    found, numbers, used=False
+                )
+        return believing(fitted, setup, self.told, views, settings, progress), self._said(
+            found, numbers, used=True
+        )
 
     def _surprise(self, fitted: Fitted) -> tuple[Surprise, dict[str, float]]:
         """Of the whole, and how far each number is pulled, in standard deviations."""
         joint = fitted.joint
-        names = tuple(name for name in self.prior.names if joint and name in joint.parameters.priors.sigmas)
+        names = tuple(
+            name for name in self.prior.names if joint and name in joint.parameters.priors.sigmas
+        )
         if not (joint and joint.finite and names):
             return Surprise(0.0, 0, 1.0), {}
         parameters = joint.parameters
         places = parameters.entries(names)
-        scales = np.array([param.scale for name in names for param in parameters.free if param.name == name])
+        scales = np.array(
+            [param.scale for name in names for param in parameters.free if param.name == name]
+        )
         covariance = joint.covariance.numpy()[np.ix_(places, places)] * scales[:, None] * scales
-        mean, before = (np.array([float(values[name]) for name in names]) for values in (joint.values, parameters.origin))
+        mean, before = (
+            np.array([float(values[name]) for name in names])
+            for values in (joint.values, parameters.origin)
+        )
         prior = covariance_of(self.told.intrinsics, self.told.cover, names)
         told = Told.between(mean, covariance, before, prior)
         pulls = dict(zip(names, map(float, told.pulls(before, prior)), strict=True))

@@ -1,9 +1,12 @@
-"""How sure a focal length is: the reprojection error over it, all else fitted anew for each (the profile likelihood).
+"""How sure a focal length is: the reprojection error over it, all else fitted anew for each (the
+profile likelihood).
 
-Views of boards that hardly tilt tell a focal length by little, and the error over it is no parabola: the linearised standard deviation at
-its least then says nothing, and there may be several minima.
+Views of boards that hardly tilt tell a focal length by little, and the error over it is no
+parabola: the linearised standard deviation at its least then says nothing, and there may be several
+minima.
 
-Source: D. M. Bates, D. G. Watts, Nonlinear regression analysis and its applications (1988), section 6.1.
+Source: D. M. Bates, D. G. Watts, Nonlinear regression analysis and its applications (1988), section
+    6.1.
 """
 
 from collections.abc import Callable
@@ -19,7 +22,9 @@ FARTHEST = 3.0
 SMALLEST_STEP = 1e-4
 """Of the focal length. A linearised standard deviation of less is known to nobody."""
 BETTER = 1e-3
-"""Of the sum of squares, in its own standard deviations squared: what is lower by more is another minimum."""
+"""Of the sum of squares, in its own standard deviations squared: what is lower by more is another
+minimum.
+"""
 LEAST_RMS = 1e-6
 """px: what rounding leaves of corners that are exact."""
 
@@ -56,7 +61,8 @@ class Interval:
 
 
 def profiled(fit: F, refit: Callable[[float], F], freedom: int, sigma: float) -> tuple[Interval, F]:
-    """The interval of a focal length, and the best fit that was found on the way: another than `fit` where that was not the best.
+    """The interval of a focal length, and the best fit that was found on the way: another than
+    `fit` where that was not the best.
 
     Args:
         fit: with its focal length free.
@@ -77,5 +83,9 @@ def profiled(fit: F, refit: Callable[[float], F], freedom: int, sigma: float) ->
                 best = there
             previous, reached = reached, max(0.0, excess) ** 0.5
         share = (LEVEL - previous) / (reached - previous) if LEVEL < reached < np.inf else 1.0
-        ends.append(float(np.exp(sign * (before + share * (away - before)))) if reached >= LEVEL else (0.0, np.inf)[sign > 0])
+        ends.append(
+            float(np.exp(sign * (before + share * (away - before))))
+            if reached >= LEVEL
+            else (0.0, np.inf)[sign > 0]
+        )
     return Interval(*ends), best

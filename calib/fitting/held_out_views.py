@@ -20,7 +20,9 @@ class Fitted(Protocol):
     """A lens that was fitted to views."""
 
     def errors(self, views: Sequence[View], board: Board) -> Array:
-        """(V,) px, the root mean square of views that it was not fitted to, their poses fitted; NaN for one that has none."""
+        """(V,) px, the root mean square of views that it was not fitted to, their poses fitted; NaN
+        for one that has none.
+        """
         ...
 
 
@@ -28,13 +30,20 @@ def folds_of(views: Sequence[View]) -> int:
     return min(FOLDS, int(board_poses(views).max() + 1) // 2)
 
 
-def held_out_errors(views: Sequence[View], board: Board, fit: Callable[[Sequence[View], int], Fitted]) -> Array:
-    """(V,) px, each view's error by the fit to those outside its fold, whose number `fit` is told; views of one pose stay together."""
+def held_out_errors(
+    views: Sequence[View], board: Board, fit: Callable[[Sequence[View], int], Fitted]
+) -> Array:
+    """(V,) px, each view's error by the fit to those outside its fold, whose number `fit` is told;
+    views of one pose stay together.
+    """
     poses, folds = board_poses(views), folds_of(views)
     per_view = np.empty(len(views))
     for fold in range(folds):
         out = poses % folds == fold
-        rest, unseen = ([view for view, held in zip(views, out, strict=True) if held == which] for which in (False, True))
+        rest, unseen = (
+            [view for view, held in zip(views, out, strict=True) if held == which]
+            for which in (False, True)
+        )
         per_view[out] = fit(rest, fold).errors(unseen, board)
     return per_view
 

@@ -32,12 +32,17 @@ class Gathered:
     intrinsics: Intrinsics
     intrinsics_from: Literal["session.yaml", "bare", "prior", "views"]
     lens_held_out_px: dict[str, float]
-    """By number of OpenCV's coefficients, or by the name of another lens model, the error on held-out views, where it was chosen by it."""
+    """By number of OpenCV's coefficients, or by the name of another lens model, the error on
+    held-out views, where it was chosen by it.
+    """
 
 
-def read_views(session: Session, progress: Progress, *, fewest: int = FEWEST) -> tuple[tuple[View, ...], tuple[Rejected, ...]]:
-    """The session's corners: from its corners file, or detected in its pictures, of which `fewest` must show the board; with what
-    frames.csv says of each picture."""
+def read_views(
+    session: Session, progress: Progress, *, fewest: int = FEWEST
+) -> tuple[tuple[View, ...], tuple[Rejected, ...]]:
+    """The session's corners: from its corners file, or detected in its pictures, of which `fewest`
+    must show the board; with what frames.csv says of each picture.
+    """
     records = read_frame_records(session.path / FRAMES_TABLE)
     rejected: tuple[Rejected, ...] = ()
     if session.corners:
@@ -46,9 +51,18 @@ def read_views(session: Session, progress: Progress, *, fewest: int = FEWEST) ->
     else:
         advance = progress.task(f"Corners in {session.path.resolve().name}", len(session.frames))
         size = session.camera.width, session.camera.height
-        found = detect(session.frames, session.board, lambda done, hits: advance(done, f"{hits} boards found"), size=size, fewest=fewest)
+        found = detect(
+            session.frames,
+            session.board,
+            lambda done, hits: advance(done, f"{hits} boards found"),
+            size=size,
+            fewest=fewest,
+        )
         views, rejected = found.views, found.rejected
-    return tuple(_recorded(view, records.get(Path(view.name).name, FrameRecord())) for view in views), rejected
+    return (
+        tuple(_recorded(view, records.get(Path(view.name).name, FrameRecord())) for view in views),
+        rejected,
+    )
 
 
 def _recorded(view: View, record: FrameRecord) -> View:
@@ -58,8 +72,8 @@ def _recorded(view: View, record: FrameRecord) -> View:
 def gather(session: Session, progress: Progress) -> Gathered:
     """Read or detect the corners, and find the intrinsics.
 
-    Intrinsics come from the session where it states them, else from bare/, else from a fleet's prior, else, without a cover, from the views
-    themselves.
+    Intrinsics come from the session where it states them, else from bare/, else from a fleet's
+    prior, else, without a cover, from the views themselves.
     """
     views, rejected = read_views(session, progress)
     bare: tuple[Rejected, ...] = ()
@@ -71,21 +85,33 @@ def gather(session: Session, progress: Progress) -> Gathered:
     elif session.bare:
         shown, dropped = read_views(session.bare, progress)
         fitted = calibrate_bare(shown, session.bare.board, session.camera, progress)
-        bare = tuple(Rejected(f"{session.bare.path.name}/{r.name}", r.reason) for r in (*dropped, *fitted.rejected))
+        bare = tuple(
+            Rejected(f"{session.bare.path.name}/{r.name}", r.reason)
+            for r in (*dropped, *fitted.rejected)
+        )
         intrinsics, tried = fitted.intrinsics, fitted.held_out_px
         source = "bare"
     elif session.prior:
         intrinsics, source = nominal(session.prior), "prior"
     else:
         fitted = calibrate_bare(views, session.board, session.camera, progress)
-        views, bare, intrinsics, tried = fitted.views, fitted.rejected, fitted.intrinsics, fitted.held_out_px
+        views, bare, intrinsics, tried = (
+            fitted.views,
+            fitted.rejected,
+            fitted.intrinsics,
+            fitted.held_out_px,
+        )
         source = "views"
     kept, too_few = with_poses(views, session.board)
     return Gathered(kept, (*rejected, *bare, *too_few), intrinsics, source, tried)
 
 
-def recalibrated(views: Sequence[View], session: Session, intrinsics: Intrinsics, progress: Progress) -> BareFit:
-    """Without a cover, from more corners of the same views: with the lens model and as many coefficients as were chosen before."""
+def recalibrated(
+    views: Sequence[View], session: Session, intrinsics: Intrinsics, progress: Progress
+) -> BareFit:
+    """Without a cover, from more corners of the same views: with the lens model and as many
+    coefficients as were chosen before.
+    """
     count = len(intrinsics.distortion) if intrinsics.model == OPENCV else None
     camera = replace(session.camera, lens=intrinsics.model, lens_coefficients=count)
     return calibrate_bare(views, session.board, camera, progress)
@@ -99,6 +125,7 @@ def _check_inside(views: Sequence[View], session: Session) -> None:
         if outside.any():
             x, y = seen[outside][0]
             raise InputError(
-                f"{session.corners}: {view.name} has a corner at ({x:g}, {y:g}), outside the camera's {size[0]}x{size[1]} px: "
-                "correct camera.width and camera.height, or use corners of this camera mode."
+                f"{session.corners}: {view.name} has a corner at ({x:g}, {y:g}), outside the"
+                f" camera's {size[0]}x{size[1]} px: correct camera.width and camera.height, or use"
+                " corners of this camera mode."
             )

@@ -32,11 +32,16 @@ class BareFit:
     views: tuple[View, ...]
     rejected: tuple[Rejected, ...]
     held_out_px: dict[str, float]
-    """By number of OpenCV's coefficients, or by the name of another lens model: the error on held-out views, where it was asked."""
+    """By number of OpenCV's coefficients, or by the name of another lens model: the error on
+    held-out views, where it was asked.
+    """
 
 
-def calibrate_bare(views: Sequence[View], board: Board, camera: Camera, progress: Progress) -> BareFit:
-    """Intrinsics from views of a board, with the lens model and number of coefficients that `camera` asks for or that held-out views do.
+def calibrate_bare(
+    views: Sequence[View], board: Board, camera: Camera, progress: Progress
+) -> BareFit:
+    """Intrinsics from views of a board, with the lens model and number of coefficients that
+    `camera` asks for or that held-out views do.
 
     Raises:
         NotEnoughDataError: too few views are left.
@@ -55,9 +60,12 @@ def calibrate_bare(views: Sequence[View], board: Board, camera: Camera, progress
         rejected += [
             Rejected(
                 view.name,
-                f"its {error:.2f} px do not fit the {np.nanmedian(solved.per_view):.2f} px of the other views"
-                if np.isfinite(error)
-                else "the lens that the other views show does not see its corners",
+                (
+                    f"its {error:.2f} px do not fit the {np.nanmedian(solved.per_view):.2f} px of"
+                    " the other views"
+                    if np.isfinite(error)
+                    else "the lens that the other views show does not see its corners"
+                ),
             )
             for view, error, out in zip(kept, solved.per_view, bad, strict=True)
             if out
@@ -67,8 +75,8 @@ def calibrate_bare(views: Sequence[View], board: Board, camera: Camera, progress
     spread = spread_deg(solved.poses)
     if spread < LEAST_SPREAD_DEG:
         raise NotEnoughDataError(
-            f"All views without the cover show the board at the same angle, within {spread:.1f} degrees, and no focal length follows: "
-            f"{TILT}."
+            f"All views without the cover show the board at the same angle, within {spread:.1f}"
+            f" degrees, and no focal length follows: {TILT}."
         )
     if isinstance(solved, OpenCVFit):
         solved, covariance = with_profile(kept, board, size, solved)
@@ -84,6 +92,7 @@ def _check_enough(views: Sequence[View]) -> None:
     if poses < FEWEST_VIEWS:
         of = f" of {poses} poses of the board" if poses < len(views) else ""
         raise NotEnoughDataError(
-            f"Intrinsics need {FEWEST_VIEWS} usable views without the cover, each of a pose of its own, and there are {len(views)}{of}: "
-            "take more pictures of the board, tilted in different directions."
+            f"Intrinsics need {FEWEST_VIEWS} usable views without the cover, each of a pose of its"
+            f" own, and there are {len(views)}{of}: take more pictures of the board, tilted in"
+            " different directions."
         )

@@ -1,4 +1,6 @@
-"""The intrinsics of a lens that cv2.calibrateCamera does not know, by the joint fit of its rays to views of a board."""
+"""The intrinsics of a lens that cv2.calibrateCamera does not know, by the joint fit of its rays to
+views of a board.
+"""
 
 from __future__ import annotations
 
@@ -31,13 +33,17 @@ from calib.session.schema import Number
 from calib.threads import single_thread
 
 FOCALS = tuple(2.0 ** (step / 2) for step in range(-5, 4))
-"""Of the picture's longer side: where the search begins, from 0.18 (a picture 320 degrees wide) to 2.8 (20 degrees)."""
+"""Of the picture's longer side: where the search begins, from 0.18 (a picture 320 degrees wide) to
+2.8 (20 degrees).
+"""
 MOST_TRIED = 8
 """Views that choose among them."""
 FACTORS = tuple(10.0 ** (step / 2) for step in range(-4, 3))
 """Sizes of a spline that are tried, times `calib.optics.splined.SIZE`."""
 LOOSE_FOCAL, LOOSE_CENTRE, LOOSE_COEFFICIENT = 1.0, 0.5, 1.0
-"""Standard deviations of priors that hold nothing back: of the focal length, of the picture's longer side, and as they are."""
+"""Standard deviations of priors that hold nothing back: of the focal length, of the picture's
+longer side, and as they are.
+"""
 
 Array = NDArray[np.float64]
 
@@ -50,7 +56,9 @@ class LensFit:
     values: Values
     joint: JointFit
     per_view: Array
-    """(V,) px, the root mean square of each view that it was fitted to, over the corners that it sees."""
+    """(V,) px, the root mean square of each view that it was fitted to, over the corners that it
+    sees.
+    """
     rms: float
     """px, of them together."""
 
@@ -68,7 +76,9 @@ class LensFit:
         sigmas = np.sqrt(covariance.diagonal())
         correlation = covariance / np.outer(sigmas, sigmas)
         rows = tuple(tuple(row[:i].tolist()) for i, row in enumerate(correlation) if i)
-        return Intrinsics(fx, fy, cx, cy, tuple(lens), rows, SPLINED if self.spline else FISHEYE, self.spline)
+        return Intrinsics(
+            fx, fy, cx, cy, tuple(lens), rows, SPLINED if self.spline else FISHEYE, self.spline
+        )
 
     @property
     def spline(self) -> Spline | None:
@@ -79,14 +89,27 @@ class LensFit:
         return Spline(grid.size, *grid.shape, x, y)
 
     def errors(self, views: Sequence[View], board: Board) -> Array:
-        """(V,) px, the root mean square of views that it was not fitted to, their poses fitted; NaN for one that it does not see."""
+        """(V,) px, the root mean square of views that it was not fitted to, their poses fitted; NaN
+        for one that it does not see.
+        """
         observations = Observations.of(views, board)
-        image = residuals(self.path, self.values, observations, pinhole_poses(observations, self.values)).image
-        return np.array([float((own**2).sum(-1).mean().sqrt()) for own in observations.per_view(image)])
+        image = residuals(
+            self.path, self.values, observations, pinhole_poses(observations, self.values)
+        ).image
+        return np.array(
+            [float((own**2).sum(-1).mean().sqrt()) for own in observations.per_view(image)]
+        )
 
 
-def fit_lens(lens: RayLens, views: Sequence[View], board: Board, size: tuple[int, int], start: LensFit | None = None) -> LensFit:
-    """Focal lengths, principal point and coefficients of a lens, and the control points of a spline.
+def fit_lens(
+    lens: RayLens,
+    views: Sequence[View],
+    board: Board,
+    size: tuple[int, int],
+    start: LensFit | None = None,
+) -> LensFit:
+    """Focal lengths, principal point and coefficients of a lens, and the control points of a
+    spline.
 
     Args:
         views: with corners enough for a pose.
@@ -97,19 +120,37 @@ def fit_lens(lens: RayLens, views: Sequence[View], board: Board, size: tuple[int
         NotEnoughDataError: no such lens sees these views.
     """
     with single_thread():
-        path, values = (Path(start.path.lens), start.values) if start else _begun(views, board, size)
+        path, values = (
+            (Path(start.path.lens), start.values) if start else _begun(views, board, size)
+        )
         priors = _loose(values, size)
         observations = Observations.of(views, board)
         plain = start or _fitted(path, values, observations, priors)
-        return _with_spline(plain, lens.columns, size, observations, priors) if lens.columns else plain
+        return (
+            _with_spline(plain, lens.columns, size, observations, priors) if lens.columns else plain
+        )
 
 
-def _fitted(path: Path, values: Values, observations: Observations, priors: Priors, earlier: JointFit | None = None) -> LensFit:
+def _fitted(
+    path: Path,
+    values: Values,
+    observations: Observations,
+    priors: Priors,
+    earlier: JointFit | None = None,
+) -> LensFit:
     poses = earlier.poses if earlier else pinhole_poses(observations, values)
     if not bool(torch.isfinite(poses).all()):
         raise NotEnoughDataError(NO_FIT)
     start = earlier.start if earlier and earlier.values.keys() == values.keys() else None
-    joint = fit_joint(path, values, observations, poses, priors=priors, start=start, rounds=AGAIN if start else ROUNDS)
+    joint = fit_joint(
+        path,
+        values,
+        observations,
+        poses,
+        priors=priors,
+        start=start,
+        rounds=AGAIN if start else ROUNDS,
+    )
     if not joint.finite:
         raise NotEnoughDataError(NO_FIT)
     image = residuals(path, joint.values, observations, joint.poses).image
@@ -118,12 +159,23 @@ def _fitted(path: Path, values: Values, observations: Observations, priors: Prio
     return LensFit(path, joint.values, joint, per_view, float(squared.nanmean().sqrt()))
 
 
-def _with_spline(plain: LensFit, columns: int, size: tuple[int, int], observations: Observations, priors: Priors) -> LensFit:
-    """A fisheye's fit with a spline, whose cells are about square, and whose prior is of the size with the largest evidence."""
+def _with_spline(
+    plain: LensFit, columns: int, size: tuple[int, int], observations: Observations, priors: Priors
+) -> LensFit:
+    """A fisheye's fit with a spline, whose cells are about square, and whose prior is of the size
+    with the largest evidence.
+    """
     rows = max(FEWEST, round((columns - 3) * size[1] / size[0]) + 3)
     grid = Grid(size, (columns, rows))
     flat = torch.zeros(columns * rows, dtype=torch.float64)
-    path, values = Path(Splined(grid)), {**plain.values, **dict.fromkeys(SHIFTS, flat), GRID: grid.described}
+    path, values = (
+        Path(Splined(grid)),
+        {
+            **plain.values,
+            **dict.fromkeys(SHIFTS, flat),
+            GRID: grid.described,
+        },
+    )
 
     def of_size(factor: float) -> Priors:
         roots = dict.fromkeys(SHIFTS, factor * grid.prior_root())
@@ -134,8 +186,9 @@ def _with_spline(plain: LensFit, columns: int, size: tuple[int, int], observatio
 
 
 def _most_probable(fit: JointFit) -> float:
-    """Times the size of a fit's prior of the control points: the size with the largest evidence, to first order, all else being known as
-    well as the fit's prior has it."""
+    """Times the size of a fit's prior of the control points: the size with the largest evidence, to
+    first order, all else being known as well as the fit's prior has it.
+    """
     precision, root = np.linalg.inv(fit.covariance.numpy()), fit.parameters.free_root()
     prior = np.linalg.inv(root @ root.T)
     score = precision @ fit.parameters.vector(fit.values).numpy()
@@ -173,7 +226,9 @@ def _begun(views: Sequence[View], board: Board, size: tuple[int, int]) -> tuple[
 
 def _equidistant(focal: float, size: tuple[int, int]) -> tuple[Path, dict[str, Tensor]]:
     cx, cy = (Number((length - 1) / 2) for length in size)
-    return pinhole_path(Intrinsics(Number(focal), Number(focal), cx, cy, (Number(0.0),) * 4, model=FISHEYE))
+    return pinhole_path(
+        Intrinsics(Number(focal), Number(focal), cx, cy, (Number(0.0),) * 4, model=FISHEYE)
+    )
 
 
 def _loose(values: Values, size: tuple[int, int]) -> Priors:

@@ -41,7 +41,9 @@ class Choice:
 
 
 def choose_lens(views: Sequence[View], board: Board, camera: Camera, progress: Progress) -> Choice:
-    """The lens model, OpenCV's number of coefficients or a spline's of columns: as stated or by held-out views."""
+    """The lens model, OpenCV's number of coefficients or a spline's of columns: as stated or by
+    held-out views.
+    """
     model, count = camera.lens or OPENCV, camera.lens_coefficients
     if model == FISHEYE:
         return Choice(by_rays=PLAIN)
@@ -58,7 +60,9 @@ def choose_lens(views: Sequence[View], board: Board, camera: Camera, progress: P
     if model == OPENCV:
         return Choice(count, None, held_out)
     if str(count) not in held_out:
-        held_out[str(count)] = summed(held_out_errors(views, board, lambda rest, _: fit_opencv(rest, board, size, count)))
+        held_out[str(count)] = summed(
+            held_out_errors(views, board, lambda rest, _: fit_opencv(rest, board, size, count))
+        )
     scores = _by_rays((PLAIN, *SPLINES), views, board, size, progress)
     least = held_out[str(count)]
     held_out |= _named(scores)
@@ -66,7 +70,9 @@ def choose_lens(views: Sequence[View], board: Board, camera: Camera, progress: P
     return Choice(count, simplest(better, WORTH) if better else None, held_out)
 
 
-def fit_choice(choice: Choice, views: Sequence[View], board: Board, size: tuple[int, int]) -> "OpenCVFit | LensFit":
+def fit_choice(
+    choice: Choice, views: Sequence[View], board: Board, size: tuple[int, int]
+) -> "OpenCVFit | LensFit":
     if not choice.by_rays:
         return best_of_starts(views, board, size, choice.count or 0)
     from calib.fitting.lens_by_rays import fit_lens
@@ -75,10 +81,15 @@ def fit_choice(choice: Choice, views: Sequence[View], board: Board, size: tuple[
 
 
 def _by_rays(
-    lenses: Sequence[RayLens], views: Sequence[View], board: Board, size: tuple[int, int], progress: Progress
+    lenses: Sequence[RayLens],
+    views: Sequence[View],
+    board: Board,
+    size: tuple[int, int],
+    progress: Progress,
 ) -> dict[RayLens, float]:
-    """The error on held-out views of each lens, from the simplest on, up to the first spline that is worse than what is coarser; none of a
-    lens that sees no such views."""
+    """The error on held-out views of each lens, from the simplest on, up to the first spline that
+    is worse than what is coarser; none of a lens that sees no such views.
+    """
     from calib.fitting.lens_by_rays import fit_lens
 
     advance = progress.task("Lens models", len(lenses))
@@ -103,10 +114,13 @@ def _named(scores: dict[RayLens, float]) -> dict[str, float]:
     return {str(lens): error for lens, error in scores.items()}
 
 
-def _choose_count(views: Sequence[View], board: Board, size: tuple[int, int], progress: Progress) -> tuple[int, dict[int, float]]:
+def _choose_count(
+    views: Sequence[View], board: Board, size: tuple[int, int], progress: Progress
+) -> tuple[int, dict[int, float]]:
     """The fewest coefficients within 2 % of the least error on views that the fit has not seen.
 
-    The tilted sensor's fourteen take minutes, so they are tried only where the thin prism's twelve were worth having, and where boards
+    The tilted sensor's fourteen take minutes, so they are tried only where the thin prism's twelve
+    were worth having, and where boards
     tilt: a sensor's tilt is told from theirs by nothing else.
     """
     folds = folds_of(views)
@@ -114,7 +128,10 @@ def _choose_count(views: Sequence[View], board: Board, size: tuple[int, int], pr
     previous: list[OpenCVFit | None] = [None] * folds
     scores: dict[int, float] = {}
     for i, count in enumerate(COEFFICIENTS):
-        if count == 14 and (scores[12] > (1 - WORTH) * scores[8] or any(one and spread_deg(one.poses) < FLAT_DEG for one in previous)):
+        if count == 14 and (
+            scores[12] > (1 - WORTH) * scores[8]
+            or any(one and spread_deg(one.poses) < FLAT_DEG for one in previous)
+        ):
             break
 
         def further(rest: Sequence[View], fold: int, i: int = i, count: int = count) -> OpenCVFit:

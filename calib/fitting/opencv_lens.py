@@ -1,6 +1,7 @@
 """OpenCV's lens, by Zhang's method (cv2.calibrateCamera).
 
-Source: Z. Zhang, A flexible new technique for camera calibration (2000), the paper's reference for its own intrinsics.
+Source: Z. Zhang, A flexible new technique for camera calibration (2000), the paper's reference for
+    its own intrinsics.
 """
 
 from collections.abc import Iterator, Sequence
@@ -57,21 +58,36 @@ class OpenCVFit:
         return np.array([*self.camera[[0, 1, 0, 1], [0, 1, 2, 2]], *self.coefficients])
 
     def intrinsics(self, covariance: NDArray[np.float64]) -> Intrinsics:
-        """With each number's standard deviation, and how they are correlated, from the covariance of `parameters`."""
+        """With each number's standard deviation, and how they are correlated, from the covariance
+        of `parameters`.
+        """
         sigmas = np.sqrt(covariance.diagonal())
         correlation = covariance / np.outer(sigmas, sigmas)
-        fx, fy, cx, cy, *lens = (Number(float(v), float(s)) for v, s in zip(self.parameters, sigmas, strict=True))
-        return Intrinsics(fx, fy, cx, cy, tuple(lens), tuple(tuple(row[:i].tolist()) for i, row in enumerate(correlation) if i))
+        fx, fy, cx, cy, *lens = (
+            Number(float(v), float(s)) for v, s in zip(self.parameters, sigmas, strict=True)
+        )
+        return Intrinsics(
+            fx,
+            fy,
+            cx,
+            cy,
+            tuple(lens),
+            tuple(tuple(row[:i].tolist()) for i, row in enumerate(correlation) if i),
+        )
 
     def errors(self, views: Sequence[View], board: Board) -> NDArray[np.float64]:
-        """(V,) px, the root mean square of views that it was not fitted to, their poses fitted; NaN for one that has none."""
+        """(V,) px, the root mean square of views that it was not fitted to, their poses fitted; NaN
+        for one that has none.
+        """
         return np.array([self._error(view, board) for view in views])
 
     def _error(self, view: View, board: Board) -> float:
         points = np.column_stack([board.points(), np.zeros(board.count)])[view.seen]
         pixels = view.corners[view.seen]
         try:
-            found, rotvec, translation = cv2.solvePnP(points, pixels, self.camera, self.coefficients)
+            found, rotvec, translation = cv2.solvePnP(
+                points, pixels, self.camera, self.coefficients
+            )
         except cv2.error:  # corners from which no pose follows
             found = False
         if not found:
@@ -80,8 +96,16 @@ class OpenCVFit:
         return float(np.sqrt(((seen.reshape(-1, 2) - pixels) ** 2).sum(-1).mean()))
 
 
-def fit_opencv(views: Sequence[View], board: Board, size: tuple[int, int], count: int, focal: float | None = None) -> OpenCVFit:
-    """Zhang's method, from few coefficients to many: started with many at once, it stops in poor places."""
+def fit_opencv(
+    views: Sequence[View],
+    board: Board,
+    size: tuple[int, int],
+    count: int,
+    focal: float | None = None,
+) -> OpenCVFit:
+    """Zhang's method, from few coefficients to many: started with many at once, it stops in poor
+    places.
+    """
     solved = None
     for fewer in COEFFICIENTS:
         if fewer < count:
@@ -90,7 +114,12 @@ def fit_opencv(views: Sequence[View], board: Board, size: tuple[int, int], count
 
 
 def step(
-    views: Sequence[View], board: Board, size: tuple[int, int], count: int, start: OpenCVFit | None, focal: float | None = None
+    views: Sequence[View],
+    board: Board,
+    size: tuple[int, int],
+    count: int,
+    start: OpenCVFit | None,
+    focal: float | None = None,
 ) -> OpenCVFit:
     """The fit from a start, its focal length held if one is given (px)."""
     points = np.column_stack([board.points(), np.zeros(board.count)]).astype(np.float32)
@@ -100,7 +129,11 @@ def step(
     if start:
         coefficients[: len(start.coefficients)] = start.coefficients
     width, height = size
-    camera = start.camera.copy() if start else np.array([[width, 0, (width - 1) / 2], [0, width, (height - 1) / 2], [0, 0, 1.0]])
+    camera = (
+        start.camera.copy()
+        if start
+        else np.array([[width, 0, (width - 1) / 2], [0, width, (height - 1) / 2], [0, 0, 1.0]])
+    )
     camera[:2, 2] = np.clip(camera[:2, 2], 1, np.array(size) - 2)  # OpenCV starts from nowhere else
     guess = cv2.CALIB_USE_INTRINSIC_GUESS if start or focal else 0
     if focal:
@@ -109,7 +142,13 @@ def step(
     try:
         with _on_one_thread():
             rms, found, bent, rotvecs, translations, _, _, per_view = cv2.calibrateCameraExtended(
-                objects, pixels, size, camera, coefficients, flags=FLAGS[count] | guess, criteria=CRITERIA
+                objects,
+                pixels,
+                size,
+                camera,
+                coefficients,
+                flags=FLAGS[count] | guess,
+                criteria=CRITERIA,
             )
     except cv2.error as error:
         raise NotEnoughDataError(NO_FIT) from error
@@ -125,8 +164,9 @@ def step(
 
 @contextmanager
 def _on_one_thread() -> Iterator[None]:
-    """Within, OpenCV adds up in one order: cv2.calibrateCamera's threads add up as they come, and where views say little, its steps go
-    elsewhere by what is rounded."""
+    """Within, OpenCV adds up in one order: cv2.calibrateCamera's threads add up as they come, and
+    where views say little, its steps go elsewhere by what is rounded.
+    """
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:

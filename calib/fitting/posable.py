@@ -1,4 +1,6 @@
-"""The views of which there is a pose of the board to begin with: one that corners explain through the pinhole, if not well."""
+"""The views of which there is a pose of the board to begin with: one that corners explain through
+the pinhole, if not well.
+"""
 
 from collections.abc import Sequence
 
@@ -12,9 +14,17 @@ from calib.optics.params import Values
 from calib.session.board import Board
 
 
-def posable(views: Sequence[View], board: Board, values: Values) -> tuple[tuple[View, ...], Tensor, tuple[Rejected, ...]]:
-    """Those views, their (V, 6) poses through the pinhole of `values`, and the others with the reason."""
+def posable(
+    views: Sequence[View], board: Board, values: Values
+) -> tuple[tuple[View, ...], Tensor, tuple[Rejected, ...]]:
+    """Those views, their (V, 6) poses through the pinhole of `values`, and the others with the
+    reason.
+    """
     poses = pinhole_poses(Observations.of(views, board), values)
     found = torch.isfinite(poses).all(-1)
-    lost = tuple(Rejected(view.name, "no board pose explains its corners") for view, ok in zip(views, found, strict=True) if not ok)
+    lost = tuple(
+        Rejected(view.name, "no board pose explains its corners")
+        for view, ok in zip(views, found, strict=True)
+        if not ok
+    )
     return tuple(view for view, ok in zip(views, found, strict=True) if ok), poses[found], lost

@@ -34,22 +34,41 @@ def provenance(session: Session) -> dict[str, str]:
 
 
 def asked(calibration: Calibration, effects: Sequence[str], depths: Sequence[float]) -> Calibration:
-    """The calibration that keeps what `calib fit` was asked to add to it, and which maps (m) to write."""
-    return replace(calibration, settings=calibration.settings | {ASKED: {"effects": list(effects), "depths": list(depths)}})
+    """The calibration that keeps what `calib fit` was asked to add to it, and which maps (m) to
+    write.
+    """
+    return replace(
+        calibration,
+        settings=calibration.settings | {ASKED: {"effects": list(effects), "depths": list(depths)}},
+    )
 
 
 def diagnosed(calibration: Calibration, place: Path, holdout: Path | None) -> Calibration:
-    """The calibration that keeps the folder of the one that it was diagnosed from, and the session that measured it."""
-    said = {"calibration": str(place.resolve()), "holdout": str(holdout.resolve()) if holdout else ""}
-    return replace(calibration, settings=calibration.settings | {DIAGNOSED: [*calibration.settings.get(DIAGNOSED, []), said]})
+    """The calibration that keeps the folder of the one that it was diagnosed from, and the session
+    that measured it.
+    """
+    said = {
+        "calibration": str(place.resolve()),
+        "holdout": str(holdout.resolve()) if holdout else "",
+    }
+    return replace(
+        calibration,
+        settings=calibration.settings
+        | {DIAGNOSED: [*calibration.settings.get(DIAGNOSED, []), said]},
+    )
 
 
 def session_hash(session: Session) -> str:
-    """SHA-256 of what `sha256sum` prints, run inside the session, for the files that a fit reads, sorted by their names."""
+    """SHA-256 of what `sha256sum` prints, run inside the session, for the files that a fit reads,
+    sorted by their names.
+    """
     files = sorted(_read(session), key=str)
     with reading(session.path), ThreadPoolExecutor() as pool:
         digests = pool.map(lambda path: sha256(read_file(path)).hexdigest(), files)
-        lines = [f"{digest}  {path.relative_to(session.path)}\n" for digest, path in zip(digests, files, strict=True)]
+        lines = [
+            f"{digest}  {path.relative_to(session.path)}\n"
+            for digest, path in zip(digests, files, strict=True)
+        ]
     return sha256("".join(lines).encode()).hexdigest()
 
 

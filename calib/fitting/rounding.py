@@ -1,10 +1,14 @@
-"""A value and its standard deviation as people write them: both to the second digit of the standard deviation."""
+"""A value and its standard deviation as people write them: both to the second digit of the standard
+deviation.
+"""
 
 import math
 
 
 def with_sigma(value: float, sigma: float) -> str:
-    """1.0023 ± 0.0033; by itself, with five digits, where there is no standard deviation to go by."""
+    """1.0023 ± 0.0033; by itself, with five digits, where there is no standard deviation to go
+    by.
+    """
     if not (math.isfinite(value) and math.isfinite(sigma) and sigma > 0):
         return f"{value:.5g}"
     return f"{to_digit_of(value, sigma)} ± {to_digit_of(sigma, sigma)}"

@@ -1,4 +1,6 @@
-"""The stages of a fit, each on top of the one before: the pinhole, its smooth cover, the cover's relief."""
+"""The stages of a fit, each on top of the one before: the pinhole, its smooth cover, the cover's
+relief.
+"""
 
 from __future__ import annotations
 
@@ -39,13 +41,17 @@ class Settings:
 
     method: Literal["joint", "paper"] = "joint"
     grid: tuple[int, int] | None = (12, 12)
-    """Centres of the relief around and along the cover (horizontally and vertically for an upright cone). None: by held-out error."""
+    """Centres of the relief around and along the cover (horizontally and vertically for an upright
+    cone). None: by held-out error.
+    """
     steps: int = 1000
     """Gradient steps of the paper's procedure."""
     exact_hit: bool = True
     """False neglects that the relief moves the hit point, as the paper does."""
     free: tuple[str, ...] = (AUTO,)
-    """Of calib.session.freeing.NAMES: which declared numbers are estimated, by the joint method, near what is declared."""
+    """Of calib.session.freeing.NAMES: which declared numbers are estimated, by the joint method,
+    near what is declared.
+    """
     folds: int = 0
     """Of the cross-validation; 0 for none."""
 
@@ -85,13 +91,21 @@ class Fitted:
 
 
 def fit_stages(
-    setup: Setup, observations: Observations, settings: Settings, progress: Progress, *, earlier: Fitted | None = None, purpose: str = ""
+    setup: Setup,
+    observations: Observations,
+    settings: Settings,
+    progress: Progress,
+    *,
+    earlier: Fitted | None = None,
+    purpose: str = "",
 ) -> Fitted:
-    """Fit the model to corners, stage by stage. Numbers that are described with a standard deviation are estimated, by the joint method.
+    """Fit the model to corners, stage by stage. Numbers that are described with a standard
+    deviation are estimated, by the joint method.
 
     Args:
         earlier: of the same setup and views, with other corners: where the last stage starts.
-        purpose: what tells this fit from another of the same session, in a few words for the person who waits.
+        purpose: what tells this fit from another of the same session, in a few words for the person
+            who waits.
 
     Raises:
         InputError: no ray of the camera leaves the cover.
@@ -101,7 +115,9 @@ def fit_stages(
     poses = pinhole_poses(observations, values)
     missed = residuals(path, values, observations, poses)
     stages = [Stage("pinhole", missed.rms_px, missed.rmse_cm)]
-    if setup.cover.shape == "none" or not bool(torch.isfinite(poses).all()):  # a view without a pose is rejected first
+    if setup.cover.shape == "none" or not bool(
+        torch.isfinite(poses).all()
+    ):  # a view without a pose is rejected first
         return Fitted(path, values, poses, tuple(stages), missed)
     path, values = covered_path(setup.intrinsics, setup.cover)
     poses = refine_poses(path, values, observations, poses).blocks
@@ -150,13 +166,28 @@ def fit_stages(
     return Fitted(path, values, poses, tuple(stages), missed, relief, joint)
 
 
-def patch(setup: Setup, path: Path, values: Values) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Low and high chart coordinates for the relief: of the glass that is known, or of what the camera sees and some more."""
+def patch(
+    setup: Setup, path: Path, values: Values
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Low and high chart coordinates for the relief: of the glass that is known, or of what the
+    camera sees and some more.
+    """
     glass = setup.cover.glass
-    return (glass.low, glass.high) if glass else footprint(path, values, setup.camera.width, setup.camera.height)
+    return (
+        (glass.low, glass.high)
+        if glass
+        else footprint(path, values, setup.camera.width, setup.camera.height)
+    )
 
 
-def _descend(path: Path, values: Values, observations: Observations, poses: Tensor, steps: int, progress: Progress) -> Tensor:
+def _descend(
+    path: Path,
+    values: Values,
+    observations: Observations,
+    poses: Tensor,
+    steps: int,
+    progress: Progress,
+) -> Tensor:
     advance = progress.task("Relief", steps)
     corners = len(observations.weight)
     return descend(
@@ -173,6 +204,6 @@ def _check_cover(missed: Residuals) -> None:
     lost = float((~torch.isfinite(missed.image + missed.board)).any(-1).double().mean())
     if lost > MOST_LOST:
         raise NotEnoughDataError(
-            f"{100 * lost:.0f} % of the corners are seen where this cover lets no ray from the camera to the board: "
-            "check the cover's numbers and board.square_mm in session.yaml."
+            f"{100 * lost:.0f} % of the corners are seen where this cover lets no ray from the"
+            " camera to the board: check the cover's numbers and board.square_mm in session.yaml."
         )

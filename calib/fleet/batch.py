@@ -1,4 +1,6 @@
-"""A whole fleet: its cameras done on a cluster, whatever dies on the way, and looked at side by side."""
+"""A whole fleet: its cameras done on a cluster, whatever dies on the way, and looked at side by
+side.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +23,15 @@ from calib.progress import Progress
 
 
 def calibrate_fleet(
-    entries: Sequence[Entry], asked: Asked, output: Path, place: Place, progress: Progress, say: Callable[[str], None]
+    entries: Sequence[Entry],
+    asked: Asked,
+    output: Path,
+    place: Place,
+    progress: Progress,
+    say: Callable[[str], None],
 ) -> tuple[Fleet, list[Path]]:
-    """Every camera's result in `output`/cameras, fleet.html and fleet.csv; what lies there already and is still true is kept.
+    """Every camera's result in `output`/cameras, fleet.html and fleet.csv; what lies there already
+    and is still true is kept.
 
     Args:
         output: an absolute path that every worker sees.
@@ -42,17 +50,25 @@ def calibrate_fleet(
             if find_spec("bokeh"):  # without it, Dask has no pages to show
                 say(f"Dask's dashboard: {client.dashboard_link}")
             if place.scheduler and not client.scheduler_info()["workers"]:
-                say(f"The cluster has no worker yet: start some by 'dask worker {place.scheduler} --nthreads 1'.")
+                say(
+                    f"The cluster has no worker yet: start some by 'dask worker {place.scheduler}"
+                    " --nthreads 1'."
+                )
             advance = progress.task("Cameras", len(entries))
             for result in run_jobs(client, [Job(entry, asked, str(output)) for entry in entries]):
                 results[result.id] = result
                 advance(len(results), _words(results))
         fleet = judge_fleet(entries, results)
-        written = [files.write("fleet.html", fleet_page(fleet, output.name)), files.write("fleet.csv", fleet_csv(fleet))]
+        written = [
+            files.write("fleet.html", fleet_page(fleet, output.name)),
+            files.write("fleet.csv", fleet_csv(fleet)),
+        ]
         files.commit()
     return fleet, written
 
 
 def _words(results: dict[str, Result]) -> str:
     states = Counter(result.state for result in results.values())
-    return ", ".join(f"{states[state]} {state.value.replace('_', ' ')}" for state in State if states[state])
+    return ", ".join(
+        f"{states[state]} {state.value.replace('_', ' ')}" for state in State if states[state]
+    )

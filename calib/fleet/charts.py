@@ -1,4 +1,6 @@
-"""The drawings of a fleet as SVG: every camera as a cell, control charts, and changes against priors. Ten thousand cameras are one path."""
+"""The drawings of a fleet as SVG: every camera as a cell, control charts, and changes against
+priors. Ten thousand cameras are one path.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,9 @@ def said_of(fleet: Fleet, index: int) -> str:
 
 
 def colours_of(fleet: Fleet) -> tuple[str, dict[str, int]]:
-    """What tells cameras apart by colour, fixture or date, and the colour of each of its labels; nothing where there are too many."""
+    """What tells cameras apart by colour, fixture or date, and the colour of each of its labels;
+    nothing where there are too many.
+    """
     for factor, labels in (
         ("fixture", [entry.fixture for entry in fleet.entries]),
         ("date", list(map(fleet.day, range(len(fleet.entries))))),
@@ -56,7 +60,10 @@ def colours_of(fleet: Fleet) -> tuple[str, dict[str, int]]:
 
 def labels_of(fleet: Fleet, factor: str) -> list[str]:
     """(N,) of each camera."""
-    return [fleet.day(index) if factor == "date" else entry.fixture if factor else "" for index, entry in enumerate(fleet.entries)]
+    return [
+        fleet.day(index) if factor == "date" else entry.fixture if factor else ""
+        for index, entry in enumerate(fleet.entries)
+    ]
 
 
 def map_svg(fleet: Fleet) -> str:
@@ -71,23 +78,44 @@ def map_svg(fleet: Fleet) -> str:
         square = f"M{x + 1:.1f} {y + 1:.1f}h{side - 2:.1f}v{side - 2:.1f}h{2 - side:.1f}z"
         if result.id in fleet.findings:
             kind = "out" if result.state is State.CALIBRATED else "none"
-            links.append(_linked(fleet, index, f'<path class="{kind}" d="{square}">{_title(said_of(fleet, index))}</path>'))
+            links.append(
+                _linked(
+                    fleet,
+                    index,
+                    f'<path class="{kind}" d="{square}">{_title(said_of(fleet, index))}</path>',
+                )
+            )
         else:
-            kinds["usual" if result.verdict.get("word") == Word.TRUSTED.value else "doubted"].append(square)
-    cells = "".join(f'<path class="{kind}" d="{"".join(squares)}"/>' for kind, squares in kinds.items() if squares)
+            kinds[
+                "usual" if result.verdict.get("word") == Word.TRUSTED.value else "doubted"
+            ].append(square)
+    cells = "".join(
+        f'<path class="{kind}" d="{"".join(squares)}"/>'
+        for kind, squares in kinds.items()
+        if squares
+    )
     rows = -(-count // columns)
-    return f'<svg viewBox="0 0 {WIDE} {side * rows:.1f}" role="img" aria-label="the cameras">{cells}{"".join(links)}</svg>'
+    return (
+        f'<svg viewBox="0 0 {WIDE} {side * rows:.1f}" role="img" aria-label="the'
+        f' cameras">{cells}{"".join(links)}</svg>'
+    )
 
 
 def chart_svg(chart: Chart, fleet: Fleet, colour: Mapping[str, int], labels: Sequence[str]) -> str:
-    """Every camera's number from left to right, the centre and the limits, and the names of those beyond."""
+    """Every camera's number from left to right, the centre and the limits, and the names of those
+    beyond.
+    """
     value, out = chart.value, chart.out
     known = np.flatnonzero(np.isfinite(value))
     centres = [batch.centre for batch in chart.batches] or [float(chart.centre[known[0]])]
     limits = [chart.limits(centre) for centre in centres]
     scale = np.log if chart.one_sided else np.asarray
     usual = value[known][~out[known]]
-    least = [float(usual.min()) if len(usual) else min(centres)] if chart.one_sided else [low for low, _ in limits]
+    least = (
+        [float(usual.min()) if len(usual) else min(centres)]
+        if chart.one_sided
+        else [low for low, _ in limits]
+    )
     low, high = (float(scale(end)) for end in (min(least), max(high for _, high in limits)))
     low, high = low - 0.25 * (high - low), high + 0.25 * (high - low)
     count = len(value)
@@ -105,35 +133,52 @@ def chart_svg(chart: Chart, fleet: Fleet, colour: Mapping[str, int], labels: Seq
     lines = "".join(_lines(chart, centres, limits, colour, down))
     dots: dict[int, list[str]] = {}
     for index in known[~out[known]].tolist():
-        dots.setdefault(colour.get(labels[index], 0), []).append(f"M{across(index):.1f} {down(value[index]):.1f}h0")
+        dots.setdefault(colour.get(labels[index], 0), []).append(
+            f"M{across(index):.1f} {down(value[index]):.1f}h0"
+        )
     size = 5.0 if count <= 300 else 3.0 if count <= 2000 else 1.8
     drawn = "".join(
-        f'<path class="dots" style="stroke: var(--series-{one}); stroke-width: {size}" d="{"".join(parts)}"/>'
+        f'<path class="dots" style="stroke: var(--series-{one}); stroke-width: {size}"'
+        f' d="{"".join(parts)}"/>'
         for one, parts in dots.items()
     )
     beyond = [(index, across(index), down(value[index])) for index in np.flatnonzero(out).tolist()]
-    marks = "".join(_linked(fleet, i, _mark(x, y, up(value[i]), _title(said_of(fleet, i)))) for i, x, y in beyond)
+    marks = "".join(
+        _linked(fleet, i, _mark(x, y, up(value[i]), _title(said_of(fleet, i))))
+        for i, x, y in beyond
+    )
     far = sorted(beyond, key=lambda one: -abs(chart.spreads[one[0]]))[:NAMED]
     names = "".join(_names([(fleet.entries[i].id, x, y) for i, x, y in far]))
     return (
-        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title_of(chart.name))} of each camera">'
-        f"{lines}{drawn}{marks}{names}</svg>"
+        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title_of(chart.name))}'
+        f' of each camera">{lines}{drawn}{marks}{names}</svg>'
     )
 
 
 def _lines(
-    chart: Chart, centres: Sequence[float], limits: Sequence[tuple[float, float]], colour: Mapping[str, int], down: Callable[[float], float]
+    chart: Chart,
+    centres: Sequence[float],
+    limits: Sequence[tuple[float, float]],
+    colour: Mapping[str, int],
+    down: Callable[[float], float],
 ) -> Iterator[str]:
     names = [batch.name for batch in chart.batches] or [""]
     written: list[float] = []
     for name, centre, (low, high) in zip(names, centres, limits, strict=True):
         own = f' style="stroke: var(--series-{colour[name]})"' if name in colour else ""
-        for kind, number in (("centre", centre), ("limit", high), *(() if chart.one_sided else (("limit", low),))):
+        for kind, number in (
+            ("centre", centre),
+            ("limit", high),
+            *(() if chart.one_sided else (("limit", low),)),
+        ):
             y = down(number)
             yield f'<path class="{kind}"{own} d="M{LEFT} {y:.1f}H{WIDTH - RIGHT}"/>'
             if all(abs(y - other) > LINE for other in written):
                 written.append(y)
-                yield f'<text x="{LEFT - 6}" y="{y + 4:.1f}" text-anchor="end">{_short(number, high - low)}</text>'
+                yield (
+                    f'<text x="{LEFT - 6}" y="{y + 4:.1f}"'
+                    f' text-anchor="end">{_short(number, high - low)}</text>'
+                )
 
 
 def _short(number: float, span: float) -> str:
@@ -160,14 +205,19 @@ def _names(marks: Sequence[tuple[str, float, float]]) -> Iterator[str]:
         offsets = sorted((step * LINE for step in range(-10, 11)), key=abs)
         near = [place for begin, end, place in taken if begin < left + width and left < end]
         places = (y + 4 + off for off in offsets if TOP < y + 4 + off < HEIGHT - 4)
-        free = next((place for place in places if all(abs(place - other) >= LINE for other in near)), y + 4)
+        free = next(
+            (place for place in places if all(abs(place - other) >= LINE for other in near)), y + 4
+        )
         taken.append((left, left + width, free))
         anchored = f'x="{left:.1f}"' if right else f'x="{x - 8:.1f}" text-anchor="end"'
         yield f'<text class="name" {anchored} y="{free:.1f}">{escape(name)}</text>'
 
 
 def moved_svg(fleet: Fleet) -> str:
-    """A row for each number: how far every camera that has a prior is from it, in sigmas. Empty without priors."""
+    """A row for each number: how far every camera that has a prior is from it, in sigmas.
+
+    Empty without priors.
+    """
     names = list(dict.fromkeys(name for result in fleet.results for name in result.moved))
     if not names:
         return ""
@@ -189,18 +239,35 @@ def moved_svg(fleet: Fleet) -> str:
         parts.append(f'<text x="{x:.1f}" y="{height - 8}" text-anchor="middle">{text}</text>')
     for row, name in enumerate(names):
         y = 14 + line * row
-        parts.append(f'<text x="{left - 10}" y="{y + 4}" text-anchor="end">{escape(title_of(name))}</text>')
+        parts.append(
+            f'<text x="{left - 10}" y="{y + 4}" text-anchor="end">{escape(title_of(name))}</text>'
+        )
         dots, links = [], []
         for index, result in enumerate(fleet.results):
             if (one := result.moved.get(name)) and np.isfinite(one.sigmas):
                 x = across(one.sigmas)
                 if abs(one.sigmas) > fleet.changed_beyond:
-                    title = _title(f"{result.id}: {one.before:.6g} to {one.after:.6g} {one.unit}, {one.sigmas:+.1f} sigmas")
-                    links.append(_linked(fleet, index, f'<circle class="out" cx="{x:.1f}" cy="{y}" r="4.5">{title}</circle>'))
+                    title = _title(
+                        f"{result.id}: {one.before:.6g} to {one.after:.6g} {one.unit},"
+                        f" {one.sigmas:+.1f} sigmas"
+                    )
+                    links.append(
+                        _linked(
+                            fleet,
+                            index,
+                            f'<circle class="out" cx="{x:.1f}" cy="{y}" r="4.5">{title}</circle>',
+                        )
+                    )
                 else:
                     dots.append(f"M{x:.1f} {y}h0")
-        parts.append(f'<path class="dots" style="stroke: var(--series-0); stroke-width: 4" d="{"".join(dots)}"/>{"".join(links)}')
-    return f'<svg viewBox="0 0 {WIDE} {height}" role="img" aria-label="changes against priors">{"".join(parts)}</svg>'
+        parts.append(
+            '<path class="dots" style="stroke: var(--series-0); stroke-width: 4"'
+            f' d="{"".join(dots)}"/>{"".join(links)}'
+        )
+    return (
+        f'<svg viewBox="0 0 {WIDE} {height}" role="img" aria-label="changes against'
+        f' priors">{"".join(parts)}</svg>'
+    )
 
 
 def _linked(fleet: Fleet, index: int, drawn: str) -> str:

@@ -1,4 +1,7 @@
-"""Where a fleet's workers run: on this machine, at a scheduler that exists, or as jobs of a queue. A worker does one camera at a time."""
+"""Where a fleet's workers run: on this machine, at a scheduler that exists, or as jobs of a queue.
+
+A worker does one camera at a time.
+"""
 
 from __future__ import annotations
 
@@ -32,22 +35,29 @@ QUEUES = {
 }
 """Of dask-jobqueue."""
 FIT_BYTES = 2 << 30
-"""What one camera may need: 0.44 GB were measured for twenty views of corners, and pictures are decoded one a thread."""
+"""What one camera may need: 0.44 GB were measured for twenty views of corners, and pictures are
+decoded one a thread.
+"""
 CONNECT_S = 30
 """How long a scheduler may take to answer."""
 JOBS = 8
 """Workers of a queue, unless told otherwise."""
 OWN_DEATHS = 20
-"""Deaths of workers that a local cluster takes for somebody else's fault, before it gives a camera up."""
+"""Deaths of workers that a local cluster takes for somebody else's fault, before it gives a camera
+up.
+"""
 SETTINGS = {
     "distributed.scheduler.allowed-failures": OWN_DEATHS,
-    # A fit keeps nothing that could be spilled, and a worker that pauses would never go on: it ends where it takes what others need.
+    # A fit keeps nothing that could be spilled, and a worker that pauses would never go on: it ends
+    # where it takes what others need.
     "distributed.worker.memory.target": False,
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,
     "distributed.worker.memory.terminate": 0.95,
     "distributed.worker.daemon": True,
-    "distributed.worker.profile.enabled": False,  # it would stop the fit a hundred times a second to look at it
+    "distributed.worker.profile.enabled": (
+        False
+    ),  # it would stop the fit a hundred times a second to look at it
 }
 
 
@@ -75,14 +85,18 @@ def client_of(place: Place, fleet: Path) -> Iterator[Client]:
     """A client of the cluster, which ends with it if it is our own.
 
     Raises:
-        InputError: Dask is not installed, or there is no such scheduler or queue, or its workers do not see the fleet's folder.
+        InputError: Dask is not installed, or there is no such scheduler or queue, or its workers do
+            not see the fleet's folder.
     """
     try:
         import dask
         from distributed import Client
     except ImportError as error:
         raise InputError(NEEDED) from error
-    for noisy in ("distributed", "tornado"):  # deaths of workers are expected, and what they mean is told by the results
+    for noisy in (
+        "distributed",
+        "tornado",
+    ):  # deaths of workers are expected, and what they mean is told by the results
         logging.getLogger(noisy).setLevel(logging.CRITICAL)
     with dask.config.set(SETTINGS), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of ports in use, of other versions of Python
@@ -91,12 +105,17 @@ def client_of(place: Place, fleet: Path) -> Iterator[Client]:
                 client = Client(place.scheduler, timeout=CONNECT_S)
             except (OSError, ValueError, TimeoutError) as error:
                 said = f"No scheduler answers at {brief(place.scheduler)} ({brief(error)})"
-                raise InputError(f"{said}: start one by 'dask scheduler', and give its address.") from error
+                raise InputError(
+                    f"{said}: start one by 'dask scheduler', and give its address."
+                ) from error
             with client:
                 _check_workers(client, fleet)
                 yield client
             return
-        with _queued(place) if place.jobqueue else _local(place) as cluster, Client(cluster) as client:
+        with (
+            _queued(place) if place.jobqueue else _local(place) as cluster,
+            Client(cluster) as client,
+        ):
             yield client
 
 
@@ -136,15 +155,25 @@ def _queued(place: Place) -> Any:
     kind = getattr(dask_jobqueue, QUEUES[place.jobqueue])
     if not which(kind.job_cls.submit_command.split()[0]):
         raise InputError(
-            f"{kind.job_cls.submit_command} is not found, which sends jobs to {place.jobqueue}: run this on a machine of that cluster."
+            f"{kind.job_cls.submit_command} is not found, which sends jobs to {place.jobqueue}: run"
+            " this on a machine of that cluster."
         )
     own = dask.config.get(f"jobqueue.{place.jobqueue}.job-script-prologue", None) or []
-    told = [f"export DASK_{key.upper().replace('.', '__').replace('-', '_')}={value}" for key, value in SETTINGS.items()]
+    told = [
+        f"export DASK_{key.upper().replace('.', '__').replace('-', '_')}={value}"
+        for key, value in SETTINGS.items()
+    ]
     try:
-        cluster = kind(cores=1, processes=1, memory=f"{(place.memory or 2 * FIT_BYTES) >> 20}MiB", job_script_prologue=[*own, *told])
+        cluster = kind(
+            cores=1,
+            processes=1,
+            memory=f"{(place.memory or 2 * FIT_BYTES) >> 20}MiB",
+            job_script_prologue=[*own, *told],
+        )
     except (OSError, ValueError, RuntimeError, TypeError) as error:
         raise InputError(
-            f"No jobs can be made for {place.jobqueue} ({brief(error)}): correct queue, account and time in ~/.config/dask/jobqueue.yaml."
+            f"No jobs can be made for {place.jobqueue} ({brief(error)}): correct queue, account and"
+            " time in ~/.config/dask/jobqueue.yaml."
         ) from error
     workers = place.workers or JOBS
     cluster.adapt(minimum_jobs=workers, maximum_jobs=workers)
@@ -156,12 +185,21 @@ def _check_workers(client: Client, fleet: Path) -> None:
     try:
         seen = client.run(worker_state, str(fleet))
     except Exception as error:  # what a worker without refracal raises is of no one kind
-        raise InputError(f"A worker of {client.scheduler.address} cannot run refracal ({brief(error)}): install it there.") from error
+        raise InputError(
+            f"A worker of {client.scheduler.address} cannot run refracal ({brief(error)}): install"
+            " it there."
+        ) from error
     for address, (version, sees) in seen.items():
         if version != VERSION:
-            raise InputError(f"The worker {address} has refracal {version} and this machine {VERSION}: install the same version on both.")
+            raise InputError(
+                f"The worker {address} has refracal {version} and this machine {VERSION}: install"
+                " the same version on both."
+            )
         if not sees:
-            raise InputError(f"The worker {address} does not see {fleet}: give a folder with -o that all workers share.")
+            raise InputError(
+                f"The worker {address} does not see {fleet}: give a folder with -o that all workers"
+                " share."
+            )
 
 
 def worker_state(fleet: str) -> tuple[str, bool]:

@@ -1,4 +1,6 @@
-"""What cameras of one make have in common: their numbers and the figure of their glass, as one vector, and what each camera says of it."""
+"""What cameras of one make have in common: their numbers and the figure of their glass, as one
+vector, and what each camera says of it.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ Corner = tuple[float, float]
 LOOSE = 1e3
 """Times its tolerance: as good as no prior at all."""
 DEGREE = 6
-"""Of the figure that is learnt, where the reliefs are not coarser; what is finer is texture, by which covers differ."""
+"""Of the figure that is learnt, where the reliefs are not coarser; what is finer is texture, by
+which covers differ.
+"""
 LATTICE = 24
 """Points along each side of the patch at which a figure is compared."""
 
@@ -53,7 +57,9 @@ class Common:
 
     @staticmethod
     def of(names: tuple[str, ...], camera: Camera, found: Sequence[Calibration]) -> Common:
-        """Args: found: calibrations of one kind, each with a relief; `names`: the numbers that all estimated."""
+        """Args: found: calibrations of one kind, each with a relief; `names`: the numbers that all
+        estimated.
+        """
         intrinsics, cover = drawing(found)
         low, high = footprint(*covered_path(intrinsics, cover), camera.width, camera.height)
         coarsest = min(min(one.relief.grid) for one in found if one.relief)
@@ -63,21 +69,34 @@ class Common:
     def centre(self) -> Array:
         """(K + N,) what is declared."""
         drawing = numbers_of(self.intrinsics, self.cover)
-        return np.array([*(drawing[name].value for name in self.names), *np.zeros(len(degrees(self.degree)))])
+        return np.array(
+            [*(drawing[name].value for name in self.names), *np.zeros(len(degrees(self.degree)))]
+        )
 
     @property
     def axes(self) -> Array:
-        """(K + N, K + N) in whose columns cameras differ independently, as long as their tolerances: each number by itself, but the focal
-        lengths of x and y together and against each other, for one lens makes both."""
+        """(K + N, K + N) in whose columns cameras differ independently, as long as their
+        tolerances: each number by itself, but the focal lengths of x and y together and against
+        each other, for one lens makes both.
+        """
         drawing = numbers_of(self.intrinsics, self.cover)
-        axes = np.diag([*(drawing[name].sigma for name in self.names), *(figure_height(i + k) for i, k in degrees(self.degree))])
+        axes = np.diag(
+            [
+                *(drawing[name].sigma for name in self.names),
+                *(figure_height(i + k) for i, k in degrees(self.degree)),
+            ]
+        )
         if {"camera.fx", "camera.fy"} <= {*self.names}:
             both = [self.names.index("camera.fx"), self.names.index("camera.fy")]
-            axes[np.ix_(both, both)] = axes[np.ix_(both, both)] @ np.array([[1, 1], [1, -1]]) / np.sqrt(2)
+            axes[np.ix_(both, both)] = (
+                axes[np.ix_(both, both)] @ np.array([[1, 1], [1, -1]]) / np.sqrt(2)
+            )
         return axes
 
     def told(self, one: Calibration) -> Told:
-        """What a camera's views say, and its own measurements: its calibration, less what the drawing had put in."""
+        """What a camera's views say, and its own measurements: its calibration, less what the
+        drawing had put in.
+        """
         assert one.relief
         assert one.camera.intrinsics
         to_figure = self._to_figure(one.relief)
@@ -88,18 +107,33 @@ class Common:
         own[: len(self.names), places] = np.diag(parameters.scales.numpy()[places - count])
         own[len(self.names) :, :count] = to_figure
         estimate = numbers_of(one.camera.intrinsics, one.cover)
-        mean = np.array([*(estimate[name].value for name in self.names), *to_figure @ one.amplitudes.ravel()])
+        mean = np.array(
+            [*(estimate[name].value for name in self.names), *to_figure @ one.amplitudes.ravel()]
+        )
         stated, prior = self._prior(one, to_figure)
         return Told.between(mean, own @ one.covariance @ own.T, stated, prior)
 
     def described(self, known: Population) -> tuple[Intrinsics, Cover]:
         """What is expected of the next camera, in the words of a session."""
         count = len(self.names)
-        plain = {name: Number(number.value) for name, number in numbers_of(self.intrinsics, self.cover).items()}
+        plain = {
+            name: Number(number.value)
+            for name, number in numbers_of(self.intrinsics, self.cover).items()
+        }
         numbers = known.mean[:count], known.covariance[:count, :count]
-        intrinsics, cover = with_covariance(*with_numbers(self.intrinsics, self.cover, plain), self.names, *numbers)
+        intrinsics, cover = with_covariance(
+            *with_numbers(self.intrinsics, self.cover, plain), self.names, *numbers
+        )
         beside = known.covariance[count:, :count]
-        glass = Glass(self.low, self.high, self.degree, known.mean[count:], known.covariance[count:, count:], self.names, beside)
+        glass = Glass(
+            self.low,
+            self.high,
+            self.degree,
+            known.mean[count:],
+            known.covariance[count:, count:],
+            self.names,
+            beside,
+        )
         return intrinsics, replace(cover, glass=glass)
 
     def _to_figure(self, relief: Relief) -> Array:
@@ -109,10 +143,16 @@ class Common:
             relief.bells(torch.linspace(low, high, LATTICE, dtype=torch.float64), axis)[0].T.numpy()
             for axis, (low, high) in enumerate(zip(self.low, self.high, strict=True))
         )
-        return np.asarray(np.linalg.lstsq(waves(points, self.low, self.high, self.degree), np.kron(first, second), rcond=None)[0])
+        return np.asarray(
+            np.linalg.lstsq(
+                waves(points, self.low, self.high, self.degree), np.kron(first, second), rcond=None
+            )[0]
+        )
 
     def _prior(self, one: Calibration, to_figure: Array) -> tuple[Array, Array]:
-        """(K + N,) and (K + N, K + N): what a camera's fit took from its drawing, and from what holds for any glass."""
+        """(K + N,) and (K + N, K + N): what a camera's fit took from its drawing, and from what
+        holds for any glass.
+        """
         assert one.relief
         intrinsics, cover = one.declared.intrinsics, one.declared.cover
         declared, drawing = numbers_of(intrinsics, cover), numbers_of(self.intrinsics, self.cover)
@@ -128,14 +168,20 @@ class Common:
         prior = np.zeros((count + len(to_figure),) * 2)
         prior[:count, :count] = covariance_of(intrinsics, cover, self.names)
         prior[count:, count:] = from_heights @ heights @ from_heights.T
-        return np.array([*(declared[name].value for name in self.names), *np.zeros(len(to_figure))]), prior
+        return (
+            np.array([*(declared[name].value for name in self.names), *np.zeros(len(to_figure))]),
+            prior,
+        )
 
 
 def drawing(found: Sequence[Calibration]) -> tuple[Intrinsics, Cover]:
-    """What most sessions declare, each number with its tolerance; where they differ, as measured numbers do, their median, by the tolerance
-    of its kind."""
+    """What most sessions declare, each number with its tolerance; where they differ, as measured
+    numbers do, their median, by the tolerance of its kind.
+    """
     first = found[0].declared
-    said: list[Mapping[str, Number]] = [numbers_of(one.declared.intrinsics, one.declared.cover) for one in found]
+    said: list[Mapping[str, Number]] = [
+        numbers_of(one.declared.intrinsics, one.declared.cover) for one in found
+    ]
     common: dict[str, Number] = {}
     measured: dict[str, Number] = {}
     for name in said[0]:
@@ -144,5 +190,9 @@ def drawing(found: Sequence[Calibration]) -> tuple[Intrinsics, Cover]:
             common[name] = number
         else:
             measured[name] = Number(float(np.median([one[name].value for one in said])))
-    by_kind = numbers_of(*with_free(*with_numbers(first.intrinsics, first.cover, common | measured), (ALL,)))
-    return with_numbers(first.intrinsics, first.cover, common | {name: by_kind[name] for name in measured})
+    by_kind = numbers_of(
+        *with_free(*with_numbers(first.intrinsics, first.cover, common | measured), (ALL,))
+    )
+    return with_numbers(
+        first.intrinsics, first.cover, common | {name: by_kind[name] for name in measured}
+    )

@@ -51,7 +51,9 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Fleet:
-    """Every camera with its result, and what stands out; the cameras are in the order of their days and of the manifest."""
+    """Every camera with its result, and what stands out; the cameras are in the order of their days
+    and of the manifest.
+    """
 
     entries: tuple[Entry, ...]
     results: tuple[Result, ...]
@@ -73,12 +75,16 @@ class Fleet:
 def judge_fleet(entries: Sequence[Entry], results: Mapping[str, Result]) -> Fleet:
     """What stands out of these cameras, each of which has its result.
 
-    The false alarms are shared out over what is asked: the charts, the numbers that moved, and the checks of priors.
+    The false alarms are shared out over what is asked: the charts, the numbers that moved, and the
+    checks of priors.
     """
     ordered = sorted(entries, key=lambda entry: entry.date or results[entry.id].recorded)
     own = [results[entry.id] for entry in ordered]
     days = [entry.date or result.recorded for entry, result in zip(ordered, own, strict=True)]
-    numbers = [{name: (one.value, one.sigma, one.unit) for name, one in result.numbers.items()} for result in own]
+    numbers = [
+        {name: (one.value, one.sigma, one.unit) for name, one in result.numbers.items()}
+        for result in own
+    ]
     compared = sum(len(result.moved) for result in own)
     checked = sum(bool(result.check) for result in own)
     alpha = ALPHA / (1 + bool(compared) + bool(checked))
@@ -111,7 +117,11 @@ def _by_itself(entry: Entry, result: Result) -> Iterator[Finding]:
     for limit in entry.limits:
         one = result.numbers.get(limit.name)
         if one and limit.broken(one.value):
-            yield Finding(BEYOND_LIMIT, f"{title_of(limit.name)} is {one.value:.5g} {one.unit}, where its limit is {limit}", limit.name)
+            yield Finding(
+                BEYOND_LIMIT,
+                f"{title_of(limit.name)} is {one.value:.5g} {one.unit}, where its limit is {limit}",
+                limit.name,
+            )
     for remark in result.remarks:
         if remark.startswith("Its prior"):
             yield Finding(FOUND, remark[0].lower() + remark[1:].rstrip("."))
@@ -119,9 +129,15 @@ def _by_itself(entry: Entry, result: Result) -> Iterator[Finding]:
 
 def _against_prior(result: Result, beyond: float, alarm: float) -> Iterator[Finding]:
     answer = result.check
-    if answer and answer["answer"] != Answered.VALID.value and not (answer["p_value"] or 0.0) > alarm:
+    if (
+        answer
+        and answer["answer"] != Answered.VALID.value
+        and not (answer["p_value"] or 0.0) > alarm
+    ):
         changes = " or ".join(change["sentence"] for change in answer["changes"][:2])
-        added = f", which adds {answer['added_px']:.2g} px" if answer["added_px"] is not None else ""
+        added = (
+            f", which adds {answer['added_px']:.2g} px" if answer["added_px"] is not None else ""
+        )
         lacking = " (its prior shows that as well)" if answer["lacking"] else ""
         yield Finding(FOUND, f"its prior is {answer['answer']}: {changes}{added}{lacking}")
     far = {name: one for name, one in result.moved.items() if abs(one.sigmas) > beyond}
@@ -130,7 +146,8 @@ def _against_prior(result: Result, beyond: float, alarm: float) -> Iterator[Find
         others = f", and {len(far) - 1} other number{'s' * (len(far) > 2)}" if len(far) > 1 else ""
         yield Finding(
             abs(one.sigmas),
-            f"{title_of(name)} moved by {one.sigmas:+.1f} sigmas from its prior, {one.before:.6g} to {one.after:.6g} {one.unit}".rstrip()
+            f"{title_of(name)} moved by {one.sigmas:+.1f} sigmas from its prior, {one.before:.6g}"
+            f" to {one.after:.6g} {one.unit}".rstrip()
             + others,
             name,
         )
@@ -142,11 +159,21 @@ def _among(index: int, drawn: Sequence[Chart]) -> Iterator[Finding]:
             continue
         value, sigma, centre = chart.value[index], chart.sigma[index], chart.centre[index]
         if chart.one_sided:
-            said = f"{title_of(chart.name)} is {value / centre:.1f} times the fleet's, {value:.3g} {chart.unit} where it has {centre:.3g}"
+            said = (
+                f"{title_of(chart.name)} is {value / centre:.1f} times the fleet's, {value:.3g}"
+                f" {chart.unit} where it has {centre:.3g}"
+            )
         else:
-            said = f"{title_of(chart.name)} is {with_sigma(value, sigma)} {chart.unit}".rstrip() + f", where the fleet has {centre:.5g}"
+            said = (
+                f"{title_of(chart.name)} is {with_sigma(value, sigma)} {chart.unit}".rstrip()
+                + f", where the fleet has {centre:.5g}"
+            )
         away = abs(float(chart.spreads[index]))
-        told = f"{away:.0f} spreads away" if math.isfinite(away) and away < 1e5 else "where all others are alike"
+        told = (
+            f"{away:.0f} spreads away"
+            if math.isfinite(away) and away < 1e5
+            else "where all others are alike"
+        )
         yield Finding(away, f"{said} ({told})", chart.name)
 
 
@@ -154,5 +181,10 @@ def _effects(result: Result, effects: Counter[str], count: int) -> Iterator[Find
     for effect in result.effects:
         if effects[effect] <= max(1.0, RARE * count):
             others = effects[effect] - 1
-            beside = f"{others} other camera{'s' * (others > 1)} of {count} {'have' if others > 1 else 'has'}" if others else "no other has"
+            beside = (
+                f"{others} other camera{'s' * (others > 1)} of {count}"
+                f" {'have' if others > 1 else 'has'}"
+                if others
+                else "no other has"
+            )
             yield Finding(FOUND, harmless(f"its diagnosis found {effect}, which {beside}"))

@@ -1,4 +1,6 @@
-"""What a camera's result was made from: equal for a session and settings of which nothing has changed."""
+"""What a camera's result was made from: equal for a session and settings of which nothing has
+changed.
+"""
 
 from __future__ import annotations
 
@@ -41,38 +43,54 @@ class Identity:
     listing: str
     """Of the names, sizes and times of the session's files, which takes no reading of pictures."""
     contents: str
-    """Of the files themselves; empty at an address, whose store's own checksums are in the listing."""
+    """Of the files themselves; empty at an address, whose store's own checksums are in the listing.
+    """
 
     @staticmethod
     def of(entry: Entry, asked: Asked, before: Identity | None = None) -> Identity:
-        """Args: before: of an earlier result; where its listing is still true, contents are not read again."""
-        prior = [*_listed(entry.prior, ("calibration.yaml", "calibration.npz"))] if entry.prior else []
-        said = {"format": FORMAT, "prior": [entry.prior, *prior, *_fleet_prior(entry.session)], **asdict(asked)}
+        """Args: before: of an earlier result; where its listing is still true, contents are not
+        read again.
+        """
+        prior = (
+            [*_listed(entry.prior, ("calibration.yaml", "calibration.npz"))] if entry.prior else []
+        )
+        said = {
+            "format": FORMAT,
+            "prior": [entry.prior, *prior, *_fleet_prior(entry.session)],
+            **asdict(asked),
+        }
         listed = [*_listed(entry.session)]
         settings, listing = _hash(said), _hash(listed)
         if before and before.listing == listing:
             return Identity(settings, listing, before.contents)
         if is_remote(entry.session):
             return Identity(settings, listing, "")
-        digests = [(name, sha256(read_file(Path(entry.session) / name)).hexdigest()) for name, *_ in listed]
+        digests = [
+            (name, sha256(read_file(Path(entry.session) / name)).hexdigest()) for name, *_ in listed
+        ]
         return Identity(settings, listing, _hash(digests))
 
     def same(self, other: Identity) -> bool:
         return self.settings == other.settings and (
-            self.listing == other.listing or (self.contents != "" and self.contents == other.contents)
+            self.listing == other.listing
+            or (self.contents != "" and self.contents == other.contents)
         )
 
     @staticmethod
     def read(said: Any) -> Identity | None:
         """As a camera's JSON has it; None where that is of something else."""
         try:
-            return Identity(**{name: str(said[name]) for name in ("settings", "listing", "contents")})
+            return Identity(
+                **{name: str(said[name]) for name in ("settings", "listing", "contents")}
+            )
         except (KeyError, TypeError):
             return None
 
 
 def _listed(place: str, only: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """Each file's name within the folder, and what tells it from another of that name; hidden files are nobody's."""
+    """Each file's name within the folder, and what tells it from another of that name; hidden files
+    are nobody's.
+    """
     with faraway(place):
         from fsspec.core import url_to_fs
 

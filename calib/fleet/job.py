@@ -1,5 +1,7 @@
-"""One camera: fitted, checked against its prior, diagnosed where its verdict asks for it, reported and exported. A plain function of what
-it is told, which any process runs that sees the fleet's folder."""
+"""One camera: fitted, checked against its prior, diagnosed where its verdict asks for it, reported
+and exported. A plain function of what it is told, which any process runs that sees the fleet's
+folder.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,9 @@ from calib.verdict.judge import judge
 from calib.verdict.verdict import Verdict, Word
 
 PATIENCE_S = 900.0
-"""How long a worker waits for another that was given up for dead and still works on the same camera."""
+"""How long a worker waits for another that was given up for dead and still works on the same
+camera.
+"""
 EPOCH_S = 1e9
 """s: times of frames.csv below are no Unix times."""
 DIAGNOSED = "diagnosed"
@@ -57,7 +61,8 @@ class Job:
 
 
 def run_job(job: Job) -> Result:
-    """The camera's result, which lies in the fleet's folder as well; that of an earlier run where nothing has changed since.
+    """The camera's result, which lies in the fleet's folder as well; that of an earlier run where
+    nothing has changed since.
 
     It raises nothing: what goes wrong with a camera is its result.
     """
@@ -79,7 +84,12 @@ def run_job(job: Job) -> Result:
     except RefracalError as error:
         return _failed(fleet, entry.id, str(error))
     except Exception as error:
-        return _failed(fleet, entry.id, f"This is a bug in calib ({type(error).__name__}: {brief(error)}): report it with this session.")
+        return _failed(
+            fleet,
+            entry.id,
+            f"This is a bug in calib ({type(error).__name__}: {brief(error)}): report it with this"
+            " session.",
+        )
 
 
 def _failed(fleet: Path, camera: str, sentence: str) -> Result:
@@ -116,7 +126,13 @@ def _calibrated(job: Job, files: FileSet, identity: Identity) -> Result:
         try:
             first, names = _fitted(folder, identity) or _fit(job, files, identity, session)
         except NotEnoughDataError as error:
-            return Result(entry.id, State.TOO_LITTLE, str(error), check=answer.as_json() if answer else {}, remarks=remarks)
+            return Result(
+                entry.id,
+                State.TOO_LITTLE,
+                str(error),
+                check=answer.as_json() if answer else {},
+                remarks=remarks,
+            )
         written = [folder / name for name in names]
         verdict = judge(first, depths=wanted.depths, folder=folder, session=Path(entry.session))
         last = first
@@ -128,9 +144,19 @@ def _calibrated(job: Job, files: FileSet, identity: Identity) -> Result:
             else:
                 last = diagnosed(last, folder, None)
                 with FileSet(folder / DIAGNOSED) as beside:
-                    written += [last.write(beside), write_report(last, beside, Silent(), wanted.depths, pictures=session_folder)]
+                    written += [
+                        last.write(beside),
+                        write_report(
+                            last, beside, Silent(), wanted.depths, pictures=session_folder
+                        ),
+                    ]
                     beside.commit(instead_of=DERIVED)
-                verdict = judge(last, depths=wanted.depths, folder=folder / DIAGNOSED, session=Path(entry.session))
+                verdict = judge(
+                    last,
+                    depths=wanted.depths,
+                    folder=folder / DIAGNOSED,
+                    session=Path(entry.session),
+                )
     if verdict.word is not Word.DO_NOT_USE:
         written += _exported(last, wanted, folder)
     elif wanted.formats:
@@ -150,12 +176,19 @@ def _calibrated(job: Job, files: FileSet, identity: Identity) -> Result:
     )
 
 
-def _fit(job: Job, files: FileSet, identity: Identity, session: Session) -> tuple[Calibration, list[str]]:
-    """The calibration, and the names of its files, which are in force; what they were made from lies beside them."""
+def _fit(
+    job: Job, files: FileSet, identity: Identity, session: Session
+) -> tuple[Calibration, list[str]]:
+    """The calibration, and the names of its files, which are in force; what they were made from
+    lies beside them.
+    """
     wanted = job.asked
     first = asked(fit(session, wanted.settings), (), wanted.depths)
     if is_remote(job.entry.session):  # the copy will be gone
-        first = replace(first, settings=first.settings | {KEY: first.settings[KEY] | {"session": job.entry.session}})
+        first = replace(
+            first,
+            settings=first.settings | {KEY: first.settings[KEY] | {"session": job.entry.session}},
+        )
     written = [first.write(files), *write_npz(first, wanted.depths, files, Silent())]
     written.append(write_report(first, files, Silent(), wanted.depths, pictures=session.path))
     names = [path.name for path in written]
@@ -165,7 +198,9 @@ def _fit(job: Job, files: FileSet, identity: Identity, session: Session) -> tupl
 
 
 def _fitted(folder: Path, identity: Identity) -> tuple[Calibration, list[str]] | None:
-    """What a worker left that was killed after its fit; None where that is of another session, or not whole."""
+    """What a worker left that was killed after its fit; None where that is of another session, or
+    not whole.
+    """
     try:
         said = json.loads(read_file(folder / FITTED))
         before, names = Identity.read(said["identity"]), [str(name) for name in said["written"]]
@@ -181,7 +216,9 @@ def asks_for_diagnosis(verdict: Verdict) -> bool:
     return any(reason.next.startswith("calib diagnose ") for reason in verdict.reasons)
 
 
-def _checked(entry: Entry, session: Path) -> tuple[Calibration | None, Answer | None, tuple[str, ...]]:
+def _checked(
+    entry: Entry, session: Path
+) -> tuple[Calibration | None, Answer | None, tuple[str, ...]]:
     """The prior, what the session's views say of it, and why they say nothing."""
     if not entry.prior:
         return None, None, ()
@@ -200,11 +237,17 @@ def _exported(calibration: Calibration, wanted: Asked, folder: Path) -> list[Pat
     for form in FORMATS:
         if form.name in wanted.formats:
             with FileSet(folder / form.name) as files:
-                written += export(Export(calibration, form, form.lenses, wanted.depths, files, Silent())).paths
+                written += export(
+                    Export(calibration, form, form.lenses, wanted.depths, files, Silent())
+                ).paths
                 files.commit()
     return written
 
 
 def _day(calibration: Calibration) -> str:
-    times = [view.time_s for view in calibration.views if view.time_s is not None and view.time_s > EPOCH_S]
+    times = [
+        view.time_s
+        for view in calibration.views
+        if view.time_s is not None and view.time_s > EPOCH_S
+    ]
     return datetime.fromtimestamp(min(times), UTC).date().isoformat() if times else ""

@@ -15,8 +15,10 @@ from calib.session.lens import NAMES
 QUALITY = ("error_px", "held_out_px", "noise_px", "sigma_px", "relief_um")
 """How good a fit is, and how uneven its glass: each above 0, and better where it is less."""
 EFFECTIVE = ("effective_fx", "effective_fy")
-"""px, the focal length of the rays beyond the cover, across the middle half of the picture. What a fit shares out among lens, cover and
-relief is told apart only as well as its views tell them; these are what all of them make together."""
+"""px, the focal length of the rays beyond the cover, across the middle half of the picture. What a
+fit shares out among lens, cover and relief is told apart only as well as its views tell them; these
+are what all of them make together.
+"""
 NUMBERED = tuple(
     dict.fromkeys(
         (
@@ -24,11 +26,17 @@ NUMBERED = tuple(
             *EFFECTIVE,
             *(f"camera.{quantity.key}" for quantity in PINHOLE),
             *(f"camera.{name}" for names in NAMES.values() for name in names),
-            *(f"cover.{name}" for quantities in SHAPES.values() for quantity in quantities for name in quantity.names),
+            *(
+                f"cover.{name}"
+                for quantities in SHAPES.values()
+                for quantity in quantities
+                for name in quantity.names
+            ),
         )
     )
 )
-"""Every number that a fleet may chart and limit, by the names and in the units that a fit prints."""
+"""Every number that a fleet may chart and limit, by the names and in the units that a fit prints.
+"""
 ENDS = ("min", "max")
 
 
@@ -46,7 +54,9 @@ class Limit:
     def __str__(self) -> str:
         if math.isinf(self.low):
             return f"at most {self.high:g}"
-        return f"at least {self.low:g}" if math.isinf(self.high) else f"{self.low:g} to {self.high:g}"
+        return (
+            f"at least {self.low:g}" if math.isinf(self.high) else f"{self.low:g} to {self.high:g}"
+        )
 
 
 def limit_of(name: str, ends: Mapping[str, float], where: str) -> Limit:
@@ -57,5 +67,8 @@ def limit_of(name: str, ends: Mapping[str, float], where: str) -> Limit:
         raise InputError(f"{where}: {brief(name)!r} is not a number of a camera: {hint}.")
     limit = Limit(name, ends.get("min", -math.inf), ends.get("max", math.inf))
     if limit.low > limit.high:
-        raise InputError(f"{where}: {name} has {limit.low:g} as its min and {limit.high:g} as its max: exchange them.")
+        raise InputError(
+            f"{where}: {name} has {limit.low:g} as its min and {limit.high:g} as its max: exchange"
+            " them."
+        )
     return limit

@@ -1,4 +1,7 @@
-"""Which cameras a fleet has: a CSV or YAML that lists them, or a glob of their sessions. What is wrong is said before anything runs."""
+"""Which cameras a fleet has: a CSV or YAML that lists them, or a glob of their sessions.
+
+What is wrong is said before anything runs.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +51,8 @@ def read_manifest(said: Sequence[str]) -> tuple[Entry, ...]:
     """The cameras of one table, or of globs and folders of sessions, each named by its folder.
 
     Raises:
-        InputError: a row or key is wrong, two cameras have one id or one session, or there is no camera.
+        InputError: a row or key is wrong, two cameras have one id or one session, or there is no
+            camera.
     """
     table = said[0] if len(said) == 1 and said[0].lower().endswith(TABLES) else None
     where = table or "these sessions"
@@ -60,17 +64,28 @@ def read_manifest(said: Sequence[str]) -> tuple[Entry, ...]:
     for entry in entries:
         if (first := ids.setdefault(entry.id.casefold(), entry)) is not entry:
             twice = f"{first.id} and {entry.id}" if first.id != entry.id else entry.id
-            advice = "give each camera an id of its own" if table else "list them in a CSV with ids of your own"
+            advice = (
+                "give each camera an id of its own"
+                if table
+                else "list them in a CSV with ids of your own"
+            )
             raise InputError(f"{brief(where)}: the id {twice} comes twice: {advice}.")
         if (first := sessions.setdefault(entry.session.rstrip("/"), entry)) is not entry:
-            raise InputError(f"{brief(where)}: {first.id} and {entry.id} have one session, {entry.session}: give each camera its own.")
+            raise InputError(
+                f"{brief(where)}: {first.id} and {entry.id} have one session, {entry.session}: give"
+                " each camera its own."
+            )
     return entries
 
 
 def _rows(table: str) -> Iterator[Entry]:
     with at_hand(table) as path:
         base = table.rpartition("/")[0] if is_remote(table) else str(Path(table).parent)
-        yield from _of_csv(path, table, base) if table.lower().endswith(".csv") else _of_yaml(path, table, base)
+        yield from (
+            _of_csv(path, table, base)
+            if table.lower().endswith(".csv")
+            else _of_yaml(path, table, base)
+        )
 
 
 def _of_csv(path: Path, said: str, base: str) -> Iterator[Entry]:
@@ -80,33 +95,48 @@ def _of_csv(path: Path, said: str, base: str) -> Iterator[Entry]:
         head = [cell.strip() for cell in next(lines, [])]
         rows = [(lines.line_num, row) for row in lines if any(cell.strip() for cell in row)]
     except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{said} is not a CSV table in UTF-8 ({brief(error)}): save it again as one.") from error
+        raise InputError(
+            f"{said} is not a CSV table in UTF-8 ({brief(error)}): save it again as one."
+        ) from error
     for index, name in enumerate(head):
         stem, _, end = name.rpartition(".")
         if name in head[:index]:
             raise InputError(f"{said}: the column {brief(name)!r} comes twice: keep one.")
         if name not in KEYS and end not in ENDS:
             near = get_close_matches(brief(name), KEYS, 1)
-            hint = f"did you mean {near[0]}" if near else f"write {', '.join(KEYS)}, or limits such as held_out_px.max"
+            hint = (
+                f"did you mean {near[0]}"
+                if near
+                else f"write {', '.join(KEYS)}, or limits such as held_out_px.max"
+            )
             raise InputError(f"{said}: {brief(name)!r} is not a column of a fleet: {hint}.")
         if name not in KEYS:
             limit_of(stem, {}, said)
     for key in KEYS[:2]:
         if key not in head:
             raise InputError(
-                f"{said} has no column {key}: its first line must be {','.join(KEYS)} or some of these, id and session among them."
+                f"{said} has no column {key}: its first line must be {','.join(KEYS)} or some of"
+                " these, id and session among them."
             )
     for number, row in rows:
         where = f"{said}, line {number}"
         if len(row) > len(head):
-            raise InputError(f"{where} has {len(row)} cells and the first line {len(head)}: put cells with commas in quotes.")
+            raise InputError(
+                f"{where} has {len(row)} cells and the first line {len(head)}: put cells with"
+                " commas in quotes."
+            )
         cells = {name: cell.strip() for name, cell in zip(head, row, strict=False)}
         ends: dict[str, dict[str, float]] = {}
         for name, cell in cells.items():
             if name not in KEYS and cell:
                 stem, _, end = name.rpartition(".")
                 ends.setdefault(stem, {})[end] = _finite(cell, name, where)
-        yield _entry({key: cells.get(key, "") for key in KEYS}, [limit_of(name, own, where) for name, own in ends.items()], base, where)
+        yield _entry(
+            {key: cells.get(key, "") for key in KEYS},
+            [limit_of(name, own, where) for name, own in ends.items()],
+            base,
+            where,
+        )
 
 
 def _of_yaml(path: Path, said: str, base: str) -> Iterator[Entry]:
@@ -118,11 +148,20 @@ def _of_yaml(path: Path, said: str, base: str) -> Iterator[Entry]:
         raise whole.wrong("cameras", listed, f"a list, such as {EXAMPLE}")
     for index, written in enumerate(listed):
         if not isinstance(written, Mapping):
-            raise whole.wrong(f"cameras[{index}]", written, "a mapping, such as {id: A17, session: sessions/A17}")
+            raise whole.wrong(
+                f"cameras[{index}]", written, "a mapping, such as {id: A17, session: sessions/A17}"
+            )
         own = Section(written, said, f"cameras[{index}]")
         own.only((*KEYS, "limits"))
-        limits = {limit.name: limit for limit in (*everywhere, *_limits(own, f"{said}: cameras[{index}]"))}
-        yield _entry({key: own.text(key, "a text", default="") for key in KEYS}, list(limits.values()), base, f"{said}: cameras[{index}]")
+        limits = {
+            limit.name: limit for limit in (*everywhere, *_limits(own, f"{said}: cameras[{index}]"))
+        }
+        yield _entry(
+            {key: own.text(key, "a text", default="") for key in KEYS},
+            list(limits.values()),
+            base,
+            f"{said}: cameras[{index}]",
+        )
 
 
 def _limits(section: Section, where: str) -> list[Limit]:
@@ -133,17 +172,30 @@ def _limits(section: Section, where: str) -> list[Limit]:
     for name in said.values:
         ends = said.section(name, "{min: 0.1, max: 0.3}")
         ends.only(ENDS, "end of a limit")
-        limits.append(limit_of(name, {end: _finite(value, f"{name}.{end}", where) for end, value in ends.values.items()}, where))
+        limits.append(
+            limit_of(
+                name,
+                {end: _finite(value, f"{name}.{end}", where) for end, value in ends.values.items()},
+                where,
+            )
+        )
     return limits
 
 
 def _finite(written: object, name: str, where: str) -> float:
     try:
-        number = float(written) if isinstance(written, str | int | float) and not isinstance(written, bool) else math.nan
+        number = (
+            float(written)
+            if isinstance(written, str | int | float) and not isinstance(written, bool)
+            else math.nan
+        )
     except ValueError:
         number = math.nan
     if not math.isfinite(number):
-        raise InputError(f"{where}: {name} is {brief(written)!r}: write a number, in the unit that a fit prints it in.")
+        raise InputError(
+            f"{where}: {name} is {brief(written)!r}: write a number, in the unit that a fit prints"
+            " it in."
+        )
     return number
 
 
@@ -152,13 +204,16 @@ def _entry(said: Mapping[str, str], limits: Sequence[Limit], base: str, where: s
         raise InputError(f"{where}: session is missing: write the folder that holds session.yaml.")
     if not ID.fullmatch(said["id"]) or said["id"].lower().endswith(".json"):
         raise InputError(
-            f"{where}: id is {brief(said['id'])!r}: write letters, digits, '.', '_' and '-', 100 at most, as it names the camera's files."
+            f"{where}: id is {brief(said['id'])!r}: write letters, digits, '.', '_' and '-', 100 at"
+            " most, as it names the camera's files."
         )
     if said["date"]:
         try:
             date.fromisoformat(said["date"])
         except ValueError:
-            raise InputError(f"{where}: date is {brief(said['date'])!r}: write a day as 2026-05-17.") from None
+            raise InputError(
+                f"{where}: date is {brief(said['date'])!r}: write a day as 2026-05-17."
+            ) from None
     places = {key: absolute(said[key], base) if said[key] else "" for key in ("session", "prior")}
     return Entry(**{**said, **places}, limits=tuple(limits))
 
@@ -174,9 +229,15 @@ def _folder(place: str) -> str:
     if not is_remote(place):
         with reading(Path(place)):
             if Path(place).is_file():
-                raise InputError(f"{place} is neither a CSV nor a YAML: give a table of cameras, or their sessions' folders.")
+                raise InputError(
+                    f"{place} is neither a CSV nor a YAML: give a table of cameras, or their"
+                    " sessions' folders."
+                )
             if not (Path(place) / "session.yaml").exists():
-                raise InputError(f"{place} is no session, for it has no session.yaml: give a CSV, a YAML, or a glob such as '{place}/*'.")
+                raise InputError(
+                    f"{place} is no session, for it has no session.yaml: give a CSV, a YAML, or a"
+                    f" glob such as '{place}/*'."
+                )
     return absolute(place)
 
 

@@ -39,10 +39,12 @@ class Moved:
 
 
 def numbers(first: Calibration, last: Calibration, depth: float) -> dict[str, Measured]:
-    """By the names of calib.fleet.limits; what the fit does not have, or held as it is declared, is left out.
+    """By the names of calib.fleet.limits; what the fit does not have, or held as it is declared, is
+    left out.
 
     Args:
-        first: as fitted. Its errors are compared: an effect that was added would hide what it was added for.
+        first: as fitted. Its errors are compared: an effect that was added would hide what it was
+            added for.
         last: with the effects that were found.
         depth: m, of the maps whose standard deviation is told.
     """
@@ -52,21 +54,39 @@ def numbers(first: Calibration, last: Calibration, depth: float) -> dict[str, Me
         "held_out_px": validation.get("held_out_px", math.nan),
         "noise_px": first.noise_px,
         "sigma_px": map_sigmas(first, (depth,)).get(depth, math.nan),
-        "relief_um": 1e6 * height_spread(*first.model(), first.observations) if first.relief else math.nan,
+        "relief_um": (
+            1e6 * height_spread(*first.model(), first.observations) if first.relief else math.nan
+        ),
     }
-    sigma = {"held_out_px": validation.get("held_out_sigma_px", 0.0)}  # a few views that the others hardly predict make most of it
-    found = {name: Measured(value, sigma.get(name, 0.0), name.rpartition("_")[2].replace("um", "µm")) for name, value in quality.items()}
-    found |= {name: Measured(value, 0.0, "px") for name, value in zip(EFFECTIVE, effective_focal(last), strict=True)}
-    found |= {one.name: Measured(one.estimate, one.sigma, one.unit) for one in comparisons(last) if one.sigma > 0}
+    sigma = {
+        "held_out_px": validation.get("held_out_sigma_px", 0.0)
+    }  # a few views that the others hardly predict make most of it
+    found = {
+        name: Measured(value, sigma.get(name, 0.0), name.rpartition("_")[2].replace("um", "µm"))
+        for name, value in quality.items()
+    }
+    found |= {
+        name: Measured(value, 0.0, "px")
+        for name, value in zip(EFFECTIVE, effective_focal(last), strict=True)
+    }
+    found |= {
+        one.name: Measured(one.estimate, one.sigma, one.unit)
+        for one in comparisons(last)
+        if one.sigma > 0
+    }
     return {name: one for name, one in found.items() if math.isfinite(one.value)}
 
 
 def effective_focal(calibration: Calibration) -> tuple[float, float]:
-    """px, across and down: of the pinhole that would see the middle half of the picture under the angle that its outermost rays enclose."""
+    """px, across and down: of the pinhole that would see the middle half of the picture under the
+    angle that its outermost rays enclose.
+    """
     size = np.array([calibration.camera.width, calibration.camera.height])
     half = np.diag(size) / 4
     _, seen = calibration.rays(size / 2 - 0.5 + np.concatenate([-half, half]))
-    apart, together = (np.linalg.norm(both, axis=1) for both in (seen[:2] - seen[2:], seen[:2] + seen[2:]))
+    apart, together = (
+        np.linalg.norm(both, axis=1) for both in (seen[:2] - seen[2:], seen[:2] + seen[2:])
+    )
     across, down = size / 4 * together / apart  # over the tangent of half of each angle
     return float(across), float(down)
 
@@ -74,15 +94,17 @@ def effective_focal(calibration: Calibration) -> tuple[float, float]:
 def moved(prior: Calibration, now: Calibration) -> dict[str, Moved]:
     """Every number that both have and one of them estimated.
 
-    Both may have started from the same declared value, so that they differ by less than their standard deviations say: what is far apart
-    here has moved.
+    Both may have started from the same declared value, so that they differ by less than their
+    standard deviations say: what is far apart here has moved.
     """
     before = {one.name: one for one in comparisons(prior)}
     changed = {}
     for one in comparisons(now):
         other = before.get(one.name)
         if other and other.unit == one.unit and (spread := math.hypot(one.sigma, other.sigma)) > 0:
-            changed[one.name] = Moved(other.estimate, one.estimate, (one.estimate - other.estimate) / spread, one.unit)
+            changed[one.name] = Moved(
+                other.estimate, one.estimate, (one.estimate - other.estimate) / spread, one.unit
+            )
     return changed
 
 

@@ -1,4 +1,6 @@
-"""fleet.html: one file that shows a fleet, without network or scripts, on light and on dark; who stands out comes first."""
+"""fleet.html: one file that shows a fleet, without network or scripts, on light and on dark; who
+stands out comes first.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,11 @@ OPEN = 60
 """Cameras, up to which the list of all of them is open."""
 LISTED = 12
 """Cameras that are listed beside an effect."""
-NAMES = {Word.TRUSTED.value: "trusted", Word.CARE.value: "to be taken with care", Word.DO_NOT_USE.value: "not to be used"}
+NAMES = {
+    Word.TRUSTED.value: "trusted",
+    Word.CARE.value: "to be taken with care",
+    Word.DO_NOT_USE.value: "not to be used",
+}
 
 
 def fleet_page(fleet: Fleet, name: str) -> str:
@@ -32,8 +38,13 @@ def fleet_page(fleet: Fleet, name: str) -> str:
         for package, sheet in (("calib.report", "style.css"), ("calib.fleet", "fleet.css"))
     )
     sections = list(_sections(fleet))
-    contents = "".join(f'<a href="#{section.name}">{escape(section.title)}</a>' for section in sections)
-    body = "".join(f'<section id="{one.name}"><h2>{escape(one.title)}</h2>{one.html}</section>' for one in sections)
+    contents = "".join(
+        f'<a href="#{section.name}">{escape(section.title)}</a>' for section in sections
+    )
+    body = "".join(
+        f'<section id="{one.name}"><h2>{escape(one.title)}</h2>{one.html}</section>'
+        for one in sections
+    )
     header = f"""<p class="over">Refracal fleet: {escape(name)}</p>
 <h1>{escape(headline(fleet))}</h1>
 <p class="lead">{escape(_lead(fleet))}</p>
@@ -43,8 +54,9 @@ def fleet_page(fleet: Fleet, name: str) -> str:
 
 
 KEY = (
-    '<i style="background: var(--usual)"></i>trusted<i style="background: var(--doubted)"></i>take care'
-    '<i style="background: var(--out)"></i>stands out<i style="background: var(--none)"></i>no calibration'
+    '<i style="background: var(--usual)"></i>trusted<i style="background: var(--doubted)"></i>take'
+    ' care<i style="background: var(--out)"></i>stands out<i style="background: var(--none)"></i>no'
+    " calibration"
 )
 
 
@@ -52,21 +64,29 @@ def headline(fleet: Fleet) -> str:
     """How many stand out."""
     count, total = len(fleet.findings), len(fleet.entries)
     cameras = f"camera{'s' * (total > 1)}"
-    return f"{count} of {total} {cameras} stand{'s' * (count == 1)} out" if count else f"None of {total} {cameras} stands out"
+    return (
+        f"{count} of {total} {cameras} stand{'s' * (count == 1)} out"
+        if count
+        else f"None of {total} {cameras} stands out"
+    )
 
 
 def _lead(fleet: Fleet) -> str:
     states = Counter(result.state for result in fleet.results)
     count = states[State.CALIBRATED]
-    words = Counter(str(result.verdict.get("word")) for result in fleet.results if result.state is State.CALIBRATED)
+    words = Counter(
+        str(result.verdict.get("word"))
+        for result in fleet.results
+        if result.state is State.CALIBRATED
+    )
     said = f"{count} camera{'s are' if count != 1 else ' is'} calibrated: " + ", ".join(
         f"{words[word]} {NAMES[word]}" for word in NAMES if words[word]
     )
     lost = len(fleet.results) - count
     without = f"; {lost} {'have' if lost > 1 else 'has'} no calibration" if lost else ""
     return (
-        f"{said}{without}. Limits come from the fleet itself, by medians: of {1 / ALPHA:.0f} fleets without a fault, one would have a "
-        "camera beyond a limit."
+        f"{said}{without}. Limits come from the fleet itself, by medians: of {1 / ALPHA:.0f} fleets"
+        " without a fault, one would have a camera beyond a limit."
     )
 
 
@@ -91,7 +111,12 @@ def _outliers_html(fleet: Fleet) -> str:
         found = fleet.findings[camera]
         first = "".join(f"<li>{escape(one.sentence)}.</li>" for one in found[:SHOWN])
         rest = "".join(f"<li>{escape(one.sentence)}.</li>" for one in found[SHOWN:])
-        more = f'<details><summary>{len(found) - SHOWN} more</summary><ul class="reasons">{rest}</ul></details>' if rest else ""
+        more = (
+            f"<details><summary>{len(found) - SHOWN} more</summary><ul"
+            f' class="reasons">{rest}</ul></details>'
+            if rest
+            else ""
+        )
         rows.append((_camera(fleet, place[camera]), f'<ul class="reasons">{first}</ul>{more}'))
     return table(("camera", "why, the gravest first"), rows)
 
@@ -107,17 +132,24 @@ def _camera(fleet: Fleet, index: int) -> str:
 def _charts_html(fleet: Fleet) -> str:
     factor, colour = colours_of(fleet)
     labels = labels_of(fleet, factor)
-    key = "".join(f'<i style="background: var(--series-{one})"></i>{escape(label)}' for label, one in colour.items())
+    key = "".join(
+        f'<i style="background: var(--series-{one})"></i>{escape(label)}'
+        for label, one in colour.items()
+    )
     timed = any(map(fleet.day, range(len(fleet.entries))))
     order = "the order of their days" if timed else "the manifest's order"
     drawn = "".join(
-        f"<div><h3>{escape(title_of(one.name))} <small>{escape(_usual(one))}</small></h3>{chart_svg(one, fleet, colour, labels)}</div>"
+        f"<div><h3>{escape(title_of(one.name))}"
+        f" <small>{escape(_usual(one))}</small></h3>{chart_svg(one, fleet, colour, labels)}</div>"
         for one in fleet.charts
     )
     return (
-        f"<p>A dot is a camera, from left to right in {order}. The line is the median, dashed lines are the limits; a red dot is beyond "
-        "them, and an arrow farther than the chart reaches. A camera that is less sure than the others may be farther away."
-        f'</p>{f"<p class=key>{escape(factor)}: {key}</p>" if key else ""}<div class="charts">{drawn}</div>'
+        f"<p>A dot is a camera, from left to right in {order}. The line is the median, dashed lines"
+        " are the limits; a red dot is beyond "
+        "them, and an arrow farther than the chart reaches. A camera that is less sure than the"
+        " others may be farther away."
+        f"</p>{f'<p class=key>{escape(factor)}: {key}</p>' if key else ''}<div"
+        f' class="charts">{drawn}</div>'
     )
 
 
@@ -126,7 +158,8 @@ def _usual(chart: Chart) -> str:
     if chart.batches:
         return f"{chart.unit}, by {chart.factor}".strip(", ")
     centre = float(chart.centre[0])
-    return f"{with_sigma(centre, chart.spread * (centre if chart.one_sided else 1.0))} {chart.unit}".rstrip()
+    sigma = chart.spread * (centre if chart.one_sided else 1.0)
+    return f"{with_sigma(centre, sigma)} {chart.unit}".rstrip()
 
 
 def _batches_html(charts: tuple[Chart, ...]) -> str:
@@ -134,22 +167,27 @@ def _batches_html(charts: tuple[Chart, ...]) -> str:
         (
             escape(title_of(chart.name)),
             escape(chart.factor),
-            "; ".join(f"{escape(batch.name)}: {batch.centre:.5g} {escape(chart.unit)} ({batch.count})" for batch in chart.batches),
+            "; ".join(
+                f"{escape(batch.name)}: {batch.centre:.5g} {escape(chart.unit)} ({batch.count})"
+                for batch in chart.batches
+            ),
             f"{chart.p_value:.1g}",
         )
         for chart in charts
         if chart.batches
     ]
     return (
-        f"<p>Numbers that differ between batches, by ranks (Kruskal and Wallis), at {100 * APART:g} % over all charts. Each camera of "
-        "such a chart is compared with its own batch.</p>" + table(("number", "by", "medians (cameras)", "p"), rows)
+        f"<p>Numbers that differ between batches, by ranks (Kruskal and Wallis), at {100 * APART:g}"
+        " % over all charts. Each camera of such a chart is compared with its own batch.</p>"
+        + table(("number", "by", "medians (cameras)", "p"), rows)
     )
 
 
 def _moved_html(fleet: Fleet, drawn: str) -> str:
     checked = sum(bool(result.moved) for result in fleet.results)
     return (
-        f"<p>How far the numbers of {checked} cameras are from those of their priors, over the standard deviation that both give. Beyond "
+        f"<p>How far the numbers of {checked} cameras are from those of their priors, over the"
+        " standard deviation that both give. Beyond "
         f'the dashed lines they have moved.</p><figure><div class="wide">{drawn}</div></figure>'
     )
 
@@ -164,7 +202,10 @@ def _effects_html(fleet: Fleet) -> str:
         return ""
     rows = []
     for effect, where in sorted(found.items(), key=lambda item: -len(item[1])):
-        links = ", ".join(f'<a href="{escape(link_of(fleet, i))}">{escape(fleet.entries[i].id)}</a>' for i in where[:LISTED])
+        links = ", ".join(
+            f'<a href="{escape(link_of(fleet, i))}">{escape(fleet.entries[i].id)}</a>'
+            for i in where[:LISTED]
+        )
         more = f" and {len(where) - LISTED} more" if len(where) > LISTED else ""
         rows.append((f"<b>{escape(effect)}</b>", str(len(where)), links + more))
     return table(("effect", "cameras", "which"), rows)
@@ -174,10 +215,19 @@ def _all_html(fleet: Fleet) -> str:
     rows = [
         (
             _camera(fleet, index),
-            escape(NAMES.get(str(result.verdict.get("word")), result.state.value.replace("_", " "))),
+            escape(
+                NAMES.get(str(result.verdict.get("word")), result.state.value.replace("_", " "))
+            ),
             str(result.views or ""),
-            *(_number(result, name) for name in ("error_px", "held_out_px", "noise_px", "sigma_px", "effective_fx")),
-            f"{max((abs(one.sigmas) for one in result.moved.values()), default=0.0):.1f}" if result.moved else "",
+            *(
+                _number(result, name)
+                for name in ("error_px", "held_out_px", "noise_px", "sigma_px", "effective_fx")
+            ),
+            (
+                f"{max((abs(one.sigmas) for one in result.moved.values()), default=0.0):.1f}"
+                if result.moved
+                else ""
+            ),
         )
         for index, result in enumerate(fleet.results)
     ]

@@ -1,4 +1,6 @@
-"""Where sessions and calibrations lie: a folder, or what fsspec reads, such as s3://bucket/session."""
+"""Where sessions and calibrations lie: a folder, or what fsspec reads, such as
+s3://bucket/session.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ def is_remote(place: str) -> bool:
 
 
 def absolute(place: str, base: str = "") -> str:
-    """A path as every process finds it, from the folder or address `base` on; an address stays as it is."""
+    """A path as every process finds it, from the folder or address `base` on; an address stays as
+    it is.
+    """
     if is_remote(place) or (is_remote(base) and not place.startswith("/")):
         return place if is_remote(place) else f"{base}/{place}"
     return str((Path(base) / Path(place.removeprefix("file://")).expanduser()).absolute())
@@ -30,10 +34,13 @@ def faraway(place: str) -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        raise InputError(f"{place} needs one more package ({brief(error)}): install it wherever a worker runs.") from error
+        raise InputError(
+            f"{place} needs one more package ({brief(error)}): install it wherever a worker runs."
+        ) from error
     except (OSError, ValueError) as error:
         raise InputError(
-            f"{place} cannot be read ({brief(error) or type(error).__name__}): check the address and who may read it."
+            f"{place} cannot be read ({brief(error) or type(error).__name__}): check the address"
+            " and who may read it."
         ) from error
 
 
@@ -53,5 +60,9 @@ def at_hand(place: str) -> Iterator[Path]:
             from fsspec.core import url_to_fs
 
             files, path = url_to_fs(place)
-            files.get(path.rstrip("/") + ("/" if files.isdir(path) else ""), f"{copy}/" if files.isdir(path) else str(copy), recursive=True)
+            files.get(
+                path.rstrip("/") + ("/" if files.isdir(path) else ""),
+                f"{copy}/" if files.isdir(path) else str(copy),
+                recursive=True,
+            )
         yield copy

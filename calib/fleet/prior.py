@@ -46,11 +46,21 @@ class Kind:
         k = one.camera.intrinsics
         assert k
         estimated = tuple(name for name, number in numbers_of(k, one.cover).items() if number.sigma)
-        return Kind(one.camera.width, one.camera.height, k.model, len(k.distortion) if k.distorts else 0, one.cover.shape, estimated)
+        return Kind(
+            one.camera.width,
+            one.camera.height,
+            k.model,
+            len(k.distortion) if k.distorts else 0,
+            one.cover.shape,
+            estimated,
+        )
 
     def __str__(self) -> str:
         cover = f"behind a {self.shape}" if self.shape != "none" else "without a cover"
-        return f"{self.width}x{self.height} px, {self.lens} with {self.coefficients} coefficients, {cover}"
+        return (
+            f"{self.width}x{self.height} px, {self.lens} with {self.coefficients} coefficients,"
+            f" {cover}"
+        )
 
 
 def fleet_prior(fleet: Path) -> FleetPrior:
@@ -99,7 +109,9 @@ def _cameras(fleet: Path) -> list[str]:
     folder = fleet / CAMERAS
     with reading(folder):
         if not folder.is_dir():
-            raise InputError(f"{fleet} has no folder {CAMERAS}: give the FLEET that calib batch wrote.")
+            raise InputError(
+                f"{fleet} has no folder {CAMERAS}: give the FLEET that calib batch wrote."
+            )
         found = sorted(path.stem for path in folder.glob("*.json") if not path.name.startswith("."))
     if not found:
         raise InputError(f"{folder} has no cameras: give the FLEET that calib batch wrote.")
@@ -118,7 +130,9 @@ def _unusable(result: Result | None) -> str:
 
 
 def _last(fleet: Path, result: Result) -> Calibration:
-    path = next((path for path in reversed(result.written) if path.endswith("calibration.yaml")), "")
+    path = next(
+        (path for path in reversed(result.written) if path.endswith("calibration.yaml")), ""
+    )
     if not path:
         raise InputError(f"{result.id} names no calibration: run calib batch again.")
     return Calibration.load(fleet / path)
@@ -153,11 +167,18 @@ def _common(fleet: Path, found: Mapping[str, Calibration], out: dict[str, str]) 
     kind, most = counts[0]
     if 2 * most <= len(kinds) and len(counts) > 1:
         said = "; ".join(f"{count} are {other}" for other, count in counts[:3])
-        raise InputError(f"{fleet} has cameras of {len(counts)} kinds, none of which most are ({said}): run calib batch for each kind.")
+        raise InputError(
+            f"{fleet} has cameras of {len(counts)} kinds, none of which most are ({said}): run"
+            " calib batch for each kind."
+        )
     for camera, other in kinds.items():
         if other != kind:
             alike = str(other) == str(kind)
-            out[camera] = "its fit estimated other numbers than the others'" if alike else f"it is of another kind: {other}"
+            out[camera] = (
+                "its fit estimated other numbers than the others'"
+                if alike
+                else f"it is of another kind: {other}"
+            )
     return kind
 
 
@@ -166,7 +187,8 @@ def _check_enough(fleet: Path, found: Mapping[str, object], out: Mapping[str, st
         first = next(((camera, because) for camera, because in out.items()), None)
         why = f" (the first that was left out, {first[0]}: {first[1]})" if first else ""
         raise NotEnoughDataError(
-            f"A prior takes {FEWEST} cameras and {fleet} has {len(found)} that can be used: calibrate more of them{why}."
+            f"A prior takes {FEWEST} cameras and {fleet} has {len(found)} that can be used:"
+            f" calibrate more of them{why}."
         )
 
 
@@ -179,7 +201,12 @@ def _leave_outliers(told: dict[str, Told], common: Common, out: dict[str, str]) 
         suspects = sorted(far, key=far.__getitem__)[:SUSPECTS]
         by = {}
         for camera in suspects:
-            others = population([one for other, one in told.items() if other != camera], common.centre, common.axes, ROUGHLY)
+            others = population(
+                [one for other, one in told.items() if other != camera],
+                common.centre,
+                common.axes,
+                ROUGHLY,
+            )
             by[camera] = _surprise(told[camera], others), _farthest(told[camera], others, common)
         worst = min(by, key=lambda camera: by[camera][0])
         p_value, name = by[worst]

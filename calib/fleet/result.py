@@ -63,7 +63,11 @@ class Result:
 
     def finished(self, identity: Identity, fleet: Path) -> bool:
         """Whether it need not be done again."""
-        same = self.state is not State.FAILED and self.identity is not None and self.identity.same(identity)
+        same = (
+            self.state is not State.FAILED
+            and self.identity is not None
+            and self.identity.same(identity)
+        )
         return same and all((fleet / path).exists() for path in self.written)
 
     def write(self, fleet: Path) -> None:
@@ -73,7 +77,11 @@ class Result:
             "id": self.id,
             "state": self.state.value,
             "sentence": self.sentence,
-            "identity": {name: getattr(self.identity, name) for name in ("settings", "listing", "contents")} if self.identity else None,
+            "identity": (
+                {name: getattr(self.identity, name) for name in ("settings", "listing", "contents")}
+                if self.identity
+                else None
+            ),
             "verdict": self.verdict,
             "numbers": as_json(self.numbers),
             "effects": self.effects,
@@ -107,11 +115,16 @@ def read_result(fleet: Path, camera: str) -> Result | None:
             sentence=said["sentence"],
             identity=Identity.read(said["identity"]),
             verdict=said["verdict"],
-            numbers={name: Measured(float(one["value"]), float(one["sigma"]), one["unit"]) for name, one in said["numbers"].items()},
+            numbers={
+                name: Measured(float(one["value"]), float(one["sigma"]), one["unit"])
+                for name, one in said["numbers"].items()
+            },
             effects=tuple(said["effects"]),
             check=said["check"],
             moved={
-                name: Moved(float(one["before"]), float(one["after"]), _number(one["sigmas"]), one["unit"])
+                name: Moved(
+                    float(one["before"]), float(one["after"]), _number(one["sigmas"]), one["unit"]
+                )
                 for name, one in said["moved"].items()
             },
             remarks=tuple(said["remarks"]),

@@ -35,7 +35,12 @@ def run_jobs(client: Client, jobs: Sequence[Job]) -> Iterator[Result]:
     tried: Counter[str] = Counter()
     while left:
         ids = list(left)
-        futures = client.map(run_job, [left[each] for each in ids], pure=False, key=[f"{each}-{time.time_ns()}" for each in ids])
+        futures = client.map(
+            run_job,
+            [left[each] for each in ids],
+            pure=False,
+            key=[f"{each}-{time.time_ns()}" for each in ids],
+        )
         names = dict(zip((future.key for future in futures), ids, strict=True))
         for future in as_completed(futures):
             camera = names[future.key]
@@ -46,18 +51,24 @@ def run_jobs(client: Client, jobs: Sequence[Job]) -> Iterator[Result]:
                 tried[camera] += 1
                 if tried[camera] < ATTEMPTS:
                     continue
-                sentence = f"Every worker that was given it died, {tried[camera]} times over: give workers more memory with --memory."
+                sentence = (
+                    f"Every worker that was given it died, {tried[camera]} times over: give workers"
+                    " more memory with --memory."
+                )
                 yield _undone(left[camera], sentence)
             elif error:
-                yield _undone(left[camera], f"No worker could begin it ({type(error).__name__}: {brief(error)}).")
+                yield _undone(
+                    left[camera],
+                    f"No worker could begin it ({type(error).__name__}: {brief(error)}).",
+                )
             else:
                 yield future.result()
             del left[camera]
             future.release()
         if left and not _returned(client):
             raise FleetError(
-                f"The scheduler of the cluster is gone, with {len(left)} of {len(jobs)} cameras left: run the same command again, and it "
-                "goes on from there."
+                f"The scheduler of the cluster is gone, with {len(left)} of {len(jobs)} cameras"
+                " left: run the same command again, and it goes on from there."
             )
 
 

@@ -8,28 +8,66 @@ import io
 from calib.fleet.findings import Fleet
 from calib.fleet.limits import QUALITY
 
-FIRST = ("id", "serial", "fixture", "date", "state", "verdict", "stands_out", "why", "views", "effects", "prior", "prior_p_value")
+FIRST = (
+    "id",
+    "serial",
+    "fixture",
+    "date",
+    "state",
+    "verdict",
+    "stands_out",
+    "why",
+    "views",
+    "effects",
+    "prior",
+    "prior_p_value",
+)
 
 
 def fleet_csv(fleet: Fleet) -> str:
-    """Numbers with their sigma, and how far each moved from the prior's in sigmas; an empty cell is not known."""
+    """Numbers with their sigma, and how far each moved from the prior's in sigmas; an empty cell is
+    not known.
+    """
     names = list(dict.fromkeys(name for result in fleet.results for name in result.numbers))
     compared = list(dict.fromkeys(name for result in fleet.results for name in result.moved))
     sure = [name for name in names if name not in QUALITY]
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     moves = [f"{name}.moved_sigmas" for name in compared]
-    writer.writerow([*FIRST, *names, *(f"{name}.sigma" for name in sure), *moves, "report", "sentence"])
+    writer.writerow(
+        [*FIRST, *names, *(f"{name}.sigma" for name in sure), *moves, "report", "sentence"]
+    )
     for index, (entry, result) in enumerate(zip(fleet.entries, fleet.results, strict=True)):
         found = fleet.findings.get(entry.id, ())
         writer.writerow(
             [
-                *(entry.id, entry.serial, entry.fixture, fleet.day(index), result.state.value, result.verdict.get("word", "")),
-                *(int(bool(found)), "; ".join(one.sentence for one in found), result.views or "", " ".join(result.effects)),
+                *(
+                    entry.id,
+                    entry.serial,
+                    entry.fixture,
+                    fleet.day(index),
+                    result.state.value,
+                    result.verdict.get("word", ""),
+                ),
+                *(
+                    int(bool(found)),
+                    "; ".join(one.sentence for one in found),
+                    result.views or "",
+                    " ".join(result.effects),
+                ),
                 *(result.check.get("answer", ""), result.check.get("p_value", "")),
-                *(f"{result.numbers[name].value:.10g}" if name in result.numbers else "" for name in names),
-                *(f"{result.numbers[name].sigma:.4g}" if name in result.numbers else "" for name in sure),
-                *(f"{result.moved[name].sigmas:.3f}" if name in result.moved else "" for name in compared),
+                *(
+                    f"{result.numbers[name].value:.10g}" if name in result.numbers else ""
+                    for name in names
+                ),
+                *(
+                    f"{result.numbers[name].sigma:.4g}" if name in result.numbers else ""
+                    for name in sure
+                ),
+                *(
+                    f"{result.moved[name].sigmas:.3f}" if name in result.moved else ""
+                    for name in compared
+                ),
                 *(result.report, result.sentence),
             ]
         )

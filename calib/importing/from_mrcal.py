@@ -1,7 +1,9 @@
 """mrcal: a .cameramodel with the optimization inputs it was fitted from, or a file of corners.
 
-A .cameramodel is a Python literal. `optimization_inputs` in it is a .npz as base85 text, with the observations of all cameras of the
-solve: observations_board (N, rows, columns, 3) x, y and weight, not above 0 for an outlier, and for each of the N its frame and camera.
+A .cameramodel is a Python literal. `optimization_inputs` in it is a .npz as base85 text, with the
+observations of all cameras of the
+solve: observations_board (N, rows, columns, 3) x, y and weight, not above 0 for an outlier, and for
+    each of the N its frame and camera.
 """
 
 import ast
@@ -26,11 +28,15 @@ LARGEST = 256 << 20
 
 
 def from_corners(path: Path, board: Board, size: tuple[int, int]) -> Draft:
-    """Corners that mrgingham or another detector wrote; `size` is the pictures' width and height, px."""
+    """Corners that mrgingham or another detector wrote; `size` is the pictures' width and height,
+    px.
+    """
     try:
         return Draft(path, board, Camera(*size), views=read_corners(path, board))
     except InputError as error:
-        raise InputError(str(error).replace("correct board in session.yaml", "correct --board")) from error
+        raise InputError(
+            str(error).replace("correct board in session.yaml", "correct --board")
+        ) from error
 
 
 def from_cameramodel(path: Path) -> Draft:
@@ -38,14 +44,18 @@ def from_cameramodel(path: Path) -> Draft:
     model = _literal(path)
     if "optimization_inputs" not in model:
         raise InputError(
-            f"{path} holds no optimization inputs, so no corners: give the file as mrcal-calibrate-cameras wrote it, or import the corners "
-            "with calib import mrcal-corners."
+            f"{path} holds no optimization inputs, so no corners: give the file as"
+            " mrcal-calibrate-cameras wrote it, or import the corners with calib import"
+            " mrcal-corners."
         )
     try:
         arrays = _arrays(model["optimization_inputs"])
         return _draft(path, model, arrays)
     except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise InputError(f"{path}: its optimization inputs are damaged ({brief(error)}): write the file again with mrcal.") from error
+        raise InputError(
+            f"{path}: its optimization inputs are damaged ({brief(error)}): write the file again"
+            " with mrcal."
+        ) from error
 
 
 def _literal(path: Path) -> dict[str, Any]:
@@ -68,7 +78,9 @@ def _draft(path: Path, model: dict[str, Any], arrays: dict[str, NDArray[Any]]) -
     observed = np.asarray(arrays["observations_board"], np.float64)
     indices = arrays["indices_frame_camintrinsics_camextrinsics"]
     if observed.ndim != 4 or observed.shape[3] != 3 or indices.shape != (len(observed), 3):
-        raise ValueError(f"observations of shape {observed.shape} for indices of shape {indices.shape}")
+        raise ValueError(
+            f"observations of shape {observed.shape} for indices of shape {indices.shape}"
+        )
     ours = np.flatnonzero(indices[:, 1] == camera)
     width, height = (int(side) for side in model["imagersize"])
     board = Board(observed.shape[2], observed.shape[1], float(arrays["calibration_object_spacing"]))
@@ -77,10 +89,14 @@ def _draft(path: Path, model: dict[str, Any], arrays: dict[str, NDArray[Any]]) -
         raise ValueError("a corner that counts has no finite position")
     heaviest = counted[:, 2].max(initial=0.0)
     if heaviest <= 0:
-        raise NotEnoughDataError(f"{path} has no corner of its camera {camera} that counts: calibrate again with mrcal.")
+        raise NotEnoughDataError(
+            f"{path} has no corner of its camera {camera} that counts: calibrate again with mrcal."
+        )
     names = _names(ours, indices[:, 0], arrays.get("imagepaths"))
     some = (observed[ours, ..., 2] > 0).any((1, 2))
-    views = tuple(_view(names[i], observed[i].reshape(-1, 3), heaviest) for i in ours[some].tolist())
+    views = tuple(
+        _view(names[i], observed[i].reshape(-1, 3), heaviest) for i in ours[some].tolist()
+    )
     return Draft(path, board, Camera(width, height), views=views, remarks=_remarks(model, arrays))
 
 
@@ -89,8 +105,12 @@ def _view(name: str, observed: NDArray[np.float64], heaviest: float) -> View:
     return View(name, np.where(weight[:, None] > 0, observed[:, :2], np.nan), weight)
 
 
-def _names(ours: NDArray[np.intp], frames: NDArray[Any], paths: NDArray[Any] | None) -> dict[int, str]:
-    """For each of our observations its picture's file name, or its frame's number where there is none, or where two would share it."""
+def _names(
+    ours: NDArray[np.intp], frames: NDArray[Any], paths: NDArray[Any] | None
+) -> dict[int, str]:
+    """For each of our observations its picture's file name, or its frame's number where there is
+    none, or where two would share it.
+    """
     if paths is not None and paths.shape == frames.shape and paths.dtype.kind == "U":
         names = {i: "_".join(Path(str(paths[i])).name.split()).lstrip("#") for i in ours.tolist()}
         if all(names.values()) and len(set(names.values())) == len(names):
@@ -106,5 +126,8 @@ def _remarks(model: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> tuple[st
         said.append(f"mrcal's own {model['lensmodel']}, for camera.intrinsics: {intrinsics}")
     warp = arrays.get("calobject_warp")
     if warp is not None and warp.shape == (2,):
-        said.append(f"mrcal found the board warped by {1000 * warp[0]:.2f} mm along x and {1000 * warp[1]:.2f} mm along y.")
+        said.append(
+            f"mrcal found the board warped by {1000 * warp[0]:.2f} mm along x and"
+            f" {1000 * warp[1]:.2f} mm along y."
+        )
     return tuple(said)

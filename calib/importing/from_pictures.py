@@ -18,7 +18,9 @@ def from_pictures(folder: Path, board: Board, model: str = "") -> Draft:
             raise InputError(f"{folder} is not a folder: give the folder that holds the pictures.")
     paths = list_images(folder)
     if not paths:
-        raise InputError(f"{folder} has no pictures: give a folder of png, jpg, tiff, bmp or npy files.")
+        raise InputError(
+            f"{folder} has no pictures: give a folder of png, jpg, tiff, bmp or npy files."
+        )
     width, height = image_size(paths[0])
     return Draft(folder, board, Camera(width, height, model), frames=contents(paths))
 

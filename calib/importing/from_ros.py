@@ -1,6 +1,7 @@
 """ROS: the calibrationdata.tar.gz that camera_calibration's Save button writes.
 
-One camera: left-0000.png ... and ost.yaml. A stereo pair: left-0000.png ..., right-0000.png ..., left.yaml and right.yaml. Nothing in it
+One camera: left-0000.png ... and ost.yaml. A stereo pair: left-0000.png ..., right-0000.png ...,
+    left.yaml and right.yaml. Nothing in it
 says which board was used.
 """
 
@@ -35,17 +36,24 @@ def from_tar(path: Path, board: Board, camera: str | None) -> Draft:
         sides = {name: match[1] for name in members if (match := PICTURE.fullmatch(name))}
         pair = len(set(sides.values())) == 2
         if pair and camera is None:
-            raise InputError(f"{path} holds the pictures of two cameras: choose one with --camera left or --camera right.")
+            raise InputError(
+                f"{path} holds the pictures of two cameras: choose one with --camera left or"
+                " --camera right."
+            )
         side = camera or "left"
         pictures = frozenset(name for name in sides if sides[name] == side)
         settings = f"{side}.yaml" if pair else "ost.yaml"
         if not pictures or settings not in members:
             raise InputError(
-                f"{path} lacks {settings if pictures else f'{side}-*.png'}: give the calibrationdata.tar.gz that ROS's "
-                "camera_calibration saved, or unpack it and use calib import images."
+                f"{path} lacks {settings if pictures else f'{side}-*.png'}: give the"
+                " calibrationdata.tar.gz that ROS's camera_calibration saved, or unpack it and use"
+                " calib import images."
             )
         if members[settings].size > LARGEST:
-            raise InputError(f"{path}: {settings} is too large to be a camera's settings: give the archive that ROS saved.")
+            raise InputError(
+                f"{path}: {settings} is too large to be a camera's settings: give the archive that"
+                " ROS saved."
+            )
         described = _camera(path, settings, _read(tar, members[settings]))
     return Draft(path, board, described, frames=_pictures(path, pictures))
 
@@ -79,7 +87,10 @@ def _opened(path: Path) -> Iterator[tarfile.TarFile]:
             with tarfile.open(path) as tar:
                 yield tar
         except (tarfile.TarError, EOFError, zlib.error, gzip.BadGzipFile) as error:
-            raise InputError(f"{path} is not a tar archive, or a damaged one: give the calibrationdata.tar.gz that ROS saved.") from error
+            raise InputError(
+                f"{path} is not a tar archive, or a damaged one: give the calibrationdata.tar.gz"
+                " that ROS saved."
+            ) from error
 
 
 def _members(path: Path, tar: tarfile.TarFile) -> Iterator[tarfile.TarInfo]:
@@ -87,7 +98,10 @@ def _members(path: Path, tar: tarfile.TarFile) -> Iterator[tarfile.TarInfo]:
     for member in tar:
         if member.isfile():
             if member.size > LARGEST_PICTURE:
-                said = f"{brief(member.name)} in it is larger than the {LARGEST_PICTURE >> 20} MB that a picture may have"
+                said = (
+                    f"{brief(member.name)} in it is larger than the {LARGEST_PICTURE >> 20} MB that"
+                    " a picture may have"
+                )
                 raise InputError(f"{path}: {said}: give the calibrationdata.tar.gz that ROS saved.")
             yield member
 

@@ -1,4 +1,7 @@
-"""A session as other programs' files describe it, and its folder. No file there is ever overwritten."""
+"""A session as other programs' files describe it, and its folder.
+
+No file there is ever overwritten.
+"""
 
 import secrets
 import shutil
@@ -21,7 +24,7 @@ COVER = """\
 # Imported by calib import from {source}.
 # It knows of no cover: describe yours below in place of "shape: none", and state camera.intrinsics or put pictures of the same camera
 # without its cover into bare/. As it is, the session is a plain camera calibration.
-"""
+"""  # noqa: E501
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,18 +45,27 @@ class Draft:
 def check_new(folder: Path) -> None:
     """Refuse a folder that holds anything."""
     try:
-        taken = folder.is_symlink() or (folder.exists() and (not folder.is_dir() or any(folder.iterdir())))
+        taken = folder.is_symlink() or (
+            folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
+        )
     except OSError as error:
-        raise InputError(f"{folder} cannot be read ({error.strerror}): give another folder with -o.") from error
+        raise InputError(
+            f"{folder} cannot be read ({error.strerror}): give another folder with -o."
+        ) from error
     if taken:
-        raise InputError(f"{folder} is there already, and no session is overwritten: give the name of a new folder with -o.")
+        raise InputError(
+            f"{folder} is there already, and no session is overwritten: give the name of a new"
+            " folder with -o."
+        )
 
 
 def write_session(draft: Draft, folder: Path) -> int:
-    """Write the session folder, whole or not at all; returns how many pictures it has, or views if it has corners.
+    """Write the session folder, whole or not at all; returns how many pictures it has, or views if
+    it has corners.
 
     Raises:
-        InputError: the folder is taken, or what was imported is no valid session; the message names the source.
+        InputError: the folder is taken, or what was imported is no valid session; the message names
+            the source.
     """
     check_new(folder)
     setup = session_to_yaml(draft.board, draft.camera, Cover("none", {}))
@@ -66,7 +78,9 @@ def write_session(draft: Draft, folder: Path) -> int:
         check_new(folder)
         unfinished.rename(folder)
     except OSError as error:
-        raise InputError(f"{folder} cannot be written ({error.strerror}): choose another folder with -o.") from error
+        raise InputError(
+            f"{folder} cannot be written ({error.strerror}): choose another folder with -o."
+        ) from error
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
     return count
@@ -75,7 +89,10 @@ def write_session(draft: Draft, folder: Path) -> int:
 def _fill(draft: Draft, folder: Path, setup: dict[str, object]) -> int:
     content = {"format": 1, **setup} | ({"corners": "corners.vnl"} if draft.views else {})
     head = COVER.format(source=draft.source.name) + "".join(f"# {line}\n" for line in draft.remarks)
-    write_atomically(folder / "session.yaml", head + yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120))
+    write_atomically(
+        folder / "session.yaml",
+        head + yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=120),
+    )
     if draft.views:
         write_corners(folder / "corners.vnl", draft.views)
         read_session(folder)

@@ -13,8 +13,25 @@ from numpy.typing import NDArray
 
 MOST_UNPACKED = 4 << 30
 """bytes of a .npz, unpacked."""
-BAD_HEADER = (ValueError, EOFError, MemoryError, OverflowError, SyntaxError, TypeError, RecursionError, tokenize.TokenError)
-BAD_ZIP = (*BAD_HEADER, zipfile.BadZipFile, zlib.error, OSError, LookupError, RuntimeError, NotImplementedError)
+BAD_HEADER = (
+    ValueError,
+    EOFError,
+    MemoryError,
+    OverflowError,
+    SyntaxError,
+    TypeError,
+    RecursionError,
+    tokenize.TokenError,
+)
+BAD_ZIP = (
+    *BAD_HEADER,
+    zipfile.BadZipFile,
+    zlib.error,
+    OSError,
+    LookupError,
+    RuntimeError,
+    NotImplementedError,
+)
 
 
 def decode_npy(data: bytes) -> NDArray[Any]:
@@ -23,7 +40,11 @@ def decode_npy(data: bytes) -> NDArray[Any]:
     try:
         with warnings.catch_warnings(action="ignore"):  # of files by Python 2
             version = np.lib.format.read_magic(stream)
-            read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+            read = (
+                np.lib.format.read_array_header_1_0
+                if version == (1, 0)
+                else np.lib.format.read_array_header_2_0
+            )
             shape, _, kind = read(stream)
             if math.prod(shape) * kind.itemsize > len(data) - stream.tell():
                 raise ValueError(f"an array of shape {shape} is not all there")
@@ -39,6 +60,9 @@ def decode_npz(data: bytes) -> dict[str, NDArray[Any]]:
         with zipfile.ZipFile(BytesIO(data)) as file:
             if sum(member.file_size for member in file.infolist()) > MOST_UNPACKED:
                 raise ValueError(f"more than {MOST_UNPACKED >> 30} GB when unpacked")
-            return {member.filename.removesuffix(".npy"): decode_npy(file.read(member)) for member in file.infolist()}
+            return {
+                member.filename.removesuffix(".npy"): decode_npy(file.read(member))
+                for member in file.infolist()
+            }
     except BAD_ZIP as error:
         raise ValueError(str(error)) from error

@@ -14,21 +14,34 @@ KINDS = (".npy", ".png", ".tif", ".tiff", ".exr")
 
 
 def read_depth_image(path: Path) -> NDArray[np.float32]:
-    """(height, width) m: floating-point files hold metres, 16-bit ones millimetres; 0 is unknown."""
+    """(height, width) m: floating-point files hold metres, 16-bit ones millimetres; 0 is
+    unknown.
+    """
     data = read_file(path)
     try:
-        pixels = decode_npy(data) if path.suffix.lower() == ".npy" else cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+        pixels = (
+            decode_npy(data)
+            if path.suffix.lower() == ".npy"
+            else cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+        )
     except (ValueError, cv2.error):
         pixels = None
-    if not isinstance(pixels, np.ndarray) or pixels.ndim != 2 or pixels.dtype not in (np.float32, np.float64, np.uint16):
+    if (
+        not isinstance(pixels, np.ndarray)
+        or pixels.ndim != 2
+        or pixels.dtype not in (np.float32, np.float64, np.uint16)
+    ):
         raise InputError(
-            f"{path} is not a depth image: write (height, width) floating-point metres as npy or tiff, or 16-bit millimetres as png."
+            f"{path} is not a depth image: write (height, width) floating-point metres as npy or"
+            " tiff, or 16-bit millimetres as png."
         )
     return np.asarray(pixels / 1000 if pixels.dtype == np.uint16 else pixels, dtype=np.float32)
 
 
 def depth_image_for(picture: Path, given: Path) -> NDArray[np.float32]:
-    """The depth image of a picture: the file itself, or of a folder the one with the picture's name."""
+    """The depth image of a picture: the file itself, or of a folder the one with the picture's
+    name.
+    """
     with reading(given):
         folder = given.is_dir()
     if not folder:
@@ -37,4 +50,7 @@ def depth_image_for(picture: Path, given: Path) -> NDArray[np.float32]:
         named = given / f"{picture.stem}{kind}"
         if named.exists():
             return read_depth_image(named)
-    raise InputError(f"{given} holds no depth image for {picture.name}: add {picture.stem}.npy or {picture.stem}.png.")
+    raise InputError(
+        f"{given} holds no depth image for {picture.name}: add {picture.stem}.npy or"
+        f" {picture.stem}.png."
+    )

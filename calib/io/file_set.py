@@ -1,8 +1,10 @@
-"""The files of a folder that belong together change as one: whoever looks finds the old set or the new one, however the writer ended.
+"""The files of a folder that belong together change as one: whoever looks finds the old set or the
+new one, however the writer ended.
 
-What is written has no name until all of it is on the disk. Then it gets its names in the hidden folder UNFINISHED, and renaming that to
-WHOLE puts it in force. From there the files go to their places; where that was cut short, the next who reads or writes goes on with it, and
-a reader who may not write reads from WHOLE. A folder has one writer at a time.
+What is written has no name until all of it is on the disk. Then it gets its names in the hidden
+folder UNFINISHED, and renaming that to WHOLE puts it in force. From there the files go to their
+places; where that was cut short, the next who reads or writes goes on with it, and a reader who may
+not write reads from WHOLE. A folder has one writer at a time.
 """
 
 import errno
@@ -41,7 +43,9 @@ class BusyError(InputError):
 
 
 class FileSet:
-    """Files for one folder, which is held from the `with` on; `commit` puts them in force, and without it nothing has changed."""
+    """Files for one folder, which is held from the `with` on; `commit` puts them in force, and
+    without it nothing has changed.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -50,7 +54,9 @@ class FileSet:
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        """InputError where the folder cannot be made or written; BusyError where another process writes to it."""
+        """InputError where the folder cannot be made or written; BusyError where another process
+        writes to it.
+        """
         make_folder(self.folder)
         handle = _locked(self.folder)
         if handle is not None:
@@ -66,11 +72,18 @@ class FileSet:
         self._stack.callback(self._discard)
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self._stack.close()
 
     def write(self, name: str, data: bytes | memoryview | str) -> Path:
-        """Add a file, text as UTF-8, and return where it will be; InputError where it cannot be written."""
+        """Add a file, text as UTF-8, and return where it will be; InputError where it cannot be
+        written.
+        """
         path = self.folder / name
         try:
             if path.is_dir():
@@ -97,7 +110,12 @@ class FileSet:
         """
         whole = self.folder / WHOLE
         try:
-            removed = {path.name for pattern in instead_of for path in self.folder.glob(pattern) if not path.is_dir()} - self._names.keys()
+            removed = {
+                path.name
+                for pattern in instead_of
+                for path in self.folder.glob(pattern)
+                if not path.is_dir()
+            } - self._names.keys()
             self._name()
             with Written(self.folder, json.dumps(sorted(removed))) as listed:
                 listed.name(self.folder / UNFINISHED / REMOVED)
@@ -125,14 +143,17 @@ class FileSet:
 
 
 def in_force(path: Path) -> Path:
-    """Where a file of a set is to be read: at its place, or where a set that was put in force was not moved from, and cannot be now."""
+    """Where a file of a set is to be read: at its place, or where a set that was put in force was
+    not moved from, and cannot be now.
+    """
     settle(path.parent)
     whole = path.parent / WHOLE
     return whole / path.name if (whole / path.name).exists() and not whole.is_symlink() else path
 
 
 def settle(folder: Path) -> None:
-    """Go on with a set that was put in force and not moved to its places, and remove what a writer left who was killed.
+    """Go on with a set that was put in force and not moved to its places, and remove what a writer
+    left who was killed.
 
     Nothing is said where this person may not do that.
     """
@@ -146,7 +167,11 @@ def settle(folder: Path) -> None:
                 if handle is not None:
                     os.close(handle)
             return
-        if not (folder / WHOLE).exists() or not os.access(folder, os.W_OK) or time.monotonic() > end:
+        if (
+            not (folder / WHOLE).exists()
+            or not os.access(folder, os.W_OK)
+            or time.monotonic() > end
+        ):
             return
         time.sleep(0.01)
 
@@ -155,7 +180,9 @@ def _settle(folder: Path) -> None:
     """By who holds the folder."""
     whole, unfinished = folder / WHOLE, folder / UNFINISHED
     for hidden in (whole, unfinished):
-        if hidden.is_symlink():  # of nobody's making but a stranger's, who would have us move another folder's files
+        if (
+            hidden.is_symlink()
+        ):  # of nobody's making but a stranger's, who would have us move another folder's files
             hidden.unlink()
     if whole.is_dir():
         listed = whole / REMOVED
@@ -175,12 +202,20 @@ def _removed(listed: Path) -> list[str]:
     with suppress(OSError, ValueError, RecursionError):
         names = json.loads(listed.read_bytes())
         if isinstance(names, list):
-            return [name for name in names if isinstance(name, str) and Path(name).name == name and not (listed.parent / name).is_dir()]
+            return [
+                name
+                for name in names
+                if isinstance(name, str)
+                and Path(name).name == name
+                and not (listed.parent / name).is_dir()
+            ]
     return []
 
 
 def _locked(folder: Path) -> int | None:
-    """The handle that holds the folder until it is closed, or this process ends; None where the disk knows no locks."""
+    """The handle that holds the folder until it is closed, or this process ends; None where the
+    disk knows no locks.
+    """
     if fcntl is None:
         return None
     try:
@@ -191,7 +226,10 @@ def _locked(folder: Path) -> int | None:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         os.close(handle)
-        raise BusyError(f"Another calib writes to {folder}: wait until it has ended, or choose another folder with -o.") from None
+        raise BusyError(
+            f"Another calib writes to {folder}: wait until it has ended, or choose another folder"
+            " with -o."
+        ) from None
     except OSError as error:
         os.close(handle)
         if error.errno in NOT_OF_FOLDERS:

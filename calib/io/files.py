@@ -1,4 +1,6 @@
-"""Files that a person named: what fails is a sentence, and a reader finds the old file or the new one, never half of it."""
+"""Files that a person named: what fails is a sentence, and a reader finds the old file or the new
+one, never half of it.
+"""
 
 import errno
 import os
@@ -42,13 +44,16 @@ OPEN_FILES = Path("/proc/self/fd")
 
 
 class Written:
-    """Data on the disk of a folder, without a name there until it is given one: what ends before that, even by a kill, leaves nothing.
+    """Data on the disk of a folder, without a name there until it is given one: what ends before
+    that, even by a kill, leaves nothing.
 
     A disk that has no files without a name gives it one that begins with a dot and ends with .tmp.
     """
 
     def __init__(self, folder: Path, data: bytes | memoryview | str) -> None:
-        """Text as UTF-8, a byte of a file name that is none as its escape; OSError where it cannot be written."""
+        """Text as UTF-8, a byte of a file name that is none as its escape; OSError where it cannot
+        be written.
+        """
         self._temporary: Path | None = None
         try:
             if not OPEN_FILES.is_dir():
@@ -56,10 +61,14 @@ class Written:
             self._handle = os.open(folder, os.O_TMPFILE | os.O_WRONLY, 0o666)
         except (OSError, AttributeError):  # of old disks, and of other systems than Linux
             self._temporary = folder / f".{secrets.token_hex(8)}.tmp"
-            self._handle = os.open(self._temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY | BINARY, 0o666)
+            self._handle = os.open(
+                self._temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY | BINARY, 0o666
+            )
         try:
             with open(self._handle, "wb", closefd=False) as file:
-                file.write(data.encode(errors="backslashreplace") if isinstance(data, str) else data)
+                file.write(
+                    data.encode(errors="backslashreplace") if isinstance(data, str) else data
+                )
             fsync(self._handle)
         except BaseException:
             self.close()
@@ -68,18 +77,33 @@ class Written:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self.close()
 
     def name(self, path: Path) -> None:
-        """Give it the name of a path of the same disk, where nothing is yet; OSError where that cannot be."""
+        """Give it the name of a path of the same disk, where nothing is yet; OSError where that
+        cannot be.
+        """
         if self._temporary:
             self._temporary.rename(path)
             self._temporary = None
             return
-        folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)  # with a folder's handle, Python's link follows what /proc shows
+        folder = os.open(
+            path.parent, os.O_RDONLY | os.O_DIRECTORY
+        )  # with a folder's handle, Python's link follows what /proc shows
         try:
-            os.link(OPEN_FILES / str(self._handle), path.name, src_dir_fd=folder, dst_dir_fd=folder, follow_symlinks=True)
+            os.link(
+                OPEN_FILES / str(self._handle),
+                path.name,
+                src_dir_fd=folder,
+                dst_dir_fd=folder,
+                follow_symlinks=True,
+            )
         finally:
             os.close(folder)
 
@@ -92,7 +116,10 @@ class Written:
 
 
 def write_atomically(path: Path, data: bytes | memoryview | str) -> None:
-    """Write a file, text as UTF-8. When that fails, an InputError says what to do, and a file that was there is still whole."""
+    """Write a file, text as UTF-8.
+
+    When that fails, an InputError says what to do, and a file that was there is still whole.
+    """
     temporary = path.with_name(f".{secrets.token_hex(8)}.tmp")
     try:
         with Written(path.parent, data) as written:
@@ -107,26 +134,34 @@ def write_atomically(path: Path, data: bytes | memoryview | str) -> None:
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """Around what only looks at a path: an OSError becomes the sentence of a path that cannot be read.
+    """Around what only looks at a path: an OSError becomes the sentence of a path that cannot be
+    read.
 
-    From Python 3.14 on, `Path.exists` and its like take what cannot be looked up for what is not there, so it is looked up here as well.
+    From Python 3.14 on, `Path.exists` and its like take what cannot be looked up for what is not
+    there, so it is looked up here as well.
     """
     try:
         with suppress(FileNotFoundError, NotADirectoryError):
             path.stat()
         yield
     except OSError as error:
-        raise InputError(f"{error.filename or path} cannot be read ({error.strerror}): check its name and permissions.") from error
+        raise InputError(
+            f"{error.filename or path} cannot be read ({error.strerror}): check its name and"
+            " permissions."
+        ) from error
 
 
 def read_file(path: Path, most: int = MOST_BYTES) -> bytes:
     """The bytes of a regular file, of `most` at most.
 
     Raises:
-        InputError: it cannot be read, is too large, or is something else, such as a pipe that would never end.
+        InputError: it cannot be read, is too large, or is something else, such as a pipe that would
+            never end.
     """
     with reading(path):
-        handle = os.open(path, os.O_RDONLY | BINARY | getattr(os, "O_NONBLOCK", 0))  # a pipe without a writer is opened at once
+        handle = os.open(
+            path, os.O_RDONLY | BINARY | getattr(os, "O_NONBLOCK", 0)
+        )  # a pipe without a writer is opened at once
         try:
             check_regular(path, os.fstat(handle).st_mode)
             with open(handle, "rb", closefd=False) as file:
@@ -134,12 +169,17 @@ def read_file(path: Path, most: int = MOST_BYTES) -> bytes:
         finally:
             os.close(handle)
     if len(data) > most:
-        raise InputError(f"{path} is larger than the {_size(most)} that such a file may have: give another.")
+        raise InputError(
+            f"{path} is larger than the {_size(most)} that such a file may have: give another."
+        )
     return data
 
 
 def _up_to(file: BinaryIO, most: int) -> bytes:
-    """All that a file has, but so many bytes at most. Python's read(most) takes that much memory before it sees how much there is."""
+    """All that a file has, but so many bytes at most.
+
+    Python's read(most) takes that much memory before it sees how much there is.
+    """
     held = BytesIO()
     while (left := most - held.tell()) and (piece := file.read(min(left, PIECE))):
         held.write(piece)
@@ -147,13 +187,18 @@ def _up_to(file: BinaryIO, most: int) -> bytes:
 
 
 def check_regular(path: Path, mode: int | None = None) -> None:
-    """InputError where a path is of something else than a file, or of nothing; `mode` is what the system says of it, if that was asked."""
+    """InputError where a path is of something else than a file, or of nothing; `mode` is what the
+    system says of it, if that was asked.
+    """
     with reading(path):
         mode = path.stat().st_mode if mode is None else mode
         if stat.S_ISDIR(mode):
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if not stat.S_ISREG(mode):
-        raise InputError(f"{path} is not a file but a pipe or a device: copy what it gives into a file, and give that.")
+        raise InputError(
+            f"{path} is not a file but a pipe or a device: copy what it gives into a file, and give"
+            " that."
+        )
 
 
 def _size(count: int) -> str:
@@ -165,11 +210,15 @@ def make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{folder} cannot be made ({error.strerror}): choose another folder with -o.") from error
+        raise InputError(
+            f"{folder} cannot be made ({error.strerror}): choose another folder with -o."
+        ) from error
 
 
 def check_writable(folder: Path) -> None:
-    """Make a folder for results and write there for a trial, so that long work is not lost at its end."""
+    """Make a folder for results and write there for a trial, so that long work is not lost at its
+    end.
+    """
     make_folder(folder)
     try:
         Written(folder, b"trial").close()
@@ -189,4 +238,7 @@ def npz(arrays: Mapping[str, NDArray], *, compressed: bool = True) -> memoryview
 
 def unwritable(path: Path, error: OSError) -> InputError:
     """What to say where a path could not be written."""
-    return InputError(f"{path} cannot be written ({error.strerror}): {ADVICE.get(error.errno or 0, 'choose another place')}.")
+    return InputError(
+        f"{path} cannot be written ({error.strerror}):"
+        f" {ADVICE.get(error.errno or 0, 'choose another place')}."
+    )

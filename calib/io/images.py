@@ -1,6 +1,7 @@
 """Pictures on disk: which there are, and their pixels as stored.
 
-Older OpenCV decodes half a picture without a word, so a truncated file is recognised before it is decoded.
+Older OpenCV decodes half a picture without a word, so a truncated file is recognised before it is
+decoded.
 """
 
 import re
@@ -20,23 +21,36 @@ SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".npy")
 SIXTEEN_BIT = (".png", ".tif", ".tiff", ".npy")
 """Those that can hold uint16."""
 
-# What OpenCV would print is raised here, as a sentence. Its log moved between versions; 0 is silent in all of them.
+# What OpenCV would print is raised here, as a sentence. Its log moved between versions; 0 is silent
+# in all of them.
 (cv2.utils.logging.setLogLevel if hasattr(cv2.utils, "logging") else cv2.setLogLevel)(0)  # type: ignore[attr-defined]
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 def list_images(folder: Path) -> tuple[Path, ...]:
-    """The pictures of a folder, in the order a person counts: 2.png before 10.png. Hidden files are left out."""
+    """The pictures of a folder, in the order a person counts: 2.png before 10.png.
+
+    Hidden files are left out.
+    """
     try:
-        found = [p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith(".") and not p.is_dir()]
+        found = [
+            p
+            for p in folder.iterdir()
+            if p.suffix.lower() in SUFFIXES and not p.name.startswith(".") and not p.is_dir()
+        ]
     except OSError as error:
-        raise InputError(f"{folder} cannot be listed ({error.strerror}): give a folder of pictures that may be read.") from error
+        raise InputError(
+            f"{folder} cannot be listed ({error.strerror}): give a folder of pictures that may be"
+            " read."
+        ) from error
     return tuple(sorted(found, key=_natural))
 
 
 def read_image(path: Path) -> Image:
-    """(H, W) grey or (H, W, 3) BGR pixels, uint8 or uint16, as stored: not turned by EXIF, without an alpha channel."""
+    """(H, W) grey or (H, W, 3) BGR pixels, uint8 or uint16, as stored: not turned by EXIF, without
+    an alpha channel.
+    """
     data = read_file(path)
     if not data:
         raise InputError(f"{path} is an empty file: copy it again, or remove it.")
@@ -50,7 +64,10 @@ def read_image(path: Path) -> Image:
     except cv2.error:
         pixels = None
     if pixels is None:
-        raise InputError(f"{path} is not an image, or a damaged one: replace it by a png, jpg, tiff, bmp or npy file, or remove it.")
+        raise InputError(
+            f"{path} is not an image, or a damaged one: replace it by a png, jpg, tiff, bmp or npy"
+            " file, or remove it."
+        )
     return _checked(path, pixels)
 
 
@@ -76,7 +93,8 @@ def _decode_npy(path: Path, data: bytes) -> NDArray:
         return decode_npy(data)
     except ValueError as error:
         raise InputError(
-            f"{path} is not a whole .npy array: write it by numpy.save as (height, width) or (height, width, 3) uint8 or uint16."
+            f"{path} is not a whole .npy array: write it by numpy.save as (height, width) or"
+            " (height, width, 3) uint8 or uint16."
         ) from error
 
 
@@ -86,9 +104,14 @@ def _checked(path: Path, pixels: NDArray) -> Image:
     if pixels.ndim == 3 and pixels.shape[2] == 4:
         pixels = pixels[..., :3]
     if pixels.dtype.kind != "u" or pixels.dtype.itemsize > 2:
-        raise InputError(f"{path} has pixels of type {pixels.dtype}: convert it to uint8 or uint16.")
+        raise InputError(
+            f"{path} has pixels of type {pixels.dtype}: convert it to uint8 or uint16."
+        )
     if pixels.size == 0 or not (pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 3)):
-        raise InputError(f"{path} is an array of shape {pixels.shape}: write it as (height, width) or (height, width, 3).")
+        raise InputError(
+            f"{path} is an array of shape {pixels.shape}: write it as (height, width) or (height,"
+            " width, 3)."
+        )
     return _native(pixels)
 
 
@@ -100,11 +123,16 @@ def _native(pixels: NDArray) -> Image:
 
 
 _JPEG_MARKER = re.compile(rb"\xff([^\x00\xff\xd0-\xd7])")
-"""Any but a stuffed 0xff and the restart markers, which stand inside the compressed data. Of 0xff that are repeated, the last counts."""
+"""Any but a stuffed 0xff and the restart markers, which stand inside the compressed data.
+
+Of 0xff that are repeated, the last counts.
+"""
 
 
 def _jpeg_is_whole(data: bytes) -> bool:
-    """Whether the end marker comes when walking the segments: a thumbnail's own does not count, and bytes after it do no harm."""
+    """Whether the end marker comes when walking the segments: a thumbnail's own does not count, and
+    bytes after it do no harm.
+    """
     at = 2
     while found := _JPEG_MARKER.search(data, at):
         if found[1] == b"\xd9":
@@ -130,5 +158,12 @@ def _bmp_is_whole(data: bytes) -> bool:
     return len(data) >= int.from_bytes(data[2:6], "little")
 
 
-WHOLE: dict[bytes, Callable[[bytes], bool]] = {b"\xff\xd8\xff": _jpeg_is_whole, b"\x89PNG\r\n\x1a\n": _png_is_whole, b"BM": _bmp_is_whole}
-"""How to tell that a file is complete, by the bytes it starts with. OpenCV refuses half a TIFF by itself."""
+WHOLE: dict[bytes, Callable[[bytes], bool]] = {
+    b"\xff\xd8\xff": _jpeg_is_whole,
+    b"\x89PNG\r\n\x1a\n": _png_is_whole,
+    b"BM": _bmp_is_whole,
+}
+"""How to tell that a file is complete, by the bytes it starts with.
+
+OpenCV refuses half a TIFF by itself.
+"""

@@ -1,10 +1,14 @@
-"""What a mapping from a file must look like: checks that are put together as its parts are, and say where one is not as expected."""
+"""What a mapping from a file must look like: checks that are put together as its parts are, and say
+where one is not as expected.
+"""
 
 import math
 from collections.abc import Callable, Mapping
 
 Shape = Callable[[object, str], None]
-"""Of a value, and of where it stands, such as settings.grid: ValueError if the value is not of this shape."""
+"""Of a value, and of where it stands, such as settings.grid: ValueError if the value is not of this
+shape.
+"""
 
 
 def _wrong(where: str, expected: str) -> ValueError:

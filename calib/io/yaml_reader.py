@@ -1,4 +1,5 @@
-"""YAML as people expect it: 1e-3 is a number, no stays a word, and a key that comes twice is refused.
+"""YAML as people expect it: 1e-3 is a number, no stays a word, and a key that comes twice is
+refused.
 
 PyYAML follows YAML 1.1, so the plain scalars of YAML 1.2's core schema are resolved here.
 """
@@ -38,11 +39,18 @@ def read_yaml(path: Path) -> dict[str, object]:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = f", line {mark.line + 1}" if mark else ""
-        raise InputError(f"{path}{line}: {brief(error.problem or error.context)}: correct the YAML there.") from error
+        raise InputError(
+            f"{path}{line}: {brief(error.problem or error.context)}: correct the YAML there."
+        ) from error
     except RecursionError as error:
-        raise InputError(f"{path} has more than {DEEPEST} levels within each other: write it as text, one key: value on a line.") from error
+        raise InputError(
+            f"{path} has more than {DEEPEST} levels within each other: write it as text, one key:"
+            " value on a line."
+        ) from error
     except (yaml.YAMLError, ValueError) as error:
-        raise InputError(f"{path} is not YAML ({brief(error)}): write it as text, one key: value on a line.") from error
+        raise InputError(
+            f"{path} is not YAML ({brief(error)}): write it as text, one key: value on a line."
+        ) from error
     if content is None:
         raise InputError(f"{path} is empty: write its keys, one key: value on a line.")
     if not isinstance(content, dict):
@@ -64,18 +72,29 @@ def _load(text: str) -> object:
 
 
 def _check(node: yaml.Node, level: int, known: dict[int, tuple[int, int]]) -> tuple[int, int]:
-    """How many nodes it has with all within it, and levels; `known` holds both by the identity of nodes that were looked into."""
+    """How many nodes it has with all within it, and levels; `known` holds both by the identity of
+    nodes that were looked into.
+    """
     if level > DEEPEST:
         raise ValueError(f"more than {DEEPEST} levels within each other")
     if not isinstance(node, yaml.CollectionNode):
         return 1, 1
     if id(node) not in known:
-        inner = [one for entry in node.value for one in (entry if isinstance(entry, tuple) else (entry,))]
+        inner = [
+            one for entry in node.value for one in (entry if isinstance(entry, tuple) else (entry,))
+        ]
         found = [_check(one, level + 1, known) for one in inner]
-        known[id(node)] = 1 + sum(count for count, _ in found), 1 + max((levels for _, levels in found), default=0)
+        known[id(node)] = (
+            1 + sum(count for count, _ in found),
+            1 + max((levels for _, levels in found), default=0),
+        )
     count, levels = known[id(node)]
     if count > MOST_NODES or level + levels - 1 > DEEPEST:
-        raise ValueError(f"more than {DEEPEST} levels within each other" if count <= MOST_NODES else "aliases that repeat it too often")
+        raise ValueError(
+            f"more than {DEEPEST} levels within each other"
+            if count <= MOST_NODES
+            else "aliases that repeat it too often"
+        )
     return count, levels
 
 
@@ -84,7 +103,9 @@ def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[str, object]:
     for key_node, value_node in node.value:
         key = str(loader.construct_object(key_node, deep=True))
         if key in mapping:
-            raise yaml.MarkedYAMLError(problem=f'the key "{key}" comes twice', problem_mark=key_node.start_mark)
+            raise yaml.MarkedYAMLError(
+                problem=f'the key "{key}" comes twice', problem_mark=key_node.start_mark
+            )
         mapping[key] = loader.construct_object(value_node, deep=True)
     return mapping
 
@@ -109,7 +130,11 @@ _SCALARS = (
     ("null", "(?:~|null|Null|NULL|)", lambda *_: None),
     ("bool", "(?:true|True|TRUE|false|False|FALSE)", lambda _, node: node.value.lower() == "true"),
     ("int", "[-+]?[0-9]+", _int),
-    ("float", r"(?:[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))", _float),
+    (
+        "float",
+        r"(?:[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))",
+        _float,
+    ),
     ("str", "", yaml.SafeLoader.construct_yaml_str),
 )
 for _name, _pattern, _construct in _SCALARS:

@@ -1,4 +1,6 @@
-"""A cone around the y axis of the cover's frame; with no slope, a cylinder (the paper's section 2, Fig. 1b)."""
+"""A cone around the y axis of the cover's frame; with no slope, a cylinder (the paper's section 2,
+Fig. 1b).
+"""
 
 from dataclasses import dataclass
 
@@ -11,18 +13,27 @@ from calib.optics.vector import Vector
 
 @dataclass(frozen=True, slots=True)
 class Cone:
-    """Surfaces rho = inner_radius + radius_slope y + height: equal apertures, the thickness constant along the radius.
+    """Surfaces rho = inner_radius + radius_slope y + height: equal apertures, the thickness
+    constant along the radius.
 
-    Its chart is (y, theta): metres along the axis and the polar angle from +z towards +x, in rad, so theta = 0 is on the YOZ
-    plane with positive z.
+    Its chart is (y, theta): metres along the axis and the polar angle from +z towards +x, in rad,
+    so theta = 0 is on the YOZ plane with positive z.
     """
 
-    params: tuple[Param, ...] = (Param("cover.inner_radius", "m", 1e-3), Param("cover.radius_slope", "", 1e-2))
+    params: tuple[Param, ...] = (
+        Param("cover.inner_radius", "m", 1e-3),
+        Param("cover.radius_slope", "", 1e-2),
+    )
 
-    def reach(self, origin: Vector, direction: Vector, height: Tensor, values: Values) -> tuple[Tensor, Tensor]:
+    def reach(
+        self, origin: Vector, direction: Vector, height: Tensor, values: Values
+    ) -> tuple[Tensor, Tensor]:
         slope = values["cover.radius_slope"]
-        radius = values["cover.inner_radius"] + height + slope * origin.y  # (...) of the surface beside the origin
-        # a t^2 + 2 b t + c = 0, and c < 0 inside: the way out is -c / (b + sqrt(b^2 - a c)), which stays exact for a -> 0.
+        radius = (
+            values["cover.inner_radius"] + height + slope * origin.y
+        )  # (...) of the surface beside the origin
+        # a t^2 + 2 b t + c = 0, and c < 0 inside: the way out is -c / (b + sqrt(b^2 - a c)), which
+        # stays exact for a -> 0.
         steep = slope * direction.y
         a = direction.x**2 + direction.z**2 - steep**2
         b = origin.x * direction.x + origin.z * direction.z - steep * radius
@@ -31,7 +42,9 @@ class Cone:
         hopeless = disc <= 0
         below = b + torch.where(hopeless, torch.ones_like(disc), disc).sqrt()
         hopeless = hopeless | (below <= 1e-9)
-        distance = torch.where(hopeless, torch.zeros_like(c), -c / torch.where(hopeless, torch.ones_like(below), below))
+        distance = torch.where(
+            hopeless, torch.zeros_like(c), -c / torch.where(hopeless, torch.ones_like(below), below)
+        )
         beyond_apex = radius + steep * distance <= 0
         return distance, hopeless | beyond_apex | (distance < 0)
 

@@ -15,7 +15,10 @@ Names = tuple[str | None, str | None, str | None]
 
 @dataclass(frozen=True, slots=True)
 class CoverFrame:
-    """T_camera_cover from named values: x_camera = R x_cover + t. A name that is None stands for zero."""
+    """T_camera_cover from named values: x_camera = R x_cover + t.
+
+    A name that is None stands for zero.
+    """
 
     origin: Names = (None, None, None)
     """t, m: the cover's origin in the camera frame."""
@@ -27,12 +30,19 @@ class CoverFrame:
     @property
     def params(self) -> tuple[Param, ...]:
         turns = (n for names in (self.tilt, *self.more) for n in names if n)
-        return (*(Param(n, "m", 1e-3) for n in self.origin if n), *(Param(n, "rad", 1e-2) for n in turns))
+        return (
+            *(Param(n, "m", 1e-3) for n in self.origin if n),
+            *(Param(n, "rad", 1e-2) for n in turns),
+        )
 
     def at(self, values: Values) -> Standing:
         """Where these values put it."""
         zero = next(iter(values.values())).new_zeros(())
-        turns = (Rotation.by(_named(names, values, zero)) for names in (self.tilt, *self.more) if any(names))
+        turns = (
+            Rotation.by(_named(names, values, zero))
+            for names in (self.tilt, *self.more)
+            if any(names)
+        )
         return Standing(_named(self.origin, values, zero), tuple(turns))
 
 

@@ -13,13 +13,16 @@ from calib.optics.vector import Vector
 class Dome:
     """Surfaces r = inner_radius + height: the thickness is constant along the radius.
 
-    Its chart is (elevation, azimuth) in rad: elevation from the XOZ plane towards +y, azimuth around the y axis from +z towards
-    +x. Both are 0 straight ahead; the grid's poles are straight up and down, where no forward-looking camera sees.
+    Its chart is (elevation, azimuth) in rad: elevation from the XOZ plane towards +y, azimuth
+    around the y axis from +z towards +x. Both are 0 straight ahead; the grid's poles are straight
+    up and down, where no forward-looking camera sees.
     """
 
     params: tuple[Param, ...] = (Param("cover.inner_radius", "m", 1e-3),)
 
-    def reach(self, origin: Vector, direction: Vector, height: Tensor, values: Values) -> tuple[Tensor, Tensor]:
+    def reach(
+        self, origin: Vector, direction: Vector, height: Tensor, values: Values
+    ) -> tuple[Tensor, Tensor]:
         along = origin.dot(direction)
         inside = (values["cover.inner_radius"] + height) ** 2 - origin.dot(origin)  # (...) m^2
         missed = inside <= 0
@@ -40,7 +43,9 @@ class Dome:
         up = first / ((rho2 + points.y**2) * rho2.sqrt())
         around = second / rho2
         fall = -up * points.y
-        return Vector(fall * points.x + around * points.z, up * rho2, fall * points.z - around * points.x)
+        return Vector(
+            fall * points.x + around * points.z, up * rho2, fall * points.z - around * points.x
+        )
 
 
 def _length(points: Vector) -> Tensor:

@@ -1,7 +1,10 @@
-"""A wide lens: the distance from the principal point is an odd polynomial of the angle from the axis, which may exceed 90 degrees.
+"""A wide lens: the distance from the principal point is an odd polynomial of the angle from the
+axis, which may exceed 90 degrees.
 
-Source: J. Kannala, S. S. Brandt, A generic camera model and calibration method for conventional, wide-angle, and fish-eye lenses (2006),
-equation 6, with its first factor in the focal lengths, as cv2.fisheye has it: theta_d = theta (1 + kb1 theta^2 + ... + kb4 theta^8).
+Source: J. Kannala, S. S. Brandt, A generic camera model and calibration method for conventional,
+    wide-angle, and fish-eye lenses (2006),
+equation 6, with its first factor in the focal lengths, as cv2.fisheye has it: theta_d = theta (1 +
+kb1 theta^2 + ... + kb4 theta^8).
 """
 
 from __future__ import annotations
@@ -26,7 +29,9 @@ CONVERGED = 1e-13
 TINY = 1e-12
 """A distance from the axis that may be divided by."""
 PROBES = 16
-"""Angles between the axis and a ray at which the polynomial must rise: past a maximum it images other angles once more."""
+"""Angles between the axis and a ray at which the polynomial must rise: past a maximum it images
+other angles once more.
+"""
 
 COEFFICIENTS = tuple(Param(f"camera.{name}", "", 1e-3) for name in NAMES[FISHEYE])
 
@@ -50,25 +55,39 @@ class Fisheye:
         distance = (x * x + y * y).clamp_min(TINY**2).sqrt()
         angle, failed = incidence(distance, _coefficients(values))
         outward = angle.sin() / distance
-        return Rays(entrance(angle, values, self.pupil), Vector(x * outward, y * outward, angle.cos()), failed.to(torch.uint8) * LENS)
+        return Rays(
+            entrance(angle, values, self.pupil),
+            Vector(x * outward, y * outward, angle.cos()),
+            failed.to(torch.uint8) * LENS,
+        )
 
     def project(self, points: Tensor, values: Values) -> Tensor:
-        """Beside and behind the pinhole, too; what the lens does not see lands where its polynomial says."""
+        """Beside and behind the pinhole, too; what the lens does not see lands where its polynomial
+        says.
+        """
         x, y, z = points.unbind(-1)
         outward = (x * x + y * y).clamp_min(TINY**2).sqrt()
         gain = _distance(torch.atan2(outward, z), _coefficients(values))[0] / outward
-        return torch.stack([values["camera.fx"] * x * gain + values["camera.cx"], values["camera.fy"] * y * gain + values["camera.cy"]], -1)
+        return torch.stack(
+            [
+                values["camera.fx"] * x * gain + values["camera.cx"],
+                values["camera.fy"] * y * gain + values["camera.cy"],
+            ],
+            -1,
+        )
 
 
 def incidence(distance: Tensor, coefficients: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
-    """The angle from the axis of what is imaged at a distance from the principal point, by Newton's method, with exact first derivatives.
+    """The angle from the axis of what is imaged at a distance from the principal point, by Newton's
+    method, with exact first derivatives.
 
     Args:
         distance: (...) over the focal length.
         coefficients: () or (...) each.
 
     Returns:
-        (...) rad, and (...) bool, true where no angle up to 180 degrees is imaged there. Those rows keep a finite value.
+        (...) rad, and (...) bool, true where no angle up to 180 degrees is imaged there. Those rows
+        keep a finite value.
     """
     still, fixed = distance.detach(), [c.detach() for c in coefficients]
     angle = still.clamp_max(math.pi / 2)
@@ -81,20 +100,28 @@ def incidence(distance: Tensor, coefficients: Sequence[Tensor]) -> tuple[Tensor,
             break
     reached, _ = _distance(angle, coefficients)  # differentiable: Newton's last step is exact
     _, rise = _distance(angle, fixed)
-    between = angle.unsqueeze(-1) * torch.linspace(1 / PROBES, 1, PROBES, dtype=angle.dtype, device=angle.device)
+    between = angle.unsqueeze(-1) * torch.linspace(
+        1 / PROBES, 1, PROBES, dtype=angle.dtype, device=angle.device
+    )
     rises = (_distance(between, [c.unsqueeze(-1) for c in fixed])[1] > 0).all(-1)
     failed = ~((reached.detach() - still).abs() < 1e3 * CONVERGED) | ~rises | (angle > math.pi)
     zero = torch.zeros_like(angle)
-    step = torch.where(failed, zero, (reached - distance) / torch.where(failed, torch.ones_like(rise), rise))
+    step = torch.where(
+        failed, zero, (reached - distance) / torch.where(failed, torch.ones_like(rise), rise)
+    )
     return torch.where(failed, zero, angle) - step, failed
 
 
 def _distance(angle: Tensor, coefficients: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
-    """(...) rad to the distance from the principal point, over the focal length, and its derivative."""
+    """(...) rad to the distance from the principal point, over the focal length, and its
+    derivative.
+    """
     first, second, third, fourth = coefficients
     square = angle * angle
     gain = 1 + square * (first + square * (second + square * (third + square * fourth)))
-    rise = 1 + square * (3 * first + square * (5 * second + square * (7 * third + square * 9 * fourth)))
+    rise = 1 + square * (
+        3 * first + square * (5 * second + square * (7 * third + square * 9 * fourth))
+    )
     return angle * gain, rise
 
 

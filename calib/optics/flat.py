@@ -1,4 +1,5 @@
 """A window: parallel planes across the z axis of the cover's frame."""
+
 # ruff: noqa: ARG002 - a plane has no use for some of what the protocol passes.
 
 from dataclasses import dataclass
@@ -12,16 +13,22 @@ from calib.optics.vector import Vector
 
 @dataclass(frozen=True, slots=True)
 class Flat:
-    """Surfaces z = height: the thickness is constant along the normal. It has no parameters of its own, only its frame's.
+    """Surfaces z = height: the thickness is constant along the normal. It has no parameters of its
+    own, only its frame's.
 
-    Its chart is (y, x) in m, so that the first coordinate runs down and the second to the right, as on an upright cone.
+    Its chart is (y, x) in m, so that the first coordinate runs down and the second to the right, as
+    on an upright cone.
     """
 
     params: tuple[Param, ...] = ()
 
-    def reach(self, origin: Vector, direction: Vector, height: Tensor, values: Values) -> tuple[Tensor, Tensor]:
+    def reach(
+        self, origin: Vector, direction: Vector, height: Tensor, values: Values
+    ) -> tuple[Tensor, Tensor]:
         away = direction.z <= 1e-6
-        distance = (height - origin.z) / torch.where(away, torch.ones_like(direction.z), direction.z)
+        distance = (height - origin.z) / torch.where(
+            away, torch.ones_like(direction.z), direction.z
+        )
         missed = away | (distance < 0)
         return torch.where(missed, torch.zeros_like(distance), distance), missed
 

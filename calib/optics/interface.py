@@ -1,7 +1,9 @@
-"""Refraction at one surface of the cover: intersect the ray with it, bend the ray by Snell's law at the normal there.
+"""Refraction at one surface of the cover: intersect the ray with it, bend the ray by Snell's law at
+the normal there.
 
-The outer surface may carry a relief. Its intersection is found by Newton's method along the ray; the last step is taken with derivatives,
-which makes them exact (implicit function theorem). A ray that misses or is totally reflected keeps finite values and a failure code.
+The outer surface may carry a relief. Its intersection is found by Newton's method along the ray;
+the last step is taken with derivatives, which makes them exact (implicit function theorem). A ray
+that misses or is totally reflected keeps finite values and a failure code.
 """
 
 from dataclasses import dataclass
@@ -19,8 +21,9 @@ from calib.optics.surface import Surface
 from calib.optics.vector import Vector
 
 RELIEF_STEPS = 2
-"""Newton steps onto an uneven surface before the differentiable one. Each about squares the error: from a perfect surface 1e-4 m
-away, over bumps 3 mm wide, 5e-8 m, then 1e-14 m."""
+"""Newton steps onto an uneven surface before the differentiable one. Each about squares the error:
+from a perfect surface 1e-4 m away, over bumps 3 mm wide, 5e-8 m, then 1e-14 m.
+"""
 
 THINNEST = 5e-5
 """m: session.yaml takes no thinner glass."""
@@ -28,7 +31,9 @@ THINNEST = 5e-5
 
 @dataclass(frozen=True, slots=True)
 class Interface:
-    """One surface of the cover, inner (into the glass) or outer (out of it), as a stage of the ray path."""
+    """One surface of the cover, inner (into the glass) or outer (out of it), as a stage of the ray
+    path.
+    """
 
     name: Literal["inner", "outer"]
     surface: Surface
@@ -47,8 +52,16 @@ class Interface:
     def params(self) -> tuple[Param, ...]:
         own = [Param("cover.refractive_index", "", 1e-2)]
         if self.name == "outer":
-            own += [Param("cover.thickness", "m", 1e-3, least=THINNEST), Param("cover.outside_index", "", 1e-2)]
-        return (*self.surface.params, *self.frame.params, *own, *(param for relief in self.reliefs for param in relief.params))
+            own += [
+                Param("cover.thickness", "m", 1e-3, least=THINNEST),
+                Param("cover.outside_index", "", 1e-2),
+            ]
+        return (
+            *self.surface.params,
+            *self.frame.params,
+            *own,
+            *(param for relief in self.reliefs for param in relief.params),
+        )
 
     def __call__(self, rays: Rays, values: Values) -> Rays:
         """Rays before the surface to rays that start on it, bent."""
@@ -74,18 +87,30 @@ class Interface:
         )
 
     def _outwards(self, point: Vector, values: Values) -> tuple[Vector, Tensor | float]:
-        """The gradient of the height above the surface, relief included, and the relief's (...) m there."""
+        """The gradient of the height above the surface, relief included, and the relief's (...) m
+        there.
+        """
         gradient = self.surface.gradient(point, values)
         if not self.reliefs:
             return gradient, 0.0
         chart = self.surface.chart(point)
-        bump, first, second = (sum(parts[1:], parts[0]) for parts in zip(*(r.height(chart, values) for r in self.reliefs), strict=True))
+        bump, first, second = (
+            sum(parts[1:], parts[0])
+            for parts in zip(*(r.height(chart, values) for r in self.reliefs), strict=True)
+        )
         return gradient - self.surface.chart_gradient(point, first, second), bump
 
-    def _onto_relief(self, origin: Vector, direction: Vector, start: Tensor, height: Tensor, values: Values) -> Tensor:
+    def _onto_relief(
+        self, origin: Vector, direction: Vector, start: Tensor, height: Tensor, values: Values
+    ) -> Tensor:
         """The (...) m along the ray to the uneven surface, with exact first derivatives."""
         still = {param.name: values[param.name].detach() for param in self.params}
-        origin_, direction_, height_, distance = origin.detach(), direction.detach(), height.detach(), start.detach()
+        origin_, direction_, height_, distance = (
+            origin.detach(),
+            direction.detach(),
+            height.detach(),
+            start.detach(),
+        )
         for _ in range(RELIEF_STEPS):
             above, slope = self._above(origin_ + direction_ * distance, direction_, height_, still)
             distance = distance - above / slope
@@ -93,8 +118,12 @@ class Interface:
         above, slope = self._above(origin + direction * distance, direction, height, values)
         return distance - above / slope.detach()
 
-    def _above(self, point: Vector, direction: Vector, height: Tensor, values: Values) -> tuple[Tensor, Tensor]:
-        """(...) m above the uneven surface, and its (...) change per metre along the ray, kept away from zero."""
+    def _above(
+        self, point: Vector, direction: Vector, height: Tensor, values: Values
+    ) -> tuple[Tensor, Tensor]:
+        """(...) m above the uneven surface, and its (...) change per metre along the ray, kept away
+        from zero.
+        """
         gradient, bump = self._outwards(point, values)
         slope = gradient.dot(direction)
         safe = torch.where(slope.abs() < 1e-3, torch.ones_like(slope), slope)

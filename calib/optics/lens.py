@@ -1,4 +1,6 @@
-"""What every lens model is to the ray path: pixels to rays, from one point of the axis or, where the entrance pupil moves, from several."""
+"""What every lens model is to the ray path: pixels to rays, from one point of the axis or, where
+the entrance pupil moves, from several.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ from calib.optics.vector import Vector
 
 PINHOLE = tuple(Param(f"camera.{name}", "px", 1.0) for name in ("fx", "fy", "cx", "cy"))
 PUPIL = tuple(Param(f"entrance_pupil.{name}", "m", 1e-3) for name in ("e2", "e4"))
-"""By how much the entrance pupil moves along the axis: times the angle's square and its fourth power, rad."""
+"""By how much the entrance pupil moves along the axis: times the angle's square and its fourth
+power, rad.
+"""
 PUPIL_ASIDE = tuple(Param(f"entrance_pupil.{name}", "m", 1e-3) for name in ("x2", "y2"))
 """By how much it moves across the axis, to the same side for all rays: times the angle's square."""
 
@@ -43,18 +47,27 @@ class Lens(Protocol):
         ...
 
     def project(self, points: Tensor, values: Values) -> Tensor:
-        """(..., 3) m that the lens sees to (..., 2) px, as if there were no cover and the pupil kept still."""
+        """(..., 3) m that the lens sees to (..., 2) px, as if there were no cover and the pupil
+        kept still.
+        """
         ...
 
 
 def normalised(pixels: Tensor, values: Values) -> tuple[Tensor, Tensor]:
     """(..., 2) px to (...) x and y over the focal lengths, from the principal point on."""
-    return (pixels[..., 0] - values["camera.cx"]) / values["camera.fx"], (pixels[..., 1] - values["camera.cy"]) / values["camera.fy"]
+    return (pixels[..., 0] - values["camera.cx"]) / values["camera.fx"], (
+        pixels[..., 1] - values["camera.cy"]
+    ) / values["camera.fy"]
 
 
 def entrance(angle: Tensor, values: Values, pupil: tuple[Param, ...]) -> Vector:
     """(...) m where a ray at (...) rad from the axis enters the lens."""
-    square, along, right, down = angle**2, torch.zeros_like(angle), torch.zeros_like(angle), torch.zeros_like(angle)
+    square, along, right, down = (
+        angle**2,
+        torch.zeros_like(angle),
+        torch.zeros_like(angle),
+        torch.zeros_like(angle),
+    )
     if pupil:
         second, fourth = (values[param.name] for param in PUPIL)
         along = square * (second + square * fourth)

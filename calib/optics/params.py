@@ -1,7 +1,9 @@
-"""The parameters of a ray path: names, units and scales; and `Values`, the mapping from names to tensors that every stage reads.
+"""The parameters of a ray path: names, units and scales; and `Values`, the mapping from names to
+tensors that every stage reads.
 
-A stage of the path (lens, interface, board) declares the parameters that it reads as a tuple of `Param`, and is a pure function of its
-rays and the values, so that a fit can differentiate by any of them.
+A stage of the path (lens, interface, board) declares the parameters that it reads as a tuple of
+`Param`, and is a pure function of its rays and the values, so that a fit can differentiate by any
+of them.
 """
 
 import math
@@ -11,15 +13,19 @@ from dataclasses import dataclass
 from torch import Tensor
 
 Values = Mapping[str, Tensor]
-"""Every value of a ray path by name, in SI units and pixels: () for a scalar, (rows, columns) for a relief's amplitudes. Of a scalar there
-may also be one for each ray, (...)."""
+"""Every value of a ray path by name, in SI units and pixels: () for a scalar, (rows, columns) for a
+relief's amplitudes. Of a scalar there may also be one for each ray, (...).
+"""
 
 TIME = "seen.time"
 LINE = "seen.line"
-"""Optional values, (...) each: when each ray was seen, in the session and during its picture's readout, both from -0.5 to 0.5. Without
-them it was in the middle."""
+"""Optional values, (...) each: when each ray was seen, in the session and during its picture's
+readout, both from -0.5 to 0.5. Without them it was in the middle.
+"""
 NEAR = "lens.near"
-"""Optional, (..., 2): about where each ray goes, x, y at z = 1, NaN where that is not known: a lens that searches for rays begins there."""
+"""Optional, (..., 2): about where each ray goes, x, y at z = 1, NaN where that is not known: a lens
+that searches for rays begins there.
+"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,9 @@
-"""The ray path: from a pixel through the lens, then through each surface of the cover in order, to the board.
+"""The ray path: from a pixel through the lens, then through each surface of the cover in order, to
+the board.
 
-`Path` is an ordered tuple of stages, the paper's Fig. 3. Effects change it: by adjustments before the lens, by other stages, by a board
-that is not flat. Forward tracing is from the camera outwards; `projection` solves the inverse.
+`Path` is an ordered tuple of stages, the paper's Fig. 3. Effects change it: by adjustments before
+the lens, by other stages, by a board that is not flat. Forward tracing is from the camera outwards;
+`projection` solves the inverse.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,7 +23,8 @@ from calib.optics.relief import Relief
 
 
 class Adjustment(Protocol):
-    """Changes what the stages read, before a ray starts: a focal length that drifts, a corner that the detector puts aside.
+    """Changes what the stages read, before a ray starts: a focal length that drifts, a corner that
+    the detector puts aside.
 
     It leads from the seen pixel to the true one: what was seen too far right by s is moved by -s.
     """
@@ -36,31 +39,46 @@ class Adjustment(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """An ordered tuple of named, frozen, pure stages (the paper's Fig. 3). Its parameters are passed to each call."""
+    """An ordered tuple of named, frozen, pure stages (the paper's Fig. 3).
+
+    Its parameters are passed to each call.
+    """
 
     lens: Lens
     cover: tuple[Interface, ...] = ()
     target: Target = field(default_factory=Target)
     adjustments: tuple[Adjustment, ...] = ()
     shutter: bool = False
-    """Whether boards move while a picture is read out: then every view has a motion beside its pose."""
+    """Whether boards move while a picture is read out: then every view has a motion beside its
+    pose.
+    """
     sizes: tuple[tuple[str, float], ...] = ()
-    """How large the parts are that views have for themselves beside their poses, over what is possible at most; 1 of those not named."""
+    """How large the parts are that views have for themselves beside their poses, over what is
+    possible at most; 1 of those not named.
+    """
 
     @property
     def params(self) -> tuple[Param, ...]:
         """Every number that some stage reads, once, in the order of the path."""
-        read = [param for stage in (*self.adjustments, *self.stages, self.target) for param in stage.params]
+        read = [
+            param
+            for stage in (*self.adjustments, *self.stages, self.target)
+            for param in stage.params
+        ]
         return tuple({param.name: param for param in read}.values())
 
     @property
     def central(self) -> bool:
-        """Whether all rays come from one point, so that a picture is distorted alike at every depth."""
+        """Whether all rays come from one point, so that a picture is distorted alike at every
+        depth.
+        """
         return not (self.cover or self.lens.pupil)
 
     @property
     def directly_projects(self) -> bool:
-        """Whether the lens alone says which pixel sees a point, beside and behind the pinhole, too."""
+        """Whether the lens alone says which pixel sees a point, beside and behind the pinhole,
+        too.
+        """
         return self.lens.wide and self.central and not self.adjustments
 
     @property
@@ -94,9 +112,13 @@ class Path:
             pixels, values = adjust(pixels, values)
         return pixels, values
 
-    def linear_parts(self, pixels: Tensor, values: Values, landed: Tensor | None = None) -> Iterator[tuple[LinearPart, Tensor, Tensor]]:
-        """Its parts that are linear in their parameters, and the (...) coordinates that they are asked at, by rays of (..., 2) px that
-        landed at (..., 2) m nominal board coordinates; None: no board is asked about."""
+    def linear_parts(
+        self, pixels: Tensor, values: Values, landed: Tensor | None = None
+    ) -> Iterator[tuple[LinearPart, Tensor, Tensor]]:
+        """Its parts that are linear in their parameters, and the (...) coordinates that they are
+        asked at, by rays of (..., 2) px that landed at (..., 2) m nominal board coordinates; None:
+        no board is asked about.
+        """
         for adjust in self.adjustments:
             if isinstance(adjust, LinearPart):
                 yield adjust, pixels[..., 0], pixels[..., 1]
@@ -105,24 +127,33 @@ class Path:
             yield from self.target.linear_parts(landed, values)
 
     def onward(self, rays: Rays, values: Values, passed: int) -> Rays:
-        """Rays that have passed the lens and `passed` stages in all to the rays that leave the cover; values already adjusted."""
+        """Rays that have passed the lens and `passed` stages in all to the rays that leave the
+        cover; values already adjusted.
+        """
         for interface in self.cover[passed - 1 :]:
             rays = interface(rays, values)
         return rays
 
     def land(self, pixels: Tensor, values: Values, poses: Tensor) -> tuple[Tensor, Tensor]:
-        """(..., 2) px and (..., B) own parameters of boards, their poses first, to (..., 2) m on the board and (...) uint8 failures."""
-        return self.target(self.trace(pixels, values), Placement.of(poses).during(values.get(LINE)), values)
+        """(..., 2) px and (..., B) own parameters of boards, their poses first, to (..., 2) m on
+        the board and (...) uint8 failures.
+        """
+        return self.target(
+            self.trace(pixels, values), Placement.of(poses).during(values.get(LINE)), values
+        )
 
     def place(self, corners: Tensor, values: Values, poses: Tensor) -> Tensor:
-        """(..., 2) m board coordinates on boards with (..., B) own parameters to (..., 3) m in the camera frame."""
+        """(..., 2) m board coordinates on boards with (..., B) own parameters to (..., 3) m in the
+        camera frame.
+        """
         return self.target.place(corners, Placement.of(poses).during(values.get(LINE)), values)
 
 
 def by_row(outputs: Tensor, inputs: Sequence[Tensor]) -> list[Tensor]:
     """Derivatives of a function that treats every row by itself.
 
-    Two reverse passes serve any number of inputs, so this is far cheaper than a forward pass for each input.
+    Two reverse passes serve any number of inputs, so this is far cheaper than a forward pass for
+    each input.
 
     Args:
         outputs: (N, k), computed from the inputs.
@@ -133,7 +164,13 @@ def by_row(outputs: Tensor, inputs: Sequence[Tensor]) -> list[Tensor]:
     """
     k = outputs.shape[-1]
     passes = [
-        torch.autograd.grad(outputs[..., i].sum(), inputs, retain_graph=i < k - 1, allow_unused=True, materialize_grads=True)
+        torch.autograd.grad(
+            outputs[..., i].sum(),
+            inputs,
+            retain_graph=i < k - 1,
+            allow_unused=True,
+            materialize_grads=True,
+        )
         for i in range(k)
     ]
     return [torch.stack(columns, 1) for columns in zip(*passes, strict=True)]

@@ -1,4 +1,6 @@
-"""Forward projection: from a point in space to the pixel that sees it, by Newton's method on the rays."""
+"""Forward projection: from a point in space to the pixel that sees it, by Newton's method on the
+rays.
+"""
 
 import torch
 from torch import Tensor
@@ -22,11 +24,12 @@ def project(path: Path, values: Values, points: Tensor, start: Tensor | None = N
 
     Args:
         points: (N, 3) m in the camera frame.
-        start: (N, 2) px to start from; without it, the pixel that would see the point if there were no cover.
+        start: (N, 2) px to start from; without it, the pixel that would see the point if there were
+            no cover.
 
     Returns:
-        (N, 2) px; NaN for a point that is not in front of the camera and its cover, or that no ray reaches. A wide lens without a cover
-        sees what is not in front of it, too.
+        (N, 2) px; NaN for a point that is not in front of the camera and its cover, or that no ray
+        reaches. A wide lens without a cover sees what is not in front of it, too.
     """
     if path.directly_projects:
         return _by_lens(path, values, points)
@@ -45,7 +48,11 @@ def project(path: Path, values: Values, points: Tensor, start: Tensor | None = N
         pixels = torch.where(usable.unsqueeze(-1), pixels - short * step, pixels)
         if bool((last[front & usable] < CONVERGED).all()):
             break
-    return torch.where((front & ahead & (last < ACCEPTED)).unsqueeze(-1), pixels, torch.full_like(pixels, torch.nan))
+    return torch.where(
+        (front & ahead & (last < ACCEPTED)).unsqueeze(-1),
+        pixels,
+        torch.full_like(pixels, torch.nan),
+    )
 
 
 def _by_lens(path: Path, values: Values, points: Tensor) -> Tensor:
@@ -53,12 +60,20 @@ def _by_lens(path: Path, values: Values, points: Tensor) -> Tensor:
     pixels = path.lens.project(points, values)
     rays = path.lens(pixels, values)
     off = (rays.direction.stacked() - points / points.norm(dim=-1, keepdim=True)).norm(dim=-1)
-    return torch.where(((rays.failure == 0) & (off < SAME)).unsqueeze(-1), pixels, torch.full_like(pixels, torch.nan))
+    return torch.where(
+        ((rays.failure == 0) & (off < SAME)).unsqueeze(-1),
+        pixels,
+        torch.full_like(pixels, torch.nan),
+    )
 
 
-def _miss(path: Path, values: Values, pixels: Tensor, goal: Tensor, depth: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """By how much (N, 2) m each pixel's ray passes the goal in the plane of its depth, the (N, 2, 2) derivative, (N) bool whether the
-    goal lies beyond the ray's exit from the cover, (N) failures."""
+def _miss(
+    path: Path, values: Values, pixels: Tensor, goal: Tensor, depth: Tensor
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """By how much (N, 2) m each pixel's ray passes the goal in the plane of its depth, the (N, 2,
+    2) derivative, (N) bool whether the goal lies beyond the ray's exit from the cover, (N)
+    failures.
+    """
     with torch.enable_grad():
         at = pixels.detach().requires_grad_()
         rays = path.trace(at, values)

@@ -1,4 +1,6 @@
-"""A bundle of rays: origins, unit directions, and for each ray the first failure on its way, if there was one."""
+"""A bundle of rays: origins, unit directions, and for each ray the first failure on its way, if
+there was one.
+"""
 
 from dataclasses import dataclass
 
@@ -16,14 +18,19 @@ FAILURES = (
     "totally reflected at the cover's outer surface",
     "missed the board's plane",
 )
-"""A ray's `failure` is an index into this tuple: the first thing that went wrong on its way, 0 where nothing did."""
+"""A ray's `failure` is an index into this tuple: the first thing that went wrong on its way, 0
+where nothing did.
+"""
 
 LENS, MISSED_INNER, REFLECTED_INNER, MISSED_OUTER, REFLECTED_OUTER, MISSED_TARGET = range(1, 7)
 
 
 @dataclass(frozen=True, slots=True)
 class Rays:
-    """Rays in the camera frame. A failed ray stays finite, and so do its gradients; `failure` says that it means nothing."""
+    """Rays in the camera frame.
+
+    A failed ray stays finite, and so do its gradients; `failure` says that it means nothing.
+    """
 
     origin: Vector
     """(...) m"""
@@ -32,8 +39,16 @@ class Rays:
     failure: Tensor
     """(...) uint8, index into FAILURES"""
 
-    def moved(self, origin: Vector, direction: Vector, failed: tuple[Tensor, int], *more: tuple[Tensor, int]) -> "Rays":
-        """The rays after a stage; each (where, code) enters a failure where nothing went wrong before."""
+    def moved(
+        self,
+        origin: Vector,
+        direction: Vector,
+        failed: tuple[Tensor, int],
+        *more: tuple[Tensor, int],
+    ) -> "Rays":
+        """The rays after a stage; each (where, code) enters a failure where nothing went wrong
+        before.
+        """
         failure = self.failure
         for where, code in (failed, *more):
             failure = torch.where((failure == 0) & where, torch.full_like(failure, code), failure)
@@ -41,6 +56,8 @@ class Rays:
 
     def at_depth(self, depth: Tensor) -> Tensor:
         """(..., 2) m: x and y where each ray passes the plane z = depth (...) m."""
-        forward = torch.where(self.direction.z.abs() < 1e-9, torch.ones_like(self.direction.z), self.direction.z)
+        forward = torch.where(
+            self.direction.z.abs() < 1e-9, torch.ones_like(self.direction.z), self.direction.z
+        )
         point = self.origin + self.direction * ((depth - self.origin.z) / forward)
         return torch.stack([point.x, point.y], -1)

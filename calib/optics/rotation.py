@@ -12,7 +12,9 @@ from calib.optics.vector import Vector
 
 @dataclass(frozen=True, slots=True)
 class Rotation:
-    """(...) rotation matrices, entry by entry: what many vectors are turned by costs no sums over a last axis of three."""
+    """(...) rotation matrices, entry by entry: what many vectors are turned by costs no sums over a
+    last axis of three.
+    """
 
     rows: tuple[Vector, Vector, Vector]
 
@@ -60,7 +62,11 @@ def matrix(rotvec: Tensor) -> Tensor:
     outer = rotvec.unsqueeze(-1) * rotvec.unsqueeze(-2)
     eye = torch.eye(3, dtype=rotvec.dtype, device=rotvec.device)
     # exp(w) = I + s [w] + c [w]^2, and [w]^2 = w w^T - |w|^2 I
-    turned: Tensor = (1 - cosine * angle2)[..., None, None] * eye + sine[..., None, None] * cross + cosine[..., None, None] * outer
+    turned: Tensor = (
+        (1 - cosine * angle2)[..., None, None] * eye
+        + sine[..., None, None] * cross
+        + cosine[..., None, None] * outer
+    )
     return turned
 
 
@@ -78,8 +84,8 @@ def _factors(angle2: Tensor) -> tuple[Tensor, Tensor]:
 def derivatives(rotvec: Tensor, turn: Tensor) -> Tensor:
     """How rotation matrices change with their rotation vectors.
 
-    With J = I + a [w] + b [w]^2 (the left Jacobian of SO(3)), dR / dw_i = [J e_i] R. Source: T. D. Barfoot, State estimation for
-    robotics (2017), equations 7.77 and 7.85.
+    With J = I + a [w] + b [w]^2 (the left Jacobian of SO(3)), dR / dw_i = [J e_i] R. Source: T. D.
+    Barfoot, State estimation for robotics (2017), equations 7.77 and 7.85.
 
     Args:
         rotvec: (..., 3) rad.
@@ -105,4 +111,6 @@ def _cross(vectors: Tensor) -> Tensor:
     """(..., 3) to the (..., 3, 3) matrices [v] of v x."""
     x, y, z = vectors.unbind(-1)
     zero = torch.zeros_like(x)
-    return torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(*vectors.shape[:-1], 3, 3)
+    return torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(
+        *vectors.shape[:-1], 3, 3
+    )

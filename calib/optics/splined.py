@@ -1,6 +1,8 @@
-"""A fisheye lens with what its polynomial leaves: a smooth displacement over the picture, of bicubic B-splines, before it.
+"""A fisheye lens with what its polynomial leaves: a smooth displacement over the picture, of
+bicubic B-splines, before it.
 
-Source: mrcal's splined models (https://mrcal.secretsauce.net/splined-models.html). Its surface lies over the directions; here it lies
+Source: mrcal's splined models (https://mrcal.secretsauce.net/splined-models.html). Its surface lies
+    over the directions; here it lies
 over the pixels, so that a pixel's ray needs no search.
 """
 
@@ -27,12 +29,14 @@ ITERATIONS = 100
 CONVERGED = 1e-11
 """px"""
 SIZE = 2e-3
-"""Of the picture's longer side: the prior's standard deviation. What Kannala and Brandt's four coefficients leave of a lens is some pixels
-in a thousand where it is much."""
+"""Of the picture's longer side: the prior's standard deviation. What Kannala and Brandt's four
+coefficients leave of a lens is some pixels in a thousand where it is much.
+"""
 REACH = 1.5
 """Spacings: the length over which it is correlated."""
 ROUGHNESS = 1e-2
-"""Of SIZE: the part of each control point that is its own, so that the covariance can be inverted."""
+"""Of SIZE: the part of each control point that is its own, so that the covariance can be inverted.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,14 +65,17 @@ class Grid:
         return width / (columns - 3), height / (rows - 3)
 
     def basis(self, pixels: Tensor) -> Tensor:
-        """(..., 2) px to the (..., rows * columns) weights of the control points; beyond the picture as at its border."""
+        """(..., 2) px to the (..., rows * columns) weights of the control points; beyond the
+        picture as at its border.
+        """
         along = (_weights((pixels[..., i] + 0.5) / self.spacing[i], self.shape[i]) for i in (0, 1))
         x, y = along
         return (y.unsqueeze(-1) * x.unsqueeze(-2)).flatten(-2)
 
     def prior_root(self) -> NDArray[np.float64]:
-        """(n, n) px: R with R R^T the covariance of the control points, along x or y, beforehand: a smooth field that is zero where nothing
-        says otherwise. Not to be written to."""
+        """(n, n) px: R with R R^T the covariance of the control points, along x or y, beforehand: a
+        smooth field that is zero where nothing says otherwise. Not to be written to.
+        """
         return _prior_root(self)
 
 
@@ -111,7 +118,9 @@ class Splined:
 
 
 def _weights(at: Tensor, count: int) -> Tensor:
-    """(...) places in spacings from the picture's border to the (..., count) weights of cubic B-splines there."""
+    """(...) places in spacings from the picture's border to the (..., count) weights of cubic
+    B-splines there.
+    """
     at = at.clamp(0, count - 3)
     away = (at.unsqueeze(-1) + 1 - torch.arange(count, dtype=at.dtype, device=at.device)).abs()
     near, far = 2 / 3 - away**2 * (1 - away / 2), (2 - away) ** 3 / 6
@@ -120,6 +129,9 @@ def _weights(at: Tensor, count: int) -> Tensor:
 
 @lru_cache(maxsize=8)
 def _prior_root(grid: Grid) -> NDArray[np.float64]:
-    along = [np.exp(-((np.arange(n)[:, None] - np.arange(n)) ** 2) / (2 * REACH**2)) for n in reversed(grid.shape)]
+    along = [
+        np.exp(-((np.arange(n)[:, None] - np.arange(n)) ** 2) / (2 * REACH**2))
+        for n in reversed(grid.shape)
+    ]
     smooth = np.kron(*along) + ROUGHNESS**2 * np.eye(grid.shape[0] * grid.shape[1])
     return np.asarray(SIZE * max(grid.size) * np.linalg.cholesky(smooth), dtype=np.float64)

@@ -1,4 +1,5 @@
-"""The shape of a cover as the ray path asks for it, in the cover's own frame: intersection, height, normal, and a chart for the relief.
+"""The shape of a cover as the ray path asks for it, in the cover's own frame: intersection, height,
+normal, and a chart for the relief.
 
 A new shape is a file with a class of this protocol, and a case in `optics.build`.
 """
@@ -12,10 +13,12 @@ from calib.optics.vector import Vector
 
 
 class Surface(Protocol):
-    """A family of surfaces: the inner one at height 0, the outer one at the height of the cover's thickness.
+    """A family of surfaces: the inner one at height 0, the outer one at the height of the cover's
+    thickness.
 
-    `height` is measured along the direction in which the cover's thickness is (the radius of a cone), from the inner surface
-    outwards, so an uneven outer surface is height = thickness + relief.
+    `height` is measured along the direction in which the cover's thickness is (the radius of a
+    cone), from the inner surface outwards, so an uneven outer surface is height = thickness +
+    relief.
     """
 
     @property
@@ -23,8 +26,12 @@ class Surface(Protocol):
         """The parameters that it reads from the values."""
         ...
 
-    def reach(self, origin: Vector, direction: Vector, height: Tensor, values: Values) -> tuple[Tensor, Tensor]:
-        """From a point inside, along a unit direction, to the surface at `height` m: (...) m along the ray, (...) bool missed."""
+    def reach(
+        self, origin: Vector, direction: Vector, height: Tensor, values: Values
+    ) -> tuple[Tensor, Tensor]:
+        """From a point inside, along a unit direction, to the surface at `height` m: (...) m along
+        the ray, (...) bool missed.
+        """
         ...
 
     def height(self, points: Vector, values: Values) -> Tensor:
@@ -32,7 +39,9 @@ class Surface(Protocol):
         ...
 
     def gradient(self, points: Vector, values: Values) -> Vector:
-        """The derivative of `height` by the point. It points outwards; its length need not be one."""
+        """The derivative of `height` by the point. It points outwards; its length need not be
+        one.
+        """
         ...
 
     def chart(self, points: Vector) -> tuple[Tensor, Tensor]:
@@ -40,5 +49,7 @@ class Surface(Protocol):
         ...
 
     def chart_gradient(self, points: Vector, first: Tensor, second: Tensor) -> Vector:
-        """first times the derivative of the first chart coordinate by the point, plus second times that of the second."""
+        """first times the derivative of the first chart coordinate by the point, plus second times
+        that of the second.
+        """
         ...

@@ -1,4 +1,6 @@
-"""Three-vectors by component: the fastest layout for a bundle, where sums over a last axis of three are slow."""
+"""Three-vectors by component: the fastest layout for a bundle, where sums over a last axis of three
+are slow.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,11 @@ class Vector:
         return self.x * other.x + self.y * other.y + self.z * other.z
 
     def cross(self, other: Vector) -> Vector:
-        return Vector(self.y * other.z - self.z * other.y, self.z * other.x - self.x * other.z, self.x * other.y - self.y * other.x)
+        return Vector(
+            self.y * other.z - self.z * other.y,
+            self.z * other.x - self.x * other.z,
+            self.x * other.y - self.y * other.x,
+        )
 
     def unit(self) -> Vector:
         """Scaled to length one. Not for zero vectors."""

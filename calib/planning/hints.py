@@ -1,4 +1,5 @@
-"""Where to hold the board, in words: "closer, to the left edge, tilt the right side away". Sides are the picture's.
+"""Where to hold the board, in words: "closer, to the left edge, tilt the right side away". Sides
+are the picture's.
 
 A board with markers may be wanted "over the left edge (a part outside)".
 """
@@ -8,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 CLEARLY = 1.15  # times as far: less is not worth a word
-EDGE = 0.2  # of the picture's width or height: a board that comes nearer to one side than this, and not to the other, is at that side
+# of the picture's width or height: a board that comes nearer to one side than this, and not to the
+# other, is at that side
+EDGE = 0.2
 TILTED = np.radians(12)
 
 PLACES = (
@@ -18,7 +21,13 @@ PLACES = (
 )
 
 
-def words(pose: NDArray, outline: NDArray, size: tuple[int, int], present: NDArray | None, reach: tuple[float, float]) -> str:
+def words(
+    pose: NDArray,
+    outline: NDArray,
+    size: tuple[int, int],
+    present: NDArray | None,
+    reach: tuple[float, float],
+) -> str:
     """What to do, in the order distance, place, tilt.
 
     Args:
@@ -33,10 +42,12 @@ def words(pose: NDArray, outline: NDArray, size: tuple[int, int], present: NDArr
 
 
 def tilt_of(pose: NDArray) -> tuple[int, int]:
-    """Which side is clearly away from the camera, whichever way the board is turned in its own plane.
+    """Which side is clearly away from the camera, whichever way the board is turned in its own
+    plane.
 
     Returns:
-        -1 for the left, 1 for the right, 0 for neither; and -1 for the top, 1 for the bottom, 0 for neither.
+        -1 for the left, 1 for the right, 0 for neither; and -1 for the top, 1 for the bottom, 0 for
+        neither.
     """
     normal = cv2.Rodrigues(np.asarray(pose[:3], np.float64))[0][:, 2]
     right, down = np.arctan(-normal[:2] / normal[2])  # rad: by how much depth grows that way
@@ -56,7 +67,13 @@ def _distance(depth: float, present: NDArray | None, reach: tuple[float, float])
         ratio = depth / present[5]
         return "closer" if ratio < 1 / CLEARLY else "farther away" if ratio > CLEARLY else ""
     middle = np.sqrt(reach[0] * reach[1])
-    where = "near" if depth < middle / CLEARLY else "far" if depth > middle * CLEARLY else "at a middle distance"
+    where = (
+        "near"
+        if depth < middle / CLEARLY
+        else "far"
+        if depth > middle * CLEARLY
+        else "at a middle distance"
+    )
     return f"{where} ({depth:.1f} m)" if depth >= 1 else f"{where} ({100 * depth:.0f} cm)"
 
 
@@ -64,7 +81,13 @@ def _place(outline: NDArray, size: tuple[int, int]) -> str:
     at, over = [], False
     for low, high, length in zip(outline.min(0), outline.max(0), size, strict=True):
         before, after = low / length, 1 - high / length
-        at.append(0 if before < EDGE and before < after - abs(after) / 2 else 2 if after < EDGE and after < before - abs(before) / 2 else 1)
+        at.append(
+            0
+            if before < EDGE and before < after - abs(after) / 2
+            else 2
+            if after < EDGE and after < before - abs(before) / 2
+            else 1
+        )
         over |= min(before, after) < 0
     place = PLACES[at[1]][at[0]]
     if over:

@@ -1,7 +1,8 @@
-"""The poses in which a person can hold the board before this camera: some hundred, over the picture, depths and tilts.
+"""The poses in which a person can hold the board before this camera: some hundred, over the
+picture, depths and tilts.
 
-A board with markers may reach out of the picture, where a cover bends most. The cover is not seen here. It shifts the picture of the
-board by some pixels, for which the picture's margin leaves room.
+A board with markers may reach out of the picture, where a cover bends most. The cover is not seen
+here. It shifts the picture of the board by some pixels, for which the picture's margin leaves room.
 """
 
 from dataclasses import dataclass
@@ -23,10 +24,17 @@ MARGIN = 0.01  # of the picture's width, at each border
 AROUND = 0.5  # squares, that must be in the picture around the outermost corners
 TILT = np.radians(32)  # about each axis: at 45 degrees about both, corners are hard to find
 LEVELS = 3  # depths, evenly spaced in inverse depth, in which refraction is linear
-LARGEST, SMALLEST = 0.75, 0.25  # of the picture's shorter side, the board's longer one: the reach, where none is stated
-INSIDE = 0.3  # of half a board with markers, from the picture's border to its middle: two thirds of it are seen at a side
+LARGEST, SMALLEST = (
+    0.75,
+    0.25,
+)  # of the picture's shorter side, the board's longer one: the reach, where none is stated
+# of half a board with markers, from the picture's border to its middle: two thirds of it are seen
+# at a side
+INSIDE = 0.3
 FEWEST_SEEN = 0.4  # of its corners: in a corner of the picture so many are
-WAY = 20  # places from the picture's middle to a corner: a lens's polynomial that turns back on the way is not the lens any more
+# places from the picture's middle to a corner: a lens's polynomial that turns back on the way is
+# not the lens any more
+WAY = 20
 WIDEST = 4.0  # x / z: 76 degrees from the axis; a board there is seen too flat to be of use
 NEAR_AXIS = 0.1  # rad
 FOCAL = 0.8  # of the picture's longer side, where intrinsics are not known: 64 degrees across
@@ -49,7 +57,9 @@ class Reach:
     def of(board: Board, camera: Camera) -> "Reach":
         """What a board of this size allows: it fills most of the picture, or a quarter."""
         side = 2 * max(board.half)
-        whole = matrix(camera)[0, 0] * side / min(camera.width, camera.height)  # m, where it fills the shorter side
+        whole = (
+            matrix(camera)[0, 0] * side / min(camera.width, camera.height)
+        )  # m, where it fills the shorter side
         return Reach(whole / LARGEST, whole / SMALLEST)
 
 
@@ -64,7 +74,8 @@ class Bank:
 
 
 def bank(board: Board, camera: Camera, reach: Reach) -> Bank:
-    """Every pose of a lattice that leaves the board wholly in the picture, and for one with markers others around it, in which it reaches
+    """Every pose of a lattice that leaves the board wholly in the picture, and for one with markers
+    others around it, in which it reaches
     out: farther boards, which cover less, at more places.
 
     Raises:
@@ -79,18 +90,25 @@ def bank(board: Board, camera: Camera, reach: Reach) -> Bank:
             turn = np.array([*tilt, 0.0])
             turned = rim @ cv2.Rodrigues(turn)[0].T
             away = depth + turned[:, 2:]  # (4, 1) m
-            least, most = (low * away - turned[:, :2]).max(0), (high * away - turned[:, :2]).min(0)  # m: where its middle may be
+            least, most = (
+                (low * away - turned[:, :2]).max(0),
+                (high * away - turned[:, :2]).min(0),
+            )  # m: where its middle may be
             if (least < most).all():
                 poses += [np.array([*turn, *place, depth]) for place in _places(least, most, level)]
             if board.coding:
                 inside = INSIDE * np.array(board.half)
                 poses += [
-                    np.array([*turn, *place, depth]) for place in _places(low * depth + inside, high * depth - inside, level, rim=True)
+                    np.array([*turn, *place, depth])
+                    for place in _places(
+                        low * depth + inside, high * depth - inside, level, rim=True
+                    )
                 ]
     if not poses:
         raise InputError(
-            f"A board of {board} corners and {board.square * 1000:g} mm is nowhere wholly in the picture between {reach.near:g} and "
-            f"{reach.far:g} m: hold it farther away, or correct its numbers."
+            f"A board of {board} corners and {board.square * 1000:g} mm is nowhere wholly in the"
+            f" picture between {reach.near:g} and {reach.far:g} m: hold it farther away, or correct"
+            " its numbers."
         )
     corners = np.array([seen_bare(board, camera, pose) for pose in poses])
     enough = enough_seen(corners, board)
@@ -98,22 +116,35 @@ def bank(board: Board, camera: Camera, reach: Reach) -> Bank:
 
 
 def _places(least: Array, most: Array, level: int, *, rim: bool = False) -> list[Array]:
-    """(2,) m each, for the board's middle: a lattice between two limits, or its outermost places alone."""
-    across, down = np.linspace(least[0], most[0], 3 + level), np.linspace(least[1], most[1], 3 + level // 2)
+    """(2,) m each, for the board's middle: a lattice between two limits, or its outermost places
+    alone.
+    """
+    across, down = (
+        np.linspace(least[0], most[0], 3 + level),
+        np.linspace(least[1], most[1], 3 + level // 2),
+    )
     outermost = product(range(len(across)), range(len(down)))
     ends = {0, len(across) - 1}, {0, len(down) - 1}
-    return [np.array([across[i], down[j]]) for i, j in outermost if not rim or i in ends[0] or j in ends[1]]
+    return [
+        np.array([across[i], down[j]])
+        for i, j in outermost
+        if not rim or i in ends[0] or j in ends[1]
+    ]
 
 
 def enough_seen(corners: Array, board: Board) -> NDArray[np.bool_]:
-    """(P,) whether poses in which these (P, count, 2) px are seen, NaN where not, are worth asking for."""
+    """(P,) whether poses in which these (P, count, 2) px are seen, NaN where not, are worth asking
+    for.
+    """
     needed = board.count if not board.coding else max(FEWEST_SEEN * board.count, 2 * FEWEST_CORNERS)
     return np.asarray(np.isfinite(corners[..., 0]).sum(1) >= min(needed, board.count))
 
 
 def in_picture(corners: Array, camera: Camera) -> Array:
     """(..., 2) px, NaN where that is not in the picture."""
-    inside = ((corners > 0) & (corners < [camera.width - 1, camera.height - 1])).all(-1, keepdims=True)  # false for NaN
+    inside = ((corners > 0) & (corners < [camera.width - 1, camera.height - 1])).all(
+        -1, keepdims=True
+    )  # false for NaN
     return np.where(inside, corners, np.nan)
 
 
@@ -123,11 +154,15 @@ def matrix(camera: Camera) -> Array:
     if k:
         return np.array([[k.fx.value, 0, k.cx.value], [0, k.fy.value, k.cy.value], [0, 0, 1]])
     focal = FOCAL * max(camera.width, camera.height)
-    return np.array([[focal, 0, (camera.width - 1) / 2], [0, focal, (camera.height - 1) / 2], [0, 0, 1]])
+    return np.array(
+        [[focal, 0, (camera.width - 1) / 2], [0, focal, (camera.height - 1) / 2], [0, 0, 1]]
+    )
 
 
 def seen_bare(board: Board, camera: Camera, pose: Array) -> Array:
-    """(count, 2) px, where the bare camera sees the corners of a board at (6,); of one with markers, NaN outside of the picture."""
+    """(count, 2) px, where the bare camera sees the corners of a board at (6,); of one with
+    markers, NaN outside of the picture.
+    """
     seen = _projected(_solid(board), pose, camera)
     if not board.coding:
         return seen
@@ -135,19 +170,25 @@ def seen_bare(board: Board, camera: Camera, pose: Array) -> Array:
     way = np.linspace(0, 1, WAY)[:, None, None] * np.column_stack(
         [place[:, :2] / place[:, 2:], np.zeros(len(place))]
     )  # from the middle out
-    there = _projected(way.reshape(-1, 3), np.array([0, 0, 0, 0, 0, 1.0]), camera).reshape(WAY, -1, 2)
+    there = _projected(way.reshape(-1, 3), np.array([0, 0, 0, 0, 0, 1.0]), camera).reshape(
+        WAY, -1, 2
+    )
     folded = (np.diff(np.linalg.norm(there - there[0], axis=-1), axis=0) < 0).any(0)
     return in_picture(np.where(folded[:, None], np.nan, seen), camera)
 
 
 def bare_pose(board: Board, camera: Camera, corners: Array) -> Array | None:
-    """(6,) the pose that (count, 2) px, NaN where not seen, would show to the bare camera; None where no pose does."""
+    """(6,) the pose that (count, 2) px, NaN where not seen, would show to the bare camera; None
+    where no pose does.
+    """
     seen = np.isfinite(corners[:, 0])
     if _is_fisheye(camera):
         flat, lens, pixels = np.eye(3), np.zeros(0), _normalised(corners[seen], camera)
     else:
         flat, lens, pixels = matrix(camera), _lens(camera), corners[seen]
-    found, turn, shift = cv2.solvePnP(_solid(board)[seen], pixels, flat, lens, flags=cv2.SOLVEPNP_IPPE)
+    found, turn, shift = cv2.solvePnP(
+        _solid(board)[seen], pixels, flat, lens, flags=cv2.SOLVEPNP_IPPE
+    )
     pose = np.concatenate([np.ravel(turn), np.ravel(shift)]) if found else np.full(6, np.nan)
     return pose if np.isfinite(pose).all() and pose[5] > 0 else None
 
@@ -159,8 +200,9 @@ def rim(board: Board) -> NDArray[np.intp]:
 
 
 def outline(corners: Array, board: Board) -> Array:
-    """(N, 2) px, the board's outermost corners in order around it, from (count, 2) px; those that are not seen are where a plane through
-    the others has them."""
+    """(N, 2) px, the board's outermost corners in order around it, from (count, 2) px; those that
+    are not seen are where a plane through the others has them.
+    """
     around = rim(board)
     seen = np.isfinite(corners[:, 0])
     if seen[around].all():
@@ -171,12 +213,19 @@ def outline(corners: Array, board: Board) -> Array:
 
 
 def _borders(camera: Camera) -> tuple[Array, Array]:
-    """(2,) the least and the greatest x / z and y / z that are in the picture wherever the other one is."""
+    """(2,) the least and the greatest x / z and y / z that are in the picture wherever the other
+    one is.
+    """
     margin = MARGIN * camera.width
     x, y = (np.linspace(margin, length - 1 - margin, 9) for length in (camera.width, camera.height))
-    sides = [np.column_stack(np.broadcast_arrays(*side)) for side in ((x[0], y), (x[-1], y), (x, y[0]), (x, y[-1]))]
+    sides = [
+        np.column_stack(np.broadcast_arrays(*side))
+        for side in ((x[0], y), (x[-1], y), (x, y[0]), (x, y[-1]))
+    ]
     left, right, top, bottom = (_normalised(side, camera) for side in sides)
-    return np.array([left[:, 0].max(), top[:, 1].max()]), np.array([right[:, 0].min(), bottom[:, 1].min()])
+    return np.array([left[:, 0].max(), top[:, 1].max()]), np.array(
+        [right[:, 0].min(), bottom[:, 1].min()]
+    )
 
 
 def _solid(board: Board) -> Array:
@@ -186,7 +235,9 @@ def _solid(board: Board) -> Array:
 def _projected(points: Array, pose: Array, camera: Camera) -> Array:
     """(N, 2) px where the bare camera images (N, 3) m on a board at (6,)."""
     if _is_fisheye(camera):
-        seen = cv2.fisheye.projectPoints(points[:, None], pose[:3], pose[3:], matrix(camera), _lens(camera))[0]
+        seen = cv2.fisheye.projectPoints(
+            points[:, None], pose[:3], pose[3:], matrix(camera), _lens(camera)
+        )[0]
     else:
         seen = cv2.projectPoints(points, pose[:3], pose[3:], matrix(camera), _lens(camera))[0]
     return np.asarray(seen, np.float64).reshape(-1, 2)
@@ -195,13 +246,21 @@ def _projected(points: Array, pose: Array, camera: Camera) -> Array:
 def _normalised(pixels: Array, camera: Camera) -> Array:
     """(N, 2) px to (N, 2) x / z and y / z; what a fisheye sees flatter than `WIDEST`, as there."""
     if not _is_fisheye(camera):
-        return np.asarray(cv2.undistortPoints(pixels, matrix(camera), _lens(camera)), np.float64).reshape(-1, 2)
-    found = cv2.fisheye.undistortPoints(pixels[:, None], matrix(camera), _lens(camera)).reshape(-1, 2)
+        return np.asarray(
+            cv2.undistortPoints(pixels, matrix(camera), _lens(camera)), np.float64
+        ).reshape(-1, 2)
+    found = cv2.fisheye.undistortPoints(pixels[:, None], matrix(camera), _lens(camera)).reshape(
+        -1, 2
+    )
     outward = (pixels - matrix(camera)[:2, 2]) / matrix(camera)[[0, 1], [0, 1]]
     length = np.maximum(np.linalg.norm(outward, axis=-1, keepdims=True), 1e-12)
     tangent = np.linalg.norm(found, axis=-1, keepdims=True)
-    flat = ~((found * outward).sum(-1, keepdims=True) > 0) | ~(tangent < WIDEST)  # beyond 90 degrees OpenCV's tangent turns round
-    return np.asarray(np.where(flat & (length > NEAR_AXIS), outward / length * WIDEST, found), np.float64)
+    flat = ~((found * outward).sum(-1, keepdims=True) > 0) | ~(
+        tangent < WIDEST
+    )  # beyond 90 degrees OpenCV's tangent turns round
+    return np.asarray(
+        np.where(flat & (length > NEAR_AXIS), outward / length * WIDEST, found), np.float64
+    )
 
 
 def _is_fisheye(camera: Camera) -> bool:
@@ -209,4 +268,7 @@ def _is_fisheye(camera: Camera) -> bool:
 
 
 def _lens(camera: Camera) -> Array:
-    return np.array([number.value for number in camera.intrinsics.distortion] if camera.intrinsics else [], np.float64)
+    return np.array(
+        [number.value for number in camera.intrinsics.distortion] if camera.intrinsics else [],
+        np.float64,
+    )

@@ -26,7 +26,11 @@ def again_html(evidence: Evidence, folder: Path) -> str:
         "calibration_sha256": calibration.digest,
     }
     rest = yaml.safe_dump(
-        {key: value for key, value in settings.items() if key not in (KEY, ASKED, DIAGNOSED, "diagnosis")},
+        {
+            key: value
+            for key, value in settings.items()
+            if key not in (KEY, ASKED, DIAGNOSED, "diagnosis")
+        },
         sort_keys=False,
         allow_unicode=True,
         width=100,
@@ -34,19 +38,34 @@ def again_html(evidence: Evidence, folder: Path) -> str:
     lines = "\n".join(map(pasted, commands(settings, folder)))
     return (
         f"<pre>{escape(lines)}</pre>"
-        + table(("", ""), [(escape(key), f"<code>{escape(str(value))}</code>") for key, value in facts.items()])
-        + "<p>calibration.yaml and calibration.npz hold the corners, the poses and all numbers: the fit can be made again from them alone. "
-        "session_sha256 is the SHA-256 of what <code>sha256sum</code> prints for the files of the session that the fit read, "
-        "calibration_sha256 the SHA-256 of calibration.npz.</p>"
+        + table(
+            ("", ""),
+            [(escape(key), f"<code>{escape(str(value))}</code>") for key, value in facts.items()],
+        )
+        + "<p>calibration.yaml and calibration.npz hold the corners, the poses and all numbers: the"
+        " fit can be made again from them alone. session_sha256 is the SHA-256 of what"
+        " <code>sha256sum</code> prints for the files of the session that the fit read,"
+        " calibration_sha256 the SHA-256 of calibration.npz.</p>"
         + f"<details><summary>Settings and outcome</summary><pre>{escape(rest)}</pre></details>"
     )
 
 
 def commands(settings: dict[str, Any], folder: Path) -> list[list[str]]:
-    """The command lines that make the calibration of a folder again, in their order: its fit, and what diagnosed it."""
+    """The command lines that make the calibration of a folder again, in their order: its fit, and
+    what diagnosed it.
+    """
     diagnoses: list[dict[str, str]] = settings.get(DIAGNOSED, [])
     places = [*(one["calibration"] for one in diagnoses), str(folder.resolve())]
-    said = [["calib", "fit", str(settings.get(KEY, {}).get("session", "SESSION")), *_options(settings), "-o", places[0]]]
+    said = [
+        [
+            "calib",
+            "fit",
+            str(settings.get(KEY, {}).get("session", "SESSION")),
+            *_options(settings),
+            "-o",
+            places[0],
+        ]
+    ]
     for one, out in zip(diagnoses, places[1:], strict=True):
         holdout = ["--holdout", one["holdout"]] if one["holdout"] else []
         said.append(["calib", "diagnose", one["calibration"], *holdout, "-o", out])
@@ -54,9 +73,16 @@ def commands(settings: dict[str, Any], folder: Path) -> list[list[str]]:
 
 
 def pasted(words: Sequence[str]) -> str:
-    """As a shell takes it. What lies in the person's home is found from there: a report that is passed on does not tell their name."""
+    """As a shell takes it.
+
+    What lies in the person's home is found from there: a report that is passed on does not tell
+    their name.
+    """
     home = f"{Path('~').expanduser()}/"
-    return " ".join(f"~/{shlex.quote(word.removeprefix(home))}" if word.startswith(home) else shlex.quote(word) for word in words)
+    return " ".join(
+        f"~/{shlex.quote(word.removeprefix(home))}" if word.startswith(home) else shlex.quote(word)
+        for word in words
+    )
 
 
 def _options(settings: dict[str, Any]) -> list[str]:

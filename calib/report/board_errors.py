@@ -26,12 +26,28 @@ def board_errors(evidence: Evidence) -> Drawing:
 
     def paint(figure: Figure) -> None:
         colours = hues(len(evidence.calibration.views))[evidence.view]
-        for axes, (name, errors, reach) in zip(side_by_side(figure, [SIDE] * len(panels), [0.65] * len(panels)), panels, strict=True):
+        for axes, (name, errors, reach) in zip(
+            side_by_side(figure, [SIDE] * len(panels), [0.65] * len(panels)), panels, strict=True
+        ):
             axes.axhline(0, color=FAINT, linewidth=0.6)
             axes.axvline(0, color=FAINT, linewidth=0.6)
-            axes.scatter(errors[:, 0], errors[:, 1], s=5, c=colours, alpha=0.75, linewidths=0, rasterized=True)
+            axes.scatter(
+                errors[:, 0],
+                errors[:, 1],
+                s=5,
+                c=colours,
+                alpha=0.75,
+                linewidths=0,
+                rasterized=True,
+            )
             rms = float(np.sqrt(np.nanmean((errors**2).sum(-1))))
-            axes.set(xlim=(-reach, reach), ylim=(reach, -reach), aspect="equal", xlabel="x (mm)", title=f"{name}: {rms:.2g} mm RMS")
+            axes.set(
+                xlim=(-reach, reach),
+                ylim=(reach, -reach),
+                aspect="equal",
+                xlabel="x (mm)",
+                title=f"{name}: {rms:.2g} mm RMS",
+            )
             axes.locator_params(nbins=4)
         figure.axes[0].set_ylabel("y (mm)")
 
@@ -39,9 +55,10 @@ def board_errors(evidence: Evidence) -> Drawing:
         "board-errors",
         "Corner errors on the board",
         draw("board-errors", (SIDE, SIDE), paint),
-        "Where the ray of each detected corner lands on the board, less where the corner is, in board coordinates. One colour for each "
-        "view, the one beside its name below. A view whose dots lie to one side is bent as a whole; what noise leaves is round and small. "
-        "One dot in two hundred may lie outside.",
+        "Where the ray of each detected corner lands on the board, less where the corner is, in"
+        " board coordinates. One colour for each view, the one beside its name below. A view whose"
+        " dots lie to one side is bent as a whole; what noise leaves is round and small. One dot in"
+        " two hundred may lie outside.",
     )
 
 

@@ -1,4 +1,6 @@
-"""The outer surface of the cover, spread flat: where pixels see through it, in units that people read."""
+"""The outer surface of the cover, spread flat: where pixels see through it, in units that people
+read.
+"""
 
 import numpy as np
 import torch
@@ -16,11 +18,16 @@ CHARTS = {
     "flat": (("y (mm)", 1e3), ("x (mm)", 1e3)),
     "dome": (("elevation (°)", DEGREES), ("azimuth (°)", DEGREES)),
 }
-"""How each shape's two chart coordinates are labelled, and the factor from SI to that unit. The first is drawn downwards."""
+"""How each shape's two chart coordinates are labelled, and the factor from SI to that unit.
+
+The first is drawn downwards.
+"""
 
 
 def hits(evidence: Evidence, pixels: Array) -> Array:
-    """(N, 2) px to the (N, 2) chart coordinates, SI, at which their rays leave the glass; NaN where none does."""
+    """(N, 2) px to the (N, 2) chart coordinates, SI, at which their rays leave the glass; NaN where
+    none does.
+    """
     outer = evidence.path.cover[-1]
     rays = evidence.path.trace(torch.from_numpy(pixels), evidence.values)
     _, values = evidence.path.adjusted(torch.from_numpy(pixels), evidence.values)
@@ -45,7 +52,11 @@ def border(evidence: Evidence) -> Array:
     camera = evidence.calibration.camera
     go, stay = np.linspace(0, 1, 40), np.zeros(40)
     sides = ((go, stay), (1 + stay, go), (1 - go, 1 + stay), (stay, 1 - go))
-    found = hits(evidence, np.concatenate([np.stack(side, -1) for side in sides]) * [camera.width, camera.height] - 0.5)
+    found = hits(
+        evidence,
+        np.concatenate([np.stack(side, -1) for side in sides]) * [camera.width, camera.height]
+        - 0.5,
+    )
     return np.asarray(found[np.isfinite(found).all(-1)])
 
 
@@ -57,5 +68,10 @@ def chart_axes(axes: Axes, evidence: Evidence) -> Polygon:
     (down, _), (across, _) = CHARTS[evidence.calibration.cover.shape]
     (left, top), (right, bottom) = edge.min(0), edge.max(0)
     pad_x, pad_y = 0.04 * (right - left), 0.04 * (bottom - top)
-    axes.set(xlabel=across, ylabel=down, xlim=(left - pad_x, right + pad_x), ylim=(bottom + pad_y, top - pad_y))
+    axes.set(
+        xlabel=across,
+        ylabel=down,
+        xlim=(left - pad_x, right + pad_x),
+        ylim=(bottom + pad_y, top - pad_y),
+    )
     return frame

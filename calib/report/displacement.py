@@ -12,7 +12,9 @@ from calib.undistortion.ray_field import RayField
 
 @dataclass(frozen=True, slots=True)
 class Displacement:
-    """Undistorted minus distorted pixel, which is affine in inverse depth; NaN where no ray leaves the cover."""
+    """Undistorted minus distorted pixel, which is affine in inverse depth; NaN where no ray leaves
+    the cover.
+    """
 
     at_infinity: Array
     """(..., 2) px, at infinite depth."""
@@ -27,7 +29,10 @@ class Displacement:
             np.rint((at - own[0]) / (own[1] - own[0])).astype(int).clip(0, len(own) - 1)
             for at, own in zip(flat.T, (field.nodes_x, field.nodes_y), strict=True)
         )
-        far, near = (np.where(field.valid[row, column, None], field.undistorted(flat, depth), np.nan) for depth in (np.inf, 1.0))
+        far, near = (
+            np.where(field.valid[row, column, None], field.undistorted(flat, depth), np.nan)
+            for depth in (np.inf, 1.0)
+        )
         return Displacement((far - flat).reshape(pixels.shape), (near - far).reshape(pixels.shape))
 
     def at(self, depth: float) -> Array:
@@ -36,7 +41,12 @@ class Displacement:
 
 
 def lattice(evidence: Evidence, nodes: tuple[int, int]) -> tuple[Array, Array, Displacement]:
-    """x (w,) and y (h,) px of a grid over the image from border to border, and the displacement of its (h, w) pixels."""
+    """x (w,) and y (h,) px of a grid over the image from border to border, and the displacement of
+    its (h, w) pixels.
+    """
     camera = evidence.calibration.camera
-    x, y = (np.linspace(-0.5, size - 0.5, n) for size, n in zip((camera.width, camera.height), nodes, strict=True))
+    x, y = (
+        np.linspace(-0.5, size - 0.5, n)
+        for size, n in zip((camera.width, camera.height), nodes, strict=True)
+    )
     return x, y, Displacement.of(evidence.field, np.stack(np.meshgrid(x, y), -1))

@@ -7,7 +7,17 @@ from matplotlib.figure import Figure
 from calib.report.displacement import lattice
 from calib.report.evidence import Evidence
 from calib.report.figure import Drawing
-from calib.report.ink import FAINT, INK, MORE, colour_bar, draw, fitted, image_axes, label_lines, side_by_side
+from calib.report.ink import (
+    FAINT,
+    INK,
+    MORE,
+    colour_bar,
+    draw,
+    fitted,
+    image_axes,
+    label_lines,
+    side_by_side,
+)
 
 NODES = (65, 49)
 ARROWS = (15, 11)
@@ -29,7 +39,9 @@ def distortion_fields(evidence: Evidence) -> Drawing:
         panels = side_by_side(figure, [panel[0]] * len(depths), (0.65, 0.25)[: len(depths)])
         for axes, depth, size in zip(panels, depths, sizes, strict=True):
             image_axes(axes, camera.width, camera.height)
-            shown = axes.imshow(size, cmap=MORE, vmin=0, vmax=most, extent=(*axes.get_xlim(), *axes.get_ylim()))
+            shown = axes.imshow(
+                size, cmap=MORE, vmin=0, vmax=most, extent=(*axes.get_xlim(), *axes.get_ylim())
+            )
             if levels:
                 lines = axes.contour(x, y, size, levels, colors=[INK], linewidths=0.9)
                 label_lines(axes, lines, "%g px")
@@ -44,8 +56,13 @@ def distortion_fields(evidence: Evidence) -> Drawing:
         "distortion",
         "The distortion over the image",
         draw("distortion", panel, paint),
-        "Undistorted minus distorted pixel, for a scene at one depth. Lines join equal lengths; arrows show the direction, each panel's "
-        "longest drawn equally long." + (" The panels differ because rays are shifted as well as turned." if len(depths) == 2 else ""),
+        "Undistorted minus distorted pixel, for a scene at one depth. Lines join equal lengths;"
+        " arrows show the direction, each panel's longest drawn equally long."
+        + (
+            " The panels differ because rays are shifted as well as turned."
+            if len(depths) == 2
+            else ""
+        ),
     )
 
 
@@ -54,4 +71,14 @@ def _arrows(axes: Axes, evidence: Evidence, depth: float) -> None:
     field = displacement.at(depth)[1::2, 1::2]
     longest = float(np.nanmax(np.linalg.norm(field, axis=-1)))
     scale = max(longest, 1e-9) * ARROWS[0] / (1.1 * evidence.calibration.camera.width)
-    axes.quiver(x[1::2], y[1::2], field[..., 0], field[..., 1], angles="xy", scale_units="xy", scale=scale, width=0.003, color=FAINT)
+    axes.quiver(
+        x[1::2],
+        y[1::2],
+        field[..., 0],
+        field[..., 1],
+        angles="xy",
+        scale_units="xy",
+        scale=scale,
+        width=0.003,
+        color=FAINT,
+    )

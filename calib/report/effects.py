@@ -28,7 +28,13 @@ def effect_rows(calibration: Calibration) -> list[EffectRow]:
             one["effect"],
             one["held_out_px_before"],
             one["held_out_px_after"],
-            "; ".join(found(one["effect"], calibration, {name: ParameterEstimate(**said) for name, said in one["parameters"].items()})),
+            "; ".join(
+                found(
+                    one["effect"],
+                    calibration,
+                    {name: ParameterEstimate(**said) for name, said in one["parameters"].items()},
+                )
+            ),
         )
         for one in candidates
         if one["accepted"]

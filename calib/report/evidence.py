@@ -27,7 +27,9 @@ CELLS = (16, 12)
 """Across and down the image, for what is counted or averaged by place."""
 
 FEWEST_SEEN = 0.5
-"""Of a calibration's corners, that its own model sees: a fit drops a session in which a fifth cannot be."""
+"""Of a calibration's corners, that its own model sees: a fit drops a session in which a fifth
+cannot be.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +42,9 @@ class Evidence:
     missed: Residuals
     """By the model."""
     bare_missed: Residuals | None
-    """Without what was modelled: by the camera without its cover, or, if it has none, without its lens distortion. None: the model is
-    a pinhole already."""
+    """Without what was modelled: by the camera without its cover, or, if it has none, without its
+    lens distortion. None: the model is a pinhole already.
+    """
     pixels: Array
     """(M, 2) px"""
     view: NDArray[np.int64]
@@ -83,10 +86,17 @@ class Evidence:
         squared = np.nan_to_num((self.errors**2).sum(-1))
         seen = np.isfinite(self.errors).all(-1)
         views = len(self.calibration.views)
-        return np.asarray(np.sqrt(np.bincount(self.view, squared, views) / np.maximum(np.bincount(self.view, seen, views), 1)))
+        return np.asarray(
+            np.sqrt(
+                np.bincount(self.view, squared, views)
+                / np.maximum(np.bincount(self.view, seen, views), 1)
+            )
+        )
 
     def sigma_at_corners(self, depth: float) -> Array:
-        """(n,) px: how sure the map of a depth (m) is where it was trained; empty without a covariance."""
+        """(n,) px: how sure the map of a depth (m) is where it was trained; empty without a
+        covariance.
+        """
         if not self.sigma:
             return np.zeros(0)
         found = self.sigma.at(self.pixels[:, :1], self.pixels[:, 1:], depth)
@@ -94,21 +104,32 @@ class Evidence:
 
 
 def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) -> Evidence:
-    """Ask a calibration; without depths, its fields are shown at the nearest, the median and the farthest corner's."""
+    """Ask a calibration; without depths, its fields are shown at the nearest, the median and the
+    farthest corner's.
+    """
     if not (calibration.views and calibration.stages):
         advice = (
             "bring it up to date by pictures taken there (calib check --update)"
             if "immersed" in calibration.settings
             else "fit the session again"
         )
-        raise NotEnoughDataError(f"the calibration keeps no views, of which a report would tell: {advice}.")
+        raise NotEnoughDataError(
+            f"the calibration keeps no views, of which a report would tell: {advice}."
+        )
     path, values = calibration.model()
     observations = calibration.observations
     own = torch.from_numpy(calibration.poses)[observations.view]
     depth = path.place(observations.corners, values, own)[:, 2].numpy()
-    missed, sigma = residuals(path, values, observations, torch.from_numpy(calibration.poses)), predicted_sigma(calibration)
+    missed, sigma = (
+        residuals(path, values, observations, torch.from_numpy(calibration.poses)),
+        predicted_sigma(calibration),
+    )
     seen = torch.isfinite(missed.image).all(-1).double().mean()
-    if not (depth > 0).all() or seen < FEWEST_SEEN or (sigma and not np.isfinite(sigma.variance).any()):
+    if (
+        not (depth > 0).all()
+        or seen < FEWEST_SEEN
+        or (sigma and not np.isfinite(sigma.variance).any())
+    ):
         raise InputError(NO_CORNERS)
     return Evidence(
         calibration=calibration,
@@ -121,7 +142,8 @@ def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) ->
         depth=depth,
         field=calibration.ray_field(),
         sigma=sigma,
-        depths=tuple(sorted(set(depths))) or tuple(dict.fromkeys(float(f"{d:.2g}") for d in np.quantile(depth, (0, 0.5, 1)))),
+        depths=tuple(sorted(set(depths)))
+        or tuple(dict.fromkeys(float(f"{d:.2g}") for d in np.quantile(depth, (0, 0.5, 1)))),
     )
 
 

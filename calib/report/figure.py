@@ -14,4 +14,7 @@ class Drawing:
     """Plain text."""
 
     def html(self) -> str:
-        return f'<figure><div class="wide">{self.svg}</div><figcaption>{escape(self.caption)}</figcaption></figure>'
+        return (
+            "<figure><div"
+            f' class="wide">{self.svg}</div><figcaption>{escape(self.caption)}</figcaption></figure>'  # noqa: E501
+        )

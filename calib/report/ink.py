@@ -1,7 +1,9 @@
-"""Figures that read well on light and on dark: matplotlib's SVG with the page's own colours and type.
+"""Figures that read well on light and on dark: matplotlib's SVG with the page's own colours and
+type.
 
-matplotlib knows no CSS, so it draws with stand-in colours, which become the variables of style.css. What would be large as lines and
-dots is drawn into a picture (`rasterized=True`), in colours of middle lightness, the page showing through.
+matplotlib knows no CSS, so it draws with stand-in colours, which become the variables of style.css.
+What would be large as lines and dots is drawn into a picture (`rasterized=True`), in colours of
+middle lightness, the page showing through.
 """
 
 import re
@@ -29,7 +31,12 @@ BLUE, ORANGE = "#2f8fdd", "#e8833a"
 MORE = LinearSegmentedColormap.from_list("more", [(*to_rgb(BLUE), 0.04), (*to_rgb(BLUE), 0.95)])
 BELOW_AND_ABOVE = LinearSegmentedColormap.from_list(
     "below and above",
-    [(0, (*to_rgb(ORANGE), 1.0)), (0.499, (*to_rgb(ORANGE), 0.0)), (0.501, (*to_rgb(BLUE), 0.0)), (1, (*to_rgb(BLUE), 1.0))],
+    [
+        (0, (*to_rgb(ORANGE), 1.0)),
+        (0.499, (*to_rgb(ORANGE), 0.0)),
+        (0.501, (*to_rgb(BLUE), 0.0)),
+        (1, (*to_rgb(BLUE), 1.0)),
+    ],
 )
 RASTER_DPI = 140
 WIDTH, TOP, BOTTOM = 10.0, 0.34, 0.48
@@ -41,7 +48,9 @@ STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.titlesize": 9.5,
     "axes.titlepad": 7,
-    "axes.titley": 1.0,  # else every title looks for its place among the ticks, a third of a figure's time
+    "axes.titley": (
+        1.0
+    ),  # else every title looks for its place among the ticks, a third of a figure's time
     "axes.facecolor": "none",
     "figure.facecolor": "none",
     "savefig.facecolor": "none",
@@ -70,20 +79,32 @@ def draw(name: str, panel: tuple[float, float], paint: Callable[[Figure], None])
         paint(figure)
         marks = axis_marks(figure)
         buffer = StringIO()
-        figure.savefig(buffer, format="svg", dpi=RASTER_DPI, metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
+        figure.savefig(
+            buffer,
+            format="svg",
+            dpi=RASTER_DPI,
+            metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")),
+        )
     return _inline(buffer.getvalue().replace("</svg>", f"{marks}</svg>"), name)
 
 
 def _inline(svg: str, name: str) -> str:
     svg = svg[svg.index("<svg") :]
-    svg = re.sub(r'<svg[^>]*?viewBox="([^"]+)"[^>]*>', rf'<svg viewBox="\1" role="img" aria-labelledby="{name}-title">', svg, count=1)
+    svg = re.sub(
+        r'<svg[^>]*?viewBox="([^"]+)"[^>]*>',
+        rf'<svg viewBox="\1" role="img" aria-labelledby="{name}-title">',
+        svg,
+        count=1,
+    )
     svg = re.sub(r"<defs>\s*<style.*?</style>\s*</defs>", "", svg, count=1, flags=re.DOTALL)
     used = set(re.findall(r'(?:url\(|href=")#([^)"]+)', svg))
 
     def tag(found: re.Match[str]) -> str:
         said = re.sub(r"font-family: [^;\"]*;? ?", "", found[0])
         said = re.sub(r"(\.\d\d)\d+", r"\1", said)
-        said = re.sub(r' id="([^"]+)"', lambda own: f' id="{name}-{own[1]}"' if own[1] in used else "", said)
+        said = re.sub(
+            r' id="([^"]+)"', lambda own: f' id="{name}-{own[1]}"' if own[1] in used else "", said
+        )
         said = re.sub(r'(url\(|href=")#', rf"\1#{name}-", said).replace("xlink:href", "href")
         for colour, variable in VARIABLES.items():
             said = said.replace(colour, f"var({variable})")
@@ -98,13 +119,17 @@ def side_by_side(figure: Figure, widths: Sequence[float], gaps: Sequence[float])
     left, panels = 0.0, []
     for width, gap in zip(widths, gaps, strict=True):
         left += gap
-        panels.append(figure.add_axes((left / wide, BOTTOM / high, width / wide, 1 - (TOP + BOTTOM) / high)))
+        panels.append(
+            figure.add_axes((left / wide, BOTTOM / high, width / wide, 1 - (TOP + BOTTOM) / high))
+        )
         left += width
     return panels
 
 
 def fitted(ratio: float, width: float) -> tuple[float, float]:
-    """Width and height in inches of a panel with a ratio of sides, no wider than given and no taller than TALLEST."""
+    """Width and height in inches of a panel with a ratio of sides, no wider than given and no
+    taller than TALLEST.
+    """
     return min(width, TALLEST * ratio), min(width / ratio, TALLEST)
 
 
@@ -116,7 +141,13 @@ def hues(count: int) -> NDArray[np.float64]:
 
 def image_axes(axes: Axes, width: int, height: int) -> None:
     """The camera's picture: x to the right, y down, px."""
-    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xlabel="x (px)", ylabel="y (px)", aspect="equal")
+    axes.set(
+        xlim=(-0.5, width - 0.5),
+        ylim=(height - 0.5, -0.5),
+        xlabel="x (px)",
+        ylabel="y (px)",
+        aspect="equal",
+    )
     axes.locator_params(nbins=5)
 
 
@@ -127,8 +158,16 @@ def grid_lines(axes: Axes) -> None:
     axes.hlines(ticks(axes.yaxis), *axes.get_xlim(), **style)
 
 
-def label_lines(axes: Axes, lines: ContourSet, fmt: str = "%g", size: float = 8.5, marks: NDArray[np.float64] | None = None) -> None:
-    """Write each contour's level where the panel's border, the other labels and (n, 2) marks are farthest; one without room gets none."""
+def label_lines(
+    axes: Axes,
+    lines: ContourSet,
+    fmt: str = "%g",
+    size: float = 8.5,
+    marks: NDArray[np.float64] | None = None,
+) -> None:
+    """Write each contour's level where the panel's border, the other labels and (n, 2) marks are
+    farthest; one without room gets none.
+    """
     box, placed = axes.bbox, np.empty((0, 2)) if marks is None else axes.transData.transform(marks)
     given = len(placed)
     for line in filter(len, chain.from_iterable(lines.allsegs)):
@@ -138,14 +177,22 @@ def label_lines(axes: Axes, lines: ContourSet, fmt: str = "%g", size: float = 8.
             room = np.minimum(room, np.linalg.norm(at[:, None] - placed, axis=-1).min(1))
         if room.max() > 1.5 * size / 72 * axes.figure.dpi:
             placed = np.vstack([placed, at[room.argmax()]])
-    axes.clabel(lines, fmt=fmt, fontsize=size, manual=axes.transData.inverted().transform(placed[given:]))
+    axes.clabel(
+        lines, fmt=fmt, fontsize=size, manual=axes.transData.inverted().transform(placed[given:])
+    )
 
 
-def colour_bar(figure: Figure, shown: ScalarMappable, axes: Axes, unit: str, extend: str = "neither") -> None:
+def colour_bar(
+    figure: Figure, shown: ScalarMappable, axes: Axes, unit: str, extend: str = "neither"
+) -> None:
     """The key to a field's colours, to the right of a panel: it takes 0.6 inches."""
     wide = figure.get_size_inches()[0]
     box = axes.get_position()
     with mpl.rc_context({"axes.titley": None}):  # above the bar's pointed end, where it has one
-        bar = figure.colorbar(shown, cax=figure.add_axes((box.x1 + 0.1 / wide, box.y0, 0.11 / wide, box.height)), extend=extend)
+        bar = figure.colorbar(
+            shown,
+            cax=figure.add_axes((box.x1 + 0.1 / wide, box.y0, 0.11 / wide, box.height)),
+            extend=extend,
+        )
         bar.outline.set_visible(False)
         bar.ax.set_title(unit, fontsize=8.5)

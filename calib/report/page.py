@@ -1,4 +1,6 @@
-"""The page around the sections: title, verdict, contents, and the style that both colour schemes share."""
+"""The page around the sections: title, verdict, contents, and the style that both colour schemes
+share.
+"""
 
 import re
 from collections.abc import Sequence
@@ -22,12 +24,19 @@ class PageSection:
 def page(subject: str, summary: Summary, sections: Sequence[PageSection]) -> str:
     """The whole file."""
     style = files("calib.report").joinpath("style.css").read_text(encoding="utf-8")
-    contents = "".join(f'<a href="#{section.name}">{escape(section.title)}</a>' for section in sections)
-    lead = re.sub(r"(\d) (px|mm|m|%)", r"\1&nbsp;\2", " ".join(escape(sentence) for sentence in summary.sentences))
+    contents = "".join(
+        f'<a href="#{section.name}">{escape(section.title)}</a>' for section in sections
+    )
+    lead = re.sub(
+        r"(\d) (px|mm|m|%)",
+        r"\1&nbsp;\2",
+        " ".join(escape(sentence) for sentence in summary.sentences),
+    )
     verdict = summary.verdict
     reasons = "".join(f"<li>{escape(reason.sentence)}</li>" for reason in verdict.reasons)
     body = "".join(
-        f'<section id="{section.name}"><h2 id="{section.name}-title">{escape(section.title)}</h2>{section.html}</section>'
+        f'<section id="{section.name}"><h2'
+        f' id="{section.name}-title">{escape(section.title)}</h2>{section.html}</section>'
         for section in sections
     )
     listed = f"<ul>{reasons}</ul>" if reasons else ""
@@ -37,11 +46,16 @@ def page(subject: str, summary: Summary, sections: Sequence[PageSection]) -> str
 {listed}
 <p>Next, where . is the folder of this report: <code>{escape(verdict.next)}</code></p>
 <nav>{contents}</nav>"""
-    return document(f"Calibration of {escape(subject)}", style, header, body, good=not verdict.reasons)
+    return document(
+        f"Calibration of {escape(subject)}", style, header, body, good=not verdict.reasons
+    )
 
 
 def document(title: str, style: str, header: str, body: str, *, good: bool) -> str:
-    """An HTML file that loads nothing. Args: all but style as HTML; good: whether the header is coloured as of something to rely on."""
+    """An HTML file that loads nothing.
+
+    Args: all but style as HTML; good: whether the header is coloured as of something to rely on.
+    """
     return f"""<!doctype html>
 <html lang="en">
 <head>

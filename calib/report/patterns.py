@@ -1,4 +1,6 @@
-"""Mean reprojection errors by place: noise has no mean anywhere, so a mean that noise does not explain is a pattern."""
+"""Mean reprojection errors by place: noise has no mean anywhere, so a mean that noise does not
+explain is a pattern.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,9 @@ from calib.report.evidence import CELLS, Array, Evidence
 CHANCE = 0.01
 """How often noise alone makes a mean that counts as beyond noise."""
 UNLIKELY = float(-np.log(CHANCE))
-"""Squared length of a two-dimensional mean over its expectation, which noise exceeds with that chance."""
+"""Squared length of a two-dimensional mean over its expectation, which noise exceeds with that
+chance.
+"""
 PATTERN = 0.1
 """Of the groups with corners: more of them beyond noise make a pattern."""
 
@@ -33,7 +37,9 @@ class Means:
         """Args: group: (M,) of each corner."""
         errors, seen = evidence.errors, np.isfinite(evidence.errors).all(-1)
         count = np.bincount(group[seen], minlength=groups)
-        total = np.stack([np.bincount(group[seen], errors[seen, axis], groups) for axis in (0, 1)], -1)
+        total = np.stack(
+            [np.bincount(group[seen], errors[seen, axis], groups) for axis in (0, 1)], -1
+        )
         mean = np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], np.nan)
         length = np.linalg.norm(mean, axis=-1)
         return Means(mean, length, length**2 * count > UNLIKELY * evidence.calibration.noise_px**2)
@@ -49,7 +55,9 @@ class Means:
 
     @property
     def said(self) -> str:
-        return f"{self.beyond.sum()} of {self.judged}, where chance gives {CHANCE * self.judged:.1f}"
+        return (
+            f"{self.beyond.sum()} of {self.judged}, where chance gives {CHANCE * self.judged:.1f}"
+        )
 
 
 def over_image(evidence: Evidence) -> Means:

@@ -24,7 +24,9 @@ def picture_of(session: Path, view: str) -> Path:
 
 
 def read_small(path: Path, size: tuple[int, int], width: int) -> Grey | None:
-    """A picture shrunk to a width in px; None where it can not be read any more, or is not of this size."""
+    """A picture shrunk to a width in px; None where it can not be read any more, or is not of this
+    size.
+    """
     try:
         pixels, shrunk = _read(path, size[0], width)
     except (RefracalError, OSError):
@@ -32,15 +34,33 @@ def read_small(path: Path, size: tuple[int, int], width: int) -> Grey | None:
     whole = tuple(-(-length // shrunk) for length in size)
     if pixels is None or pixels.shape != whole[::-1]:
         return None
-    return np.asarray(cv2.resize(eight_bits(pixels), (width, round(width * size[1] / size[0])), interpolation=cv2.INTER_AREA), np.uint8)
+    return np.asarray(
+        cv2.resize(
+            eight_bits(pixels),
+            (width, round(width * size[1] / size[0])),
+            interpolation=cv2.INTER_AREA,
+        ),
+        np.uint8,
+    )
 
 
 def data_url(pixels: Grey) -> str:
-    return "data:image/jpeg;base64," + b64encode(cv2.imencode(".jpg", pixels, QUALITY)[1].tobytes()).decode()
+    return (
+        "data:image/jpeg;base64,"
+        + b64encode(cv2.imencode(".jpg", pixels, QUALITY)[1].tobytes()).decode()
+    )
 
 
 def _read(path: Path, whole: int, width: int) -> tuple[NDArray | None, int]:
-    """Grey pixels, and by how much they are shrunk: a large JPEG is decoded at an eighth of its size, in a fraction of the time."""
+    """Grey pixels, and by how much they are shrunk: a large JPEG is decoded at an eighth of its
+    size, in a fraction of the time.
+    """
     if whole > 8 * width and (data := read_file(path)).startswith(JPEG):
-        return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_REDUCED_GRAYSCALE_8 | cv2.IMREAD_IGNORE_ORIENTATION), 8
+        return (
+            cv2.imdecode(
+                np.frombuffer(data, np.uint8),
+                cv2.IMREAD_REDUCED_GRAYSCALE_8 | cv2.IMREAD_IGNORE_ORIENTATION,
+            ),
+            8,
+        )
     return read_grey(path), 1

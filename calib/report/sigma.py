@@ -6,7 +6,16 @@ from matplotlib.figure import Figure
 
 from calib.report.evidence import Evidence
 from calib.report.figure import Drawing
-from calib.report.ink import INK, MORE, colour_bar, draw, fitted, image_axes, label_lines, side_by_side
+from calib.report.ink import (
+    INK,
+    MORE,
+    colour_bar,
+    draw,
+    fitted,
+    image_axes,
+    label_lines,
+    side_by_side,
+)
 
 
 def predicted_errors(evidence: Evidence) -> Drawing | None:
@@ -23,12 +32,24 @@ def predicted_errors(evidence: Evidence) -> Drawing | None:
         panels = side_by_side(figure, [panel[0]] * len(depths), (0.65, 0.25, 0.25)[: len(depths)])
         for axes, depth, sigma in zip(panels, depths, sigmas, strict=True):
             image_axes(axes, camera.width, camera.height)
-            shown = axes.imshow(sigma, cmap=MORE, norm=Normalize(0, most), extent=(*axes.get_xlim(), *axes.get_ylim()))
-            axes.plot(*evidence.pixels.T, ".", markersize=1, color="#808080", alpha=0.5, rasterized=True)
+            shown = axes.imshow(
+                sigma,
+                cmap=MORE,
+                norm=Normalize(0, most),
+                extent=(*axes.get_xlim(), *axes.get_ylim()),
+            )
+            axes.plot(
+                *evidence.pixels.T, ".", markersize=1, color="#808080", alpha=0.5, rasterized=True
+            )
             levels = np.unique(np.nanquantile(sigma, (0.25, 0.5, 0.75, 0.95)).round(3))
-            lines = axes.contour(field.nodes_x, field.nodes_y, sigma, levels, colors=[INK], linewidths=0.8)
+            lines = axes.contour(
+                field.nodes_x, field.nodes_y, sigma, levels, colors=[INK], linewidths=0.8
+            )
             label_lines(axes, lines, "%.3g", 8)
-            axes.set_title(f"at {depth:g} m: {np.nanmedian(evidence.sigma_at_corners(depth)):.2g} px at the corners")
+            axes.set_title(
+                f"at {depth:g} m: {np.nanmedian(evidence.sigma_at_corners(depth)):.2g} px at the"
+                " corners"
+            )
         for axes in panels[1:]:
             axes.set(ylabel="", yticklabels=[])
         colour_bar(figure, shown, panels[-1], "px", extend="max")
@@ -37,7 +58,8 @@ def predicted_errors(evidence: Evidence) -> Drawing | None:
         "sigma",
         "How sure the maps are",
         draw("sigma", panel, paint),
-        "Predicted standard deviation of the undistorted position, x and y together, if the model is right: from the corners' noise and "
-        "the prior on the glass. The rigid motion of all rays, which no board view fixes, is left out. Dots: corners; "
-        "in the titles, the median over them.",
+        "Predicted standard deviation of the undistorted position, x and y together, if the model"
+        " is right: from the corners' noise and the prior on the glass. The rigid motion of all"
+        " rays, which no board view fixes, is left out. Dots: corners; in the titles, the median"
+        " over them.",
     )

@@ -1,4 +1,6 @@
-"""What opens a report: the verdict, and three sentences on what the calibration is of, what is left, and where it holds."""
+"""What opens a report: the verdict, and three sentences on what the calibration is of, what is
+left, and where it holds.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +20,9 @@ from calib.verdict.verdict import Verdict
 NOISE_ALONE = 1.3
 """Error over the corners' noise up to which the rest counts as noise."""
 HERE = Path()
-"""What commands call the calibration's folder in a report, which lies there and tells of its author's disk no more than names."""
+"""What commands call the calibration's folder in a report, which lies there and tells of its
+author's disk no more than names.
+"""
 SHAPES = {"cone": "a cone", "cylinder": "a cylinder", "flat": "a flat window", "dome": "a dome"}
 
 
@@ -39,14 +43,24 @@ def _subject(evidence: Evidence) -> str:
     c = evidence.calibration
     behind = ""
     if c.cover.shape != "none":
-        thickness, index = (c.cover.parameters[name].value for name in ("thickness", "refractive_index"))
-        behind = f" behind {SHAPES[c.cover.shape]}, {1e3 * thickness:.3g} mm thick with index {index:.4g},"
+        thickness, index = (
+            c.cover.parameters[name].value for name in ("thickness", "refractive_index")
+        )
+        behind = (
+            f" behind {SHAPES[c.cover.shape]}, {1e3 * thickness:.3g} mm thick with index"
+            f" {index:.4g},"
+        )
     near, far = evidence.depth.min(), evidence.depth.max()
     size = f"{c.camera.width}x{c.camera.height}"
-    camera = c.camera.model if size in c.camera.model else f"{c.camera.model or 'A camera'} with {size} px"
+    camera = (
+        c.camera.model
+        if size in c.camera.model
+        else f"{c.camera.model or 'A camera'} with {size} px"
+    )
     return (
-        f"{camera}{behind} was calibrated from {len(c.views)} views of a "
-        f"{c.board} board with {1e3 * c.board.square:g} mm {c.board.part}s: {len(evidence.depth)} corners, {near:.2g} to {far:.2g} m away."
+        f"{camera}{behind} was calibrated from {len(c.views)} views of a {c.board} board with"
+        f" {1e3 * c.board.square:g} mm {c.board.part}s: {len(evidence.depth)} corners, {near:.2g}"
+        f" to {far:.2g} m away."
     )
 
 
@@ -64,9 +78,15 @@ def _fit(evidence: Evidence, verdict: Verdict) -> str:
         rest = "most of what is left" if patterns or doubted else "what is left"
         said += f", and the corners' own noise is about {noise:.3f} px: {rest} is noise"
     elif last <= BEYOND_NOISE * noise:
-        said += f", where the corners' own noise is about {noise:.3f} px: a little more than noise is left"
+        said += (
+            f", where the corners' own noise is about {noise:.3f} px: a little more than noise is"
+            " left"
+        )
     else:
-        said += f", {last / noise:.1f} times the corners' own noise of about {noise:.3f} px: the model lacks something"
+        said += (
+            f", {last / noise:.1f} times the corners' own noise of about {noise:.3f} px: the model"
+            " lacks something"
+        )
     if not (kept := c.settings.get("cross_validation")):
         return said + "; whether it overfits was not measured (calib fit --folds 5 does)."
     validation = CrossValidation(**kept)
@@ -77,7 +97,18 @@ def _fit(evidence: Evidence, verdict: Verdict) -> str:
 def _reach(evidence: Evidence) -> str:
     said = f"Corners lie in {100 * evidence.covered:.0f} % of the image"
     if not evidence.sigma:
-        return said + "; how sure the maps are there is not predicted for this kind of fit, and elsewhere they are extrapolated from there."
-    at = ", ".join(f"{np.median(evidence.sigma_at_corners(depth)):.2g} px at {depth:g} m" for depth in evidence.depths)
+        return (
+            said
+            + "; how sure the maps are there is not predicted for this kind of fit, and elsewhere"
+            " they are extrapolated from there."
+        )
+    at = ", ".join(
+        f"{np.median(evidence.sigma_at_corners(depth)):.2g} px at {depth:g} m"
+        for depth in evidence.depths
+    )
     worst = max(float(np.nanmax(evidence.sigma.at_nodes(depth))) for depth in evidence.depths)
-    return said + f", where one standard deviation of the maps is predicted to be {at}; elsewhere it grows to {worst:.2g} px."
+    return (
+        said
+        + f", where one standard deviation of the maps is predicted to be {at}; elsewhere it grows"
+        f" to {worst:.2g} px."
+    )

@@ -15,10 +15,15 @@ MEANING = {
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Cells are HTML already; where there is no room, each comes below the other beside its label."""
+    """Cells are HTML already; where there is no room, each comes below the other beside its
+    label.
+    """
     first = "".join(f"<th>{escape(cell)}</th>" for cell in head)
     body = "".join(f"<tr>{''.join(map(_cell, head, row))}</tr>" for row in rows)
-    return f'<div class="wide"><table><thead><tr>{first}</tr></thead><tbody>{body}</tbody></table></div>'
+    return (
+        "<div"
+        f' class="wide"><table><thead><tr>{first}</tr></thead><tbody>{body}</tbody></table></div>'
+    )
 
 
 def _cell(label: str, cell: str) -> str:
@@ -30,7 +35,10 @@ def _cell(label: str, cell: str) -> str:
 
 def bar(value: float, whole: float) -> str:
     """A number's length beside others of the same whole."""
-    return f'<span class="bar" style="--part: {min(1.0, max(0.0, value / whole)) if whole > 0 else 0:.3f}"></span>'
+    return (
+        '<span class="bar" style="--part:'
+        f' {min(1.0, max(0.0, value / whole)) if whole > 0 else 0:.3f}"></span>'
+    )
 
 
 def stages_html(evidence: Evidence) -> str:
@@ -46,21 +54,33 @@ def stages_html(evidence: Evidence) -> str:
         )
         for stage in stages
     ]
-    return table(("stage", "", "reprojection error (RMS)", "on the board", "against the camera alone"), rows)
+    return table(
+        ("stage", "", "reprojection error (RMS)", "on the board", "against the camera alone"), rows
+    )
 
 
 def parameters_html(evidence: Evidence) -> str:
-    """Every number as it was declared and as it was estimated, an effect's increment added; then what effects have of their own."""
+    """Every number as it was declared and as it was estimated, an effect's increment added; then
+    what effects have of their own.
+    """
     own = list(own_parameters(evidence.calibration))
     rows = [*map(_row, comparisons(evidence.calibration)), *map(_row, own)]
     numbers = table(("quantity", "declared ± tolerance", "estimated ± sigma", "apart"), rows)
     if not own:
         return numbers
-    return numbers + f"<p>No session declares {escape(', '.join(one.name for one in own))}: what is supposed stands for it.</p>"
+    return (
+        numbers
+        + f"<p>No session declares {escape(', '.join(one.name for one in own))}: what is supposed"
+        " stands for it.</p>"
+    )
 
 
 def _row(one: Comparison) -> tuple[str, str, str, str]:
-    said = one.stated if one.source == DECLARED else f"{one.stated} <small>{escape(one.source)}</small>"
+    said = (
+        one.stated
+        if one.source == DECLARED
+        else f"{one.stated} <small>{escape(one.source)}</small>"
+    )
     if one.held:
         return escape(one.name), said, "held", ""
     by = f" <small>by {escape(one.effect)}</small>" if one.effect else ""

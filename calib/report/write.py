@@ -1,4 +1,6 @@
-"""report.html: one file that shows a calibration, without network or scripts, on light and on dark."""
+"""report.html: one file that shows a calibration, without network or scripts, on light and on
+dark.
+"""
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -27,7 +29,15 @@ from calib.report.views import begin_thumbnails, views_html
 from calib.threads import single_thread
 
 NAME = "report.html"
-DRAWINGS = (board_errors, residual_maps, distortion_fields, distortion_by_depth, glass_surface, predicted_errors, coverage)
+DRAWINGS = (
+    board_errors,
+    residual_maps,
+    distortion_fields,
+    distortion_by_depth,
+    glass_surface,
+    predicted_errors,
+    coverage,
+)
 
 
 def write_report(
@@ -42,7 +52,8 @@ def write_report(
     """Write report.html beside a saved calibration.
 
     Args:
-        depths: m, where fields are shown; by default at the nearest, the median and the farthest corner's.
+        depths: m, where fields are shown; by default at the nearest, the median and the farthest
+            corner's.
         effects: what to say of them; None: what the diagnosis found that the calibration keeps.
         pictures: the session, where it does not lie at the place that the calibration keeps.
     """
@@ -64,16 +75,29 @@ def write_report(
             views_html(evidence, thumbnails),
             again_html(evidence, files.folder),
         )
-    path = files.write(NAME, page(calibration.camera.model or "a camera", summarise(evidence, depths), sections))
+    path = files.write(
+        NAME, page(calibration.camera.model or "a camera", summarise(evidence, depths), sections)
+    )
     advance(len(DRAWINGS) + 2, "")
     return path
 
 
 def _sections(
-    evidence: Evidence, straight: str, drawings: Sequence[Drawing | None], effects: Sequence[EffectRow], views: str, again: str
+    evidence: Evidence,
+    straight: str,
+    drawings: Sequence[Drawing | None],
+    effects: Sequence[EffectRow],
+    views: str,
+    again: str,
 ) -> list[PageSection]:
-    figures = [PageSection(drawing.name, drawing.title, drawing.html()) for drawing in drawings if drawing]
-    before_after = [PageSection("effects", "Effects, before and after", effects_html(effects))] if effects else []
+    figures = [
+        PageSection(drawing.name, drawing.title, drawing.html()) for drawing in drawings if drawing
+    ]
+    before_after = (
+        [PageSection("effects", "Effects, before and after", effects_html(effects))]
+        if effects
+        else []
+    )
     return [
         PageSection("stages", "How the error fell", stages_html(evidence)),
         *before_after,
@@ -86,7 +110,11 @@ def _sections(
 
 
 def _session(calibration: Calibration, folder: Path, pictures: Path | None) -> Path | None:
-    """Where the pictures are, if they still are: the session that was fitted, or the one that the folder lies in."""
+    """Where the pictures are, if they still are: the session that was fitted, or the one that the
+    folder lies in.
+    """
     fitted = str(calibration.settings.get(KEY, {}).get("session", ""))
     places = [place for place in (pictures, fitted and Path(fitted)) if place]
-    return next((place for place in (*places, folder.resolve().parent) if (place / "frames").is_dir()), None)
+    return next(
+        (place for place in (*places, folder.resolve().parent) if (place / "frames").is_dir()), None
+    )

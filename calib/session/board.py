@@ -20,7 +20,10 @@ class Board:
     square: float
     """m, side of a square, or of an AprilGrid's tag."""
     square_sigma: float | None = field(default=None, compare=False)
-    """m, how well that is known: what is measured in metres is no surer. None: not stated, and SQUARE_SIDE of it; 0: exactly."""
+    """m, how well that is known: what is measured in metres is no surer.
+
+    None: not stated, and SQUARE_SIDE of it; 0: exactly.
+    """
     coding: Coding | None = None
     """None: a plain checkerboard, whose corners look alike."""
 
@@ -44,8 +47,12 @@ class Board:
         return float(self._places(self.columns)[-1]), float(self._places(self.rows)[-1])
 
     def points(self) -> NDArray[np.float64]:
-        """(count, 2) m, the corners in board coordinates: origin at the board's centre, x along columns, y along rows."""
-        return np.stack(np.meshgrid(self._places(self.columns), self._places(self.rows), indexing="xy"), axis=-1).reshape(-1, 2)
+        """(count, 2) m, the corners in board coordinates: origin at the board's centre, x along
+        columns, y along rows.
+        """
+        return np.stack(
+            np.meshgrid(self._places(self.columns), self._places(self.rows), indexing="xy"), axis=-1
+        ).reshape(-1, 2)
 
     def _places(self, count: int) -> NDArray[np.float64]:
         """(count,) m, along a row or a column."""

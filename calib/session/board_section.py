@@ -5,17 +5,31 @@ from calib.session.board import Board
 from calib.session.coding import DICTIONARIES, SPACING_LIMITS, TYPES, AprilGrid, Charuco
 from calib.session.schema import Number, Quantity, Section
 
-SQUARE, TAG, MARKER = (Quantity(key, low=0.05, high=1e5) for key in ("square_mm", "tag_mm", "marker_mm"))
+SQUARE, TAG, MARKER = (
+    Quantity(key, low=0.05, high=1e5) for key in ("square_mm", "tag_mm", "marker_mm")
+)
 SPACING = Quantity("spacing", low=SPACING_LIMITS[0], high=SPACING_LIMITS[1])
 KEYS = {
     "checkerboard": ("type", "columns", "rows", "square_mm"),
-    "charuco": ("type", "columns", "rows", "square_mm", "marker_mm", "dictionary", "legacy_pattern"),
+    "charuco": (
+        "type",
+        "columns",
+        "rows",
+        "square_mm",
+        "marker_mm",
+        "dictionary",
+        "legacy_pattern",
+    ),
     "aprilgrid": ("type", "columns", "rows", "tag_mm", "spacing"),
 }
 
 
 def read_board(section: Section) -> Board:
-    kind = section.choice("type", TYPES, ", ".join(TYPES[:-1]) + f" or {TYPES[-1]}") if "type" in section.values else "checkerboard"
+    kind = (
+        section.choice("type", TYPES, ", ".join(TYPES[:-1]) + f" or {TYPES[-1]}")
+        if "type" in section.values
+        else "checkerboard"
+    )
     section.only(KEYS[kind], "known key" if "type" not in section.values else f"key of type {kind}")
     if kind == "aprilgrid":
         return _aprilgrid(section)
@@ -35,7 +49,13 @@ def board_to_yaml(board: Board) -> dict[str, object]:
         case Charuco(marker, dictionary, legacy_pattern):
             marker_mm = MARKER.to_yaml(Number(marker))
             sides = {"square_mm": SQUARE.to_yaml(side), "marker_mm": marker_mm}
-            return {"type": "charuco", **size, **sides, "dictionary": dictionary, "legacy_pattern": legacy_pattern}
+            return {
+                "type": "charuco",
+                **size,
+                **sides,
+                "dictionary": dictionary,
+                "legacy_pattern": legacy_pattern,
+            }
         case AprilGrid(spacing):
             tags = {"columns": board.columns // 2, "rows": board.rows // 2}
             return {"type": "aprilgrid", **tags, "tag_mm": TAG.to_yaml(side), "spacing": spacing}
@@ -44,13 +64,25 @@ def board_to_yaml(board: Board) -> dict[str, object]:
 def _charuco(section: Section, plain: Board) -> Board:
     marker = section.read(MARKER)["marker"]
     if not marker.value < plain.square:
-        raise section.wrong("marker_mm", section.values["marker_mm"], "less than square_mm, as markers are inside of the squares")
-    dictionary = section.choice("dictionary", tuple(DICTIONARIES), "one of OpenCV's names, such as DICT_4X4_250")
+        raise section.wrong(
+            "marker_mm",
+            section.values["marker_mm"],
+            "less than square_mm, as markers are inside of the squares",
+        )
+    dictionary = section.choice(
+        "dictionary", tuple(DICTIONARIES), "one of OpenCV's names, such as DICT_4X4_250"
+    )
     legacy = section.values.get("legacy_pattern", False)
     if not isinstance(legacy, bool):
         raise section.wrong("legacy_pattern", legacy, "true or false")
     _check_markers(section, (plain.columns + 1) * (plain.rows + 1) // 2, dictionary)
-    return Board(plain.columns, plain.rows, plain.square, plain.square_sigma, Charuco(marker.value, dictionary, legacy))
+    return Board(
+        plain.columns,
+        plain.rows,
+        plain.square,
+        plain.square_sigma,
+        Charuco(marker.value, dictionary, legacy),
+    )
 
 
 def _aprilgrid(section: Section) -> Board:
@@ -65,8 +97,8 @@ def _aprilgrid(section: Section) -> Board:
 def _check_markers(section: Section, needed: int, dictionary: str) -> None:
     if needed > DICTIONARIES[dictionary]:
         raise InputError(
-            f"{section.file}: {section.path} needs {needed} markers where {dictionary} has {DICTIONARIES[dictionary]}: correct columns and "
-            "rows, or the dictionary."
+            f"{section.file}: {section.path} needs {needed} markers where {dictionary} has"
+            f" {DICTIONARIES[dictionary]}: correct columns and rows, or the dictionary."
         )
 
 

@@ -1,9 +1,15 @@
-"""What makes a board's corners tell which they are: markers with numbers, beside the corners or between them."""
+"""What makes a board's corners tell which they are: markers with numbers, beside the corners or
+between them.
+"""
 
 from dataclasses import dataclass
 
 DICTIONARIES = {
-    **{f"DICT_{bits}X{bits}_{count}": count for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000)},
+    **{
+        f"DICT_{bits}X{bits}_{count}": count
+        for bits in (4, 5, 6, 7)
+        for count in (50, 100, 250, 1000)
+    },
     "DICT_ARUCO_ORIGINAL": 1024,
     "DICT_ARUCO_MIP_36h12": 250,
     "DICT_APRILTAG_16h5": 30,
@@ -27,7 +33,9 @@ class Charuco:
     """m, side of a marker."""
     dictionary: str
     legacy_pattern: bool = False
-    """Whether a board with an even number of rows of squares begins with a white one, as OpenCV's did before 4.6 and calib.io's do."""
+    """Whether a board with an even number of rows of squares begins with a white one, as OpenCV's
+    did before 4.6 and calib.io's do.
+    """
 
 
 @dataclass(frozen=True, slots=True)

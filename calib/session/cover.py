@@ -17,7 +17,10 @@ GLASS = (
 CORRELATIONS = "correlations"
 GLASS_KEY = "glass"
 CORRELATION = Quantity(CORRELATIONS, low=-1, high=1)
-PAIRS = "two names and a number from -1 to 1 for each pair of numbers, such as [[cover.thickness, camera.fx, 0.5]]"
+PAIRS = (
+    "two names and a number from -1 to 1 for each pair of numbers, such as [[cover.thickness,"
+    " camera.fx, 0.5]]"
+)
 AXIS = (
     Quantity("axis_offset_mm", ("x", "z"), low=-1e5, high=1e5),
     Quantity("tilt_deg", ("x", "z"), low=-45, high=45, default=0.0),
@@ -38,12 +41,16 @@ SHAPES: Mapping[str, tuple[Quantity, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Cover:
-    """A shape and its numbers: {"inner_radius": ..., "tilt.x": ...}, in SI units, by the names of `SHAPES`."""
+    """A shape and its numbers: {"inner_radius": ..., "tilt.x": ...}, in SI units, by the names of
+    `SHAPES`.
+    """
 
     shape: str
     parameters: Mapping[str, Number]
     correlations: tuple[tuple[str, str, float], ...] = ()
-    """Of pairs of numbers of which one at least is the cover's, called cover.thickness, camera.fx and so on; others are independent."""
+    """Of pairs of numbers of which one at least is the cover's, called cover.thickness, camera.fx
+    and so on; others are independent.
+    """
     glass: Glass | None = None
     """What is known of its unevenness; None: what holds for any glass."""
 
@@ -51,9 +58,20 @@ class Cover:
 def read_cover(section: Section) -> Cover:
     shapes = tuple(SHAPES)
     shape = section.choice("shape", shapes, f"one of {', '.join(shapes)}")
-    section.only(("shape", *(quantity.key for quantity in SHAPES[shape]), CORRELATIONS, GLASS_KEY), f"key of the shape {shape}")
-    parameters = {name: number for quantity in SHAPES[shape] for name, number in section.read(quantity).items()}
-    glass = read_glass(section.section(GLASS_KEY, "what calib fleet-prior wrote")) if GLASS_KEY in section.values else None
+    section.only(
+        ("shape", *(quantity.key for quantity in SHAPES[shape]), CORRELATIONS, GLASS_KEY),
+        f"key of the shape {shape}",
+    )
+    parameters = {
+        name: number
+        for quantity in SHAPES[shape]
+        for name, number in section.read(quantity).items()
+    }
+    glass = (
+        read_glass(section.section(GLASS_KEY, "what calib fleet-prior wrote"))
+        if GLASS_KEY in section.values
+        else None
+    )
     cover = Cover(shape, parameters, _read_correlations(section), glass)
     _refuse_camera_outside(section, cover)
     return cover
@@ -73,7 +91,9 @@ def cover_to_yaml(cover: Cover) -> dict[str, object]:
 
 
 def _read_correlations(section: Section) -> tuple[tuple[str, str, float], ...]:
-    """What they are of, and whether all can be true together, is checked where the camera is known too."""
+    """What they are of, and whether all can be true together, is checked where the camera is known
+    too.
+    """
     written = section.values.get(CORRELATIONS, [])
     if not isinstance(written, list):
         raise section.wrong(CORRELATIONS, written, PAIRS)
@@ -91,17 +111,27 @@ def _read_correlations(section: Section) -> tuple[tuple[str, str, float], ...]:
 def _refuse_camera_outside(section: Section, cover: Cover) -> None:
     n = {name: number.value for name, number in cover.parameters.items()}
     if cover.shape == "dome":
-        away, radius, key, centre = math.hypot(n["centre.x"], n["centre.y"], n["centre.z"]), n["inner_radius"], "centre_mm", "centre"
+        away, radius, key, centre = (
+            math.hypot(n["centre.x"], n["centre.y"], n["centre.z"]),
+            n["inner_radius"],
+            "centre_mm",
+            "centre",
+        )
     elif cover.shape in ("cone", "cylinder"):
         along = -_axis_dot_offset(n)  # m, of the pinhole, from the axis's point at y = 0
         away = math.sqrt(max(n["axis_offset.x"] ** 2 + n["axis_offset.z"] ** 2 - along**2, 0.0))
-        radius, key, centre = n["inner_radius"] + n.get("radius_slope", 0.0) * along, "axis_offset_mm", "axis"
+        radius, key, centre = (
+            n["inner_radius"] + n.get("radius_slope", 0.0) * along,
+            "axis_offset_mm",
+            "axis",
+        )
     else:
         return
     if away >= radius:
         raise InputError(
-            f"{section.file}: {section.at(key)} puts the camera outside the {cover.shape}, {away * 1000:g} mm from its {centre} "
-            f"where the inner radius is {radius * 1000:g} mm: write a smaller {key} or a larger inner_radius_mm."
+            f"{section.file}: {section.at(key)} puts the camera outside the {cover.shape},"
+            f" {away * 1000:g} mm from its {centre} where the inner radius is {radius * 1000:g} mm:"
+            f" write a smaller {key} or a larger inner_radius_mm."
         )
 
 

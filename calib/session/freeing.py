@@ -1,4 +1,6 @@
-"""Which declared numbers of the cover and the camera the joint fit estimates: all by default, or by the names that people use for them."""
+"""Which declared numbers of the cover and the camera the joint fit estimates: all by default, or by
+the names that people use for them.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -25,7 +27,9 @@ from calib.session.tolerances import (
 
 @dataclass(frozen=True, slots=True)
 class Freeable:
-    """One name of `--free`, and how well its numbers are known where the session gives them without a sigma."""
+    """One name of `--free`, and how well its numbers are known where the session gives them without
+    a sigma.
+    """
 
     name: str
     parameters: tuple[str, ...]
@@ -48,13 +52,17 @@ TANGENTIAL_NAMES = ("p1", "p2")
 ALL = "all"
 """Every number that has a tolerance, those aside that the session calls exact."""
 AUTO = "auto"
-"""The same as long as the estimates keep to their tolerances, or are decisively more probable than exact numbers."""
+"""The same as long as the estimates keep to their tolerances, or are decisively more probable than
+exact numbers.
+"""
 NONE = "none"
 """Only what the session states with a sigma."""
 NAMES = (*(freeable.name for freeable in COVER), INTRINSICS, AUTO, ALL, NONE)
 
 
-def with_free(intrinsics: Intrinsics, cover: Cover, names: Sequence[str]) -> tuple[Intrinsics, Cover]:
+def with_free(
+    intrinsics: Intrinsics, cover: Cover, names: Sequence[str]
+) -> tuple[Intrinsics, Cover]:
     """The same description with a sigma for every number of these names; stated sigmas stay.
 
     Raises:
@@ -81,19 +89,41 @@ def with_free(intrinsics: Intrinsics, cover: Cover, names: Sequence[str]) -> tup
 
 def _all_free(intrinsics: Intrinsics, cover: Cover) -> tuple[Intrinsics, Cover]:
     """With the tolerance of its kind for every number that has neither a sigma nor is exact."""
-    tolerances = {name: freeable.tolerance.sigma for freeable in COVER for name in freeable.parameters}
-    parameters = {name: _declared(number, tolerances.get(name, 0.0)) for name, number in cover.parameters.items()}
+    tolerances = {
+        name: freeable.tolerance.sigma for freeable in COVER for name in freeable.parameters
+    }
+    parameters = {
+        name: _declared(number, tolerances.get(name, 0.0))
+        for name, number in cover.parameters.items()
+    }
     return _map_intrinsics(intrinsics, _declared), replace(cover, parameters=parameters)
 
 
-def _map_intrinsics(intrinsics: Intrinsics, change: Callable[[Number, float], Number]) -> Intrinsics:
-    """Each number changed, given its tolerance; a pinhole that is stated to have no distortion keeps none."""
-    fx, fy = (change(number, FOCAL.sigma * number.value) for number in (intrinsics.fx, intrinsics.fy))
+def _map_intrinsics(
+    intrinsics: Intrinsics, change: Callable[[Number, float], Number]
+) -> Intrinsics:
+    """Each number changed, given its tolerance; a pinhole that is stated to have no distortion
+    keeps none.
+    """
+    fx, fy = (
+        change(number, FOCAL.sigma * number.value) for number in (intrinsics.fx, intrinsics.fy)
+    )
     cx, cy = (change(number, PRINCIPAL_POINT.sigma) for number in (intrinsics.cx, intrinsics.cy))
     lens = intrinsics.distortion if intrinsics.distorts else ()
-    sigmas = [(TANGENTIAL if name in TANGENTIAL_NAMES else RADIAL).sigma for name in intrinsics.names[: len(lens)]]
+    sigmas = [
+        (TANGENTIAL if name in TANGENTIAL_NAMES else RADIAL).sigma
+        for name in intrinsics.names[: len(lens)]
+    ]
     distortion = tuple(map(change, lens, sigmas))
-    return replace(intrinsics, fx=fx, fy=fy, cx=cx, cy=cy, distortion=distortion, correlations=intrinsics.correlations[: 3 + len(lens)])
+    return replace(
+        intrinsics,
+        fx=fx,
+        fy=fy,
+        cx=cx,
+        cy=cy,
+        distortion=distortion,
+        correlations=intrinsics.correlations[: 3 + len(lens)],
+    )
 
 
 def _freed(number: Number, sigma: float) -> Number:

@@ -1,4 +1,6 @@
-"""What is known of a cover's unevenness beforehand: the figure of its outer surface, as a fleet of such covers has it."""
+"""What is known of a cover's unevenness beforehand: the figure of its outer surface, as a fleet of
+such covers has it.
+"""
 
 from dataclasses import dataclass
 
@@ -16,20 +18,27 @@ MICRO = 1e6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Glass:
-    """A figure, the sum of products of Legendre polynomials over a patch of the cover's chart: its coefficients are normal, and correlated
-    with each other and with the numbers of camera and cover, beside which they do much the same."""
+    """A figure, the sum of products of Legendre polynomials over a patch of the cover's chart: its
+    coefficients are normal, and correlated with each other and with the numbers of camera and
+    cover, beside which they do much the same.
+    """
 
     low: tuple[float, float]
-    """Chart coordinates of the patch's first corner, and `high` of its last, as calib.optics.relief has them."""
+    """Chart coordinates of the patch's first corner, and `high` of its last, as calib.optics.relief
+    has them.
+    """
     high: tuple[float, float]
     degree: int
-    """The highest of both directions together; with it N coefficients, in the order of `degrees`."""
+    """The highest of both directions together; with it N coefficients, in the order of `degrees`.
+    """
     mean: Array
     """(N,) m"""
     covariance: Array
     """(N, N) m^2"""
     numbers: tuple[str, ...]
-    """K names of numbers, and the (N, K) covariance `beside` of the coefficients with them, in m times SI units or px."""
+    """K names of numbers, and the (N, K) covariance `beside` of the coefficients with them, in m
+    times SI units or px.
+    """
     beside: Array
 
     @property
@@ -44,14 +53,20 @@ def degrees(highest: int) -> tuple[tuple[int, int], ...]:
 
 def glass_to_yaml(glass: Glass) -> dict[str, object]:
     """The mapping that `read_glass` reads as this glass."""
-    lower = [[float(value) for value in row[: i + 1] * MICRO**2] for i, row in enumerate(glass.covariance)]
+    lower = [
+        [float(value) for value in row[: i + 1] * MICRO**2]
+        for i, row in enumerate(glass.covariance)
+    ]
     return {
         "low": list(glass.low),
         "high": list(glass.high),
         "degree": glass.degree,
         "mean_um": [float(value) for value in glass.mean * MICRO],
         "covariance_um2": lower,
-        "covariance_um": {name: [float(value) for value in glass.beside[:, i] * MICRO] for i, name in enumerate(glass.numbers)},
+        "covariance_um": {
+            name: [float(value) for value in glass.beside[:, i] * MICRO]
+            for i, name in enumerate(glass.numbers)
+        },
     }
 
 
@@ -70,17 +85,31 @@ def read_glass(section: Section) -> Glass:
         raise section.wrong("covariance_um2", written, expected)
     covariance = np.zeros((count, count))
     for i, row in enumerate(written):
-        covariance[i, : i + 1] = covariance[: i + 1, i] = _row(section, f"covariance_um2[{i}]", row, i + 1) / MICRO**2
+        covariance[i, : i + 1] = covariance[: i + 1, i] = (
+            _row(section, f"covariance_um2[{i}]", row, i + 1) / MICRO**2
+        )
     rows = section.section("covariance_um", "{cover.thickness: [...]}").values
     beside = np.zeros((count, len(rows)))
     for i, (name, column) in enumerate(rows.items()):
         beside[:, i] = _row(section, f"covariance_um.{name}", column, count) / MICRO
-    return Glass((float(low[0]), float(low[1])), (float(high[0]), float(high[1])), degree, mean, covariance, tuple(rows), beside)
+    return Glass(
+        (float(low[0]), float(low[1])),
+        (float(high[0]), float(high[1])),
+        degree,
+        mean,
+        covariance,
+        tuple(rows),
+        beside,
+    )
 
 
 def _row(section: Section, key: str, written: object, count: int) -> Array:
     if isinstance(written, list) and len(written) == count:
-        numbers = [value for value in written if isinstance(value, int | float) and not isinstance(value, bool)]
+        numbers = [
+            value
+            for value in written
+            if isinstance(value, int | float) and not isinstance(value, bool)
+        ]
         if len(numbers) == count and np.isfinite(numbers).all():
             return np.array(numbers, np.float64)
     raise section.wrong(key, written, f"{count} numbers")

@@ -1,4 +1,6 @@
-"""What a splined lens has beside a fisheye's numbers: control points of a displacement over the picture."""
+"""What a splined lens has beside a fisheye's numbers: control points of a displacement over the
+picture.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +15,17 @@ EXAMPLE = "{columns: 8, rows: 6, x_px: [...], y_px: [...]}"
 
 @dataclass(frozen=True, slots=True)
 class Spline:
-    """Control points of a bicubic B-spline surface, evenly over the picture and one spacing beyond it on every side; they are held."""
+    """Control points of a bicubic B-spline surface, evenly over the picture and one spacing beyond
+    it on every side; they are held.
+    """
 
     size: tuple[int, int]
     """px, of the picture."""
     columns: int
     rows: int
     x: tuple[float, ...]
-    """(rows * columns,) px, row by row: what is added to a pixel's x before the fisheye's formula."""
+    """(rows * columns,) px, row by row: what is added to a pixel's x before the fisheye's formula.
+    """
     y: tuple[float, ...]
     """The same of y."""
 
@@ -35,7 +40,12 @@ def read_spline(intrinsics: Section, size: tuple[int, int]) -> Spline:
 
 def spline_to_yaml(spline: Spline) -> dict[str, object]:
     """The mapping that `read_spline` reads as this spline."""
-    return {"columns": spline.columns, "rows": spline.rows, "x_px": list(spline.x), "y_px": list(spline.y)}
+    return {
+        "columns": spline.columns,
+        "rows": spline.rows,
+        "x_px": list(spline.x),
+        "y_px": list(spline.y),
+    }
 
 
 def _shifts(section: Section, key: str, count: int) -> tuple[float, ...]:
@@ -43,4 +53,6 @@ def _shifts(section: Section, key: str, count: int) -> tuple[float, ...]:
     written = section.get(key, expected)
     if not isinstance(written, list) or len(written) != count:
         raise section.wrong(key, written, expected)
-    return tuple(section.number(f"{key}[{i}]", entry, SHIFT).value for i, entry in enumerate(written))
+    return tuple(
+        section.number(f"{key}[{i}]", entry, SHIFT).value for i, entry in enumerate(written)
+    )

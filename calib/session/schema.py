@@ -1,4 +1,6 @@
-"""Reading a mapping from a file strictly: what is wrong is said with file, key and what to write instead."""
+"""Reading a mapping from a file strictly: what is wrong is said with file, key and what to write
+instead.
+"""
 
 import math
 import re
@@ -22,7 +24,9 @@ class Number:
     sigma: float = 0.0
     """How well it is known: the fit's prior. 0: not stated, or held."""
     exact: bool = False
-    """Whether the fit holds it even where all numbers are freed, each by the tolerance of its kind (session/tolerances.py)."""
+    """Whether the fit holds it even where all numbers are freed, each by the tolerance of its kind
+    (session/tolerances.py).
+    """
 
 
 UNITS = {"_mm": ("millimetres", 1000.0), "_deg": ("degrees", 180 / math.pi)}
@@ -38,7 +42,8 @@ class Quantity:
     components: tuple[str, ...] = ()
     """The names of a list's entries. None: a single number."""
     low: float = -math.inf
-    """The smallest allowed, in the file's unit; and `high` the largest. Both are given, or neither."""
+    """The smallest allowed, in the file's unit; and `high` the largest. Both are given, or neither.
+    """
     high: float = math.inf
     default: float | None = None
     """None: the key is required."""
@@ -51,7 +56,9 @@ class Quantity:
 
     @property
     def unit(self) -> tuple[str, float]:
-        return next((unit for suffix, unit in UNITS.items() if self.key.endswith(suffix)), ("", 1.0))
+        return next(
+            (unit for suffix, unit in UNITS.items() if self.key.endswith(suffix)), ("", 1.0)
+        )
 
     @property
     def expected(self) -> str:
@@ -67,10 +74,19 @@ class Quantity:
         return {"value": value, "sigma": self._written(number.sigma)} if number.sigma else value
 
     def _written(self, si: float) -> float:
-        """The shortest number that reads as this one. What was read from a file has one; of others, a few come back off in the last bit."""
+        """The shortest number that reads as this one.
+
+        What was read from a file has one; of others, a few come back off in the last bit.
+        """
         per_si = self.unit[1]
         near = si * per_si
-        candidates = [float(f"{near:.15g}"), float(f"{near:.16g}"), near, math.nextafter(near, -math.inf), math.nextafter(near, math.inf)]
+        candidates = [
+            float(f"{near:.15g}"),
+            float(f"{near:.16g}"),
+            near,
+            math.nextafter(near, -math.inf),
+            math.nextafter(near, math.inf),
+        ]
         return next((written for written in candidates if written / per_si == si), near)
 
 
@@ -87,7 +103,9 @@ class Section:
 
     def wrong(self, key: str, value: object, expected: str) -> InputError:
         if isinstance(value, str) and _is_number(value) and "number" in expected:
-            return InputError(f'{self.file}: {self.at(key)} is the text "{brief(value)}": drop the quotes.')
+            return InputError(
+                f'{self.file}: {self.at(key)} is the text "{brief(value)}": drop the quotes.'
+            )
         return InputError(f"{self.file}: {self.at(key)} is {_shown(value)}: write {expected}.")
 
     def only(self, allowed: Sequence[str], kind: str = "known key") -> None:
@@ -96,7 +114,10 @@ class Section:
             if key not in allowed:
                 close = get_close_matches(brief(key), allowed, n=1)
                 hint = f" (did you mean {close[0]}?)" if close else ""
-                raise InputError(f"{self.file}: {self.at(brief(key))} is not a {kind}{hint}: allowed here are {', '.join(allowed)}.")
+                raise InputError(
+                    f"{self.file}: {self.at(brief(key))} is not a {kind}{hint}: allowed here are"
+                    f" {', '.join(allowed)}."
+                )
 
     def get(self, key: str, expected: str) -> object:
         if key not in self.values:
@@ -128,7 +149,11 @@ class Section:
         for option in options:
             if type(value) is type(option) and value == option:
                 return option
-        close = get_close_matches(brief(value), [str(option) for option in options], n=1) if isinstance(value, str) else []
+        close = (
+            get_close_matches(brief(value), [str(option) for option in options], n=1)
+            if isinstance(value, str)
+            else []
+        )
         raise self.wrong(key, value, f"{close[0]}, or {expected}" if close else expected)
 
     def read(self, quantity: Quantity) -> dict[str, Number]:
@@ -142,7 +167,10 @@ class Section:
         value = self.get(key, expected)
         if not isinstance(value, list) or len(value) != len(names):
             raise self.wrong(key, value, expected)
-        return {name: self.number(f"{key}[{i}]", entry, quantity) for i, (name, entry) in enumerate(zip(names, value, strict=True))}
+        return {
+            name: self.number(f"{key}[{i}]", entry, quantity)
+            for i, (name, entry) in enumerate(zip(names, value, strict=True))
+        }
 
     def number(self, key: str, written: object, quantity: Quantity) -> Number:
         """A plain number, {value:, sigma:} or {value:, exact: true}, in SI units."""
@@ -160,7 +188,11 @@ class Section:
         expected = f"a number above 0, up to {WIDEST:g}, or 0 to hold the number"
         sigma = _plain(pair.get("sigma", expected))
         if sigma is None or not (sigma == 0 or 1 / WIDEST <= sigma <= WIDEST) or (exact and sigma):
-            raise pair.wrong("sigma", written["sigma"], "0, or drop it, as the number is exact" if exact else expected)
+            raise pair.wrong(
+                "sigma",
+                written["sigma"],
+                "0, or drop it, as the number is exact" if exact else expected,
+            )
         return Number(value / per_si, sigma / per_si, exact=not sigma)
 
     def _within(self, key: str, written: object, quantity: Quantity) -> float:

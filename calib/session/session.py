@@ -1,4 +1,6 @@
-"""The session folder: session.yaml, the pictures or corners beside it, and the same camera without its cover."""
+"""The session folder: session.yaml, the pictures or corners beside it, and the same camera without
+its cover.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -33,7 +35,10 @@ FORMAT = 1
 FEWEST_VIEWS = 3
 """Of a fit."""
 PRIOR = "prior"
-MINIMAL = "{format: 1, board: {columns: 9, rows: 6, square_mm: 25.0}, camera: {width: 1640, height: 1232}, cover: {shape: none}}"
+MINIMAL = (
+    "{format: 1, board: {columns: 9, rows: 6, square_mm: 25.0}, camera: {width: 1640, height:"
+    " 1232}, cover: {shape: none}}"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +61,16 @@ class Session:
 
 
 def read_session(path: str | Path) -> Session:
-    """Read and check a session folder; an InputError says what is wrong, where, and what to write instead."""
+    """Read and check a session folder; an InputError says what is wrong, where, and what to write
+    instead.
+    """
     try:
         return _read(Path(path), bare_of=None)
     except OSError as error:
-        raise InputError(f"{error.filename or path} cannot be read ({error.strerror}): check its name and permissions.") from error
+        raise InputError(
+            f"{error.filename or path} cannot be read ({error.strerror}): check its name and"
+            " permissions."
+        ) from error
 
 
 def check_images(session: Session) -> None:
@@ -70,8 +80,9 @@ def check_images(session: Session) -> None:
         width, height = image_size(frame)
         if (width, height) != (camera.width, camera.height):
             raise InputError(
-                f"{frame} is {width}x{height} px where camera.width and camera.height in session.yaml say {camera.width}x{camera.height}: "
-                "correct them, or remove the picture."
+                f"{frame} is {width}x{height} px where camera.width and camera.height in"
+                f" session.yaml say {camera.width}x{camera.height}: correct them, or remove the"
+                " picture."
             )
     if session.bare:
         check_images(session.bare)
@@ -98,7 +109,10 @@ def _read(path: Path, bare_of: Session | None) -> Session:
     if not path.is_dir():
         raise InputError(f"{path} is not a folder: give the folder that holds session.yaml.")
     if not file.exists():
-        raise InputError(f"{path} has no session.yaml: write one that describes your set-up, at the least {MINIMAL}")
+        raise InputError(
+            f"{path} has no session.yaml: write one that describes your set-up, at the least"
+            f" {MINIMAL}"
+        )
     section = Section(read_yaml(file), str(file))
     section.choice("format", (FORMAT,), f"{FORMAT}, the format that this version of calib reads")
     section.only(("format", "board", "camera", "cover", "corners", *(() if bare_of else (PRIOR,))))
@@ -106,8 +120,14 @@ def _read(path: Path, bare_of: Session | None) -> Session:
     corners = _corners(section, path)
     frames = list_images(path / "frames") if (path / "frames").is_dir() else ()
     if not frames and not corners:
-        hint = "write corners: corners.vnl in session.yaml to use that file, or put" if (path / "corners.vnl").exists() else "put"
-        raise InputError(f"{path} has no pictures: {hint} png, jpg, tiff, bmp or npy files in {path / 'frames'}.")
+        hint = (
+            "write corners: corners.vnl in session.yaml to use that file, or put"
+            if (path / "corners.vnl").exists()
+            else "put"
+        )
+        raise InputError(
+            f"{path} has no pictures: {hint} png, jpg, tiff, bmp or npy files in {path / 'frames'}."
+        )
     session = Session(path, board, camera, cover, frames, corners, None)
     if bare_of:
         _check_bare(session, bare_of, file)
@@ -115,8 +135,8 @@ def _read(path: Path, bare_of: Session | None) -> Session:
     session = replace(session, bare=_bare(session), prior=_prior(section, path, camera, cover))
     if not (camera.intrinsics or session.bare or session.prior or cover.shape == "none"):
         raise InputError(
-            f"{file}: camera.intrinsics is missing: write {{fx: ..., fy: ..., cx: ..., cy: ..., distortion: [...]}}, "
-            f"or put pictures taken without the cover in {path / 'bare'}."
+            f"{file}: camera.intrinsics is missing: write {{fx: ..., fy: ..., cx: ..., cy: ...,"
+            f" distortion: [...]}}, or put pictures taken without the cover in {path / 'bare'}."
         )
     return session
 
@@ -135,16 +155,26 @@ def _corners(section: Section, folder: Path) -> Path | None:
         return None
     path = folder / section.text("corners", "the name of a corners file, such as corners.vnl")
     if not path.is_file():
-        raise InputError(f"{section.file}: corners names {path}, which is not a file: write the name of a corners file, or drop the key.")
+        raise InputError(
+            f"{section.file}: corners names {path}, which is not a file: write the name of a"
+            " corners file, or drop the key."
+        )
     return path
 
 
 def _prior(section: Section, folder: Path, camera: Camera, cover: Cover) -> FleetPrior | None:
     if PRIOR not in section.values:
         return None
-    path = folder / section.text(PRIOR, "the file that calib fleet-prior wrote, from the session's folder on, such as ../prior.yaml")
+    path = folder / section.text(
+        PRIOR,
+        "the file that calib fleet-prior wrote, from the session's folder on, such as"
+        " ../prior.yaml",
+    )
     if not path.is_file():
-        raise InputError(f"{section.file}: {PRIOR} names {path}, which is not a file: write it by calib fleet-prior, or drop the key.")
+        raise InputError(
+            f"{section.file}: {PRIOR} names {path}, which is not a file: write it by calib"
+            " fleet-prior, or drop the key."
+        )
     prior = read_fleet_prior(path)
     check_like(prior, camera, cover, section.file)
     return prior
@@ -158,17 +188,24 @@ def _bare(session: Session) -> Session | None:
         return _read(folder, bare_of=session)
     frames = list_images(folder)
     if not frames:
-        raise InputError(f"{folder} has neither pictures nor a session.yaml: put pictures taken without the cover there, or remove it.")
+        raise InputError(
+            f"{folder} has neither pictures nor a session.yaml: put pictures taken without the"
+            " cover there, or remove it."
+        )
     camera = replace(session.camera, intrinsics=None)
     return Session(folder, session.board, camera, Cover("none", {}), frames, None, None)
 
 
 def _check_bare(bare: Session, session: Session, file: Path) -> None:
     if bare.cover.shape != "none":
-        raise InputError(f"{file}: cover.shape is {bare.cover.shape}: write none, as bare/ is the camera without its cover.")
+        raise InputError(
+            f"{file}: cover.shape is {bare.cover.shape}: write none, as bare/ is the camera without"
+            " its cover."
+        )
     ours, theirs = session.camera, bare.camera
     if (ours.width, ours.height) != (theirs.width, theirs.height):
         raise InputError(
-            f"{file}: camera is {theirs.width}x{theirs.height} px: write {ours.width}x{ours.height}, as in the session around it, "
-            "or take both with the same camera mode."
+            f"{file}: camera is {theirs.width}x{theirs.height} px: write"
+            f" {ours.width}x{ours.height}, as in the session around it, or take both with the same"
+            " camera mode."
         )

@@ -28,11 +28,19 @@ def read_shutter(camera: Section) -> Shutter | None:
     if READOUT.key not in section.values:
         return Shutter(rolling)
     if not rolling:
-        raise section.wrong(READOUT.key, section.values[READOUT.key], "nothing: a global shutter reads all lines at once, so drop the key")
+        raise section.wrong(
+            READOUT.key,
+            section.values[READOUT.key],
+            "nothing: a global shutter reads all lines at once, so drop the key",
+        )
     return Shutter(rolling, section.read(READOUT)[READOUT.key].value / 1e3)
 
 
 def shutter_to_yaml(shutter: Shutter) -> dict[str, object]:
     """The mapping that `read_shutter` reads as this shutter."""
     kind: dict[str, object] = {"type": "rolling" if shutter.rolling else "global"}
-    return kind if shutter.readout is None else kind | {READOUT.key: float(f"{1e3 * shutter.readout:.12g}")}
+    return (
+        kind
+        if shutter.readout is None
+        else kind | {READOUT.key: float(f"{1e3 * shutter.readout:.12g}")}
+    )

@@ -1,6 +1,8 @@
-"""How far each physical quantity may well be from what is stated, or from nominal where nothing is: the one table of the fits' priors.
+"""How far each physical quantity may well be from what is stated, or from nominal where nothing is:
+the one table of the fits' priors.
 
-What `--free` frees, what the diagnosis tries as an effect, and what is estimated of a board take their standard deviations from here.
+What `--free` frees, what the diagnosis tries as an effect, and what is estimated of a board take
+their standard deviations from here.
 """
 
 from __future__ import annotations
@@ -22,37 +24,104 @@ class Tolerance:
 
 RADIUS = Tolerance(2e-3, "m", 1e-3, "a calliper across a curved wall, and the draft of its mould")
 RADIUS_SLOPE = Tolerance(0.02, "", 1e-2, "two millimetres of radius over a wall of a hundred")
-OFFSET = Tolerance(2e-3, "m", 1e-3, "the entrance pupil lies somewhere inside the lens, and a mount by hand has play")
-DISTANCE = Tolerance(5e-3, "m", 1e-3, "as an offset, along the lens, whose pupil is some millimetres behind its front")
-COVER_TILT = Tolerance(0.02, "rad", 1e-2, "a bracket that was bent or drilled by hand: about a degree")
+OFFSET = Tolerance(
+    2e-3,
+    "m",
+    1e-3,
+    "the entrance pupil lies somewhere inside the lens, and a mount by hand has play",
+)
+DISTANCE = Tolerance(
+    5e-3,
+    "m",
+    1e-3,
+    "as an offset, along the lens, whose pupil is some millimetres behind its front",
+)
+COVER_TILT = Tolerance(
+    0.02, "rad", 1e-2, "a bracket that was bent or drilled by hand: about a degree"
+)
 WEDGE = Tolerance(0.01, "rad", 1e-2, "the faces of blown or moulded glass: half a degree")
-THICKNESS = Tolerance(5e-4, "m", 1e-3, "cast acrylic is made to 0.4 mm and a tenth of its thickness (ISO 7823-1), at two sigma")
-INDEX = Tolerance(0.02, "", 1e-2, "acrylic 1.49, borosilicate 1.47, soda-lime 1.52; whoever does not know which is off by as much")
-GLASS_FIGURE = Tolerance(1e-5, "m", 1e-5, "what cheap windows are uneven by over a centimetre: some ten micrometres")
+THICKNESS = Tolerance(
+    5e-4,
+    "m",
+    1e-3,
+    "cast acrylic is made to 0.4 mm and a tenth of its thickness (ISO 7823-1), at two sigma",
+)
+INDEX = Tolerance(
+    0.02,
+    "",
+    1e-2,
+    "acrylic 1.49, borosilicate 1.47, soda-lime 1.52; whoever does not know which is off by as"
+    " much",
+)
+GLASS_FIGURE = Tolerance(
+    1e-5, "m", 1e-5, "what cheap windows are uneven by over a centimetre: some ten micrometres"
+)
 
 FOCAL = Tolerance(0.02, "", 1e-3, "of the length: a data sheet, or the same lens focused elsewhere")
-PRINCIPAL_POINT = Tolerance(20.0, "px", 1.0, "lenses are mounted off the sensor's middle by some ten pixels, and stay there")
-RADIAL = Tolerance(0.1, "", 1e-3, "lenses that are called free of distortion have coefficients up to here")
+PRINCIPAL_POINT = Tolerance(
+    20.0, "px", 1.0, "lenses are mounted off the sensor's middle by some ten pixels, and stay there"
+)
+RADIAL = Tolerance(
+    0.1, "", 1e-3, "lenses that are called free of distortion have coefficients up to here"
+)
 TANGENTIAL = Tolerance(0.01, "", 1e-3, "a lens tilted by half a degree")
 
-ENTRANCE_PUPIL = Tolerance(5e-3, "m", 1e-3, "at a radian off the axis: wide lenses, from some tenths to some millimetres (their length)")
-ENTRANCE_PUPIL_ASIDE = Tolerance(5e-4, "m", 1e-3, "a tenth of that: lens elements are centred to some hundredths of their size")
+ENTRANCE_PUPIL = Tolerance(
+    5e-3,
+    "m",
+    1e-3,
+    "at a radian off the axis: wide lenses, from some tenths to some millimetres (their length)",
+)
+ENTRANCE_PUPIL_ASIDE = Tolerance(
+    5e-4, "m", 1e-3, "a tenth of that: lens elements are centred to some hundredths of their size"
+)
 
-BOARD_SHAPE = Tolerance(3e-3, "m", 1e-3, "boards of makers are bent by 0.3 to 2.5 mm (ten of seventeen measured sets)")
-SQUARE_SIDE = Tolerance(2e-3, "", 1e-3, "of the side: a ruler's half millimetre over a board of 25 cm")
-PRINT_STRETCH = Tolerance(0.01, "", 1e-3, "desktop printers stretch paper by some tenths of a per cent along its feed")
-PRINT_SHEAR = Tolerance(5e-3, "rad", 1e-3, "paper that is drawn in askew: a millimetre over the length of a sheet")
-PRINT_UNEVEN = Tolerance(1e-3, "", 1e-4, "of the board's half: paper that swells, shrinks or is drawn on unevenly")
-DETECTOR = Tolerance(0.1, "px", 0.01, "the largest pull towards pixels' middles that corner detectors are known for")
-BOARD_SPIN = Tolerance(0.05, "rad", 1e-2, "a board that a hand turns at 1.5 rad/s, over a readout of 33 ms")
-BOARD_FLEX = Tolerance(5e-4, "m", 1e-3, "what a hand that holds it adds to the bend of a board of foam, card or plywood")
-BOARD_MOVE = Tolerance(0.01, "m", 1e-3, "a board that a hand moves at 0.3 m/s, over a readout of 33 ms")
+BOARD_SHAPE = Tolerance(
+    3e-3, "m", 1e-3, "boards of makers are bent by 0.3 to 2.5 mm (ten of seventeen measured sets)"
+)
+SQUARE_SIDE = Tolerance(
+    2e-3, "", 1e-3, "of the side: a ruler's half millimetre over a board of 25 cm"
+)
+PRINT_STRETCH = Tolerance(
+    0.01, "", 1e-3, "desktop printers stretch paper by some tenths of a per cent along its feed"
+)
+PRINT_SHEAR = Tolerance(
+    5e-3, "rad", 1e-3, "paper that is drawn in askew: a millimetre over the length of a sheet"
+)
+PRINT_UNEVEN = Tolerance(
+    1e-3, "", 1e-4, "of the board's half: paper that swells, shrinks or is drawn on unevenly"
+)
+DETECTOR = Tolerance(
+    0.1, "px", 0.01, "the largest pull towards pixels' middles that corner detectors are known for"
+)
+BOARD_SPIN = Tolerance(
+    0.05, "rad", 1e-2, "a board that a hand turns at 1.5 rad/s, over a readout of 33 ms"
+)
+BOARD_FLEX = Tolerance(
+    5e-4,
+    "m",
+    1e-3,
+    "what a hand that holds it adds to the bend of a board of foam, card or plywood",
+)
+BOARD_MOVE = Tolerance(
+    0.01, "m", 1e-3, "a board that a hand moves at 0.3 m/s, over a readout of 33 ms"
+)
 
-PORT_TILT = Tolerance(0.1, "rad", 1e-2, "a window that nobody declared, in front of a camera that nobody aligned")
+PORT_TILT = Tolerance(
+    0.1, "rad", 1e-2, "a window that nobody declared, in front of a camera that nobody aligned"
+)
 PORT_THICKNESS = Tolerance(5e-3, "m", 1e-3, "from a filter's glass to an aquarium's, around 6 mm")
 PORT_DISTANCE = Tolerance(0.02, "m", 1e-3, "housings, around 25 mm")
-WATER_INDEX = Tolerance(1e-3, "", 1e-2, "fresh water from cold to warm, over the spectrum of a camera")
+WATER_INDEX = Tolerance(
+    1e-3, "", 1e-2, "fresh water from cold to warm, over the spectrum of a camera"
+)
 
-OWN_FOCAL = Tolerance(0.05, "", 1e-3, "of the length: intrinsics that come from these same views are hardly held, so that views count once")
+OWN_FOCAL = Tolerance(
+    0.05,
+    "",
+    1e-3,
+    "of the length: intrinsics that come from these same views are hardly held, so that views count"
+    " once",
+)
 OWN_CENTRE = Tolerance(100.0, "px", 1.0, "the same")
 OWN_COEFFICIENT = Tolerance(3.0, "", 1e-3, "the same")

@@ -1,4 +1,6 @@
-"""Kalibr's AprilGrid: tags of the family 36h11 whose corners touch those of small black squares, numbered from the lower left."""
+"""Kalibr's AprilGrid: tags of the family 36h11 whose corners touch those of small black squares,
+numbered from the lower left.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,7 +26,10 @@ class AprilGrid:
     @property
     def extent(self) -> tuple[float, float]:
         """With the small squares around the outermost tags."""
-        return self.columns * (1 + self.spacing) + self.spacing, self.rows * (1 + self.spacing) + self.spacing
+        return (
+            self.columns * (1 + self.spacing) + self.spacing,
+            self.rows * (1 + self.spacing) + self.spacing,
+        )
 
     @property
     def title(self) -> str:
@@ -39,19 +44,32 @@ class AprilGrid:
         check_count(FAMILY, self.columns * self.rows)
         small, pitch = self.spacing * side, (1 + self.spacing) * side
         polygons: list[Polygon] = [
-            rectangle(i * pitch, j * pitch, small, small) for j in range(self.rows + 1) for i in range(self.columns + 1)
+            rectangle(i * pitch, j * pitch, small, small)
+            for j in range(self.rows + 1)
+            for i in range(self.columns + 1)
         ]
         for j in range(self.rows):
             for i in range(self.columns):
                 number = (self.rows - 1 - j) * self.columns + i
-                upright = np.rot90(black_bits(FAMILY, number, BORDER), 2)  # OpenCV has the family upside down
+                upright = np.rot90(
+                    black_bits(FAMILY, number, BORDER), 2
+                )  # OpenCV has the family upside down
                 polygons += black_of(upright, i * pitch + small, j * pitch + small, side)
-        x, y = ([n * pitch + small + end for n in range(count) for end in (0, side)] for count in (self.columns, self.rows))
+        x, y = (
+            [n * pitch + small + end for n in range(count) for end in (0, side)]
+            for count in (self.columns, self.rows)
+        )
         return Target(tuple(polygons), tuple((across, down) for down in y for across in x))
 
     def to_yaml(self, side: float, entry: object) -> Mapping[str, object]:
         del side
-        return {"type": "aprilgrid", "columns": self.columns, "rows": self.rows, "tag_mm": entry, "spacing": self.spacing}
+        return {
+            "type": "aprilgrid",
+            "columns": self.columns,
+            "rows": self.rows,
+            "tag_mm": entry,
+            "spacing": self.spacing,
+        }
 
     def __str__(self) -> str:
         return f"{self.columns}x{self.rows} tags"

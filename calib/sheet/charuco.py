@@ -17,7 +17,9 @@ class Charuco:
     """Side of a marker, in sides of a square."""
     dictionary: str = "DICT_4X4_250"
     legacy_pattern: bool = False
-    """Whether a board with an even number of rows of squares begins with a white one, as OpenCV's did before 4.6."""
+    """Whether a board with an even number of rows of squares begins with a white one, as OpenCV's
+    did before 4.6.
+    """
 
     @property
     def extent(self) -> tuple[float, float]:
@@ -26,7 +28,10 @@ class Charuco:
     @property
     def title(self) -> str:
         legacy = ", legacy pattern" if self.legacy_pattern else ""
-        return f"ChArUco, {self.columns} × {self.rows} inner corners, {self.dictionary}{legacy}, markers of {self.marker:g} of a square"
+        return (
+            f"ChArUco, {self.columns} × {self.rows} inner corners, {self.dictionary}{legacy},"
+            f" markers of {self.marker:g} of a square"
+        )
 
     @property
     def part(self) -> str:
@@ -37,12 +42,20 @@ class Charuco:
         first_white = int(self.legacy_pattern and self.rows % 2 == 1)
         white = [(i, j) for i, j in squares if (i + j + first_white) % 2 == 1]
         check_count(self.dictionary, len(white))
-        polygons: list[Polygon] = [rectangle(i * side, j * side, side, side) for i, j in squares if (i + j + first_white) % 2 == 0]
+        polygons: list[Polygon] = [
+            rectangle(i * side, j * side, side, side)
+            for i, j in squares
+            if (i + j + first_white) % 2 == 0
+        ]
         margin = (1 - self.marker) / 2
         for number, (i, j) in enumerate(white):
             bits = black_bits(self.dictionary, number, border=1)
             polygons += black_of(bits, (i + margin) * side, (j + margin) * side, self.marker * side)
-        corners = tuple((i * side, j * side) for j in range(1, self.rows + 1) for i in range(1, self.columns + 1))
+        corners = tuple(
+            (i * side, j * side)
+            for j in range(1, self.rows + 1)
+            for i in range(1, self.columns + 1)
+        )
         return Target(tuple(polygons), corners)
 
     def to_yaml(self, side: float, entry: object) -> Mapping[str, object]:

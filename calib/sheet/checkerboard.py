@@ -1,4 +1,6 @@
-"""A checkerboard, whose upper left square is black, as is the one up-left of the first corner in every view."""
+"""A checkerboard, whose upper left square is black, as is the one up-left of the first corner in
+every view.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -30,10 +32,19 @@ class Checkerboard:
         return (self.columns + self.rows) % 2 == 0
 
     def draw(self, side: float) -> Target:
-        black = ((i, j) for j in range(self.rows + 1) for i in range(self.columns + 1) if (i + j) % 2 == 0)
+        black = (
+            (i, j)
+            for j in range(self.rows + 1)
+            for i in range(self.columns + 1)
+            if (i + j) % 2 == 0
+        )
         return Target(
             tuple(rectangle(i * side, j * side, side, side) for i, j in black),
-            tuple((i * side, j * side) for j in range(1, self.rows + 1) for i in range(1, self.columns + 1)),
+            tuple(
+                (i * side, j * side)
+                for j in range(1, self.rows + 1)
+                for i in range(1, self.columns + 1)
+            ),
         )
 
     def to_yaml(self, side: float, entry: object) -> Mapping[str, object]:

@@ -1,4 +1,6 @@
-"""The board, as large as there is room for, a ruler along its left and its lower side, and the words below."""
+"""The board, as large as there is room for, a ruler along its left and its lower side, and the
+words below.
+"""
 
 from dataclasses import dataclass
 
@@ -12,9 +14,15 @@ from calib.sheet.words import sentences, set_lines
 EDGE = 5.0
 """mm, which many printers leave free."""
 WIDE = 1.0
-"""Of the side: the white margin around a board whose squares are to be as large as they can be. Detectors ask for it."""
+"""Of the side: the white margin around a board whose squares are to be as large as they can be.
+
+Detectors ask for it.
+"""
 NARROW = 0.2
-"""Of the side: the least white margin for squares of a given side. Those of calib find a board on black with it."""
+"""Of the side: the least white margin for squares of a given side.
+
+Those of calib find a board on black with it.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +42,9 @@ class _Room:
 
 
 def lay_out(pattern: Pattern, papers: tuple[Paper, ...], side: float | None) -> Sheet:
-    """The sheet with squares of this side (mm), or of the most whole ones that leave a wide margin; InputError if there is no room."""
+    """The sheet with squares of this side (mm), or of the most whole ones that leave a wide margin;
+    InputError if there is no room.
+    """
     if side is None:
         side = _largest(pattern, papers, WIDE)
     rooms = [room for paper in papers if side and (room := _room(pattern, paper, side, NARROW))]
@@ -46,11 +56,20 @@ def lay_out(pattern: Pattern, papers: tuple[Paper, ...], side: float | None) -> 
 def _largest(pattern: Pattern, papers: tuple[Paper, ...], margin: float) -> float | None:
     """mm, the most whole ones; None where not even one has room."""
     longest = int(max(papers[0].width, papers[0].height) / min(pattern.extent))
-    return next((float(mm) for mm in range(longest, 0, -1) if any(_room(pattern, paper, mm, margin) for paper in papers)), None)
+    return next(
+        (
+            float(mm)
+            for mm in range(longest, 0, -1)
+            if any(_room(pattern, paper, mm, margin) for paper in papers)
+        ),
+        None,
+    )
 
 
 def _room(pattern: Pattern, paper: Paper, side: float, margin: float) -> _Room | None:
-    """None where the white would be narrower than `margin` sides, or the board nearer to the paper's edge than EDGE."""
+    """None where the white would be narrower than `margin` sides, or the board nearer to the
+    paper's edge than EDGE.
+    """
     width, height = (sides * side for sides in pattern.extent)
     left = EDGE + DEPTH
     white_across = (paper.width - left - width) / 2
@@ -62,7 +81,11 @@ def _room(pattern: Pattern, paper: Paper, side: float, margin: float) -> _Room |
         bottom = paper.height - EDGE - set_lines(words, (0, 0), paper.width - 2 * EDGE)[1] - DEPTH
         if b <= bottom - EDGE - 2 * ENDS:
             white = min(white_across, (bottom - height) / 2)
-            return _Room(paper, side, left, bottom, (a, b), words, white) if white >= max(EDGE, margin * side) else None
+            return (
+                _Room(paper, side, left, bottom, (a, b), words, white)
+                if white >= max(EDGE, margin * side)
+                else None
+            )
     return None
 
 
@@ -71,7 +94,14 @@ def _sheet(pattern: Pattern, room: _Room) -> Sheet:
     width, height = (sides * room.side for sides in pattern.extent)
     x, y = (room.left + paper.width - width) / 2, (room.bottom - height) / 2
     a, b = room.rulers
-    a_lines, a_texts = ruler("a", (_within(x + (width - a) / 2, room.left + ENDS, paper.width - EDGE - ENDS - a), room.bottom), a)
+    a_lines, a_texts = ruler(
+        "a",
+        (
+            _within(x + (width - a) / 2, room.left + ENDS, paper.width - EDGE - ENDS - a),
+            room.bottom,
+        ),
+        a,
+    )
     zero = _within(y + (height + b) / 2, EDGE + ENDS + b, room.bottom - ENDS)
     b_lines, b_texts = ruler("b", (room.left, zero), b, upwards=True)
     words, _ = set_lines(room.words, (EDGE, room.bottom + DEPTH), paper.width - 2 * EDGE)
@@ -96,6 +126,16 @@ def _refusal(pattern: Pattern, papers: tuple[Paper, ...], side: float | None) ->
     asked = f"{pattern} with {pattern.part}s of {side:g} mm" if side else f"{pattern}"
     most, wide = _largest(pattern, papers, NARROW), _largest(pattern, papers, WIDE)
     if most is None:
-        return f"{asked} have no room on {papers[0].name} beside rulers and words: take a larger --paper, or fewer corners."
-    and_wide = f", of up to {wide:g} mm with a white margin as wide as they are" if wide not in (None, most) else ""
-    return f"{asked} have no room on {papers[0].name} beside rulers and words: {pattern.part}s of up to {most:g} mm do{and_wide}."
+        return (
+            f"{asked} have no room on {papers[0].name} beside rulers and words: take a larger"
+            " --paper, or fewer corners."
+        )
+    and_wide = (
+        f", of up to {wide:g} mm with a white margin as wide as they are"
+        if wide not in (None, most)
+        else ""
+    )
+    return (
+        f"{asked} have no room on {papers[0].name} beside rulers and words: {pattern.part}s of up"
+        f" to {most:g} mm do{and_wide}."
+    )

@@ -12,7 +12,9 @@ from calib.sheet.target import Polygon, rectangle
 
 
 def black_bits(name: str, number: int, border: int) -> NDArray[np.bool_]:
-    """(cells, cells), of marker `number` of the dictionary, such as DICT_4X4_50, with a black border of so many cells."""
+    """(cells, cells), of marker `number` of the dictionary, such as DICT_4X4_50, with a black
+    border of so many cells.
+    """
     dictionary = _dictionary(name)
     cells = dictionary.markerSize + 2 * border
     return np.asarray(dictionary.generateImageMarker(number, cells, None, border) == 0)
@@ -32,7 +34,10 @@ def check_count(name: str, needed: int) -> None:
     """InputError where a dictionary has fewer markers than a board needs."""
     there = len(_dictionary(name).bytesList)
     if needed > there:
-        raise InputError(f"the board needs {needed} markers where {name} has {there}: take fewer columns or rows, or another dictionary.")
+        raise InputError(
+            f"the board needs {needed} markers where {name} has {there}: take fewer columns or"
+            " rows, or another dictionary."
+        )
 
 
 def _dictionary(name: str) -> cv2.aruco.Dictionary:

@@ -26,7 +26,10 @@ PAPERS = (Paper("A4", 297.0, 210.0), Paper("A3", 420.0, 297.0), Paper("Letter", 
 
 
 def papers(text: str) -> tuple[Paper, ...] | None:
-    """What a name, or width x height in mm, allows; None where it is neither. A size is taken as it is written."""
+    """What a name, or width x height in mm, allows; None where it is neither.
+
+    A size is taken as it is written.
+    """
     for paper in PAPERS:
         if paper.name.lower() == text.lower():
             return paper, paper.turned

@@ -15,15 +15,17 @@ ENCODING = "cp1252"
 def to_pdf(sheet: Sheet) -> bytes:
     width, height = sheet.paper.width * POINTS, sheet.paper.height * POINTS
     fonts = " ".join(
-        f"/{name} << /Type /Font /Subtype /Type1 /BaseFont /{font} /Encoding /WinAnsiEncoding >>" for name, font in FONTS.values()
+        f"/{name} << /Type /Font /Subtype /Type1 /BaseFont /{font} /Encoding /WinAnsiEncoding >>"
+        for name, font in FONTS.values()
     )
     drawing = _drawing(sheet, height)
     return _file(
         (
-            b"<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>",  # else readers fit pages to the printer
+            # else readers fit pages to the printer
+            b"<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>",
             b"<< /Type /Pages /Kids [3 0 R] /Count 1 >>",
-            f"<< /Type /Page /Parent 2 0 R /MediaBox [0 0 {width:.4f} {height:.4f}] /Resources << /Font << {fonts} >> >> "
-            "/Contents 4 0 R >>".encode(),
+            f"<< /Type /Page /Parent 2 0 R /MediaBox [0 0 {width:.4f} {height:.4f}] /Resources <<"
+            f" /Font << {fonts} >> >> /Contents 4 0 R >>".encode(),
             f"<< /Length {len(drawing)} >>\nstream\n".encode() + drawing + b"\nendstream",
             b"<< /Title " + _string(sheet.title) + b" /Creator (refracal) >>",
         )
@@ -31,7 +33,9 @@ def to_pdf(sheet: Sheet) -> bytes:
 
 
 def _drawing(sheet: Sheet, height: float) -> bytes:
-    """Beginning with the change from points upwards from the lower left to mm downwards from the upper left."""
+    """Beginning with the change from points upwards from the lower left to mm downwards from the
+    upper left.
+    """
     parts = [f"{POINTS:.9f} 0 0 -{POINTS:.9f} 0 {height:.4f} cm".encode()]
     parts += [" ".join(map(_outline, sheet.polygons)).encode(), b"f"]
     parts += [_line(line) for line in sheet.lines]
@@ -52,7 +56,11 @@ def _line(line: Line) -> bytes:
 def _text(text: Text) -> bytes:
     turn = "0 -1 -1 0" if text.upwards else "1 0 0 -1"
     x, y, size = map(decimal, (*text.place, text.size))
-    return f"/{FONTS[text.bold][0]} {size} Tf {turn} {x} {y} Tm ".encode() + _string(text.words) + b" Tj"
+    return (
+        f"/{FONTS[text.bold][0]} {size} Tf {turn} {x} {y} Tm ".encode()
+        + _string(text.words)
+        + b" Tj"
+    )
 
 
 def _string(words: str) -> bytes:
@@ -62,12 +70,18 @@ def _string(words: str) -> bytes:
 
 
 def _file(objects: tuple[bytes, ...]) -> bytes:
-    """The first is the catalog, the last the document's information; each is numbered by its place, from 1."""
+    """The first is the catalog, the last the document's information; each is numbered by its place,
+    from 1.
+    """
     written = b"%PDF-1.4\n%\xe2\xe3\xcf\xd3\n"
     table = b"0000000000 65535 f \n"
     for number, content in enumerate(objects, 1):
         table += b"%010d 00000 n \n" % len(written)
         written += b"%d 0 obj\n%b\nendobj\n" % (number, content)
     size = len(objects) + 1
-    trailer = b"trailer\n<< /Size %d /Root 1 0 R /Info %d 0 R >>\nstartxref\n%d\n%%%%EOF\n" % (size, len(objects), len(written))
+    trailer = b"trailer\n<< /Size %d /Root 1 0 R /Info %d 0 R >>\nstartxref\n%d\n%%%%EOF\n" % (
+        size,
+        len(objects),
+        len(written),
+    )
     return written + b"xref\n0 %d\n" % size + table + trailer

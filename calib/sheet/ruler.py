@@ -15,11 +15,15 @@ ENDS = 7.0
 """mm, what its name and its last number take beyond either end."""
 
 
-def ruler(name: str, zero: Point, length: float, *, upwards: bool = False) -> tuple[tuple[Line, ...], tuple[Text, ...]]:
+def ruler(
+    name: str, zero: Point, length: float, *, upwards: bool = False
+) -> tuple[tuple[Line, ...], tuple[Text, ...]]:
     """Rightwards from zero with the ticks below, or upwards with the ticks on the left."""
 
     def at(along: float, across: float) -> Point:
-        return (zero[0] - across, zero[1] - along) if upwards else (zero[0] + along, zero[1] + across)
+        return (
+            (zero[0] - across, zero[1] - along) if upwards else (zero[0] + along, zero[1] + across)
+        )
 
     marks = [Line(at(-INK / 2, 0), at(length + INK / 2, 0), INK)]
     for mm in range(round(length) + 1):
@@ -30,5 +34,7 @@ def ruler(name: str, zero: Point, length: float, *, upwards: bool = False) -> tu
     texts = [Text(at(-ENDS, baseline), 1.3 * SIZE, name, bold=True, upwards=upwards)]
     for mm in range(0, round(length) + 1, TICKS[0][0]):
         words = f"{mm}" + (" mm" if mm == length else "")
-        texts.append(Text(at(mm - DIGIT * SIZE * len(f"{mm}") / 2, baseline), SIZE, words, upwards=upwards))
+        texts.append(
+            Text(at(mm - DIGIT * SIZE * len(f"{mm}") / 2, baseline), SIZE, words, upwards=upwards)
+        )
     return tuple(marks), tuple(texts)

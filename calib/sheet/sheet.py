@@ -1,4 +1,7 @@
-"""A sheet of paper as it is to be printed: shapes and words in mm from its upper left, y down. `pdf.py` and `svg.py` write it."""
+"""A sheet of paper as it is to be printed: shapes and words in mm from its upper left, y down.
+
+`pdf.py` and `svg.py` write it.
+"""
 
 from dataclasses import dataclass
 

@@ -9,7 +9,10 @@ from calib.sheet.target import Pattern
 def starting_session(pattern: Pattern, sheet: Sheet, size: tuple[int, int]) -> str:
     """The file's text. `size` is that of the camera's pictures, px."""
     a, b = sheet.rulers
-    board = ", ".join(f"{key}: {json.dumps(value)}" for key, value in pattern.to_yaml(sheet.side, sheet.side).items())
+    board = ", ".join(
+        f"{key}: {json.dumps(value)}"
+        for key, value in pattern.to_yaml(sheet.side, sheet.side).items()
+    )
     return f"""\
 # Made by calib board, for the sheet of board.pdf. After printing, measure its rulers a and b (mm), and write in place of {sheet.side:g}
 # {{value: VALUE, sigma: SIGMA}}, with VALUE = {sheet.side:g} * (a / {a} + b / {b}) / 2 and SIGMA = {sheet.side:g} * D / 2 / {min(a, b)},
@@ -23,4 +26,4 @@ cover: {{shape: none}}  # a camera by itself; for one behind glass, one of these
 # cover: {{shape: cylinder, inner_radius_mm: 42.0, axis_offset_mm: [0.0, -30.0], thickness_mm: 3.0, refractive_index: 1.5}}
 # cover: {{shape: cone, inner_radius_mm: 42.0, radius_slope: -0.1, axis_offset_mm: [0.0, -30.0], thickness_mm: 3.0, refractive_index: 1.5}}
 # Add outside_index: 1.333 to them under water.
-"""
+"""  # noqa: E501

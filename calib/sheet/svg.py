@@ -1,4 +1,6 @@
-"""A sheet as SVG: one unit is one mm, text is text, and all that is black of the target is one path."""
+"""A sheet as SVG: one unit is one mm, text is text, and all that is black of the target is one
+path.
+"""
 
 from xml.sax.saxutils import escape
 
@@ -10,7 +12,10 @@ def to_svg(sheet: Sheet) -> str:
     width, height = decimal(sheet.paper.width), decimal(sheet.paper.height)
     return "\n".join(
         (
-            f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}mm" height="{height}mm" viewBox="0 0 {width} {height}">',
+            (
+                f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}mm" height="{height}mm"'
+                f' viewBox="0 0 {width} {height}">'
+            ),
             f"<title>{escape(sheet.title)}</title>",
             f'<rect width="{width}" height="{height}" fill="white"/>',
             f'<path id="target" d="{" ".join(map(_outline, sheet.polygons))}"/>',

@@ -21,7 +21,9 @@ class Target:
 
 
 class Pattern(Protocol):
-    """A target of any size: a kind of board, and all that is said of it but the side of its parts."""
+    """A target of any size: a kind of board, and all that is said of it but the side of its
+    parts.
+    """
 
     @property
     def extent(self) -> tuple[float, float]:
@@ -39,7 +41,9 @@ class Pattern(Protocol):
         """With squares or tags of this side, mm."""
 
     def to_yaml(self, side: float, entry: object) -> Mapping[str, object]:
-        """The section `board` of session.yaml for a side in mm, with `entry` in the place of the side."""
+        """The section `board` of session.yaml for a side in mm, with `entry` in the place of the
+        side.
+        """
 
 
 def rectangle(x: float, y: float, width: float, height: float) -> Polygon:

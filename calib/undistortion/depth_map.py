@@ -1,4 +1,6 @@
-"""The map of one depth over a whole picture, as cv2.remap takes it, from the inverse at a few nodes."""
+"""The map of one depth over a whole picture, as cv2.remap takes it, from the inverse at a few
+nodes.
+"""
 
 from __future__ import annotations
 
@@ -29,18 +31,26 @@ class DepthMap:
     """(height, width), false where the camera does not see that direction through its cover."""
 
 
-def depth_map(inverse: Inverse, depth: float, window: Window, sees: Callable[[Image, Image, float], Mask]) -> DepthMap:
+def depth_map(
+    inverse: Inverse, depth: float, window: Window, sees: Callable[[Image, Image, float], Mask]
+) -> DepthMap:
     """Spline the inverse onto every pixel of the window's picture.
 
     Args:
         inverse: of the same window, at that depth.
         depth: m
-        sees: whether the camera sees as near as a depth in m at distorted px x and y, (rows, width) each.
+        sees: whether the camera sees as near as a depth in m at distorted px x and y, (rows, width)
+            each.
     """
     shape = window.height, window.width
-    made = DepthMap(depth, np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.bool_))
+    made = DepthMap(
+        depth, np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.bool_)
+    )
     whole = bool(inverse.cells.all())
-    column, row = (cell(np.arange(size), nodes) for size, nodes in ((window.width, inverse.columns), (window.height, inverse.rows)))
+    column, row = (
+        cell(np.arange(size), nodes)
+        for size, nodes in ((window.width, inverse.columns), (window.height, inverse.rows))
+    )
     for rows, (x, y) in inverse.spline.strips(window.width, window.height):
         valid = sees(x, y, depth)
         if not whole:

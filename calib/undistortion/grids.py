@@ -10,7 +10,9 @@ Mask = NDArray[np.bool_]
 
 
 def grid(size: int, spacing: float, margin: float) -> Array:
-    """Evenly spaced nodes from -0.5 - margin to size - 0.5 + margin, about `spacing` apart and six at least."""
+    """Evenly spaced nodes from -0.5 - margin to size - 0.5 + margin, about `spacing` apart and six
+    at least.
+    """
     count = max(FEWEST, int(np.ceil((size + 2 * margin) / spacing)) + 1)
     return np.linspace(-0.5 - margin, size - 0.5 + margin, count)
 
@@ -22,7 +24,9 @@ def middles(nodes: Array) -> Array:
 
 def cell(at: NDArray[np.generic], nodes: Array) -> NDArray[np.intp]:
     """Between which two of the evenly spaced nodes each coordinate lies: the index of the first."""
-    return np.asarray(np.clip((at - nodes[0]) / (nodes[1] - nodes[0]), 0, len(nodes) - 2).astype(np.intp))
+    return np.asarray(
+        np.clip((at - nodes[0]) / (nodes[1] - nodes[0]), 0, len(nodes) - 2).astype(np.intp)
+    )
 
 
 def all_corners(nodes: Mask) -> Mask:
@@ -31,7 +35,9 @@ def all_corners(nodes: Mask) -> Mask:
 
 
 def inner(sure: Mask) -> Mask:
-    """(h, w) which cells are more than two away from every one that is not sure, of (h, w): finer nodes would not help the others."""
+    """(h, w) which cells are more than two away from every one that is not sure, of (h, w): finer
+    nodes would not help the others.
+    """
     if sure.all():
         return sure
     from scipy.ndimage import distance_transform_edt  # which most covers do without
@@ -40,7 +46,9 @@ def inner(sure: Mask) -> Mask:
 
 
 def extrapolated(field: Array, valid: Mask) -> Array:
-    """The (h, w, ...) field, with the value of the nearest valid node where it is not valid itself."""
+    """The (h, w, ...) field, with the value of the nearest valid node where it is not valid
+    itself.
+    """
     if valid.all():
         return field
     from scipy.ndimage import distance_transform_edt

@@ -1,7 +1,9 @@
-"""The inverse of undistortion at one depth: which distorted pixel sees each undistorted one, by Newton's method.
+"""The inverse of undistortion at one depth: which distorted pixel sees each undistorted one, by
+Newton's method.
 
-Undistortion is known as a spline over distorted pixels (Forward). Its inverse is solved at the nodes of a grid over the undistorted
-picture. Where the spline through these solutions is not the inverse between them, a finer grid is tried (Inverse).
+Undistortion is known as a spline over distorted pixels (Forward). Its inverse is solved at the
+nodes of a grid over the undistorted picture. Where the spline through these solutions is not the
+inverse between them, a finer grid is tried (Inverse).
 """
 
 from __future__ import annotations
@@ -22,7 +24,9 @@ COARSEST = 64
 SPACING = 16
 """px between nodes, at most, where some cannot be solved."""
 ACCEPTED = 0.005
-"""px: how far a spline may be off where refinement has stopped; what is further off counts as not valid."""
+"""px: how far a spline may be off where refinement has stopped; what is further off counts as not
+valid.
+"""
 STARTS = 40_000
 """Nodes among which Newton's method seeks its start."""
 NEWTON_STEPS = 15
@@ -31,7 +35,9 @@ LONGEST_STEP = 100.0
 CONVERGED = 1e-6
 """px: the length of a step of Newton's method that is its last."""
 FOLDED = 1e-3
-"""The least determinant of undistortion's Jacobian: next to where no ray leaves the cover it goes through zero."""
+"""The least determinant of undistortion's Jacobian: next to where no ray leaves the cover it goes
+through zero.
+"""
 
 Undistort = Callable[[Array, NDArray[np.intp]], tuple[Array, Array]]
 
@@ -55,8 +61,9 @@ class Forward:
         return Spline.through(self.nodes_x, self.nodes_y, self.values)
 
     def starts(self, goal: Array) -> Array:
-        """(N, 2) distorted px from which Newton's method sets out for (N, 2) undistorted px: of some valid nodes, the one whose value is
-        nearest; the goal itself where no node is valid."""
+        """(N, 2) distorted px from which Newton's method sets out for (N, 2) undistorted px: of
+        some valid nodes, the one whose value is nearest; the goal itself where no node is valid.
+        """
         every = max(1, int(np.ceil(np.sqrt(self.valid.size / STARTS))))
         some = slice(every // 2, None, every)
         valid = self.valid[some, some]
@@ -86,16 +93,23 @@ class Inverse:
 
 
 def invert(forward: Forward, window: Window) -> Inverse:
-    """Solve on finer and finer grids, down to the spacing of `forward`, until the spline between the nodes is the inverse, too."""
+    """Solve on finer and finer grids, down to the spacing of `forward`, until the spline between
+    the nodes is the inverse, too.
+    """
     for spacing in spacings(min(SPACING, float(forward.nodes_x[1] - forward.nodes_x[0]))):
-        columns, rows = (grid(size, spacing / zoom, 0.0) for size, zoom in zip((window.width, window.height), window.zoom, strict=True))
+        columns, rows = (
+            grid(size, spacing / zoom, 0.0)
+            for size, zoom in zip((window.width, window.height), window.zoom, strict=True)
+        )
         inverse, sure = invert_on(forward, window, columns, rows)
         if inverse.cells.all() or (spacing <= SPACING and inverse.cells[inner(sure)].all()):
             break
     return inverse
 
 
-def invert_on(forward: Forward, window: Window, columns: Array, rows: Array) -> tuple[Inverse, Mask]:
+def invert_on(
+    forward: Forward, window: Window, columns: Array, rows: Array
+) -> tuple[Inverse, Mask]:
     """Solve at the nodes of one grid.
 
     Args:
@@ -103,7 +117,8 @@ def invert_on(forward: Forward, window: Window, columns: Array, rows: Array) -> 
         rows: (h,) px of the picture.
 
     Returns:
-        The inverse, extrapolated to nodes that no distorted pixel sees, and (h - 1, w - 1) between which four nodes it exists.
+        The inverse, extrapolated to nodes that no distorted pixel sees, and (h - 1, w - 1) between
+        which four nodes it exists.
     """
     spline = forward.spline
     goal = _goal(window, columns, rows)
@@ -114,25 +129,36 @@ def invert_on(forward: Forward, window: Window, columns: Array, rows: Array) -> 
     if not sure.any():
         return Inverse(columns, rows, goal, sure), sure
     nodes = goal + extrapolated(found.reshape(goal.shape) - goal, converged)
-    return Inverse(columns, rows, nodes, sure & _inverts(spline, window, columns, rows, nodes)), sure
+    return (
+        Inverse(columns, rows, nodes, sure & _inverts(spline, window, columns, rows, nodes)),
+        sure,
+    )
 
 
 def spacings(finest: float) -> Iterator[float]:
-    """From coarse to fine. Above SPACING a grid will do only if nothing on it fails: it would draw the edge of what fails too coarsely."""
+    """From coarse to fine.
+
+    Above SPACING a grid will do only if nothing on it fails: it would draw the edge of what fails
+    too coarsely.
+    """
     spacing = float(COARSEST)
     while spacing >= finest:
         yield spacing
         spacing /= 2
 
 
-def solve(undistort: Undistort, starts: Array, goal: Array, last: float = CONVERGED) -> tuple[Array, Mask]:
+def solve(
+    undistort: Undistort, starts: Array, goal: Array, last: float = CONVERGED
+) -> tuple[Array, Mask]:
     """Newton's method at N points at once.
 
     Args:
-        undistort: from (n, 2) distorted px, and (n,) which of the N they are, to (n, 2) undistorted px and their (n, 2, 2) Jacobians.
+        undistort: from (n, 2) distorted px, and (n,) which of the N they are, to (n, 2) undistorted
+            px and their (n, 2, 2) Jacobians.
         starts: (N, 2) distorted px.
         goal: (N, 2) undistorted px.
-        last: px: the length of a step that is the last one. What it leaves is of the order of its square times the curvature.
+        last: px: the length of a step that is the last one. What it leaves is of the order of its
+            square times the curvature.
 
     Returns:
         (N, 2) distorted px, and (N,) whether the method converged.
@@ -160,7 +186,8 @@ def newton_step(error: Array, jacobian: Array) -> tuple[Array, Mask]:
         jacobian: (N, 2, 2) of undistorted by distorted px.
 
     Returns:
-        (N, 2) distorted px, and (N,) whether the Jacobian's determinant is below FOLDED: there the step is the error itself.
+        (N, 2) distorted px, and (N,) whether the Jacobian's determinant is below FOLDED: there the
+        step is the error itself.
     """
     (a, b), (c, d) = jacobian[:, 0].T, jacobian[:, 1].T
     det = a * d - b * c
@@ -179,9 +206,15 @@ def _goal(window: Window, columns: Array, rows: Array) -> Array:
 
 
 def _inverts(forward: Spline, window: Window, columns: Array, rows: Array, nodes: Array) -> Mask:
-    """(h - 1, w - 1) whether the spline through the (h, w, 2) distorted nodes is the inverse between them as well."""
+    """(h - 1, w - 1) whether the spline through the (h, w, 2) distorted nodes is the inverse
+    between them as well.
+    """
     across, down = middles(columns), middles(rows)
     goal = _goal(window, across, down).reshape(-1, 2)
-    reached, jacobian = forward.at(Spline.through(columns, rows, nodes).on_grid(across, down).reshape(-1, 2))
+    reached, jacobian = forward.at(
+        Spline.through(columns, rows, nodes).on_grid(across, down).reshape(-1, 2)
+    )
     off, folded = newton_step(reached - goal, jacobian)
-    return np.asarray((~folded & (np.hypot(off[:, 0], off[:, 1]) < ACCEPTED)).reshape(len(down), len(across)))
+    return np.asarray(
+        (~folded & (np.hypot(off[:, 0], off[:, 1]) < ACCEPTED)).reshape(len(down), len(across))
+    )

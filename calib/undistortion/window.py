@@ -23,6 +23,6 @@ class Window:
     def __post_init__(self) -> None:
         if self.width * self.height > MOST_PIXELS:
             raise InputError(
-                f"a picture of {self.width}x{self.height} px is too large for memory: write a width and height of {MOST_PIXELS:,} px "
-                "in all at most."
+                f"a picture of {self.width}x{self.height} px is too large for memory: write a width"
+                f" and height of {MOST_PIXELS:,} px in all at most."
             )

@@ -1,4 +1,6 @@
-"""What the checks of a verdict go by: a calibration, what is wanted of it, and its model asked at the training corners, each thing once."""
+"""What the checks of a verdict go by: a calibration, what is wanted of it, and its model asked at
+the training corners, each thing once.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +29,16 @@ from calib.verdict.next_commands import NextCommands
 from calib.verdict.thresholds import CELLS
 
 Array = NDArray[np.float64]
-ASKED = tuple(kind for kind in EFFECTS if kind.judged_by_score and not kind.needs_place and kind is not InnerSurface)
-"""Cheap to ask. The inner surface has many parameters, of which the outer one's relief imitates all but a thousandth."""
+ASKED = tuple(
+    kind
+    for kind in EFFECTS
+    if kind.judged_by_score and not kind.needs_place and kind is not InnerSurface
+)
+"""Cheap to ask.
+
+The inner surface has many parameters, of which the outer one's relief imitates all but a
+thousandth.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +79,11 @@ class Case:
         """(M, 3) m, in the camera frame."""
         path, values = self.calibration.model()
         poses = torch.from_numpy(self.calibration.poses)[self.observations.view]
-        return np.asarray(path.place(self.observations.corners, self.observations.with_times(values), poses).numpy())
+        return np.asarray(
+            path.place(
+                self.observations.corners, self.observations.with_times(values), poses
+            ).numpy()
+        )
 
     @property
     def depth(self) -> Array:
@@ -80,12 +94,16 @@ class Case:
     def covered(self) -> float:
         """Of the image's cells, how many have corners."""
         camera = self.calibration.camera
-        cell = ((self.observations.pixels.numpy() + 0.5) / [camera.width, camera.height] * CELLS).astype(np.int64)
+        cell = (
+            (self.observations.pixels.numpy() + 0.5) / [camera.width, camera.height] * CELLS
+        ).astype(np.int64)
         return len(np.unique(np.clip(cell, 0, np.array(CELLS) - 1), axis=0)) / (CELLS[0] * CELLS[1])
 
     @property
     def at_optimum(self) -> bool:
-        """Whether the fit ended where its parameters are most probable; the paper's method, which has no covariance, does not."""
+        """Whether the fit ended where its parameters are most probable; the paper's method, which
+        has no covariance, does not.
+        """
         return self.calibration.covariance.size > 0 or not self.calibration.relief
 
     @property
@@ -95,13 +113,16 @@ class Case:
 
     @property
     def scores(self) -> tuple[ScoreTest, ...]:
-        """Of the effects that are asked, in their simplest forms; none where the fit did not end at its optimum."""
+        """Of the effects that are asked, in their simplest forms; none where the fit did not end at
+        its optimum.
+        """
         return _scores(self.calibration) if self.at_optimum else ()
 
     @property
     def from_optimum(self) -> float:
-        """How far the shared parameters are from the optimum, in standard deviations of what they are known to: the root of the Newton
-        decrement."""
+        """How far the shared parameters are from the optimum, in standard deviations of what they
+        are known to: the root of the Newton decrement.
+        """
         at = self.optimum
         views = list(at.equations())
         off = np.concatenate([eliminated(view.own, view.residual) for view in views])
@@ -149,5 +170,10 @@ def _scores(calibration: Calibration) -> tuple[ScoreTest, ...]:
     at = optimum_of(calibration)
     there = surroundings(at, calibration.board, calibration.camera, place=False)
     present = {effect.name for effect in at.model.effects}
-    asked = [(*effect.alternatives(), effect)[0] for kind in ASKED if kind.name not in present for effect in kind.propose(there)]
+    asked = [
+        (*effect.alternatives(), effect)[0]
+        for kind in ASKED
+        if kind.name not in present
+        for effect in kind.propose(there)
+    ]
     return tuple(at.tests(asked))

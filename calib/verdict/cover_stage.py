@@ -18,25 +18,30 @@ def worse_than_none(case: Case) -> Iterator[Reason]:
     cover, bare = (case.rms_px.get(name, np.nan) for name in ("cover", "pinhole"))
     if _told_apart(case) and cover > WORSE_THAN_BARE * bare:
         said = (
-            f"the cover as it is described makes the error larger than no cover at all, {cover:.3f} for {bare:.3f} px: check its "
-            "numbers in session.yaml, their signs too."
+            f"the cover as it is described makes the error larger than no cover at all, {cover:.3f}"
+            f" for {bare:.3f} px: check its numbers in session.yaml, their signs too."
         )
         yield Reason(said, case.next.fit(), _suspects(case))
 
 
 def cover_stage(case: Case) -> Iterator[Reason]:
-    cover, bare, last = (case.rms_px.get(name, np.nan) for name in ("cover", "pinhole", "cover+rbf"))
+    cover, bare, last = (
+        case.rms_px.get(name, np.nan) for name in ("cover", "pinhole", "cover+rbf")
+    )
     taken_up = cover > TAKEN_UP * last and not cover > WORSE_THAN_BARE * bare
     if _told_apart(case) and taken_up and STAGE not in case.rms_px and not _tried(case):
         said = (
-            f"the cover as it is described leaves {cover:.3f} px, and with every number held its unevenness had to explain all but "
-            f"{last:.3f} px: a number of the cover or the camera may be wrong, so let the fit estimate them."
+            f"the cover as it is described leaves {cover:.3f} px, and with every number held its"
+            f" unevenness had to explain all but {last:.3f} px: a number of the cover or the camera"
+            " may be wrong, so let the fit estimate them."
         )
         yield Reason(said, case.next.fit("--free", "all"), _suspects(case))
 
 
 def _told_apart(case: Case) -> bool:
-    """Only of numbers that were held: those that are estimated are compared one by one; and only where the lens has no cover in it."""
+    """Only of numbers that were held: those that are estimated are compared one by one; and only
+    where the lens has no cover in it.
+    """
     return not taken_through_cover(case) and all(one.held for one in comparisons(case.calibration))
 
 

@@ -9,5 +9,8 @@ from calib.verdict.verdict import Reason
 
 def coverage(case: Case) -> Iterator[Reason]:
     if case.covered < FEW_CELLS:
-        said = f"only {100 * case.covered:.0f} % of the image has corners: take views with the board where the picture is empty."
+        said = (
+            f"only {100 * case.covered:.0f} % of the image has corners: take views with the board"
+            " where the picture is empty."
+        )
         yield Reason(said, case.next.capture())

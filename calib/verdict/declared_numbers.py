@@ -15,13 +15,21 @@ ADVICE = {
 
 
 def declared_numbers(case: Case) -> Iterator[Reason]:
-    """The numbers that cannot be as they were known, the farthest first; an estimate that is no surer than that, and drifted within both,
-    contradicts nothing. Nor does a lens that these same views told, before the rest was fitted."""
+    """The numbers that cannot be as they were known, the farthest first; an estimate that is no
+    surer than that, and drifted within both, contradicts nothing. Nor does a lens that these same
+    views told, before the rest was fitted.
+    """
     if not case.calibration.covariance.size:
         return
     lacking = bool(likely_effects(case))
-    wrong = [one for one in comparisons(case.calibration) if one.contradicted and one.corrected and one.source != VIEWS]
+    wrong = [
+        one
+        for one in comparisons(case.calibration)
+        if one.contradicted and one.corrected and one.source != VIEWS
+    ]
     for one in sorted(wrong, key=lambda one: -one.apart):
-        advice = "find what the model lacks first, which may cause it" if lacking else ADVICE[one.source]
+        advice = (
+            "find what the model lacks first, which may cause it" if lacking else ADVICE[one.source]
+        )
         said = f"{one}, {one.apart:.1f} standard deviations apart: {advice}."
         yield Reason(said, case.next.fit(), (one.name,))

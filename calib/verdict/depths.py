@@ -11,7 +11,10 @@ from calib.verdict.verdict import Reason
 def one_depth(case: Case) -> Iterator[Reason]:
     near, far = _seen(case)
     if case.calibration.model()[0].cover and far < ONE_DEPTH * near:
-        said = f"all corners are {near:.2g} to {far:.2g} m away: nearer and farther views show how the cover acts with depth."
+        said = (
+            f"all corners are {near:.2g} to {far:.2g} m away: nearer and farther views show how the"
+            " cover acts with depth."
+        )
         yield Reason(said, case.next.capture())
 
 
@@ -22,8 +25,9 @@ def depths_asked_for(case: Case) -> Iterator[Reason]:
     if outside and case.calibration.model()[0].cover:
         near, far = _seen(case)
         said = (
-            f"maps are wanted for {', '.join(f'{depth:g} m' for depth in outside)}, and corners were seen at {near:.2g} to "
-            f"{far:.2g} m, which speaks for {_reach(nearest, farthest)}: take views there."
+            f"maps are wanted for {', '.join(f'{depth:g} m' for depth in outside)}, and corners"
+            f" were seen at {near:.2g} to {far:.2g} m, which speaks for"
+            f" {_reach(nearest, farthest)}: take views there."
         )
         yield Reason(said, case.next.capture())
 
@@ -39,4 +43,8 @@ def _seen(case: Case) -> tuple[float, float]:
 
 
 def _reach(nearest: float, farthest: float) -> str:
-    return f"{nearest:.2g} m and more" if math.isinf(farthest) else f"{nearest:.2g} to {farthest:.2g} m"
+    return (
+        f"{nearest:.2g} m and more"
+        if math.isinf(farthest)
+        else f"{nearest:.2g} to {farthest:.2g} m"
+    )

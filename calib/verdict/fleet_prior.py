@@ -8,14 +8,21 @@ from calib.verdict.verdict import Reason
 
 
 def fleet_prior(case: Case) -> Iterator[Reason]:
-    """A prior that the views contradict was left out: the camera is another, or broken, or the prior is of others."""
+    """A prior that the views contradict was left out: the camera is another, or broken, or the
+    prior is of others.
+    """
     prior = case.calibration.settings.get(KEY)
     if not prior or prior["used"]:
         return
-    farthest = f", {prior['farthest']} by {prior['farthest_sigmas']:.1f} standard deviations" if prior["farthest"] else ""
+    farthest = (
+        f", {prior['farthest']} by {prior['farthest_sigmas']:.1f} standard deviations"
+        if prior["farthest"]
+        else ""
+    )
     yield Reason(
-        f"it is not as the {prior['cameras']} cameras of {prior['file']} are (p = {prior['p_value']:.1g}{farthest}), whose prior was "
-        "left out: look at this camera, or name a prior of its like.",
+        f"it is not as the {prior['cameras']} cameras of {prior['file']} are (p ="
+        f" {prior['p_value']:.1g}{farthest}), whose prior was left out: look at this camera, or"
+        " name a prior of its like.",
         case.next.fit(),
         (prior["farthest"],) if prior["farthest"] else (),
     )

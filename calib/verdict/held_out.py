@@ -13,8 +13,9 @@ def overfits(case: Case) -> Iterator[Reason]:
     kept = case.calibration.settings.get("cross_validation")
     if kept and (validation := CrossValidation(**kept)).overfits:
         said = (
-            f"the fit overfits, views that it has not seen are much further off ({validation.held_out_px:.3f} px for "
-            f"{validation.fitted_px:.3f} px): take more views, or choose a coarser grid."
+            "the fit overfits, views that it has not seen are much further off"
+            f" ({validation.held_out_px:.3f} px for {validation.fitted_px:.3f} px): take more"
+            " views, or choose a coarser grid."
         )
         yield Reason(said, case.next.fit("--grid", "auto"))
 
@@ -26,15 +27,19 @@ def held_out(case: Case) -> Iterator[Reason]:
     nearest, farthest = trusted_depths(float(case.depth.min()), float(case.depth.max()))
     outside = found.near_m < nearest or found.far_m > farthest
     if found.rms_px > HELD_OUT * case.left_px:
-        where = ", some of them at depths of which the calibration's do not speak" if outside else ""
+        where = (
+            ", some of them at depths of which the calibration's do not speak" if outside else ""
+        )
         said = (
-            f"views that were not fitted have {found.rms_px:.3f} px where the fitted ones have {case.left_px:.3f} px{where}: the model "
-            "lacks something, or these views are of another setup."
+            f"views that were not fitted have {found.rms_px:.3f} px where the fitted ones have"
+            f" {case.left_px:.3f} px{where}: the model lacks something, or these views are of"
+            " another setup."
         )
         yield Reason(said, case.next.diagnose("--holdout", case.holdout))
     elif outside:
         said = (
-            f"the views that it was measured with are {found.near_m:.2g} to {found.far_m:.2g} m away, and its own "
-            f"{case.depth.min():.2g} to {case.depth.max():.2g} m: it was not made for all of these depths."
+            f"the views that it was measured with are {found.near_m:.2g} to {found.far_m:.2g} m"
+            f" away, and its own {case.depth.min():.2g} to {case.depth.max():.2g} m: it was not"
+            " made for all of these depths."
         )
         yield Reason(said, case.next.capture())

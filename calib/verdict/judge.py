@@ -1,4 +1,7 @@
-"""The verdict on a calibration: a pure function over a tuple of checks. A new check is a file of its own, and a line here."""
+"""The verdict on a calibration: a pure function over a tuple of checks.
+
+A new check is a file of its own, and a line here.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +60,10 @@ CHECKS: tuple[Check, ...] = (
     unsure_maps,
     unsure_focal_length,
 )
-"""In the order in which their reasons stand; of equally grave ones, the first says what to do next. What explains others comes first."""
+"""In the order in which their reasons stand; of equally grave ones, the first says what to do next.
+
+What explains others comes first.
+"""
 
 
 def judge(
@@ -74,17 +80,27 @@ def judge(
     Args:
         depths: m, for which maps are wanted.
         folder: where the calibration lies, for the commands; by default beside its session.
-        session: what was fitted, for the commands; by default as the calibration's provenance has it.
+        session: what was fitted, for the commands; by default as the calibration's provenance has
+            it.
         evaluation: how it did on other views, those of the session `holdout`.
     """
     session = session or Path(calibration.settings.get(KEY, {}).get("session", "SESSION"))
     commands = NextCommands(session, folder or session / "calibration", calibration.settings)
-    case = Case(calibration, tuple(dict.fromkeys(depths)), commands, evaluation, str(holdout or "HOLDOUT"))
+    case = Case(
+        calibration, tuple(dict.fromkeys(depths)), commands, evaluation, str(holdout or "HOLDOUT")
+    )
     with single_thread():
         if broken := tuple(not_finite(case)):  # then nothing else can be asked
             return Verdict(broken, commands.fit())
         if not calibration.views:
-            return Verdict(tuple(other_medium(case)), commands.undistort(float(np.median(calibration.corners_at[:, 2]))))
+            return Verdict(
+                tuple(other_medium(case)),
+                commands.undistort(float(np.median(calibration.corners_at[:, 2]))),
+            )
         reasons = tuple(reason for check in CHECKS for reason in check(case))
         depth = next(iter(case.depths), float(np.median(case.depth)))
-        return Verdict(reasons, commands.export(depth), (commands.evaluate(), commands.diagnose(), commands.undistort(depth)))
+        return Verdict(
+            reasons,
+            commands.export(depth),
+            (commands.evaluate(), commands.diagnose(), commands.undistort(depth)),
+        )

@@ -1,4 +1,6 @@
-"""Air declared where there is water, or water where there is air: the smooth cover is tried with the other."""
+"""Air declared where there is water, or water where there is air: the smooth cover is tried with
+the other.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -20,15 +22,17 @@ HALFWAY = 1.17
 def medium(case: Case) -> Iterator[Reason]:
     cover, bare = case.rms_px.get("cover", 0.0), case.rms_px["pinhole"]
     declared = case.calibration.declared
-    if cover <= max(OTHER_MEDIUM * bare, case.left_px):  # a cover that explains so much has the right medium
+    if cover <= max(
+        OTHER_MEDIUM * bare, case.left_px
+    ):  # a cover that explains so much has the right medium
         return
     index = declared.cover.parameters["outside_index"].value
     name = "air" if index > HALFWAY else "water"
     left = _left(case.calibration, name)
     if left < OTHER_MEDIUM * cover:
         said = (
-            f"with {name} outside of the cover, the numbers of session.yaml leave {left:.3f} px, and with its outside_index of {index:g} "
-            f"{cover:.3f} px: the board was in {name}."
+            f"with {name} outside of the cover, the numbers of session.yaml leave {left:.3f} px,"
+            f" and with its outside_index of {index:g} {cover:.3f} px: the board was in {name}."
         )
         yield Reason(said, case.next.fit(), ("cover.outside_index",))
 
@@ -37,7 +41,10 @@ def medium(case: Case) -> Iterator[Reason]:
 def _left(calibration: Calibration, medium: str) -> float:
     """px RMS by the numbers that are declared, but for the medium outside."""
     declared, observations = calibration.declared, calibration.observations
-    other = replace(declared.cover, parameters={**declared.cover.parameters, "outside_index": Number(MEDIA[medium])})
+    other = replace(
+        declared.cover,
+        parameters={**declared.cover.parameters, "outside_index": Number(MEDIA[medium])},
+    )
     path, values = covered_path(declared.intrinsics, other)
     poses = refine_poses(path, values, observations, pinhole_poses(observations, values)).blocks
     return residuals(path, values, observations, poses).rms_px

@@ -55,7 +55,9 @@ class NextCommands:
         """The session's own pictures, for a depth (m)."""
         folder = str(self.folder)
         pictures, out = str(self.session / "frames"), str(self.folder / "undistorted")
-        return shlex.join(["calib", "undistort", folder, pictures, "--depth", f"{depth:.2g}", "-o", out])
+        return shlex.join(
+            ["calib", "undistort", folder, pictures, "--depth", f"{depth:.2g}", "-o", out]
+        )
 
     def report(self) -> str:
         return shlex.join(["calib", "report", str(self.folder)])
@@ -63,4 +65,16 @@ class NextCommands:
     def export(self, depth: float) -> str:
         """Maps for a depth (m)."""
         folder = str(self.folder)
-        return shlex.join(["calib", "export", folder, "--format", "npz", "--depth", f"{depth:.2g}", "-o", str(self.folder / "export")])
+        return shlex.join(
+            [
+                "calib",
+                "export",
+                folder,
+                "--format",
+                "npz",
+                "--depth",
+                f"{depth:.2g}",
+                "-o",
+                str(self.folder / "export"),
+            ]
+        )

@@ -1,4 +1,6 @@
-"""The eight ways in which a picture can be turned and mirrored: a cover that fits one of the others is described for other pictures."""
+"""The eight ways in which a picture can be turned and mirrored: a cover that fits one of the others
+is described for other pictures.
+"""
 
 from __future__ import annotations
 
@@ -32,8 +34,9 @@ class Orientation:
         return " and ".join(filter(None, (turned, "mirrored" if self.mirrored else "")))
 
     def apply(self, observations: Observations, width: int, height: int) -> Observations:
-        """What would have been seen in pictures of width x height px that are put right this way. A mirrored board is its own mirror image
-        but for the order of its corners."""
+        """What would have been seen in pictures of width x height px that are put right this way. A
+        mirrored board is its own mirror image but for the order of its corners.
+        """
         x, y = observations.pixels.unbind(-1)
         for _ in range(self.quarters):
             x, y, width, height = height - 1 - y, x, height, width
@@ -47,7 +50,9 @@ ALL = tuple(Orientation(quarters, mirrored) for mirrored in (False, True) for qu
 
 
 def orientation(case: Case) -> Iterator[Reason]:
-    """Asked only where the cover as it is described leaves much, and numbers that the fit corrected explain that."""
+    """Asked only where the cover as it is described leaves much, and numbers that the fit corrected
+    explain that.
+    """
     cover, last = case.rms_px.get("cover", np.nan), case.rms_px.get("cover+rbf", np.nan)
     if not (cover > ASKING_ORIENTATION * last and case.corrected):
         return
@@ -56,9 +61,10 @@ def orientation(case: Case) -> Iterator[Reason]:
     if not errors[best] < OTHER_ORIENTATION * as_is:
         return
     said = (
-        f"{best}, the pictures would fit the camera and cover as they are described, with {errors[best]:.3f} px in place of {as_is:.3f}: "
-        "either the camera's driver turns or mirrors them, or the numbers that the fit corrected are wrong. Describe the camera as these "
-        "pictures show it, or turn them back."
+        f"{best}, the pictures would fit the camera and cover as they are described, with"
+        f" {errors[best]:.3f} px in place of {as_is:.3f}: either the camera's driver turns or"
+        " mirrors them, or the numbers that the fit corrected are wrong. Describe the camera as"
+        " these pictures show it, or turn them back."
     )
     yield Reason(said, case.next.fit(), ("frames", *case.corrected))
 
@@ -67,7 +73,11 @@ def _error(case: Case, way: Orientation) -> float:
     """px RMS of the smooth cover as it is declared; infinite where it cannot be."""
     calibration = case.calibration
     views = calibration.views[:: -(-len(calibration.views) // VIEWS)]
-    seen = way.apply(Observations.of(views, calibration.board), calibration.camera.width, calibration.camera.height)
+    seen = way.apply(
+        Observations.of(views, calibration.board),
+        calibration.camera.width,
+        calibration.camera.height,
+    )
     path, values = covered_path(calibration.declared.intrinsics, calibration.declared.cover)
     poses = pinhole_poses(seen, values)
     if not bool(torch.isfinite(poses).all()):

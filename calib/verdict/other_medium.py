@@ -11,11 +11,14 @@ def other_medium(case: Case) -> Iterator[Reason]:
     noise, found = case.calibration.noise_px, case.evaluation
     check = case.next.check(case.holdout)
     if found is None:
-        said = "none of its views were taken in the medium that it is for: a few pictures of the board taken there say whether it holds."
+        said = (
+            "none of its views were taken in the medium that it is for: a few pictures of the board"
+            " taken there say whether it holds."
+        )
         yield Reason(said, check)
     elif found.rms_px > HELD_OUT * noise:
         said = (
-            f"views there have {found.rms_px:.3f} px where corners have {noise:.3f} px of noise: calib check says whether that is "
-            "more than this calibration's own uncertainty."
+            f"views there have {found.rms_px:.3f} px where corners have {noise:.3f} px of noise:"
+            " calib check says whether that is more than this calibration's own uncertainty."
         )
         yield Reason(said, check)

@@ -8,41 +8,81 @@ from calib.verdict.thresholds import CROPPED, FIELD, OTHER_SIZE, SAME_SIZE
 from calib.verdict.verdict import Reason, Word
 
 SENSOR_MODES = (
-    *((3280, 2464), (1640, 1232), (2592, 1944), (1296, 972), (4056, 3040), (2028, 1520), (2028, 1080), (1332, 990)),
-    *((4608, 2592), (2304, 1296), (1536, 864), (1456, 1088), (1280, 800), (2064, 1552), (4000, 3000), (6000, 4000)),
-    *((3840, 2160), (1920, 1080), (1280, 720), (1920, 1200), (1600, 1200), (1280, 960), (1024, 768), (800, 600), (640, 480)),
+    *(
+        (3280, 2464),
+        (1640, 1232),
+        (2592, 1944),
+        (1296, 972),
+        (4056, 3040),
+        (2028, 1520),
+        (2028, 1080),
+        (1332, 990),
+    ),
+    *(
+        (4608, 2592),
+        (2304, 1296),
+        (1536, 864),
+        (1456, 1088),
+        (1280, 800),
+        (2064, 1552),
+        (4000, 3000),
+        (6000, 4000),
+    ),
+    *(
+        (3840, 2160),
+        (1920, 1080),
+        (1280, 720),
+        (1920, 1200),
+        (1600, 1200),
+        (1280, 960),
+        (1024, 768),
+        (800, 600),
+        (640, 480),
+    ),
 )
-"""Width and height, px: of Raspberry Pi's cameras (v2, v1, HQ, 3, Global Shutter), of common sensors, and of video."""
+"""Width and height, px: of Raspberry Pi's cameras (v2, v1, HQ, 3, Global Shutter), of common
+sensors, and of video.
+"""
 SCALES = (2, 3, 4, 1 / 2, 1 / 3, 1 / 4)
 """Binning, and a picture that was scaled."""
 
 
 def principal_point(case: Case) -> Iterator[Reason]:
     camera, k = case.calibration.camera, case.calibration.declared.intrinsics
-    off = max(abs(k.cx.value / (camera.width - 1) - 0.5), abs(k.cy.value / (camera.height - 1) - 0.5))
+    off = max(
+        abs(k.cx.value / (camera.width - 1) - 0.5), abs(k.cy.value / (camera.height - 1) - 0.5)
+    )
     suspects = ("camera.fx", "camera.fy", "camera.cx", "camera.cy")
     if size := other_mode(camera, k):
         said = (
-            f"these look like the intrinsics of {size[0]}x{size[1]}, and the pictures have {camera.width}x{camera.height}: their "
-            f"principal point, ({k.cx.value:.0f}, {k.cy.value:.0f}), is the middle of that size. Give those of this mode."
+            f"these look like the intrinsics of {size[0]}x{size[1]}, and the pictures have"
+            f" {camera.width}x{camera.height}: their principal point, ({k.cx.value:.0f},"
+            f" {k.cy.value:.0f}), is the middle of that size. Give those of this mode."
         )
         yield Reason(said, case.next.fit(), suspects, Word.DO_NOT_USE)
     elif off > 0.5:
         said = (
-            f"the principal point, ({k.cx.value:.0f}, {k.cy.value:.0f}), is outside of the picture of {camera.width}x{camera.height}: "
-            "were cx and cy changed over, or is the picture a cut-out?"
+            f"the principal point, ({k.cx.value:.0f}, {k.cy.value:.0f}), is outside of the picture"
+            f" of {camera.width}x{camera.height}: were cx and cy changed over, or is the picture a"
+            " cut-out?"
         )
-        yield Reason(said, case.next.fit(), suspects[2:], Word.DO_NOT_USE if off > CROPPED else Word.CARE)
+        yield Reason(
+            said, case.next.fit(), suspects[2:], Word.DO_NOT_USE if off > CROPPED else Word.CARE
+        )
 
 
 def other_mode(camera: Camera, k: Intrinsics) -> tuple[int, int] | None:
-    """The size of picture that the intrinsics are of, if it is another than the camera's; the likeliest of those that fit."""
+    """The size of picture that the intrinsics are of, if it is another than the camera's; the
+    likeliest of those that fit.
+    """
     centred = (2 * k.cx.value + 1, 2 * k.cy.value + 1)
     if _apart(centred, (camera.width, camera.height)) < OTHER_SIZE:
         return None
     scaled = [(round(camera.width * scale), round(camera.height * scale)) for scale in SCALES]
     fitting = [
-        size for size in (*scaled, *SENSOR_MODES) if _apart(centred, size) < SAME_SIZE and FIELD[0] < k.fx.value / size[0] < FIELD[1]
+        size
+        for size in (*scaled, *SENSOR_MODES)
+        if _apart(centred, size) < SAME_SIZE and FIELD[0] < k.fx.value / size[0] < FIELD[1]
     ]
     return min(fitting, key=lambda size: _apart(centred, size), default=None)
 

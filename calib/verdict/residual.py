@@ -1,4 +1,6 @@
-"""What is left, where noise is all that should be: which effects would explain it, or else what organises it."""
+"""What is left, where noise is all that should be: which effects would explain it, or else what
+organises it.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,14 @@ from calib.effects.cover_effect import CoverEffect
 from calib.effects.effect import Effect
 from calib.estimation.residuals import residuals
 from calib.verdict.case import Case, optimum_of
-from calib.verdict.thresholds import AGREED, BEYOND_NOISE, MOST_NAMED, NAMED_BESIDE, SCORED, WORTH_NAMING
+from calib.verdict.thresholds import (
+    AGREED,
+    BEYOND_NOISE,
+    MOST_NAMED,
+    NAMED_BESIDE,
+    SCORED,
+    WORTH_NAMING,
+)
 from calib.verdict.verdict import Reason
 
 NOT_ALL_NOISE = "what is left is not all noise"
@@ -29,44 +38,63 @@ def residual(case: Case) -> Iterator[Reason]:
     large = case.left_px > BEYOND_NOISE * noise
     if not (large or organised or likely):
         return
-    said = f"{case.left_px:.3f} px are left where the corners' noise is about {noise:.3f} px" if large else NOT_ALL_NOISE
+    said = (
+        f"{case.left_px:.3f} px are left where the corners' noise is about {noise:.3f} px"
+        if large
+        else NOT_ALL_NOISE
+    )
     if organised:
         most = organised[0]
-        said += f", and {100 * most.fraction:.0f} % of it go with {most.organised_by} ({100 * most.chance:.0f} % by chance)"
+        said += (
+            f", and {100 * most.fraction:.0f} % of it go with {most.organised_by}"
+            f" ({100 * most.chance:.0f} % by chance)"
+        )
     if likely:
-        names = (f"{effect.name}, which would lower it by {100 * gain:.0f} %" for effect, gain in likely)
+        names = (
+            f"{effect.name}, which would lower it by {100 * gain:.0f} %" for effect, gain in likely
+        )
         said += f": it may be {', or '.join(names)}."
     else:
-        said += ": the model lacks something, or the board, cover or intrinsics are not as described."
+        said += (
+            ": the model lacks something, or the board, cover or intrinsics are not as described."
+        )
     diagnosed = "diagnosis" in case.calibration.settings
     suspects = tuple(dict.fromkeys(name for effect, _ in likely for name in suspects_of(effect)))
     yield Reason(said, case.next.report() if diagnosed else case.next.diagnose(), suspects)
 
 
 def likely_effects(case: Case) -> list[tuple[Effect, float]]:
-    """The few that would surely explain something, each with the fraction by which it would lower the error; one with parameters of every
-    view only where no other would."""
+    """The few that would surely explain something, each with the fraction by which it would lower
+    the error; one with parameters of every view only where no other would.
+    """
     scores = case.scores
     if not scores:
         return []
-    dispersion = scores[0].cost / max(1, 2 * len(case.observations.pixels) - case.calibration.poses.size)
+    dispersion = scores[0].cost / max(
+        1, 2 * len(case.observations.pixels) - case.calibration.poses.size
+    )
 
     most = max(0.0, 1.0 - case.calibration.noise_px / case.left_px)
 
     def gain(test: ScoreTest) -> float:
-        """What it promises beyond what as many parameters would lower of noise; below which nothing goes, however far a score is from where
-        it says the truth."""
+        """What it promises beyond what as many parameters would lower of noise; below which nothing
+        goes, however far a score is from where it says the truth.
+        """
         beyond = max(0.0, test.chi2 - test.dof * dispersion)
         return min(most, 1.0 - float(np.sqrt(1.0 - min(1.0, beyond / test.cost))))
 
     def sure(test: ScoreTest) -> bool:
-        return test.p_value < AGREED and float(chdtrc(test.dof, test.chi2 / dispersion)) < SCORED / len(scores)
+        return test.p_value < AGREED and float(
+            chdtrc(test.dof, test.chi2 / dispersion)
+        ) < SCORED / len(scores)
 
     gains = {test: gain(test) for test in scores if sure(test)}
     best = max(gains.values(), default=0.0)
     named = [test for test in gains if gains[test] > max(WORTH_NAMING, NAMED_BESIDE * best)]
     shared = [test for test in named if not test.effect.per_view]
-    likely = sorted(shared or named, key=lambda test: -gains[test])  # parameters of every view can imitate much
+    likely = sorted(
+        shared or named, key=lambda test: -gains[test]
+    )  # parameters of every view can imitate much
     return [(test.effect, gains[test]) for test in likely[:MOST_NAMED]]
 
 
@@ -80,4 +108,8 @@ def _shares(calibration: Calibration) -> tuple[Share, ...]:
 
 def suspects_of(effect: Effect) -> tuple[str, ...]:
     """The numbers that it is about, or its own name."""
-    return effect.parameters if isinstance(effect, CoverEffect) else NUMBERS.get(effect.name, (effect.name,))
+    return (
+        effect.parameters
+        if isinstance(effect, CoverEffect)
+        else NUMBERS.get(effect.name, (effect.name,))
+    )

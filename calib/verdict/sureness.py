@@ -1,4 +1,6 @@
-"""Whether there are views enough: by their number against that of the unknowns, and by how sure the maps are."""
+"""Whether there are views enough: by their number against that of the unknowns, and by how sure the
+maps are.
+"""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -21,16 +23,22 @@ SAMPLED = 300
 
 
 def too_few_views(case: Case) -> Iterator[Reason]:
-    """A number with a tolerance is no unknown: where it is hardly told, it stays near what is declared, and sigma counts that."""
+    """A number with a tolerance is no unknown: where it is hardly told, it stays near what is
+    declared, and sigma counts that.
+    """
     calibration = case.calibration
-    own = len(base_model(calibration).parameters.free) if calibration.settings.get("intrinsics_from") == "views" else 0
+    own = (
+        len(base_model(calibration).parameters.free)
+        if calibration.settings.get("intrinsics_from") == "views"
+        else 0
+    )
     unknowns = own + (FIGURE_UNKNOWNS if calibration.relief else 0)
     wanted = math.ceil(unknowns / TELLS)
     views = int(board_poses(calibration.views).max()) + 1
     if views < wanted:
         said = (
-            f"{views} poses of the board are few for {unknowns} unknown numbers of camera and glass: {wanted} are the least that can "
-            "tell them."
+            f"{views} poses of the board are few for {unknowns} unknown numbers of camera and"
+            f" glass: {wanted} are the least that can tell them."
         )
         yield Reason(said, case.next.capture())
 
@@ -38,34 +46,54 @@ def too_few_views(case: Case) -> Iterator[Reason]:
 def unsure_focal_length(case: Case) -> Iterator[Reason]:
     """Of a camera without a cover, whose maps have no standard deviation of their own."""
     k = case.calibration.camera.intrinsics
-    if not k or case.calibration.settings.get("intrinsics_from") != "views" or case.calibration.covariance.size:
+    if (
+        not k
+        or case.calibration.settings.get("intrinsics_from") != "views"
+        or case.calibration.covariance.size
+    ):
         return
     numbers = {"camera.fx": k.fx, "camera.fy": k.fy}
-    unsure = {name: number.sigma / number.value for name, number in numbers.items() if number.sigma > UNSURE_FOCAL * number.value}
+    unsure = {
+        name: number.sigma / number.value
+        for name, number in numbers.items()
+        if number.sigma > UNSURE_FOCAL * number.value
+    }
     if unsure:
         worst = max(unsure, key=lambda name: unsure[name])
         said = (
-            f"the focal length is known to {100 * unsure[worst]:.2g} % only ({numbers[worst].value:.0f} ± {numbers[worst].sigma:.2g} px), "
-            f"and so are metres that are measured with it: {TILT}."
+            f"the focal length is known to {100 * unsure[worst]:.2g} % only"
+            f" ({numbers[worst].value:.0f} ± {numbers[worst].sigma:.2g} px), and so are metres that"
+            f" are measured with it: {TILT}."
         )
         yield Reason(said, case.next.capture(), tuple(unsure))
 
 
 def unsure_maps(case: Case) -> Iterator[Reason]:
-    unsure = {depth: sigma for depth, sigma in map_sigmas(case.calibration, case.usual_depths).items() if sigma > UNSURE}
+    unsure = {
+        depth: sigma
+        for depth, sigma in map_sigmas(case.calibration, case.usual_depths).items()
+        if sigma > UNSURE
+    }
     if unsure:
         at = ", ".join(f"{sigma:.2g} px at {depth:g} m" for depth, sigma in unsure.items())
-        said = f"the maps are hardly known even at the corners (one standard deviation: {at}): take more views, tilted and near."
+        said = (
+            f"the maps are hardly known even at the corners (one standard deviation: {at}): take"
+            " more views, tilted and near."
+        )
         yield Reason(said, case.next.capture())
 
 
 def map_sigmas(calibration: Calibration, depths: Sequence[float]) -> dict[float, float]:
-    """By depth (m): the maps' predicted standard deviation (px), the median over the corners; empty where the fit has no covariance."""
+    """By depth (m): the maps' predicted standard deviation (px), the median over the corners; empty
+    where the fit has no covariance.
+    """
     spread = _spread(calibration)
     if not spread.size:
         return {}
     of_map = {depth: spread[:, :2] + spread[:, 2:] / depth for depth in depths}
-    return {depth: float(np.nanmedian(np.sqrt((off**2).sum((1, 2))))) for depth, off in of_map.items()}
+    return {
+        depth: float(np.nanmedian(np.sqrt((off**2).sum((1, 2))))) for depth, off in of_map.items()
+    }
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge

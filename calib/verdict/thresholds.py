@@ -1,86 +1,139 @@
-"""From which size on something is said, and why from there. docs/verdict.md shows them to readers."""
+"""From which size on something is said, and why from there. docs/verdict.md shows them to
+readers.
+"""
 
 STATIONARY = 0.3
-"""Standard deviations from the optimum, within which a fit that ended early has converged for all that its sigma says: with that error
-beside it, sigma would be 4 % larger. Flat valleys of numbers that are hardly known use up the steps 0.01 to 0.13 before the end."""
+"""Standard deviations from the optimum, within which a fit that ended early has converged for all
+that its sigma says: with that error beside it, sigma would be 4 % larger. Flat valleys of numbers
+that are hardly known use up the steps 0.01 to 0.13 before the end.
+"""
 
 WORSE_THAN_BARE = 1.5
-"""Cover stage over pinhole stage: a cover that is described well lowers the error, and one of thin glass hardly changes it."""
+"""Cover stage over pinhole stage: a cover that is described well lowers the error, and one of thin
+glass hardly changes it.
+"""
 EXPLAINED = 3.0
-"""Pinhole stage over the corners' noise, up to where the camera alone explains them: a lens that was found through the cover leaves
-little more than noise, for what it cannot have is how the cover acts with depth; one that was found without it, a multiple
-(tests/verdict/test_bare_pictures.py has covers of one and three millimetres)."""
+"""Pinhole stage over the corners' noise, up to where the camera alone explains them: a lens that
+was found through the cover leaves little more than noise, for what it cannot have is how the cover
+acts with depth; one that was found without it, a multiple (tests/verdict/test_bare_pictures.py has
+covers of one and three millimetres).
+"""
 TAKEN_UP = 10.0
-"""Cover stage over final stage with every number held: uneven glass alone (`fixtures/bumps`, 11 um of it) makes 6 of it, a thickness, focal
-length or principal point that is wrong 10 to 22."""
+"""Cover stage over final stage with every number held: uneven glass alone (`fixtures/bumps`, 11 um
+of it) makes 6 of it, a thickness, focal length or principal point that is wrong 10 to 22.
+"""
 ASKING_ORIENTATION = 1.5
-"""Cover stage over final stage, from where on other orientations are tried: below, the cover as it is described leaves too little for one
-that is mirrored or turned."""
+"""Cover stage over final stage, from where on other orientations are tried: below, the cover as it
+is described leaves too little for one that is mirrored or turned.
+"""
 OTHER_ORIENTATION = 1 / 3
-"""Cover stage of pictures that are put right over that of the pictures as they are. Numbers that were off by their tolerances made it less
-than a half in one of a hundred sessions; pictures that are turned make it a tenth."""
+"""Cover stage of pictures that are put right over that of the pictures as they are. Numbers that
+were off by their tolerances made it less than a half in one of a hundred sessions; pictures that
+are turned make it a tenth.
+"""
 OTHER_MEDIUM = 0.5
-"""Cover stage with air for water, or water for air, over the declared one: a third of the index more changes the bending of every ray
-by more than any other number can, so that a medium that is right halves the error at least."""
+"""Cover stage with air for water, or water for air, over the declared one: a third of the index
+more changes the bending of every ray by more than any other number can, so that a medium that is
+right halves the error at least.
+"""
 GLASS_FIGURES = 3.0
-"""Of `GLASS_FIGURE`, root mean square: three standard deviations of what cheap glass does. `fixtures/bumps`, made to be bad, has 1.1."""
+"""Of `GLASS_FIGURE`, root mean square: three standard deviations of what cheap glass does.
+
+`fixtures/bumps`, made to be bad, has 1.1.
+"""
 
 SCORED = 1e-3
-"""Chance of an effect's score, over all that are asked: one good calibration in a thousand is doubted for it."""
+"""Chance of an effect's score, over all that are asked: one good calibration in a thousand is
+doubted for it.
+"""
 AGREED = 0.01
-"""p-value of the views' agreement on an effect. An effect that the glass imitates well is told by few of them: 0.0015 in
-`fixtures/stretch`."""
+"""p-value of the views' agreement on an effect. An effect that the glass imitates well is told by
+few of them: 0.0015 in `fixtures/stretch`.
+"""
 WORTH_NAMING = 0.01
-"""Of the error, by which an effect must promise to lower it beyond chance: the least that the diagnosis accepts. Rendered sessions that
-hide nothing have 0.004 at most."""
+"""Of the error, by which an effect must promise to lower it beyond chance: the least that the
+diagnosis accepts. Rendered sessions that hide nothing have 0.004 at most.
+"""
 NAMED_BESIDE = 0.5
 """Of what the best effect promises: others from there on may be the cause as well."""
 MOST_NAMED = 3
 BEYOND_NOISE = 2.0
-"""Error over the corners' noise. Noise is known to some per cent, and what views' poses take up of it is less than that."""
+"""Error over the corners' noise.
+
+Noise is known to some per cent, and what views' poses take up of it is less than that.
+"""
 
 BESIDE_UNSEEN = 5
-"""Views that show the last row but one of a board with markers, where none shows the last: a board that reaches out of the picture in
-each of so many, and on the same side of itself, was hardly moved."""
+"""Views that show the last row but one of a board with markers, where none shows the last: a board
+that reaches out of the picture in each of so many, and on the same side of itself, was hardly
+moved.
+"""
 
 FEW_CELLS = 0.6
-"""Of the image's cells: corners in fewer leave more than a third of the picture to extrapolation."""
+"""Of the image's cells: corners in fewer leave more than a third of the picture to extrapolation.
+"""
 CELLS = (16, 12)
 """Across and down the image."""
 ONE_DEPTH = 1.5
-"""Farthest over nearest corner. Lens and cover are told apart by what changes with depth; from 1 to 1.5 m, a third of the parallax does."""
+"""Farthest over nearest corner.
+
+Lens and cover are told apart by what changes with depth; from 1 to 1.5 m, a third of the parallax
+does.
+"""
 DEPTH_MARGIN = 0.5
-"""Of the span of inverse depths that corners were seen at, on both sides. A pixel's ray is the same at every depth, so its undistorted
-place is a straight line over inverse depth; the standard deviation of a line that was fitted to evenly spread points is, half a span
-beyond their ends, 1.8 times what it is at the ends."""
+"""Of the span of inverse depths that corners were seen at, on both sides. A pixel's ray is the same
+at every depth, so its undistorted place is a straight line over inverse depth; the standard
+deviation of a line that was fitted to evenly spread points is, half a span beyond their ends, 1.8
+times what it is at the ends.
+"""
 UNSURE = 0.5
-"""px, predicted standard deviation of the maps at the corners: from there a map is known to less than a pixel."""
+"""px, predicted standard deviation of the maps at the corners: from there a map is known to less
+than a pixel.
+"""
 UNSURE_FOCAL = 0.01
-"""Standard deviation of the focal length over it: distances that are measured with it are off by as much."""
+"""Standard deviation of the focal length over it: distances that are measured with it are off by as
+much.
+"""
 TELLS = 2
-"""Unknowns of camera and glass that one view of a flat board tells, its pose aside: a homography has eight numbers, six are the pose's
-(Z. Zhang, A flexible new technique for camera calibration, 2000)."""
+"""Unknowns of camera and glass that one view of a flat board tells, its pose aside: a homography
+has eight numbers, six are the pose's (Z. Zhang, A flexible new technique for camera calibration,
+2000).
+"""
 FIGURE_UNKNOWNS = 15
 """Polynomials up to the fourth degree: what the relief's prior leaves free."""
 
 CROPPED = 1.0
-"""Sizes of the picture between its middle and the principal point. Beyond half of one it lies outside of the picture, which a mode that
-reads out a corner of the sensor may do; beyond a whole one, no such mode of a camera is known."""
+"""Sizes of the picture between its middle and the principal point. Beyond half of one it lies
+outside of the picture, which a mode that reads out a corner of the sensor may do; beyond a whole
+one, no such mode of a camera is known.
+"""
 SAME_SIZE = 0.06
-"""Of the length, between twice the principal point and a sensor mode's size: three standard deviations of how far lenses are mounted off
-the middle, 20 px of 1000."""
+"""Of the length, between twice the principal point and a sensor mode's size: three standard
+deviations of how far lenses are mounted off the middle, 20 px of 1000.
+"""
 OTHER_SIZE = 0.15
-"""The same between twice the principal point and the picture's size, from where on it is asked whether another mode fits."""
+"""The same between twice the principal point and the picture's size, from where on it is asked
+whether another mode fits.
+"""
 FIELD = (0.3, 6.0)
-"""Focal length over the picture's width, from a lens of 118 degrees to one of 10: the pinhole cameras that look through covers."""
+"""Focal length over the picture's width, from a lens of 118 degrees to one of 10: the pinhole
+cameras that look through covers.
+"""
 
 INSIDE = 1.2
-"""Median distance of the corners from the pinhole over that of the glass: nearer, the board would touch the cover when it is tilted."""
+"""Median distance of the corners from the pinhole over that of the glass: nearer, the board would
+touch the cover when it is tilted.
+"""
 FAR_AWAY = 1000.0
-"""The same: a board that fills a part of the picture 40 m away from a cover of 40 mm is as large as a house."""
+"""The same: a board that fills a part of the picture 40 m away from a cover of 40 mm is as large as
+a house.
+"""
 SMALL_COVER = 0.02
-"""m: the distance of a cover that FAR_AWAY counts with at least; a window right before the lens says nothing of boards."""
+"""m: the distance of a cover that FAR_AWAY counts with at least; a window right before the lens
+says nothing of boards.
+"""
 
 HELD_OUT = 1.5
-"""Held-out over fitted error. Held-out views reach farther and nearer than the fitted ones; those of the fixtures have 1.0 to 1.1 times
-their error where nothing is wrong."""
+"""Held-out over fitted error. Held-out views reach farther and nearer than the fitted ones; those
+of the fixtures have 1.0 to 1.1 times their error where nothing is wrong.
+"""

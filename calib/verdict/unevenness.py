@@ -18,12 +18,16 @@ def unevenness(case: Case) -> Iterator[Reason]:
     uneven = height_spread(*case.calibration.model(), case.observations)
     if uneven <= GLASS_FIGURES * GLASS_FIGURE.sigma:
         return
-    held = [one.name for one in comparisons(case.calibration) if one.held and one.name != "cover.outside_index"]
+    held = [
+        one.name
+        for one in comparisons(case.calibration)
+        if one.held and one.name != "cover.outside_index"
+    ]
     free = "which the fit held" if held else "which the fit estimated near what is declared"
     yield Reason(
-        f"the glass would be uneven by {1e6 * uneven:.0f} µm where the corners were seen (root mean square), and cheap windows are by "
-        f"{1e6 * GLASS_FIGURE.sigma:.0f} µm: a number of the cover, the camera or the board, {free}, is wrong, or glass is not all that is "
-        "there.",
+        f"the glass would be uneven by {1e6 * uneven:.0f} µm where the corners were seen (root mean"
+        f" square), and cheap windows are by {1e6 * GLASS_FIGURE.sigma:.0f} µm: a number of the"
+        f" cover, the camera or the board, {free}, is wrong, or glass is not all that is there.",
         case.next.fit("--free", "all") if held else case.next.diagnose(),
         _likeliest(case, held),
     )
@@ -31,6 +35,8 @@ def unevenness(case: Case) -> Iterator[Reason]:
 
 def _likeliest(case: Case, names: Sequence[str]) -> tuple[str, ...]:
     """The few of these numbers whose changes would explain most of what is left."""
-    about = {test: [name for name in suspects_of(test.effect) if name in names] for test in case.scores}
+    about = {
+        test: [name for name in suspects_of(test.effect) if name in names] for test in case.scores
+    }
     best = sorted((test for test, own in about.items() if own), key=lambda test: -test.chi2)
     return tuple(name for test in best[:LIKELIEST] for name in about[test])

@@ -1,5 +1,7 @@
-"""Whether a board with markers has as many rows as are declared: with fewer, no view shows the last one, and nothing else would tell; with
-more, pictures that show markers beyond it are left out, and the others fit."""
+"""Whether a board with markers has as many rows as are declared: with fewer, no view shows the last
+one, and nothing else would tell; with more, pictures that show markers beyond it are left out, and
+the others fit.
+"""
 
 from collections.abc import Iterator
 
@@ -17,16 +19,20 @@ def unseen_row(case: Case) -> Iterator[Reason]:
     board = case.calibration.board
     if board.coding is None:
         return
-    seen = np.array([view.seen.reshape(board.rows, board.columns).any(1) for view in case.calibration.views])
+    seen = np.array(
+        [view.seen.reshape(board.rows, board.columns).any(1) for view in case.calibration.views]
+    )
     tags = isinstance(board.coding, AprilGrid)
-    rows = seen[:, -1::-2] | seen[:, -2::-2] if tags else seen  # views x rows; tags are numbered from the lower left
+    rows = (
+        seen[:, -1::-2] | seen[:, -2::-2] if tags else seen
+    )  # views x rows; tags are numbered from the lower left
     beside = int(rows[:, -2].sum()) if rows.shape[1] > 1 else 0
     if rows[:, -1].any() or beside < BESIDE_UNSEEN:
         return
     row = "uppermost row of tags" if tags else "last row of corners"
     said = (
-        f"no view shows the board's {row}, and {beside} show the one beside it: if the board has fewer rows, correct board.rows; else show "
-        "it whole in some views."
+        f"no view shows the board's {row}, and {beside} show the one beside it: if the board has"
+        " fewer rows, correct board.rows; else show it whole in some views."
     )
     yield Reason(said, case.next.fit(), ("board.rows",))
 
@@ -35,5 +41,8 @@ def rows_beyond(case: Case) -> Iterator[Reason]:
     count = sum(BEYOND_ROWS in rejected.reason for rejected in case.calibration.rejected)
     if count:
         shows = "a picture shows" if count == 1 else f"{count} pictures show"
-        said = f"{shows} markers {BEYOND_ROWS} of the board: it has more rows than are declared, so correct board.rows."
+        said = (
+            f"{shows} markers {BEYOND_ROWS} of the board: it has more rows than are declared, so"
+            " correct board.rows."
+        )
         yield Reason(said, case.next.fit(), ("board.rows",))

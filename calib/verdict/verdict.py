@@ -1,4 +1,6 @@
-"""What is to be thought of a calibration, as data: a word, the reasons for it, whom they suspect, and the next command to type."""
+"""What is to be thought of a calibration, as data: a word, the reasons for it, whom they suspect,
+and the next command to type.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,9 @@
-"""Record a session without a screen: keep the frames in which the board is seen well and adds something.
+"""Record a session without a screen: keep the frames in which the board is seen well and adds
+something.
 
-SOURCE is v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE; options follow a question mark, such as
-v4l2:/dev/video0?size=1640x1232. A session that has pictures is continued. Ctrl-C ends the recording, and loses nothing.
+SOURCE is v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE; options follow a
+question mark, such as v4l2:/dev/video0?size=1640x1232. A session that has pictures is continued.
+Ctrl-C ends the recording, and loses nothing.
 """
 
 import argparse
@@ -12,16 +14,49 @@ from calib.commands.board_options import add_coding, asked_board
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("session", type=Path, metavar="SESSION", help="the session folder, which is made if need be")
-    parser.add_argument("--source", required=True, help="where frames come from; `capture sources` lists the cameras")
-    parser.add_argument("--board", type=_board, metavar="CxR", help="inner corners of a new session's board, or its tags, such as 9x6")
+    parser.add_argument(
+        "session", type=Path, metavar="SESSION", help="the session folder, which is made if need be"
+    )
+    parser.add_argument(
+        "--source",
+        required=True,
+        help="where frames come from; `capture sources` lists the cameras",
+    )
+    parser.add_argument(
+        "--board",
+        type=_board,
+        metavar="CxR",
+        help="inner corners of a new session's board, or its tags, such as 9x6",
+    )
     parser.add_argument("--square-mm", type=positive, metavar="MM", help="side of a square")
     add_coding(parser)
-    parser.add_argument("--cover-from", type=Path, metavar="FILE", help="session.yaml that describes cover and camera of a new session")
+    parser.add_argument(
+        "--cover-from",
+        type=Path,
+        metavar="FILE",
+        help="session.yaml that describes cover and camera of a new session",
+    )
     parser.add_argument("--bare", action="store_true", help="the cover is off: record into bare/")
-    parser.add_argument("--views", type=_count, metavar="N", help="views to keep, then end (default: 30; with --all, no end)")
-    parser.add_argument("--burst", type=_count, default=1, metavar="N", help="pictures of each view, of the still board (default: 1)")
-    parser.add_argument("--every", type=positive, default=0.0, metavar="S", help="the least time between two views, in seconds")
+    parser.add_argument(
+        "--views",
+        type=_count,
+        metavar="N",
+        help="views to keep, then end (default: 30; with --all, no end)",
+    )
+    parser.add_argument(
+        "--burst",
+        type=_count,
+        default=1,
+        metavar="N",
+        help="pictures of each view, of the still board (default: 1)",
+    )
+    parser.add_argument(
+        "--every",
+        type=positive,
+        default=0.0,
+        metavar="S",
+        help="the least time between two views, in seconds",
+    )
     parser.add_argument("--all", action="store_true", help="keep every frame, whatever is in it")
     parser.add_argument("--json", action="store_true", help="print one JSON object at the end")
 
@@ -43,7 +78,9 @@ def run(args: argparse.Namespace) -> None:
 
     source = open_source(args.source)
     if args.all and (args.burst > 1 or args.every):
-        raise InputError("--burst and --every choose among good views: leave them out, or leave --all out.")
+        raise InputError(
+            "--burst and --every choose among good views: leave them out, or leave --all out."
+        )
     like = read_setup(args.cover_from) if args.cover_from else None
     board = board_of(args.session, asked_board(args), like)
     views = args.views or (None if args.all else 30)
@@ -51,7 +88,9 @@ def run(args: argparse.Namespace) -> None:
         check_folder(args.source, covered=False)
     with (
         Reader(source, Waits()) as reader,
-        Recorder(args.session, board, like=like, bare=args.bare, shutter=reader.source.shutter) as recorder,
+        Recorder(
+            args.session, board, like=like, bare=args.bare, shutter=reader.source.shutter
+        ) as recorder,
         ending_by(reader.close) as wish,
     ):
         if args.bare and (said := doubt(args.source, covered=False)):
@@ -64,7 +103,9 @@ def run(args: argparse.Namespace) -> None:
             else:
                 finder = finder_of(board)
                 plan = Plan(views or 0, args.burst, args.every)
-                for step in record(reader, finder, recorder, plan, corners_of(recorder.pictures, finder)):
+                for step in record(
+                    reader, finder, recorder, plan, corners_of(recorder.pictures, finder)
+                ):
                     narrator.tell(step)
         except RefracalError:
             narrator.reassure()
@@ -80,12 +121,22 @@ def run(args: argparse.Namespace) -> None:
 
 def _board(text: str) -> tuple[int, int]:
     columns, _, rows = text.partition("x")
-    if not (columns.isdecimal() and rows.isdecimal() and 2 <= int(columns) <= 1000 and 2 <= int(rows) <= 1000):
-        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a board: write its inner corners as two whole numbers from 3, such as 9x6")
+    if not (
+        columns.isdecimal()
+        and rows.isdecimal()
+        and 2 <= int(columns) <= 1000
+        and 2 <= int(rows) <= 1000
+    ):
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} is not a board: write its inner corners as two whole numbers from 3,"
+            " such as 9x6"
+        )
     return int(columns), int(rows)
 
 
 def _count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a number of them: write a whole number above 0")
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} is not a number of them: write a whole number above 0"
+        )
     return int(text)

@@ -19,7 +19,11 @@ def run(args: argparse.Namespace) -> None:
     found = {scheme.name: scheme.backend().inventory() for scheme in SCHEMES}
     if args.json:
         cameras = [asdict(camera) for inventory in found.values() for camera in inventory.cameras]
-        missing = [{"scheme": name, "reason": inventory.missing} for name, inventory in found.items() if inventory.missing]
+        missing = [
+            {"scheme": name, "reason": inventory.missing}
+            for name, inventory in found.items()
+            if inventory.missing
+        ]
         print_json({"cameras": cameras, "missing": missing})
         return
     for name, inventory in found.items():

@@ -1,7 +1,10 @@
-"""The terminal UI: from nothing to a calibration, following the screen. `capture SESSION` is short for it.
+"""The terminal UI: from nothing to a calibration, following the screen. `capture SESSION` is short
+for it.
 
-SOURCE is v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE; options follow a question mark. With --serve the same
-runs in a browser: of this machine alone, or with --host of others too, which then need the address that is printed once.
+SOURCE is v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE; options follow a
+question mark. With --serve the same
+runs in a browser: of this machine alone, or with --host of others too, which then need the address
+    that is printed once.
 """
 
 import argparse
@@ -12,14 +15,31 @@ from calib.commands.arguments import quoted
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("session", type=Path, metavar="SESSION", help="the session folder, which is made if need be")
-    parser.add_argument("--source", default="", help="where frames come from (default: the first camera that is found)")
-    missing = "" if find_spec("textual_serve") else "; first install what it names"
-    parser.add_argument("--serve", action="store_true", help=f"in a browser instead of this terminal{missing}")
     parser.add_argument(
-        "--host", default="127.0.0.1", metavar="ADDRESS", help="with --serve: the address to serve on (default: %(default)s)"
+        "session", type=Path, metavar="SESSION", help="the session folder, which is made if need be"
     )
-    parser.add_argument("--port", type=_port, default=8000, metavar="N", help="with --serve: the port (default: %(default)s)")
+    parser.add_argument(
+        "--source",
+        default="",
+        help="where frames come from (default: the first camera that is found)",
+    )
+    missing = "" if find_spec("textual_serve") else "; first install what it names"
+    parser.add_argument(
+        "--serve", action="store_true", help=f"in a browser instead of this terminal{missing}"
+    )
+    parser.add_argument(
+        "--host",
+        default="127.0.0.1",
+        metavar="ADDRESS",
+        help="with --serve: the address to serve on (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--port",
+        type=_port,
+        default=8000,
+        metavar="N",
+        help="with --serve: the port (default: %(default)s)",
+    )
     apps = "with --serve: windows at a time; one more ends the oldest (default: %(default)s)"
     parser.add_argument("--apps", type=_apps, default=1, metavar="N", help=apps)
 
@@ -52,25 +72,34 @@ def run(args: argparse.Namespace) -> None:
 
 def _port(text: str) -> int:
     if not (text.isdecimal() and len(text) < 6 and 1 <= int(text) <= 65535):
-        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a port: write a whole number from 1 to 65535, such as 8000")
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} is not a port: write a whole number from 1 to 65535, such as 8000"
+        )
     return int(text)
 
 
 def _apps(text: str) -> int:
     if not (text.isdecimal() and len(text) < 3 and int(text) >= 1):
-        raise argparse.ArgumentTypeError(f"{quoted(text)} is not a number of windows: write a whole number from 1 to 99, such as 1")
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} is not a number of windows: write a whole number from 1 to 99, such"
+            " as 1"
+        )
     return int(text)
 
 
 def _described(session: Path) -> bool:
-    """Whether it has a session.yaml; InputError where it is no folder, or may not be read, which the screen would do at every turn."""
+    """Whether it has a session.yaml; InputError where it is no folder, or may not be read, which
+    the screen would do at every turn.
+    """
     from calib.errors import InputError
     from calib.io.files import reading
     from calib.io.images import list_images
 
     with reading(session):
         if session.exists() and not session.is_dir():
-            raise InputError(f"{session} is not a folder: name the session's folder, which is made if need be.")
+            raise InputError(
+                f"{session} is not a folder: name the session's folder, which is made if need be."
+            )
         for folder in (session, session / "frames", session / "bare"):
             if folder.is_dir():
                 list_images(folder)
@@ -78,7 +107,10 @@ def _described(session: Path) -> bool:
 
 
 def _check_terminal() -> None:
-    """Refuse to wait for keys that nobody can press. A driver of its own, such as a browser's, needs no terminal."""
+    """Refuse to wait for keys that nobody can press.
+
+    A driver of its own, such as a browser's, needs no terminal.
+    """
     import os
     import sys
 
@@ -86,6 +118,6 @@ def _check_terminal() -> None:
 
     if not (os.environ.get("TEXTUAL_DRIVER") or (sys.stdin.isatty() and sys.stdout.isatty())):
         raise InputError(
-            "There is no terminal to show the screen in: run capture SESSION in one, or take pictures without a screen by "
-            "capture record SESSION --source SOURCE."
+            "There is no terminal to show the screen in: run capture SESSION in one, or take"
+            " pictures without a screen by capture record SESSION --source SOURCE."
         )

@@ -1,8 +1,8 @@
 """A recorded session, or any folder of pictures, as if a camera gave them again.
 
-`folder:PATH` gives a recording at its recorded times, frames.csv's; `?speed=10` ten times as fast, `?speed=max` as fast as it is read.
-Pictures without times that grow from one to the next are given as fast as they are read. Those without times, or taken far apart, are
-photographs by themselves.
+`folder:PATH` gives a recording at its recorded times, frames.csv's; `?speed=10` ten times as fast,
+`?speed=max` as fast as it is read. Pictures without times that grow from one to the next are given
+as fast as they are read. Those without times, or taken far apart, are photographs by themselves.
 """
 
 import threading
@@ -54,7 +54,10 @@ class FolderSource:
         with reading(self._folder):
             self._pictures = list_images(inner if inner.is_dir() else self._folder)
         if not self._pictures:
-            raise InputError(f"{self._folder} has no pictures: name a session, or a folder of png, jpg, tiff, bmp or npy files.")
+            raise InputError(
+                f"{self._folder} has no pictures: name a session, or a folder of png, jpg, tiff,"
+                " bmp or npy files."
+            )
         table = (self._folder.parent if self._folder.name == "frames" else self._folder) / NAME
         rows = {row["file"]: row for row in read_table(table)}
         self._rows = tuple(rows.get(picture.name, {}) for picture in self._pictures)
@@ -63,22 +66,38 @@ class FolderSource:
             self._speed = None
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self.close()
 
     def __iter__(self) -> Iterator[Frame]:
         begun = time.monotonic()
         first = next((time_s for time_s in self._times if time_s is not None), 0.0)
         near = [(_gap(*pair) or PAUSE_S) < PAUSE_S for pair in pairwise((None, *self._times, None))]
-        for index, (picture, row, recorded) in enumerate(zip(self._pictures, self._rows, self._times, strict=True)):
+        for index, (picture, row, recorded) in enumerate(
+            zip(self._pictures, self._rows, self._times, strict=True)
+        ):
             passed = 0.0 if recorded is None else recorded - first  # s
             pixels = _pixels(picture)
-            if self._closed.wait(max(begun + passed / self._speed - time.monotonic(), 0.0) if self._speed else 0.0):
+            if self._closed.wait(
+                max(begun + passed / self._speed - time.monotonic(), 0.0) if self._speed else 0.0
+            ):
                 return
             said = {key: _value(text) for key, text in row.items() if text and key not in FIXED}
             counter = row.get("sequence", "")
             sequence = int(counter) if counter.isdecimal() else index
-            yield Frame(pixels, sequence, begun + passed, said, picture.name, alone=not (near[index] or near[index + 1]))
+            yield Frame(
+                pixels,
+                sequence,
+                begun + passed,
+                said,
+                picture.name,
+                alone=not (near[index] or near[index + 1]),
+            )
 
     def close(self) -> None:
         self._closed.set()
@@ -86,7 +105,10 @@ class FolderSource:
 
 def open_source(place: str, options: Section) -> FolderSource:
     options.only(("speed",), "known option")
-    return FolderSource(typed_path(place), None if options.values.get("speed") == "max" else read_number(options, SPEED))
+    return FolderSource(
+        typed_path(place),
+        None if options.values.get("speed") == "max" else read_number(options, SPEED),
+    )
 
 
 def inventory() -> Inventory:
@@ -96,7 +118,10 @@ def inventory() -> Inventory:
 def _pixels(picture: Path) -> NDArray[np.uint8]:
     pixels = read_image(picture)
     if pixels.dtype != np.uint8:
-        raise InputError(f"{picture} has 16 bits a pixel where cameras give 8: convert it, or calibrate from it by calib fit.")
+        raise InputError(
+            f"{picture} has 16 bits a pixel where cameras give 8: convert it, or calibrate from it"
+            " by calib fit."
+        )
     return np.asarray(pixels, np.uint8)
 
 

@@ -1,8 +1,8 @@
 """A camera of libcamera, such as a Raspberry Pi's, through libcamera's own Python bindings.
 
-`libcamera:0?size=1640x1232&exposure_us=8000&gain=1&lens_position=2.0`. Exposure, gain and white balance that are not given are found by
-the camera itself before the first frame, and held from then on. `patience_s` is how long it may send nothing. The bindings come with the
-system, not from PyPI.
+`libcamera:0?size=1640x1232&exposure_us=8000&gain=1&lens_position=2.0`. Exposure, gain and white
+balance that are not given are found by the camera itself before the first frame, and held from then
+on. `patience_s` is how long it may send nothing. The bindings come with the system, not from PyPI.
 """
 
 import selectors
@@ -46,7 +46,13 @@ class LibcameraSource:
     remarks: Sequence[str] = ()
     shutter: Shutter | None = None
 
-    def __init__(self, place: str, size: tuple[int, int] | None, controls: Mapping[str, float], patience_s: float) -> None:
+    def __init__(
+        self,
+        place: str,
+        size: tuple[int, int] | None,
+        controls: Mapping[str, float],
+        patience_s: float,
+    ) -> None:
         """`controls` by libcamera's names: ExposureTime, AnalogueGain, LensPosition."""
         self._place = place
         self._size = size or (0, 0)
@@ -69,11 +75,17 @@ class LibcameraSource:
                 self._open = stack.pop_all()
         except (RuntimeError, OSError) as error:
             raise CaptureError(
-                f"libcamera:{self._place} cannot stream ({error}): end other programs that use the camera, and check its cable."
+                f"libcamera:{self._place} cannot stream ({error}): end other programs that use the"
+                " camera, and check its cable."
             ) from error
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self._open.close()
 
     def __iter__(self) -> Iterator[Frame]:
@@ -92,7 +104,9 @@ class LibcameraSource:
         stack.callback(self._camera.release)
         self._ids = {control.name: control for control in self._camera.controls}
         stream = self._configure()
-        self._allocator = allocator = self._library.FrameBufferAllocator(self._camera)  # its buffers live as long as it does
+        self._allocator = allocator = self._library.FrameBufferAllocator(
+            self._camera
+        )  # its buffers live as long as it does
         allocator.allocate(stream)
         requests = []
         for index, buffer in enumerate(allocator.buffers(stream)):
@@ -100,27 +114,40 @@ class LibcameraSource:
             request.add_buffer(stream, buffer)
             requests.append(request)
             plane = buffer.planes[0]  # the grey values
-            self._mapped[index] = stack.enter_context(mmap(plane.fd, plane.offset + plane.length, MAP_SHARED, PROT_READ))
+            self._mapped[index] = stack.enter_context(
+                mmap(plane.fd, plane.offset + plane.length, MAP_SHARED, PROT_READ)
+            )
             self._offset = plane.offset
         self._selector = stack.enter_context(selectors.DefaultSelector())
         self._selector.register(self._manager.event_fd, selectors.EVENT_READ)
-        self._hold({"AfMode": MANUAL, "AeEnable": not {"ExposureTime", "AnalogueGain"} <= set(self._asked), **self._asked})
+        self._hold(
+            {
+                "AfMode": MANUAL,
+                "AeEnable": not {"ExposureTime", "AnalogueGain"} <= set(self._asked),
+                **self._asked,
+            }
+        )
         self._camera.start(self._held)
-        stack.callback(self._manager.get_ready_requests)  # after the stop: what is left would come to the next who opens a camera
+        stack.callback(
+            self._manager.get_ready_requests
+        )  # after the stop: what is left would come to the next who opens a camera
         stack.callback(self._camera.stop)
         for request in requests:
             self._camera.queue_request(request)
         self._first = self._settle()
 
     def _configure(self) -> Any:
-        """The stream, in the first format that begins with grey values, in the size asked for or the largest."""
+        """The stream, in the first format that begins with grey values, in the size asked for or
+        the largest.
+        """
         whole = self._camera.generate_configuration([self._library.StreamRole.Viewfinder])
         configuration = whole.at(0)
         offered = {str(pixels): pixels for pixels in configuration.formats.pixel_formats}
         name = next((name for name in device.FORMATS if name in offered), None)
         if name is None:
             raise CaptureError(
-                f"libcamera:{self._place} has none of the formats {', '.join(device.FORMATS)}, only {', '.join(offered)}: use rpicam."
+                f"libcamera:{self._place} has none of the formats {', '.join(device.FORMATS)}, only"
+                f" {', '.join(offered)}: use rpicam."
             )
         configuration.pixel_format = offered[name]
         if self._size == (0, 0):
@@ -133,7 +160,8 @@ class LibcameraSource:
         given = configuration.size.width, configuration.size.height
         if given != self._size:
             raise CaptureError(
-                f"The camera gives pictures of {given[0]}x{given[1]} px: write ?size={given[0]}x{given[1]} after the source."
+                f"The camera gives pictures of {given[0]}x{given[1]} px: write"
+                f" ?size={given[0]}x{given[1]} after the source."
             )
         self._camera.configure(whole)
         self._stride = configuration.stride
@@ -141,17 +169,23 @@ class LibcameraSource:
 
     def _hold(self, values: Mapping[str, object]) -> None:
         """From the next request on, those of the controls that the camera has."""
-        self._held |= {self._ids[name]: value for name, value in values.items() if name in self._ids}
+        self._held |= {
+            self._ids[name]: value for name, value in values.items() if name in self._ids
+        }
 
     def _settle(self) -> Frame | None:
-        """The first frame whose exposure, gain and white balance are held; None if closed before."""
+        """The first frame whose exposure, gain and white balance are held; None if closed
+        before.
+        """
         frame = self._take()
         for _ in range(SETTLING if "AeEnable" in self._ids else 0):
             if frame is None or self._said.get("AeLocked", self._said.get("AeState") == CONVERGED):
                 break
             frame = self._take()
         found: dict[str, object] = {
-            name: self._said[name] for name in ("ExposureTime", "AnalogueGain", "ColourGains") if name in self._said
+            name: self._said[name]
+            for name in ("ExposureTime", "AnalogueGain", "ColourGains")
+            if name in self._said
         }
         self._hold({**found, **self._asked, "AeEnable": False, "AwbEnable": False})
         for _ in range(DELAY if self._held else 0):
@@ -174,35 +208,53 @@ class LibcameraSource:
             elif self._selector.select(0.1):
                 self._pending += self._manager.get_ready_requests()
             if time.monotonic() > deadline:
-                raise CaptureError(f"libcamera:{self._place} sends no pictures: check the cable, and run the same command to continue.")
+                raise CaptureError(
+                    f"libcamera:{self._place} sends no pictures: check the cable, and run the same"
+                    " command to continue."
+                )
         return None
 
     def _copied(self, request: Any) -> Frame | None:
         """The request's picture; None if the camera failed to take it."""
         said = next(iter(request.buffers.values())).metadata
-        failed = self._library.FrameMetadata.Status.Error, self._library.FrameMetadata.Status.Cancelled
+        failed = (
+            self._library.FrameMetadata.Status.Error,
+            self._library.FrameMetadata.Status.Cancelled,
+        )
         if request.status != self._library.Request.Status.Complete or said.status in failed:
             return None
         width, height = self._size
-        plane = np.frombuffer(self._mapped[request.cookie], np.uint8, self._stride * height, self._offset)
+        plane = np.frombuffer(
+            self._mapped[request.cookie], np.uint8, self._stride * height, self._offset
+        )
         self._said = {control.name: value for control, value in request.metadata.items()}
-        metadata = {column: _plain(self._said[name]) for name, column in COLUMNS.items() if name in self._said}
+        metadata = {
+            column: _plain(self._said[name])
+            for name, column in COLUMNS.items()
+            if name in self._said
+        }
         pixels = plane.reshape(height, self._stride)[:, :width].copy()
         now = time.monotonic()
         if 0 <= now - said.timestamp / 1e9 < OLDEST:
             return Frame(pixels, said.sequence, said.timestamp / 1e9, metadata)
-        return Frame(pixels, request.sequence, now, metadata)  # a virtual camera's numbers are whatever was in the memory
+        return Frame(
+            pixels, request.sequence, now, metadata
+        )  # a virtual camera's numbers are whatever was in the memory
 
 
 def open_source(place: str, options: Section) -> LibcameraSource:
-    options.only(("size", EXPOSURE_US.key, GAIN.key, LENS_POSITION.key, PATIENCE_S.key), "known option")
+    options.only(
+        ("size", EXPOSURE_US.key, GAIN.key, LENS_POSITION.key, PATIENCE_S.key), "known option"
+    )
     asked: dict[str, float | int] = {}
     if (exposure := read_number(options, EXPOSURE_US)) is not None:
         asked["ExposureTime"] = round(exposure)
     for name, quantity in (("AnalogueGain", GAIN), ("LensPosition", LENS_POSITION)):
         if (value := read_number(options, quantity)) is not None:
             asked[name] = value
-    return LibcameraSource(place, read_size(options), asked, read_number(options, PATIENCE_S) or 0.0)
+    return LibcameraSource(
+        place, read_size(options), asked, read_number(options, PATIENCE_S) or 0.0
+    )
 
 
 def inventory() -> Inventory:
@@ -211,7 +263,12 @@ def inventory() -> Inventory:
     except (CaptureError, RuntimeError) as error:
         return Inventory(missing=str(error))
     if not cameras:
-        return Inventory(missing="libcamera sees no camera: check its cable, with the power off, and start the machine again.")
+        return Inventory(
+            missing=(
+                "libcamera sees no camera: check its cable, with the power off, and start the"
+                " machine again."
+            )
+        )
     return Inventory(tuple(device.listed(number, camera) for number, camera in enumerate(cameras)))
 
 

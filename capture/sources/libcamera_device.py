@@ -1,4 +1,6 @@
-"""The cameras that libcamera sees, and its bindings, which come with the system and are imported when they are needed."""
+"""The cameras that libcamera sees, and its bindings, which come with the system and are imported
+when they are needed.
+"""
 
 import os
 from collections.abc import Sequence
@@ -10,8 +12,9 @@ from capture.sources.registry import ListedCamera
 FORMATS = ("R8", "YUV420", "NV12")
 """Those that begin with a plane of grey values, the smallest first."""
 MISSING = (
-    "The libcamera bindings are not installed: run sudo apt install -y python3-libcamera, and make the environment by the system's own "
-    "python3 -m venv --system-site-packages; or use rpicam:0, which needs none."
+    "The libcamera bindings are not installed: run sudo apt install -y python3-libcamera, and make"
+    " the environment by the system's own python3 -m venv --system-site-packages; or use rpicam:0,"
+    " which needs none."
 )
 
 
@@ -31,7 +34,10 @@ def find(cameras: Sequence[Any], place: str) -> Any:
     for camera in cameras:
         if not place.isdecimal() and place in camera.id:
             return camera
-    there = ", ".join(f"libcamera:{number} ({camera.id})" for number, camera in enumerate(cameras)) or "none: check the cable"
+    there = (
+        ", ".join(f"libcamera:{number} ({camera.id})" for number, camera in enumerate(cameras))
+        or "none: check the cable"
+    )
     raise CaptureError(f"libcamera:{place} is not there; cameras of this machine: {there}.")
 
 
@@ -40,5 +46,8 @@ def listed(number: int, camera: Any) -> ListedCamera:
     modes = []
     for pixels in configuration.formats.pixel_formats:
         if str(pixels) in FORMATS:
-            modes += [f"{pixels} {size.width}x{size.height}" for size in configuration.formats.sizes(pixels)]
+            modes += [
+                f"{pixels} {size.width}x{size.height}"
+                for size in configuration.formats.sizes(pixels)
+            ]
     return ListedCamera(f"libcamera:{number}", camera.id, tuple(modes))

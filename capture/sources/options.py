@@ -7,7 +7,9 @@ from calib.session.schema import Quantity, Section
 EXPOSURE_US = Quantity("exposure_us", low=1, high=1e7)
 GAIN = Quantity("gain", low=0, high=1e5)
 PATIENCE_S = Quantity("patience_s", low=1, high=3600, default=10.0)
-"""How long a camera that is there may send nothing before it is given up; whoever waits is told so after a second."""
+"""How long a camera that is there may send nothing before it is given up; whoever waits is told so
+after a second.
+"""
 
 
 def read_number(options: Section, quantity: Quantity) -> float | None:

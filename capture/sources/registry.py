@@ -20,7 +20,8 @@ class ListedCamera:
     """What `--source` takes."""
     name: str
     modes: tuple[str, ...]
-    """Pixel format and size, as `?format=` and `?size=` take them, with rates where they are known."""
+    """Pixel format and size, as `?format=` and `?size=` take them, with rates where they are known.
+    """
     problem: str = ""
     """A sentence on why it cannot be used as it is."""
 
@@ -35,10 +36,16 @@ class Inventory:
 
 
 class Backend(Protocol):
-    """A module of this package. It is imported when it is asked for, and imports its own driver as late."""
+    """A module of this package.
+
+    It is imported when it is asked for, and imports its own driver as late.
+    """
 
     def open_source(self, place: str, options: Section) -> FrameSource:
-        """What stands after the scheme's colon, and the options after its question mark. Nothing is opened before `with`."""
+        """What stands after the scheme's colon, and the options after its question mark.
+
+        Nothing is opened before `with`.
+        """
         ...
 
     def inventory(self) -> Inventory: ...
@@ -65,7 +72,8 @@ SCHEMES: tuple[Scheme, ...] = (
 
 
 def open_source(text: str, called: str = "--source") -> FrameSource:
-    """The source that `SCHEME:PLACE?key=value&...` names; an InputError says what is wrong with the text.
+    """The source that `SCHEME:PLACE?key=value&...` names; an InputError says what is wrong with the
+    text.
 
     Args:
         called: the option or the field that it was written for, as a message names it.
@@ -90,7 +98,10 @@ def _pairs(said: str, query: str) -> dict[str, object]:
     for pair in query.split("&") if query else ():
         key, equals, value = pair.partition("=")
         if not (key and equals and value) or key in pairs:
-            raise InputError(f"{said}: {brief(repr(pair))} is not an option: write each once, as key=value with & between.")
+            raise InputError(
+                f"{said}: {brief(repr(pair))} is not an option: write each once, as key=value with"
+                " & between."
+            )
         try:
             pairs[key] = float(value)
         except ValueError:
@@ -100,7 +111,13 @@ def _pairs(said: str, query: str) -> dict[str, object]:
 
 def _unknown(said: str, name: str, text: str) -> str:
     close = get_close_matches(name, [scheme.name for scheme in SCHEMES], n=1) if name else []
-    hint = f" (did you mean {close[0]}?)" if close else " (did you mean v4l2?)" if text.startswith("/dev/video") else _there(text)
+    hint = (
+        f" (did you mean {close[0]}?)"
+        if close
+        else " (did you mean v4l2?)"
+        if text.startswith("/dev/video")
+        else _there(text)
+    )
     return f"{said} names no kind of source{hint}: {_expected()}"
 
 

@@ -1,8 +1,9 @@
 """A Raspberry Pi's camera through the program rpicam-vid, which needs no Python bindings.
 
-`rpicam:0?size=1640x1232&exposure_us=8000&gain=1&lens_position=2.0`; `mode=3280:2464:10:P` picks the sensor's mode, `awbgains=1.8,1.6` the
-colours, `fps=10` the rate. Focus, exposure, gain and white balance are fixed from the start. The program writes YUV420 with rows padded to
-64 bytes; its Y plane is the full-range grey picture.
+`rpicam:0?size=1640x1232&exposure_us=8000&gain=1&lens_position=2.0`; `mode=3280:2464:10:P` picks the
+sensor's mode, `awbgains=1.8,1.6` the colours, `fps=10` the rate. Focus, exposure, gain and white
+balance are fixed from the start. The program writes YUV420 with rows padded to 64 bytes; its Y
+plane is the full-range grey picture.
 """
 
 import os
@@ -51,16 +52,42 @@ class RpicamSource:
     remarks: Sequence[str] = ()
     shutter: Shutter | None = None
 
-    def __init__(self, camera: int, size: tuple[int, int], settings: Mapping[str, float], mode: str, awbgains: str) -> None:
+    def __init__(
+        self,
+        camera: int,
+        size: tuple[int, int],
+        settings: Mapping[str, float],
+        mode: str,
+        awbgains: str,
+    ) -> None:
         self._size = size
         self._fps = settings["fps"]
-        self._state: dict[str, float | str] = {key: value for key, value in settings.items() if key != "fps"}
+        self._state: dict[str, float | str] = {
+            key: value for key, value in settings.items() if key != "fps"
+        }
         self._state |= {"awbgains": awbgains.replace(",", " ")} | ({"mode": mode} if mode else {})
         self._command = [
-            *("rpicam-vid", "--nopreview", "--timeout", "0", "--camera", str(camera), "--codec", "yuv420", "--flush"),
+            *(
+                "rpicam-vid",
+                "--nopreview",
+                "--timeout",
+                "0",
+                "--camera",
+                str(camera),
+                "--codec",
+                "yuv420",
+                "--flush",
+            ),
             *("--width", str(size[0]), "--height", str(size[1]), "--framerate", f"{self._fps:g}"),
             *("--autofocus-mode", "manual", "--lens-position", f"{settings['lens_position']:g}"),
-            *("--shutter", f"{settings['exposure_us']:.0f}", "--gain", f"{settings['gain']:g}", "--awbgains", awbgains),
+            *(
+                "--shutter",
+                f"{settings['exposure_us']:.0f}",
+                "--gain",
+                f"{settings['gain']:g}",
+                "--awbgains",
+                awbgains,
+            ),
             *("--denoise", "off", *(("--mode", mode) if mode else ()), "--output", "-"),
         ]
         self._lines: deque[str] = deque(maxlen=50)
@@ -77,14 +104,22 @@ class RpicamSource:
                 stdout=pipe,
                 stderr=pipe,
                 start_new_session=True,
-                env={**os.environ, "LIBCAMERA_LOG_LEVELS": "*:INFO"},  # it then says which size it configures
+                env={
+                    **os.environ,
+                    "LIBCAMERA_LOG_LEVELS": "*:INFO",
+                },  # it then says which size it configures
             )
         except OSError as error:
-            raise CaptureError(f"rpicam-vid cannot be started ({error.strerror}): on Raspberry Pi OS, run {INSTALL}.") from error
+            raise CaptureError(
+                f"rpicam-vid cannot be started ({error.strerror}): on Raspberry Pi OS, run"
+                f" {INSTALL}."
+            ) from error
         assert self._process.stdout
         assert self._process.stderr
         self._pipe = self._process.stdout
-        self._listener = threading.Thread(target=self._listen, args=(self._process.stderr,), daemon=True)
+        self._listener = threading.Thread(
+            target=self._listen, args=(self._process.stderr,), daemon=True
+        )
         self._listener.start()
         try:
             self._first = self._take(0, START)
@@ -96,7 +131,12 @@ class RpicamSource:
             raise
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self.close()
         try:
             self._process.wait(2)
@@ -118,7 +158,10 @@ class RpicamSource:
         self._process.terminate()
 
     def _take(self, sequence: int, patience: float) -> Frame | None:
-        """The next picture; None when closed, or when the program ended as it should. The rest of a frame is dropped."""
+        """The next picture; None when closed, or when the program ended as it should.
+
+        The rest of a frame is dropped.
+        """
         width, height = self._size
         stride = -(-width // ALIGNMENT) * ALIGNMENT
         buffer = bytearray(stride * height + 2 * (stride // 2) * (height // 2))
@@ -144,14 +187,17 @@ class RpicamSource:
         code = self._process.wait()
         self._listener.join(2)
         if code and not self._closed:
-            raise self._failure(f"ended with exit code {code}{' in the middle of a picture' if filled else ''}")
+            raise self._failure(
+                f"ended with exit code {code}{' in the middle of a picture' if filled else ''}"
+            )
 
     def _check_configured(self) -> None:
         for line in tuple(self._lines):
             found = CONFIGURED.search(line)
             if found and (int(found[1]), int(found[2])) != self._size:
                 raise CaptureError(
-                    f"The camera gives pictures of {found[1]}x{found[2]} px: write ?size={found[1]}x{found[2]} after the source."
+                    f"The camera gives pictures of {found[1]}x{found[2]} px: write"
+                    f" ?size={found[1]}x{found[2]} after the source."
                 )
 
     def _listen(self, stderr: IO[bytes]) -> None:
@@ -159,7 +205,10 @@ class RpicamSource:
             for raw in stderr:
                 line = re.sub(r"\x1b\[[0-9;]*m", "", raw.decode(errors="replace")).strip()
                 if state := STATE.match(line):
-                    self._state = {**self._state, **{key: float(value) for key, value in state.groupdict().items()}}
+                    self._state = {
+                        **self._state,
+                        **{key: float(value) for key, value in state.groupdict().items()},
+                    }
                     self._framed.set()
                 elif line:
                     self._lines.append(line)
@@ -169,12 +218,20 @@ class RpicamSource:
     def _failure(self, what: str) -> CaptureError:
         """With the last that the program complained of."""
         lines = list(self._lines)
-        said = next((line for line in reversed(lines) if "ERROR" in line or "***" in line), lines[-1] if lines else "nothing")
-        return CaptureError(f"rpicam-vid {what} (it said: {said}): check the cable and that no other program uses the camera.")
+        said = next(
+            (line for line in reversed(lines) if "ERROR" in line or "***" in line),
+            lines[-1] if lines else "nothing",
+        )
+        return CaptureError(
+            f"rpicam-vid {what} (it said: {said}): check the cable and that no other program uses"
+            " the camera."
+        )
 
 
 def open_source(place: str, options: Section) -> RpicamSource:
-    options.only(("size", "mode", "awbgains", *(quantity.key for quantity in QUANTITIES)), "known option")
+    options.only(
+        ("size", "mode", "awbgains", *(quantity.key for quantity in QUANTITIES)), "known option"
+    )
     if not place.isdecimal():
         raise InputError(f"{options.file} names no camera: write its number, such as rpicam:0.")
     settings = {quantity.key: read_number(options, quantity) or 0.0 for quantity in QUANTITIES}
@@ -187,22 +244,44 @@ def open_source(place: str, options: Section) -> RpicamSource:
         if text and not re.fullmatch(pattern, text):
             raise options.wrong(key, text, f"it like {example}")
         texts.append(text)
-    return RpicamSource(int(place), read_size(options) or (1640, 1232), settings, texts[0], texts[1])
+    return RpicamSource(
+        int(place), read_size(options) or (1640, 1232), settings, texts[0], texts[1]
+    )
 
 
 def inventory() -> Inventory:
     if not shutil.which("rpicam-hello"):
-        return Inventory(missing=f"rpicam-apps is not installed: on Raspberry Pi OS, run {INSTALL}.")
+        return Inventory(
+            missing=f"rpicam-apps is not installed: on Raspberry Pi OS, run {INSTALL}."
+        )
     try:
-        done = subprocess.run(["rpicam-hello", "--list-cameras"], capture_output=True, text=True, timeout=20, errors="replace", check=False)
+        done = subprocess.run(
+            ["rpicam-hello", "--list-cameras"],
+            capture_output=True,
+            text=True,
+            timeout=20,
+            errors="replace",
+            check=False,
+        )
     except (OSError, subprocess.TimeoutExpired) as error:
-        return Inventory(missing=f"rpicam-hello does not answer ({error}): start the machine again.")
+        return Inventory(
+            missing=f"rpicam-hello does not answer ({error}): start the machine again."
+        )
     cameras: list[ListedCamera] = []
     for line in (done.stdout + done.stderr).splitlines():
         if head := re.match(r"(\d+) : (\S+)", line):
             cameras.append(ListedCamera(f"rpicam:{head[1]}", head[2], ()))
         elif cameras and (mode := re.search(r"(\d+x\d+) \[([0-9.]+) fps", line)):
             last = cameras.pop()
-            cameras.append(ListedCamera(last.source, last.name, (*last.modes, f"{mode[1]} {mode[2]} fps")))
-    missing = "" if cameras else "rpicam-apps sees no camera: check its cable, with the power off, and start the machine again."
+            cameras.append(
+                ListedCamera(last.source, last.name, (*last.modes, f"{mode[1]} {mode[2]} fps"))
+            )
+    missing = (
+        ""
+        if cameras
+        else (
+            "rpicam-apps sees no camera: check its cable, with the power off, and start the machine"
+            " again."
+        )
+    )
     return Inventory(tuple(cameras), missing)

@@ -1,8 +1,11 @@
 """A V4L2 camera: a webcam, a capture card, or a loopback device.
 
-`v4l2:/dev/video0?size=1640x1232&format=YUYV`; without options, the largest pictures of the best format that the camera has. The driver's
-own grey values are kept: those of YUYV are its Y, not a colour picture turned grey. `exposure_us`, `gain` and `focus` (in the driver's
-units) set what is otherwise held where it is; `patience_s` is how long a camera that is there may send nothing.
+`v4l2:/dev/video0?size=1640x1232&format=YUYV`; without options, the largest pictures of the best
+format that the camera has. The driver's
+own grey values are kept: those of YUYV are its Y, not a colour picture turned grey. `exposure_us`,
+    `gain` and `focus` (in the driver's
+units) set what is otherwise held where it is; `patience_s` is how long a camera that is there may
+send nothing.
 """
 
 import os
@@ -30,7 +33,10 @@ from capture.sources.registry import Inventory, ListedCamera
 from capture.sources.v4l2_formats import FORMATS, ROWS, Grey
 
 os.environ.setdefault("OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT", "1")
-"""s, for which OpenCV waits for a frame; then it is seen whether the camera is still plugged in. It reads this at its first use."""
+"""s, for which OpenCV waits for a frame; then it is seen whether the camera is still plugged in.
+
+It reads this at its first use.
+"""
 
 OLDEST = 5.0  # s, of a frame that has just come: what is older was not told by this clock
 FOCUS = Quantity("focus", low=0, high=1e5)
@@ -69,11 +75,13 @@ class V4l2Source:
                     device.write(self._handle, control, value)
                 except OSError as error:
                     raise CaptureError(
-                        f"{self._path} refuses a control set to {value} ({error.strerror}): leave that option out."
+                        f"{self._path} refuses a control set to {value} ({error.strerror}): leave"
+                        " that option out."
                     ) from error
             if mode.format == "MJPG":
                 remarks.append(
-                    "The camera compresses its pictures, which moves corners a little: choose an uncompressed format if it has one."
+                    "The camera compresses its pictures, which moves corners a little: choose an"
+                    " uncompressed format if it has one."
                 )
             self.remarks = remarks
             self._capture = cv2.VideoCapture()
@@ -82,7 +90,12 @@ class V4l2Source:
             self._open = stack.pop_all()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self._open.close()
 
     def __iter__(self) -> Iterator[Frame]:
@@ -105,17 +118,30 @@ class V4l2Source:
     def _mode(self) -> device.Mode:
         """The largest that fits what was asked for, in the best format."""
         offered = [mode for mode in device.modes(self._handle) if mode.format in FORMATS]
-        fit = [m for m in offered if (self._size is None or m.gives(self._size)) and self._pixels in (None, m.format)]
+        fit = [
+            m
+            for m in offered
+            if (self._size is None or m.gives(self._size)) and self._pixels in (None, m.format)
+        ]
         if not fit:
             if not offered:
-                raise CaptureError(f"{self._path} has none of the formats {', '.join(FORMATS)}: {RAW_ONLY}")
-            raise CaptureError(f"{self._path} has no such mode: choose ?size= and ?format= from those that `capture sources` lists.")
-        best = min(fit, key=lambda m: (m.format == "MJPG", -m.width * m.height, list(FORMATS).index(m.format)))
+                raise CaptureError(
+                    f"{self._path} has none of the formats {', '.join(FORMATS)}: {RAW_ONLY}"
+                )
+            raise CaptureError(
+                f"{self._path} has no such mode: choose ?size= and ?format= from those that"
+                " `capture sources` lists."
+            )
+        best = min(
+            fit,
+            key=lambda m: (m.format == "MJPG", -m.width * m.height, list(FORMATS).index(m.format)),
+        )
         if self._size:
             return replace(best, width=self._size[0], height=self._size[1])
         if best.scales:
             raise InputError(
-                f"{self._path} gives any size up to {best.width}x{best.height} px: write the one you want, as ?size=1640x1232."
+                f"{self._path} gives any size up to {best.width}x{best.height} px: write the one"
+                " you want, as ?size=1640x1232."
             )
         return best
 
@@ -129,17 +155,23 @@ class V4l2Source:
             (cv2.CAP_PROP_FRAME_HEIGHT, mode.height),
             (cv2.CAP_PROP_CONVERT_RGB, 0),
         )
-        if not self._capture.open(self._path, cv2.CAP_V4L2, [number for pair in wanted for number in pair]):
+        if not self._capture.open(
+            self._path, cv2.CAP_V4L2, [number for pair in wanted for number in pair]
+        ):
             raise CaptureError(device.why_silent(self._path))
-        given = tuple(int(self._capture.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+        given = tuple(
+            int(self._capture.get(side))
+            for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
+        )
         if given != self._size:
             raise CaptureError(
-                f"{self._path} gives pictures of {given[0]}x{given[1]} px: write ?size={given[0]}x{given[1]} after the source."
+                f"{self._path} gives pictures of {given[0]}x{given[1]} px: write"
+                f" ?size={given[0]}x{given[1]} after the source."
             )
         if mode.format in ROWS and (added := device.padding(self._handle, *ROWS[mode.format])):
             raise CaptureError(
-                f"{self._path} adds {added} bytes to each row of its {mode.format} pictures of this size, which OpenCV does not heed: "
-                "choose another ?size= or ?format=."
+                f"{self._path} adds {added} bytes to each row of its {mode.format} pictures of this"
+                " size, which OpenCV does not heed: choose another ?size= or ?format=."
             )
         try:
             first = self._take()
@@ -151,17 +183,27 @@ class V4l2Source:
         self._first = first
 
     def _take(self) -> tuple[Grey, float] | None:
-        """The next picture, and its time in s; None once closed. A damaged buffer is passed over."""
+        """The next picture, and its time in s; None once closed. A damaged buffer is passed
+        over.
+        """
         begun = time.monotonic()
         while not self._closed.is_set():
             good, raw = self._capture.read()
             if good and (grey := self._grey(np.asarray(raw, np.uint8))) is not None:
                 now, said = time.monotonic(), self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
-                return grey, said if 0 <= now - said < OLDEST else now  # some drivers have another clock
+                return grey, (
+                    said if 0 <= now - said < OLDEST else now
+                )  # some drivers have another clock
             if not good and not device.is_there(self._handle):
-                raise CaptureError(f"{self._path} was unplugged: plug the camera in again, and run the same command to continue.")
+                raise CaptureError(
+                    f"{self._path} was unplugged: plug the camera in again, and run the same"
+                    " command to continue."
+                )
             if time.monotonic() - begun > self._patience_s:
-                raise CaptureError(f"{self._path} sends no more pictures: plug the camera in again, and run the same command to continue.")
+                raise CaptureError(
+                    f"{self._path} sends no more pictures: plug the camera in again, and run the"
+                    " same command to continue."
+                )
             if not good:
                 self._closed.wait(0.01)
         return None
@@ -189,25 +231,41 @@ class V4l2Source:
 
 
 def open_source(place: str, options: Section) -> V4l2Source:
-    options.only(("size", "format", EXPOSURE_US.key, GAIN.key, FOCUS.key, PATIENCE_S.key), "known option")
-    pixels = options.choice("format", tuple(FORMATS), f"one of {', '.join(FORMATS)}") if "format" in options.values else None
+    options.only(
+        ("size", "format", EXPOSURE_US.key, GAIN.key, FOCUS.key, PATIENCE_S.key), "known option"
+    )
+    pixels = (
+        options.choice("format", tuple(FORMATS), f"one of {', '.join(FORMATS)}")
+        if "format" in options.values
+        else None
+    )
     controls = {}
-    for control, quantity, unit in ((device.EXPOSURE_100US, EXPOSURE_US, 100), (device.GAIN, GAIN, 1), (device.FOCUS, FOCUS, 1)):
+    for control, quantity, unit in (
+        (device.EXPOSURE_100US, EXPOSURE_US, 100),
+        (device.GAIN, GAIN, 1),
+        (device.FOCUS, FOCUS, 1),
+    ):
         if (value := read_number(options, quantity)) is not None:
             controls[control] = round(value / unit)
-    return V4l2Source(place, read_size(options), pixels, controls, read_number(options, PATIENCE_S) or 0.0)
+    return V4l2Source(
+        place, read_size(options), pixels, controls, read_number(options, PATIENCE_S) or 0.0
+    )
 
 
 def inventory() -> Inventory:
     cameras = []
-    nodes = sorted(Path("/dev").glob("video[0-9]*"), key=lambda node: int(node.name.removeprefix("video")))
+    nodes = sorted(
+        Path("/dev").glob("video[0-9]*"), key=lambda node: int(node.name.removeprefix("video"))
+    )
     for node in nodes:
         source = f"v4l2:{node}"
         try:
             with device.opened(str(node)) as handle:
                 modes = [mode for mode in device.modes(handle) if mode.format in FORMATS]
                 problem = "" if modes else f"It has no picture format that can be read: {RAW_ONLY}"
-                cameras.append(ListedCamera(source, device.card(handle), tuple(map(str, modes)), problem))
+                cameras.append(
+                    ListedCamera(source, device.card(handle), tuple(map(str, modes)), problem)
+                )
         except device.NoCameraError:
             continue
         except CaptureError as error:
@@ -215,5 +273,9 @@ def inventory() -> Inventory:
     if cameras:
         return Inventory(tuple(cameras))
     return Inventory(
-        missing=f"None of {len(nodes)} nodes captures video: plug a camera in." if nodes else "There is no /dev/video*: plug a camera in."
+        missing=(
+            f"None of {len(nodes)} nodes captures video: plug a camera in."
+            if nodes
+            else "There is no /dev/video*: plug a camera in."
+        )
     )

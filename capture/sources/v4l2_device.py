@@ -1,6 +1,8 @@
-"""A V4L2 node as the kernel shows it: what it is, its modes and its controls. Functions on a file descriptor, and nothing of OpenCV.
+"""A V4L2 node as the kernel shows it: what it is, its modes and its controls. Functions on a file
+descriptor, and nothing of OpenCV.
 
-Numbers and layouts are those of linux/videodev2.h, the same on every machine for the calls used here.
+Numbers and layouts are those of linux/videodev2.h, the same on every machine for the calls used
+here.
 """
 
 import errno
@@ -14,7 +16,12 @@ from pathlib import Path
 
 from capture.errors import CaptureError
 
-QUERYCAP, ENUM_FMT, ENUM_FRAMESIZES, ENUM_FRAMEINTERVALS = 0x80685600, 0xC0405602, 0xC02C564A, 0xC034564B
+QUERYCAP, ENUM_FMT, ENUM_FRAMESIZES, ENUM_FRAMEINTERVALS = (
+    0x80685600,
+    0xC0405602,
+    0xC02C564A,
+    0xC034564B,
+)
 G_FMT = 0xC0D05604  # where pointers have 8 bytes
 QUERYCTRL, G_CTRL, S_CTRL = 0xC0445624, 0xC008561B, 0xC008561C
 REQBUFS, QBUF, STREAMON = 0xC0145608, 0xC058560F, 0x40045612
@@ -53,10 +60,15 @@ class Mode:
     """Whether the camera gives any size up to this one."""
 
     def gives(self, size: tuple[int, int]) -> bool:
-        return size == (self.width, self.height) or (self.scales and size[0] <= self.width and size[1] <= self.height)
+        return size == (self.width, self.height) or (
+            self.scales and size[0] <= self.width and size[1] <= self.height
+        )
 
     def __str__(self) -> str:
-        return f"{self.format} {'up to ' if self.scales else ''}{self.width}x{self.height}{f' {self.fps:g} fps' if self.fps else ''}"
+        return (
+            f"{self.format}"
+            f" {'up to ' if self.scales else ''}{self.width}x{self.height}{f' {self.fps:g} fps' if self.fps else ''}"  # noqa: E501
+        )
 
 
 @contextmanager
@@ -64,7 +76,9 @@ def opened(path: str) -> Iterator[int]:
     """The descriptor of a node that captures video; CaptureError says why it is none."""
     try:
         if Path(path).exists() and not Path(path).is_char_device():
-            raise CaptureError(f"{path} is not a device: `capture sources` lists the cameras of this machine.")
+            raise CaptureError(
+                f"{path} is not a device: `capture sources` lists the cameras of this machine."
+            )
         handle = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:
         raise CaptureError(_reason(path, error)) from error
@@ -74,12 +88,17 @@ def opened(path: str) -> Iterator[int]:
         except OSError as error:
             gone = error.errno == errno.ENODEV
             raise CaptureError(
-                _reason(path, error) if gone else f"{path} is not a camera: `capture sources` lists those there are."
+                _reason(path, error)
+                if gone
+                else f"{path} is not a camera: `capture sources` lists those there are."
             ) from error
-        able = abilities[1] or abilities[0]  # of this node, or of the whole device where the driver is old
+        able = (
+            abilities[1] or abilities[0]
+        )  # of this node, or of the whole device where the driver is old
         if not (able & CAPTURE and able & STREAMING):
             raise NoCameraError(
-                f"{path} gives no video: choose another node of the camera, or start what feeds it if it is a loopback device."
+                f"{path} gives no video: choose another node of the camera, or start what feeds it"
+                " if it is a loopback device."
             )
         yield handle
     finally:
@@ -101,15 +120,19 @@ def modes(handle: int) -> list[Mode]:
             break
         pixels = described[44:48]
         name = pixels.decode("ascii", "replace").strip()
-        found += [Mode(name, w, h, _fastest(handle, pixels, w, h), scales) for w, h, scales in _sizes(handle, pixels)]
+        found += [
+            Mode(name, w, h, _fastest(handle, pixels, w, h), scales)
+            for w, h, scales in _sizes(handle, pixels)
+        ]
     return found
 
 
 def padding(handle: int, pixel: int, rows: float) -> int:
-    """Bytes that the driver adds to each row of grey values, of which a pixel takes `pixel`; 0 where that cannot be told.
+    """Bytes that the driver adds to each row of grey values, of which a pixel takes `pixel`; 0
+    where that cannot be told.
 
-    `rows` of the same length make one row of the picture, chroma's included. Some drivers count chroma into the length: then the picture is
-    too small for rows of that length.
+    `rows` of the same length make one row of the picture, chroma's included. Some drivers count
+    chroma into the length: then the picture is too small for rows of that length.
     """
     if struct.calcsize("P") != 8:
         return 0
@@ -122,7 +145,9 @@ def padding(handle: int, pixel: int, rows: float) -> int:
 
 
 def lock(handle: int) -> list[str]:
-    """Hold focus, exposure, gain and white balance where they are; a sentence for each that the camera does not let go of."""
+    """Hold focus, exposure, gain and white balance where they are; a sentence for each that the
+    camera does not let go of.
+    """
     remarks = []
     for control, value in LOCKED.items():
         if read(handle, control) is None:
@@ -130,16 +155,23 @@ def lock(handle: int) -> list[str]:
         try:
             write(handle, control, value)
         except OSError as error:
-            remarks.append(f"The camera keeps changing its {NAMES[control]} ({error.strerror}): light and distance should not change.")
+            remarks.append(
+                f"The camera keeps changing its {NAMES[control]} ({error.strerror}): light and"
+                " distance should not change."
+            )
     return remarks
 
 
 def read(handle: int, control: int) -> int | None:
     """A control's value; None where the camera has no such control."""
     with suppress(OSError):
-        flags = struct.unpack_from("=I", ioctl(handle, QUERYCTRL, struct.pack("=I64x", control)), 56)[0]
+        flags = struct.unpack_from(
+            "=I", ioctl(handle, QUERYCTRL, struct.pack("=I64x", control)), 56
+        )[0]
         if not flags & DISABLED:
-            return int(struct.unpack("=Ii", ioctl(handle, G_CTRL, struct.pack("=Ii", control, 0)))[1])
+            return int(
+                struct.unpack("=Ii", ioctl(handle, G_CTRL, struct.pack("=Ii", control, 0)))[1]
+            )
     return None
 
 
@@ -163,12 +195,17 @@ def why_silent(path: str) -> str:
         if error.errno in (errno.EBUSY, errno.ENODEV):
             return _reason(path, error)
         if error.errno == errno.ENOSPC:
-            return f"{path} finds no room on its USB bus: plug the camera into another port, or choose a smaller ?size=."
+            return (
+                f"{path} finds no room on its USB bus: plug the camera into another port, or choose"
+                " a smaller ?size=."
+            )
         return (
-            f"{path} opens but does not stream ({error.strerror}): plug the camera in again, or choose another mode by ?size= and ?format=."
+            f"{path} opens but does not stream ({error.strerror}): plug the camera in again, or"
+            " choose another mode by ?size= and ?format=."
         )
     return (
-        f"{path} can be opened but sends no pictures: plug the camera in again, into a port of its own, or choose another mode by ?size=."
+        f"{path} can be opened but sends no pictures: plug the camera in again, into a port of its"
+        " own, or choose another mode by ?size=."
     )
 
 
@@ -184,24 +221,39 @@ def is_there(handle: int) -> bool:
 def _reason(path: str, error: OSError) -> str:
     match error.errno:
         case errno.ENOENT | errno.ENOTDIR:
-            return f"{path} is not there: plug the camera in; `capture sources` lists the cameras of this machine."
+            return (
+                f"{path} is not there: plug the camera in; `capture sources` lists the cameras of"
+                " this machine."
+            )
         case errno.EACCES | errno.EPERM:
-            return f"{path} may not be opened ({error.strerror}): run sudo usermod -aG video $USER and log in again."
+            return (
+                f"{path} may not be opened ({error.strerror}): run sudo usermod -aG video $USER and"
+                " log in again."
+            )
         case errno.EBUSY:
-            return f"{path} is in use by another program: close that one (fuser -v {path} names it)."
+            return (
+                f"{path} is in use by another program: close that one (fuser -v {path} names it)."
+            )
         case errno.ENODEV | errno.ENXIO:
             return f"{path} is not connected any more: plug the camera in again."
-    return f"{path} cannot be opened ({error.strerror}): `capture sources` lists the cameras of this machine."
+    return (
+        f"{path} cannot be opened ({error.strerror}): `capture sources` lists the cameras of this"
+        " machine."
+    )
 
 
 def _sizes(handle: int, pixels: bytes) -> Iterator[tuple[int, int, bool]]:
     """Width, height, and whether those are the largest of a range."""
     for index in range(256):
         try:
-            kind, *fields = struct.unpack_from("=7I", ioctl(handle, ENUM_FRAMESIZES, struct.pack("=I4s36x", index, pixels)), 8)
+            kind, *fields = struct.unpack_from(
+                "=7I", ioctl(handle, ENUM_FRAMESIZES, struct.pack("=I4s36x", index, pixels)), 8
+            )
         except OSError:
             return
-        if kind != 1:  # a range: the smallest width, the largest, the step, and the same of the height
+        if (
+            kind != 1
+        ):  # a range: the smallest width, the largest, the step, and the same of the height
             yield fields[1], fields[4], True
             return
         yield fields[0], fields[1], False
@@ -212,7 +264,9 @@ def _fastest(handle: int, pixels: bytes, width: int, height: int) -> float:
     fastest = 0.0
     for index in range(256):
         try:
-            said = ioctl(handle, ENUM_FRAMEINTERVALS, struct.pack("=I4s2I36x", index, pixels, width, height))
+            said = ioctl(
+                handle, ENUM_FRAMEINTERVALS, struct.pack("=I4s2I36x", index, pixels, width, height)
+            )
         except OSError:
             break
         kind, numerator, denominator = struct.unpack_from("=3I", said, 16)

@@ -26,6 +26,16 @@ FORMATS: Mapping[str, Callable[[Grey, int, int], Grey | None]] = {
     "YU12": _plane,
     "MJPG": _decoded,
 }
-"""How the (height, width) grey values are taken from a raw buffer, the exact and cheap formats first. None: a damaged JPEG."""
-ROWS: Mapping[str, tuple[int, float]] = {"GREY": (1, 1), "YUYV": (2, 1), "UYVY": (2, 1), "NV12": (1, 1.5), "YU12": (1, 1.5)}
-"""Bytes of a pixel in a row of grey values, and rows of that length to a row of the picture, chroma's included. JPEGs have no rows."""
+"""How the (height, width) grey values are taken from a raw buffer, the exact and cheap formats
+first. None: a damaged JPEG.
+"""
+ROWS: Mapping[str, tuple[int, float]] = {
+    "GREY": (1, 1),
+    "YUYV": (2, 1),
+    "UYVY": (2, 1),
+    "NV12": (1, 1.5),
+    "YU12": (1, 1.5),
+}
+"""Bytes of a pixel in a row of grey values, and rows of that length to a row of the picture,
+chroma's included. JPEGs have no rows.
+"""

@@ -41,10 +41,18 @@ class VideoSource:
         self._next = self._read()
         if self._next is None:
             self._capture.release()
-            raise InputError(f"{self._file} is not a video that can be read: convert it, or give a folder of its frames.")
+            raise InputError(
+                f"{self._file} is not a video that can be read: convert it, or give a folder of its"
+                " frames."
+            )
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self._capture.release()
 
     def __iter__(self) -> Iterator[Frame]:
@@ -54,9 +62,14 @@ class VideoSource:
             yield Frame(pixels, sequence, begun + time_s)
             self._next = self._read()
             sequence += 1
-        promised = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))  # some containers only give an estimate
+        promised = int(
+            self._capture.get(cv2.CAP_PROP_FRAME_COUNT)
+        )  # some containers only give an estimate
         if not self._closed.is_set() and sequence < (1 - ESTIMATE) * promised - 1:
-            raise InputError(f"{self._file} breaks off after {sequence} of {promised} frames: copy it again, or convert it.")
+            raise InputError(
+                f"{self._file} breaks off after {sequence} of {promised} frames: copy it again, or"
+                " convert it."
+            )
 
     def close(self) -> None:
         self._closed.set()
@@ -64,12 +77,18 @@ class VideoSource:
     def _read(self) -> tuple[np.ndarray, float] | None:
         """(H, W, 3) uint8 BGR, and s from the beginning; None at the end."""
         good, pixels = self._capture.read()
-        return (np.asarray(pixels, np.uint8), self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000) if good else None
+        return (
+            (np.asarray(pixels, np.uint8), self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000)
+            if good
+            else None
+        )
 
 
 def open_source(place: str, options: Section) -> VideoSource:
     if options.values:
-        raise InputError(f"{options.file}: a video has no options: leave out what follows the question mark.")
+        raise InputError(
+            f"{options.file}: a video has no options: leave out what follows the question mark."
+        )
     return VideoSource(typed_path(place))
 
 

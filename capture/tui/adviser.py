@@ -1,4 +1,6 @@
-"""Where to hold the board next: by a plain rule at once, and by what the undistortion maps lack as soon as a process has computed that."""
+"""Where to hold the board next: by a plain rule at once, and by what the undistortion maps lack as
+soon as a process has computed that.
+"""
 
 from collections.abc import Iterator, Sequence
 
@@ -17,7 +19,10 @@ Advice = tuple[Hint | None, SessionProgress]
 
 
 class Adviser:
-    """Blocks where it says so, and then belongs into a thread. `close` ends its processes, from any thread."""
+    """Blocks where it says so, and then belongs into a thread.
+
+    `close` ends its processes, from any thread.
+    """
 
     def __init__(self, task: Task, size: tuple[int, int]) -> None:
         """`size`: of the camera's pictures, px. Blocks for some tenths of a second."""
@@ -36,11 +41,16 @@ class Adviser:
         return self._guide.next_pose(views), self._guide.progress(views)
 
     def improve(self, views: Sequence[SeenView]) -> Iterator[None]:
-        """Look into what these views tell; at each step, the advice has become better. Blocks for seconds."""
+        """Look into what these views tell; at each step, the advice has become better.
+
+        Blocks for seconds.
+        """
         if self._task.bare or self._task.asked[2].shape == "none":
             return
         if not views and self._camera.intrinsics is None and has_bare(self._task.session):
-            self.remark = AFTER_ONE  # the lens is looked for in a session, which has pictures in frames/
+            self.remark = (
+                AFTER_ONE  # the lens is looked for in a session, which has pictures in frames/
+            )
             yield
             return
         if self.remark == AFTER_ONE:
@@ -66,7 +76,9 @@ class Adviser:
         camera = self._camera
         if camera.intrinsics is None:
             if not has_bare(self._task.session):
-                raise GuidanceError(f"How sure the maps would be cannot be computed: {self._lacks()}.")
+                raise GuidanceError(
+                    f"How sure the maps would be cannot be computed: {self._lacks()}."
+                )
             *_, last = {"sentence": "The lens is not looked for any more."}, *self._lens.events()
             if "camera" not in last:
                 raise GuidanceError(last["sentence"])
@@ -80,7 +92,10 @@ class Adviser:
         known = self._task.asked[1]
         if known.intrinsics is None:
             return "the lens is not known"
-        wanted, size = f"{known.width}x{known.height}", f"{self._camera.width}x{self._camera.height}"
+        wanted, size = (
+            f"{known.width}x{known.height}",
+            f"{self._camera.width}x{self._camera.height}",
+        )
         return f"the lens that is known is of pictures of {wanted} px, and these are {size}"
 
 

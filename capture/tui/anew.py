@@ -1,4 +1,6 @@
-"""Pictures without the cover that were no good, such as those of a camera that had it on: all are set aside, and taken anew."""
+"""Pictures without the cover that were no good, such as those of a camera that had it on: all are
+set aside, and taken anew.
+"""
 
 from pathlib import Path
 
@@ -9,7 +11,8 @@ ASIDE = "bare-aside"
 
 
 def set_bare_aside(session: Path) -> Path:
-    """Rename bare/ to bare-aside, where calib does not look, with its table and what else is in it. The new folder.
+    """Rename bare/ to bare-aside, where calib does not look, with its table and what else is in it.
+    The new folder.
 
     InputError: it is being recorded into, or cannot be renamed.
     """

@@ -12,7 +12,10 @@ SCROLL = (
 
 
 class AnswerPage(WorkingPage):
-    """Shows the `text` of what its process gives, and begins again until there is one. A subclass binds SCROLL among its keys."""
+    """Shows the `text` of what its process gives, and begins again until there is one.
+
+    A subclass binds SCROLL among its keys.
+    """
 
     def __init__(self) -> None:
         super().__init__()

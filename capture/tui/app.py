@@ -1,8 +1,9 @@
 """The terminal UI: from nothing to an exported map, following the screen.
 
-Workers (threads, and processes behind them) post messages; handlers change the screen. What a session holds is read from its folder,
-never remembered, so a lost connection costs nothing but the view of it. A screen opens those that come after it on the way; to go back to
-an earlier one, it leaves, or asks the app by a message.
+Workers (threads, and processes behind them) post messages; handlers change the screen. What a
+session holds is read from its folder, never remembered, so a lost connection costs nothing but the
+view of it. A screen opens those that come after it on the way; to go back to an earlier one, it
+leaves, or asks the app by a message.
 """
 
 import os
@@ -34,7 +35,8 @@ from capture.tui.phone import Asked, Phone
 from capture.tui.results import ResultsScreen
 from capture.tui.setup import SetupScreen
 
-SWITCH_S = 0.0005  # for which a thread that calculates may keep the screen waiting, ten times less than usual
+# for which a thread that calculates may keep the screen waiting, ten times less than usual
+SWITCH_S = 0.0005
 
 
 class CaptureApp(App[None]):
@@ -73,7 +75,16 @@ class CaptureApp(App[None]):
         shown, cut_short = self._shown, self._fit is not None and self._fit.cut_short
         if not shown:
             return list(farewell(self.session, None, self._maps, cut_short=cut_short))
-        return list(farewell(self.session, shown.calibration, self._maps, depth=shown.depth, doubt=shown.doubt, cut_short=cut_short))
+        return list(
+            farewell(
+                self.session,
+                shown.calibration,
+                self._maps,
+                depth=shown.depth,
+                doubt=shown.doubt,
+                cut_short=cut_short,
+            )
+        )
 
     def on_mount(self) -> None:
         sys.setswitchinterval(SWITCH_S)
@@ -81,7 +92,9 @@ class CaptureApp(App[None]):
         self.push_screen(SetupScreen(self.session, self.source))
 
     async def on_event(self, event: Event) -> None:
-        """What is hidden by the notice that the terminal is too small obeys no key, and nothing is typed into it."""
+        """What is hidden by the notice that the terminal is too small obeys no key, and nothing is
+        typed into it.
+        """
         if isinstance(event, Key | Paste) and isinstance(self.screen, Page) and self.screen.small:
             if isinstance(event, Key) and event.key == "q":
                 self.exit()
@@ -118,7 +131,12 @@ class CaptureApp(App[None]):
             if pictures := folder_of(source):
                 self.push_screen(CheckScreen(message.calibration, pictures, message.depth))
                 return
-            task = Task(next_folder(message.session), source, read_calibrated(message.calibration), bare=False)
+            task = Task(
+                next_folder(message.session),
+                source,
+                read_calibrated(message.calibration),
+                bare=False,
+            )
             self.push_screen(CheckViewsScreen(task, message.calibration, message.depth))
 
         self.push_screen(CheckSourceScreen(self.source), begin)

@@ -1,4 +1,6 @@
-"""The board and the cover as a form: which fields there are follows from the board's type and the cover's shape."""
+"""The board and the cover as a form: which fields there are follows from the board's type and the
+cover's shape.
+"""
 
 from collections.abc import Mapping, Sequence
 
@@ -19,7 +21,11 @@ BOARDS = {
     "aprilgrid": {"columns": "6", "rows": "6", "spacing": "0.3"},
 }
 """What stands in the form before anything is typed."""
-EMPTY = Typed(BOARDS["checkerboard"], "cone", {"refractive_index": "1.5", "outside_index": "1", "tilt_deg": "0, 0"})
+EMPTY = Typed(
+    BOARDS["checkerboard"],
+    "cone",
+    {"refractive_index": "1.5", "outside_index": "1", "tilt_deg": "0, 0"},
+)
 
 
 class BoardAndCover(Vertical):
@@ -30,10 +36,22 @@ class BoardAndCover(Vertical):
     """
 
     def compose(self) -> ComposeResult:
-        yield Row("board type", Select([(kind, kind) for kind in BOARD], value=EMPTY.kind, allow_blank=False, id="kind", compact=True))
+        yield Row(
+            "board type",
+            Select(
+                [(kind, kind) for kind in BOARD],
+                value=EMPTY.kind,
+                allow_blank=False,
+                id="kind",
+                compact=True,
+            ),
+        )
         yield Grid(id="board")
         shapes = [(shape, shape) for shape in SHAPES]
-        yield Row("cover shape", Select(shapes, value=EMPTY.shape, allow_blank=False, id="shape", compact=True))
+        yield Row(
+            "cover shape",
+            Select(shapes, value=EMPTY.shape, allow_blank=False, id="shape", compact=True),
+        )
         yield Grid(id="cover")
 
     @property
@@ -58,7 +76,9 @@ class BoardAndCover(Vertical):
     def typed(self) -> Typed:
         texts = {each.name or "": each.value for each in self.query(Input)}
         board = {key: texts.get(key, "") for key in BOARD[self.kind]}
-        return Typed(board, self.shape, {key: texts.get(key, "") for key in _keys(self.shape)}, self.kind)
+        return Typed(
+            board, self.shape, {key: texts.get(key, "") for key in _keys(self.shape)}, self.kind
+        )
 
     async def show(self, typed: Typed) -> None:
         await self._show_fields("#board", BOARD[typed.kind], typed.board)

@@ -1,4 +1,7 @@
-"""The camera's thread behind the collecting screen: frames in, what to show out. It touches no widget."""
+"""The camera's thread behind the collecting screen: frames in, what to show out.
+
+It touches no widget.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -69,12 +72,16 @@ class Preview:
 
 
 def shown_factor(size: tuple[int, int]) -> int:
-    """By how much a frame of this width and height is reduced for a phone: in whole blocks, fifty times as fast as to exactly SHARP px."""
+    """By how much a frame of this width and height is reduced for a phone: in whole blocks, fifty
+    times as fast as to exactly SHARP px.
+    """
     return max(min(round(max(size) / SHARP), *size), 1)
 
 
 class Shown:
-    """A source whose frames are also shown, as often as a person can see, however slowly they are judged."""
+    """A source whose frames are also shown, as often as a person can see, however slowly they are
+    judged.
+    """
 
     def __init__(self, source: FrameSource, show: Callable[[NDArray[np.uint8]], object]) -> None:
         """`show` gets the frame's pixels."""
@@ -98,12 +105,19 @@ class Shown:
         self._source.__enter__()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self._source.__exit__(kind, value, trace)
 
     def __iter__(self) -> Iterator[Frame]:
         for frame in self._source:
-            if frame.time_s - self._last_s >= INTERVAL_S and not frame.alone:  # a photograph is shown with what was found in it
+            if (
+                frame.time_s - self._last_s >= INTERVAL_S and not frame.alone
+            ):  # a photograph is shown with what was found in it
                 self._last_s = frame.time_s
                 self._show(frame.pixels)
             yield frame
@@ -123,8 +137,9 @@ class Watch:
         waits: Callable[[float], object] = lambda _: None,
         sharp: Callable[[], bool] = lambda: False,
     ) -> None:
-        """`show` gets the frames, sharp if `sharp` says so just then, and `waits` the seconds for which none came; each from a thread of
-        its own."""
+        """`show` gets the frames, sharp if `sharp` says so just then, and `waits` the seconds for
+        which none came; each from a thread of its own.
+        """
         self.remarks: Sequence[str] = ()
         """What a person should know of this recording, as it comes up."""
         self.closed = False
@@ -135,7 +150,8 @@ class Watch:
         self._reader = Reader(Shown(open_source(task.source), self._preview), waits)
 
     def run(self, begun: Callable[[Sequence[NDArray[np.float64]]], object]) -> Iterator[Step]:
-        """Every frame that was judged, until the source ends. `begun` gets the corners of the views that are there already.
+        """Every frame that was judged, until the source ends. `begun` gets the corners of the views
+        that are there already.
 
         RefracalError: the camera, the disk or the set-up keeps it from going on.
         """
@@ -145,13 +161,18 @@ class Watch:
         like = None if described else task.asked
         with (
             self._reader as reader,
-            Recorder(task.session, board, like=like, bare=task.bare, shutter=reader.source.shutter) as recorder,
+            Recorder(
+                task.session, board, like=like, bare=task.bare, shutter=reader.source.shutter
+            ) as recorder,
         ):
             finder = finder_of(board)
             kept = corners_of(recorder.pictures, finder)
             begun(tuple(kept))
             for step in record(reader, finder, recorder, Plan(views=None), kept, self._shutter):
-                self.remarks = (*reader.source.remarks, *recorder.remarks[not described :])  # the first tells of what was just typed
+                self.remarks = (
+                    *reader.source.remarks,
+                    *recorder.remarks[not described :],
+                )  # the first tells of what was just typed
                 if step.frame.alone:
                     self._preview(step.frame.pixels)
                 yield step

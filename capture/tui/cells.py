@@ -1,7 +1,7 @@
 """A grey picture in the cells of a terminal, with marks on it. Pure.
 
-Half blocks show two pixels a cell in greys. Dots show eight pixels a cell, black or white, for a terminal without colours; marks are
-characters, so they need no colour in either.
+Half blocks show two pixels a cell in greys. Dots show eight pixels a cell, black or white, for a
+terminal without colours; marks are characters, so they need no colour in either.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 LEVELS = 24  # greys: as many as a terminal of 256 colours has
 FOUND, HINT, WORST, LINE = "+", "▒", "◆", "·"
-DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])  # of a braille character, rows by columns
+DOTS = np.array(
+    [[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]]
+)  # of a braille character, rows by columns
 GAMMA = 1.5  # dots look brighter than the grey that they stand for
 DITHER = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]]) / 16 + 1 / 32
 
@@ -43,16 +45,28 @@ class Mark:
 
 
 def fit_cells(size: tuple[int, int], columns: int, rows: int) -> tuple[int, int]:
-    """Columns and rows that a frame of this width and height fills, keeping its shape: a cell is twice as high as wide."""
+    """Columns and rows that a frame of this width and height fills, keeping its shape: a cell is
+    twice as high as wide.
+    """
     scale = min(columns / size[0], 2 * rows / size[1])
     return max(round(size[0] * scale), 1), max(round(size[1] * scale / 2), 1)
 
 
-def draw(grey: NDArray[np.uint8], size: tuple[int, int], columns: int, rows: int, marks: Sequence[Mark], *, dots: bool) -> Cells:
+def draw(
+    grey: NDArray[np.uint8],
+    size: tuple[int, int],
+    columns: int,
+    rows: int,
+    marks: Sequence[Mark],
+    *,
+    dots: bool,
+) -> Cells:
     """A (h, w) picture of a frame of `size` px in columns x rows cells."""
     characters = np.full((rows, columns), "", "<U1")
     if dots:
-        small = cv2.resize(grey, (2 * columns, 4 * rows), interpolation=cv2.INTER_AREA).astype(np.float64)
+        small = cv2.resize(grey, (2 * columns, 4 * rows), interpolation=cv2.INTER_AREA).astype(
+            np.float64
+        )
         low, high = np.percentile(small, (2, 98))
         bright = np.clip((small - low) / max(high - low, 1.0), 0, 1) ** GAMMA
         lit = bright > np.tile(DITHER, (rows, columns))[: 4 * rows, : 2 * columns]
@@ -62,7 +76,10 @@ def draw(grey: NDArray[np.uint8], size: tuple[int, int], columns: int, rows: int
     for mark in marks:
         _place(characters, mark, np.array([columns, rows]) / size)
     step = 255 / (LEVELS - 1)
-    upper, lower = (np.asarray(np.round(np.round(part / step) * step), np.uint8) for part in (halves[::2], halves[1::2]))
+    upper, lower = (
+        np.asarray(np.round(np.round(part / step) * step), np.uint8)
+        for part in (halves[::2], halves[1::2])
+    )
     return Cells(upper, lower, characters)
 
 

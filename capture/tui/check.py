@@ -1,4 +1,6 @@
-"""Check: whether a calibration still holds for pictures that were taken later, as `calib check` says it."""
+"""Check: whether a calibration still holds for pictures that were taken later, as `calib check`
+says it.
+"""
 
 from pathlib import Path
 from typing import ClassVar
@@ -14,10 +16,22 @@ from capture.tui.page import HELP_AND_QUIT
 
 ONWARD = {
     "valid": "Nothing has to be done: esc goes back.",
-    "degraded": "Press enter to bring the calibration up to date by these pictures, or esc to go back and record anew.",
-    "broken": "Press enter to try to bring the calibration up to date by these pictures, or esc to go back and record anew.",
-    "": "With these pictures it cannot be brought up to date: esc goes back, to take others, or to record the session anew.",
-    "known": "But it was made from these pictures, which say nothing of today: esc goes back, to name others.",
+    "degraded": (
+        "Press enter to bring the calibration up to date by these pictures, or esc to go back and"
+        " record anew."
+    ),
+    "broken": (
+        "Press enter to try to bring the calibration up to date by these pictures, or esc to go"
+        " back and record anew."
+    ),
+    "": (
+        "With these pictures it cannot be brought up to date: esc goes back, to take others, or to"
+        " record the session anew."
+    ),
+    "known": (
+        "But it was made from these pictures, which say nothing of today: esc goes back, to name"
+        " others."
+    ),
 }
 
 
@@ -35,7 +49,10 @@ class CheckScreen(AnswerPage):
     AGAIN = "Press c to check the same pictures again, esc to go back and name others."
 
     def __init__(self, calibration: Path, pictures: Path, depth: float) -> None:
-        """`calibration`: its file. `pictures`: a session, or a folder of pictures. `depth`, in metres, is proposed for maps."""
+        """`calibration`: its file.
+
+        `pictures`: a session, or a folder of pictures. `depth`, in metres, is proposed for maps.
+        """
         super().__init__()
         self._depth = depth
         self._calibration = calibration
@@ -56,18 +73,31 @@ class CheckScreen(AnswerPage):
     def action_update(self) -> None:
         self.say("The calibration is being brought up to date; esc cancels.")
         self.result = {}
-        self.follow(check_calibration, self._calibration, self._pictures, self._calibration.parent / "updated")
+        self.follow(
+            check_calibration,
+            self._calibration,
+            self._pictures,
+            self._calibration.parent / "updated",
+        )
 
     def finished(self, result: Event) -> None:
         super().finished(result)
-        written = f"Up to date: {result['written']}. Press x to export maps of it; the one before it stays as it was."
+        written = (
+            f"Up to date: {result['written']}. Press x to export maps of it; the one before it"
+            " stays as it was."
+        )
         word = "known" if result["known"] else result["word"]
         onward = ONWARD[word if self._may_update or word in ("valid", "known") else ""]
         self.say(harmless(written if result["written"] else f"{result['sentence']} {onward}"))
 
     @property
     def _may_update(self) -> bool:
-        return bool(self.result) and self.result["word"] != "valid" and self.result["usable"] and not self.result["written"]
+        return (
+            bool(self.result)
+            and self.result["word"] != "valid"
+            and self.result["usable"]
+            and not self.result["written"]
+        )
 
     def action_export(self) -> None:
         updated = Path(self.result["written"])

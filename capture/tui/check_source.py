@@ -1,4 +1,6 @@
-"""Where the pictures come from that a calibration is to be checked with: a camera, or a folder that has them already."""
+"""Where the pictures come from that a calibration is to be checked with: a camera, or a folder that
+has them already.
+"""
 
 from asyncio import to_thread
 from pathlib import Path
@@ -17,8 +19,9 @@ class CheckSourceScreen(Question[str]):
     """Dismissed with a source that can be opened, or None."""
 
     ABOUT = (
-        "Whether the calibration still holds, three to five pictures of its board tell, tilted, near and far, and what has changed if it "
-        "does not. Name a camera to take them with, or a folder of pictures that were taken later than the calibration, folder:PATH."
+        "Whether the calibration still holds, three to five pictures of its board tell, tilted,"
+        " near and far, and what has changed if it does not. Name a camera to take them with, or a"
+        " folder of pictures that were taken later than the calibration, folder:PATH."
     )
     NAME = "source"
     LABEL = "pictures from"
@@ -35,4 +38,8 @@ class CheckSourceScreen(Question[str]):
 
 def folder_of(source: str) -> Path | None:
     """The folder that a source plays back, whose pictures need not be taken again."""
-    return typed_path(source.removeprefix(FOLDER).partition("?")[0]) if source.startswith(FOLDER) else None
+    return (
+        typed_path(source.removeprefix(FOLDER).partition("?")[0])
+        if source.startswith(FOLDER)
+        else None
+    )

@@ -1,4 +1,6 @@
-"""Taking the few pictures that a calibration is checked with: the collecting screen, for a folder of their own and another end."""
+"""Taking the few pictures that a calibration is checked with: the collecting screen, for a folder
+of their own and another end.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -33,7 +35,10 @@ class CheckViewsScreen(CollectScreen):
     MAPS: ClassVar = False
 
     def __init__(self, task: Task, calibration: Path, depth: float) -> None:
-        """`task` records into a session of its own. `calibration`: the file of what is checked. `depth` as CheckScreen has it."""
+        """`task` records into a session of its own.
+
+        `calibration`: the file of what is checked. `depth` as CheckScreen has it.
+        """
         super().__init__(task)
         self._depth = depth
         self._calibration = calibration
@@ -56,7 +61,10 @@ class CheckViewsScreen(CollectScreen):
         return f"{message.sentence} Press {onward}o to {message.anew}, esc for the results."
 
     def told(self, progress: SessionProgress) -> SessionProgress:
-        return replace(progress, sentence=f"A check takes {FEWEST} views, tilted, near and far; {ENOUGH} are enough.")
+        return replace(
+            progress,
+            sentence=f"A check takes {FEWEST} views, tilted, near and far; {ENOUGH} are enough.",
+        )
 
     def enough(self, progress: SessionProgress | None) -> bool:
         del progress
@@ -78,4 +86,7 @@ class CheckViewsScreen(CollectScreen):
         self.app.switch_screen(CheckScreen(self._calibration, self.plan.folder, self._depth))
 
     def action_not_yet(self) -> None:
-        self.say(f"A check takes {FEWEST} views at the least, of a tilted board, near and far.", LACKING_S)
+        self.say(
+            f"A check takes {FEWEST} views at the least, of a tilted board, near and far.",
+            LACKING_S,
+        )

@@ -1,4 +1,6 @@
-"""The check of a calibration as the screen's child does it, for torch is never loaded in the process that draws."""
+"""The check of a calibration as the screen's child does it, for torch is never loaded in the
+process that draws.
+"""
 
 from pathlib import Path
 
@@ -6,11 +8,15 @@ from calib.progress import Progress
 from capture.tui.child import LOADING
 
 
-def check_calibration(progress: Progress, place: Path, pictures: Path, updated: Path | None = None) -> dict[str, object]:
-    """Answer as `calib check` does, and with `updated` write the calibration brought up to date there, as its --update does.
+def check_calibration(
+    progress: Progress, place: Path, pictures: Path, updated: Path | None = None
+) -> dict[str, object]:
+    """Answer as `calib check` does, and with `updated` write the calibration brought up to date
+    there, as its --update does.
 
-    Returns the answer's word and sentence, a text of what it rests on, whether these pictures can bring the calibration up to date, whether
-    it was made from them, and the file that was written, if one was.
+    Returns the answer's word and sentence, a text of what it rests on, whether these pictures can
+    bring the calibration up to date, whether it was made from them, and the file that was written,
+    if one was.
     """
     progress.task(LOADING, 1)
     from calib.calibration import DERIVED, Calibration

@@ -10,9 +10,14 @@ from calib.progress import Advance
 from capture.process import Ending, Process
 
 Event = Mapping[str, Any]
-"""With `event`: task (title, total), step (done, words), result (what the work returns), or error (sentence)."""
+"""With `event`: task (title, total), step (done, words), result (what the work returns), or error
+(sentence).
+"""
 Work = Callable[..., Mapping[str, object]]
-"""Called in the process with a calib.progress.Progress and its arguments. The process imports it by its module and name."""
+"""Called in the process with a calib.progress.Progress and its arguments.
+
+The process imports it by its module and name.
+"""
 LOADING = "Loading (some seconds)"
 """The first task of most works: it has one step, so its bar stands still meanwhile."""
 
@@ -56,8 +61,13 @@ class Child:
 
 def _sentence(ending: Ending) -> str:
     if ending.by_signal:
-        return f"The process that calculates was ended from outside ({ending.words}): start it again."
-    return f"The process that calculates ended early, which is a bug in capture ({ending.words}): start it again, or run calib fit."
+        return (
+            f"The process that calculates was ended from outside ({ending.words}): start it again."
+        )
+    return (
+        f"The process that calculates ended early, which is a bug in capture ({ending.words}):"
+        " start it again, or run calib fit."
+    )
 
 
 class _Narrator:
@@ -82,5 +92,8 @@ def _tell(connection: Connection, work: Work, *arguments: object) -> None:
     except RefracalError as error:
         narrator.say("error", sentence=str(error))
     except ImportError as error:
-        sentence = f"This machine cannot fit ({error}): install torch, or copy the session and run calib fit there."
+        sentence = (
+            f"This machine cannot fit ({error}): install torch, or copy the session and run calib"
+            " fit there."
+        )
         narrator.say("error", sentence=sentence)

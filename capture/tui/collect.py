@@ -37,7 +37,10 @@ from capture.tui.watching import WatchingPage
 RETRY_S = 3.0  # after which a camera that failed is tried again
 TAKEN_S = 1.5  # for which a view that was kept is said, whatever comes next
 MORE = "More views would make it surer: they can come from another source."
-MORE_BARE = ("More views would make the lens surer.", "Enough to go on. More views would make the lens surer.")
+MORE_BARE = (
+    "More views would make the lens surer.",
+    "Enough to go on. More views would make the lens surer.",
+)
 """Before there are ENOUGH, and from there on."""
 LACKING_S = 6.0  # for which it is said that a fit cannot begin
 
@@ -50,7 +53,7 @@ class CollectScreen(WatchingPage, StraighteningPage):
     CollectScreen #verdict { height: auto; min-height: 2; max-height: 5; background: $primary; color: auto; }
     CollectScreen:nocolor #verdict { text-style: bold reverse; }
     CollectScreen #next { height: 2; padding: 0 1; }
-    """
+    """  # noqa: E501
     BINDINGS: ClassVar = [
         Binding("space", "take", "Take now"),
         Binding("a", "automatic", "Auto"),
@@ -101,7 +104,8 @@ class CollectScreen(WatchingPage, StraighteningPage):
         self._doubted = False
         """It was said that there are not enough views: to press f once more is to mean it."""
         self._looked = 0
-        """Pictures of this stretch that were looked at, and in how many of them there was a board."""
+        """Pictures of this stretch that were looked at, and in how many of them there was a board.
+        """
         self._boards = 0
 
     def step(self) -> str:
@@ -110,7 +114,9 @@ class CollectScreen(WatchingPage, StraighteningPage):
     def body(self) -> ComposeResult:
         with Horizontal(id="top"):
             yield Picture()
-            yield Panel(covered=self.MAPS and not self.plan.bare and self.plan.asked[2].shape != "none")
+            yield Panel(
+                covered=self.MAPS and not self.plan.bare and self.plan.asked[2].shape != "none"
+            )
         yield Line("The camera is being opened.", id="verdict", classes="banner", markup=False)
         yield Line(id="next", markup=False)
 
@@ -121,7 +127,9 @@ class CollectScreen(WatchingPage, StraighteningPage):
             "fit": not self.plan.bare and self._lens_known(),
             "again": self.watched is None,
             "take": self.watched is not None,
-            "results": not self.plan.bare and self.watched is None and self.calibration() is not None,
+            "results": (
+                not self.plan.bare and self.watched is None and self.calibration() is not None
+            ),
             "straight": not self.plan.bare and self.calibration() is not None,
         }
         return offered.get(action, True)
@@ -162,7 +170,9 @@ class CollectScreen(WatchingPage, StraighteningPage):
     def judged(self, watch: Watch, step: Step) -> None:
         self._looked += 1
         self._boards += step.sighting.corners is not None
-        self._found = step.sighting.corners if step.sighting.corners is not None else step.sighting.part
+        self._found = (
+            step.sighting.corners if step.sighting.corners is not None else step.sighting.part
+        )
         if step.picture is not None:
             assert step.sighting.corners is not None
             self.kept.append(step.sighting.corners)
@@ -188,7 +198,9 @@ class CollectScreen(WatchingPage, StraighteningPage):
         self.refresh_bindings()
         self.point(self._hint, self.query_one(Panel).progress)
         if message.ended and self._looked and not (self._boards or self.kept):
-            self.wrong_board = none_found(self.plan, self._looked, "correct the board here, or name another source")
+            self.wrong_board = none_found(
+                self.plan, self._looked, "correct the board here, or name another source"
+            )
         self._ended = self.ending(message)
         self.say(self._ended)
         if message.again:
@@ -204,7 +216,11 @@ class CollectScreen(WatchingPage, StraighteningPage):
             return f"{message.sentence} {no_lens(self.plan.session)} Press esc for that."
         onward = ""
         if self.kept and known:
-            onward = "n to go on through the cover, from another source, " if self.plan.bare else f"{self._fits()}, "
+            onward = (
+                "n to go on through the cover, from another source, "
+                if self.plan.bare
+                else f"{self._fits()}, "
+            )
         return f"{message.sentence} Press {onward}o to {message.anew}, esc for the set-up."
 
     def advised(self, hint: Hint | None, progress: SessionProgress) -> None:
@@ -239,7 +255,9 @@ class CollectScreen(WatchingPage, StraighteningPage):
         """What to do where there are enough views."""
         if self.plan.bare:
             return "press n, then put the cover on"
-        return f"press {self._fits()}" if self._lens_known() else "esc, for the lens is not known yet"
+        return (
+            f"press {self._fits()}" if self._lens_known() else "esc, for the lens is not known yet"
+        )
 
     def _fits(self) -> str:
         """The keys that lead on from the views through the cover."""
@@ -258,7 +276,11 @@ class CollectScreen(WatchingPage, StraighteningPage):
         self.query_one(Picture).show(self._preview, marks)
 
     def _note(self) -> None:
-        straight = [f"Undistorted for {self.straight.depth:g} m; u shows it as it is."] if self.straight else []
+        straight = (
+            [f"Undistorted for {self.straight.depth:g} m; u shows it as it is."]
+            if self.straight
+            else []
+        )
         doubts = [self.doubt] if self.doubt else []
         self.query_one(Panel).say([*self._remarks, *doubts, *straight])
 
@@ -320,7 +342,9 @@ class CollectScreen(WatchingPage, StraighteningPage):
             self._remark(lack)
             return
         progress = self.query_one(Panel).progress
-        if self.watched and progress and not (self._enough or self._doubted):  # where no more pictures come, f is what is proposed
+        if (
+            self.watched and progress and not (self._enough or self._doubted)
+        ):  # where no more pictures come, f is what is proposed
             self._doubted = True
             self._remark(too_few(progress))
             return
@@ -330,7 +354,11 @@ class CollectScreen(WatchingPage, StraighteningPage):
 
     def action_not_yet(self) -> None:
         """Where a fit is not offered."""
-        self._remark("The fit comes after the views through the cover." if self.plan.bare else no_lens(self.plan.session))
+        self._remark(
+            "The fit comes after the views through the cover."
+            if self.plan.bare
+            else no_lens(self.plan.session)
+        )
 
     def action_none_yet(self) -> None:
         """Where the cover is not to be put on."""

@@ -1,4 +1,6 @@
-"""The command `calib` as a person runs it, for what the screen has no need to follow: run to its end, then what it said."""
+"""The command `calib` as a person runs it, for what the screen has no need to follow: run to its
+end, then what it said.
+"""
 
 import os
 import subprocess
@@ -24,7 +26,9 @@ class Done:
 def calib(arguments: Sequence[str]) -> Done:
     """Run it to its end. Blocks."""
     command = [sys.executable, "-m", "calib", *arguments]
-    with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
         os.setpriority(os.PRIO_PROCESS, process.pid, NICENESS)
         out, err = process.communicate()
     lines = err.strip().splitlines() or [f"calib ended with {process.returncode} and said nothing."]

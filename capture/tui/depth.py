@@ -12,8 +12,9 @@ class DepthScreen(Question[float]):
     """Dismissed with a depth in m, or None."""
 
     ABOUT = (
-        "The live picture is shown as a camera without a cover would take it, with straight lines over it. What is at this depth, in "
-        "metres from the lens along its axis, is then straight and in its place; u again shows the picture as it is."
+        "The live picture is shown as a camera without a cover would take it, with straight lines"
+        " over it. What is at this depth, in metres from the lens along its axis, is then straight"
+        " and in its place; u again shows the picture as it is."
     )
     NAME = "depth"
     LABEL = "depth in metres"

@@ -1,4 +1,6 @@
-"""The search for effects as the screen's child does it, for torch is never loaded in the process that draws."""
+"""The search for effects as the screen's child does it, for torch is never loaded in the process
+that draws.
+"""
 
 from pathlib import Path
 from textwrap import fill
@@ -18,7 +20,8 @@ if TYPE_CHECKING:
 def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str, object]:
     """Find and save what `calib diagnose` does, from and to these places.
 
-    Returns the summary of a fit, with the names of the effects that were accepted and a text for the screen.
+    Returns the summary of a fit, with the names of the effects that were accepted and a text for
+    the screen.
     """
     progress.task(LOADING, 1)
     from calib.calibration import DERIVED, Calibration
@@ -34,20 +37,35 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
         better = diagnosed(better, place if place.is_dir() else place.parent, None)
         saved = better.write(files)
         files.commit(instead_of=DERIVED)
-    numbers = [[plainly(one.effect), *found(one.effect, better, one.parameters)] for one in finding.candidates if one.accepted]
+    numbers = [
+        [plainly(one.effect), *found(one.effect, better, one.parameters)]
+        for one in finding.candidates
+        if one.accepted
+    ]
     words = {one.effect: plainly(one.effect) for one in finding.candidates}
-    return summary(better, saved) | {"accepted": list(finding.accepted), "text": as_text(finding, numbers, words)}
+    return summary(better, saved) | {
+        "accepted": list(finding.accepted),
+        "text": as_text(finding, numbers, words),
+    }
 
 
-def as_text(finding: "Diagnosis", numbers: "Sequence[Sequence[str]]" = (), words: "Mapping[str, str]" = MappingProxyType({})) -> str:
-    """The finding in lines of at most 78 characters: what was found, the error before and after, and what else was looked into.
+def as_text(
+    finding: "Diagnosis",
+    numbers: "Sequence[Sequence[str]]" = (),
+    words: "Mapping[str, str]" = MappingProxyType({}),
+) -> str:
+    """The finding in lines of at most 78 characters: what was found, the error before and after,
+    and what else was looked into.
 
     Args:
         numbers: what is to be said of each accepted effect: what it is, and its numbers.
         words: what an effect is, by its name.
     """
     before, after = finding.before, finding.after
-    found = ", ".join(finding.accepted) or "nothing: no effect that is known here improves held-out views beyond chance"
+    found = (
+        ", ".join(finding.accepted)
+        or "nothing: no effect that is known here improves held-out views beyond chance"
+    )
     with_them = "with it" if len(finding.accepted) < 2 else "with them"
     lines = [
         f"Found: {found}.",
@@ -74,7 +92,10 @@ def as_text(finding: "Diagnosis", numbers: "Sequence[Sequence[str]]" = (), words
 
 
 def _line(one: "Candidate") -> str:
-    return f"{one.title:<25} {one.held_out_px_before:>5.3f} to {one.held_out_px_after:>5.3f} px       {one.outcome}"
+    return (
+        f"{one.title:<25} {one.held_out_px_before:>5.3f} to {one.held_out_px_after:>5.3f} px      "
+        f" {one.outcome}"
+    )
 
 
 def _wrapped(name: str, said: str) -> str:

@@ -1,4 +1,6 @@
-"""What a start or a fit is asked about once: it may be meant, and nobody would see before all is recorded that it was not."""
+"""What a start or a fit is asked about once: it may be meant, and nobody would see before all is
+recorded that it was not.
+"""
 
 from collections.abc import Iterator
 
@@ -8,8 +10,8 @@ from capture.tui.lacking import lens_known
 from capture.wrong_folder import doubt
 
 NO_LENS_YET = (
-    "The lens is not known yet: choose record now: without the cover, or name a session that knows it beside like. Start once more to "
-    "record through the cover first."
+    "The lens is not known yet: choose record now: without the cover, or name a session that knows"
+    " it beside like. Start once more to record through the cover first."
 )
 
 
@@ -17,7 +19,10 @@ def doubts(task: Task) -> Iterator[tuple[str, str]]:
     """A sentence each, and the field that it is about."""
     if said := doubt(task.source, covered=task.covered):
         other = "without the cover" if task.covered else "through the cover"
-        yield f"{said} Set record now to {other}, or start once more if they are right all the same.", "phase"
+        yield (
+            f"{said} Set record now to {other}, or start once more if they are right all the same.",
+            "phase",
+        )
     if task.covered and not lens_known(task.session, task.asked):
         yield NO_LENS_YET, "like"
 

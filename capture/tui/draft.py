@@ -1,5 +1,6 @@
-"""What was typed into the set-up: it is there again, however the program ended; of a session that is described, its source and what is
-recorded now."""
+"""What was typed into the set-up: it is there again, however the program ended; of a session that
+is described, its source and what is recorded now.
+"""
 
 import json
 import os
@@ -28,7 +29,9 @@ class Draft:
 
 
 def keep(session: Path, draft: Draft) -> None:
-    """Not waiting for the disk, as it is done at every key; where it cannot be written, it is not kept."""
+    """Not waiting for the disk, as it is done at every key; where it cannot be written, it is not
+    kept.
+    """
     place = _place(session)
     with suppress(OSError, UnicodeError):
         place.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -41,7 +44,12 @@ def kept(session: Path) -> Draft | None:
     """None where there is none, or one that this version cannot show."""
     try:
         said = json.loads(read_file(_place(session), LARGEST))
-        typed = Typed(_texts(said["typed"]["board"]), said["typed"]["shape"], _texts(said["typed"]["cover"]), said["typed"]["kind"])
+        typed = Typed(
+            _texts(said["typed"]["board"]),
+            said["typed"]["shape"],
+            _texts(said["typed"]["cover"]),
+            said["typed"]["kind"],
+        )
         source, like, bare = said["source"], said["like"], said.get("bare")
     except (InputError, ValueError, LookupError, TypeError, RecursionError):
         return None
@@ -57,7 +65,12 @@ def kept(session: Path) -> Draft | None:
 
 def _place(session: Path) -> Path:
     home = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")  # noqa: PTH111 - without a home, it raises nothing
-    return Path(home) / "refracal" / "drafts" / f"{sha256(os.fsencode(os.path.realpath(session))).hexdigest()[:32]}.json"
+    return (
+        Path(home)
+        / "refracal"
+        / "drafts"
+        / f"{sha256(os.fsencode(os.path.realpath(session))).hexdigest()[:32]}.json"
+    )
 
 
 def _texts(said: Mapping[str, str]) -> dict[str, str]:

@@ -25,7 +25,10 @@ def drop(session: Path, file: str) -> Dropped:
     """Move a picture to frames/dropped, where calib does not look."""
     frames = session / "frames"
     if not (frames / file).exists():
-        raise InputError(f"{frames / file} is not there any more: it was moved or deleted outside of this program.")
+        raise InputError(
+            f"{frames / file} is not there any more: it was moved or deleted outside of this"
+            " program."
+        )
     aside = frames / DROPPED
     with writing(aside):
         aside.mkdir(exist_ok=True)
@@ -40,25 +43,40 @@ def dropped(session: Path, files: Iterable[str]) -> list[Dropped]:
     frames = session / "frames"
     found = []
     for file in files:
-        there = [] if (frames / file).exists() else list(takewhile(Path.exists, places(frames / DROPPED, file)))
+        there = (
+            []
+            if (frames / file).exists()
+            else list(takewhile(Path.exists, places(frames / DROPPED, file)))
+        )
         if there:
             found.append(Dropped(file, there[-1]))
     return found
 
 
 def dropped_before(session: Path, files: Iterable[str]) -> list[Dropped]:
-    """Those that lie where `drop` puts them and are none of these pictures: a fit has gone on without them. The last one last."""
+    """Those that lie where `drop` puts them and are none of these pictures: a fit has gone on
+    without them. The last one last.
+    """
     frames, known = session / "frames", set(files)
     if not (frames / DROPPED).is_dir():
         return []
-    gone = [Dropped(place.name, place) for place in list_images(frames / DROPPED) if place.name not in known]
+    gone = [
+        Dropped(place.name, place)
+        for place in list_images(frames / DROPPED)
+        if place.name not in known
+    ]
     there = [each for each in gone if not (frames / each.file).exists()]
-    return sorted(there, key=lambda each: each.now.stat().st_ctime_ns)  # of its name, not of what is in it
+    return sorted(
+        there, key=lambda each: each.now.stat().st_ctime_ns
+    )  # of its name, not of what is in it
 
 
 def places(aside: Path, file: str) -> Iterable[Path]:
     """Where what is set aside may come to lie: of that name, or one with a number."""
-    return (aside / f"{Path(file).stem}{f'-{number}' if number else ''}{Path(file).suffix}" for number in count())
+    return (
+        aside / f"{Path(file).stem}{f'-{number}' if number else ''}{Path(file).suffix}"
+        for number in count()
+    )
 
 
 def take_back(one: Dropped) -> None:

@@ -1,4 +1,6 @@
-"""Effects: what the model lacks, as `calib diagnose` finds it, with the error before and after; then on with them, or without."""
+"""Effects: what the model lacks, as `calib diagnose` finds it, with the error before and after;
+then on with them, or without.
+"""
 
 from pathlib import Path
 from typing import ClassVar
@@ -12,7 +14,9 @@ from capture.tui.page import HELP_AND_QUIT
 
 
 class EffectsScreen(AnswerPage):
-    """Dismissed with True where the person wants to go on with what was found: `result` then says with what."""
+    """Dismissed with True where the person wants to go on with what was found: `result` then says
+    with what.
+    """
 
     PART = "effects"
     BINDINGS: ClassVar = [
@@ -34,14 +38,24 @@ class EffectsScreen(AnswerPage):
         return super().check_action(action, parameters)
 
     def action_again(self) -> None:
-        self.say("What the model lacks is being looked for, which takes some minutes at most; esc cancels.")
+        self.say(
+            "What the model lacks is being looked for, which takes some minutes at most; esc"
+            " cancels."
+        )
         self.follow(diagnose_calibration, self._calibration, self._calibration.parent / "diagnosed")
 
     def finished(self, result: Event) -> None:
         super().finished(result)
         found = " and ".join(result["accepted"])
-        use = f"Press enter to go on with {found}, and to export maps with it; esc leaves the fit as it was."
-        self.say(use if found else "Nothing is added: the fit stays as it was. Press esc, then x to export maps.")
+        use = (
+            f"Press enter to go on with {found}, and to export maps with it; esc leaves the fit as"
+            " it was."
+        )
+        self.say(
+            use
+            if found
+            else "Nothing is added: the fit stays as it was. Press esc, then x to export maps."
+        )
 
     def action_use(self) -> None:
         self.dismiss(True)

@@ -21,16 +21,18 @@ from capture.tui.page import TYPING, Field, onward, typed
 from capture.typed_path import typed_path
 
 ABOUT = (
-    "Maps that undistort pictures, one for each depth of the scene. Name a depth or more, with a blank between, in metres from the lens "
-    "along its axis. npz has map_x and map_y as cv2.remap takes them."
+    "Maps that undistort pictures, one for each depth of the scene. Name a depth or more, with a"
+    " blank between, in metres from the lens along its axis. npz has map_x and map_y as cv2.remap"
+    " takes them."
 )
 DONE = "That is all: esc goes back to the results, and q there ends the program."
 NO_MAP = (
-    "No map, as no depth was named. rays.npz holds the ray of every pixel: name a depth here for a map, and press ^s "
-    "again, or esc goes back."
+    "No map, as no depth was named. rays.npz holds the ray of every pixel: name a depth here for a"
+    " map, and press ^s again, or esc goes back."
 )
 
-FAR_OFF = 3.0  # times the farthest board, or the nearest in so many parts: from here on a depth is asked about
+# times the farthest board, or the nearest in so many parts: from here on a depth is asked about
+FAR_OFF = 3.0
 
 
 class ExportScreen(ModalScreen[str]):
@@ -43,7 +45,7 @@ class ExportScreen(ModalScreen[str]):
     ExportScreen .row Label { width: 18; }
     ExportScreen .row Input, ExportScreen .row Select { width: 1fr; height: 1; }
     ExportScreen #said { height: 1fr; }
-    """
+    """  # noqa: E501
     BINDINGS: ClassVar = [
         *TYPING,
         Binding("ctrl+s", "export", "Export", key_display="^s", priority=True),
@@ -60,10 +62,17 @@ class ExportScreen(ModalScreen[str]):
             self.written = written
 
     def __init__(
-        self, session: Path, calibration: Path, depth: float, boards: tuple[float, float] | None = None, *, note: str = ""
+        self,
+        session: Path,
+        calibration: Path,
+        depth: float,
+        boards: tuple[float, float] | None = None,
+        *,
+        note: str = "",
     ) -> None:
-        """`depth`, in metres, is proposed; `boards`, in metres: from the nearest to the farthest, if that is known. `note`: what to know of
-        this calibration before it is exported."""
+        """`depth`, in metres, is proposed; `boards`, in metres: from the nearest to the farthest,
+        if that is known. `note`: what to know of this calibration before it is exported.
+        """
         super().__init__()
         self._note = note
         self._boards = boards
@@ -81,8 +90,13 @@ class ExportScreen(ModalScreen[str]):
             yield Static(ABOUT, markup=False)
             yield Static(harmless(self._note), markup=False)
             yield _row("depths in metres", Field(f"{self._depth:g}", id="depths", compact=True))
-            forms = [(f"{form.name:<12}{form.brief or form.summary}", form.name) for form in FORMATS]
-            yield _row("form", Select(forms, value=FORMATS[0].name, allow_blank=False, id="form", compact=True))
+            forms = [
+                (f"{form.name:<12}{form.brief or form.summary}", form.name) for form in FORMATS
+            ]
+            yield _row(
+                "form",
+                Select(forms, value=FORMATS[0].name, allow_blank=False, id="form", compact=True),
+            )
             yield _row("folder", Field(str(self._folder), id="folder", compact=True))
             yield Button("Export", id="export", variant="primary", compact=True)
             yield Static(id="said", markup=False)
@@ -95,7 +109,10 @@ class ExportScreen(ModalScreen[str]):
     def _asked(self) -> tuple[Sequence[str], Path] | None:
         """The depths and the folder; None where they will not do, and the screen says why."""
         try:
-            asked = depths(self.query_one("#depths", Input).value), folder(self.query_one("#folder", Input).value)
+            asked = (
+                depths(self.query_one("#depths", Input).value),
+                folder(self.query_one("#folder", Input).value),
+            )
         except argparse.ArgumentTypeError as error:
             self._wrong = True
             self._say(str(error))
@@ -123,23 +140,47 @@ class ExportScreen(ModalScreen[str]):
             return
         form = str(self.query_one("#form", Select).value)
         self._say("Being written.")
-        self._run(self.app, ["export", str(self._calibration), "--format", form, "-o", str(out), *(["--depth", *at] if at else [])])
+        self._run(
+            self.app,
+            [
+                "export",
+                str(self._calibration),
+                "--format",
+                form,
+                "-o",
+                str(out),
+                *(["--depth", *at] if at else []),
+            ],
+        )
 
     @work(thread=True, exclusive=True)
     def _run(self, app: App[None], arguments: Sequence[str]) -> None:
         done = calib(arguments)
         written = [Path(line) for line in done.stdout.splitlines()]
-        said = done.sentence.replace("with -o", "above") if done.returncode else _told(written, done.remarks)
+        said = (
+            done.sentence.replace("with -o", "above")
+            if done.returncode
+            else _told(written, done.remarks)
+        )
         app.post_message(self.Done(self, said, written))
 
     def tell(self, message: Done) -> None:
-        """What stands in the fields may have been changed meanwhile: what is wrong with it stays to be read."""
+        """What stands in the fields may have been changed meanwhile: what is wrong with it stays to
+        be read.
+        """
         if message.written:
-            self._wrote = f"Wrote {len(message.written)} file{'s' * (len(message.written) > 1)} in {message.written[0].parent.resolve()}."
+            self._wrote = (
+                f"Wrote {len(message.written)} file{'s' * (len(message.written) > 1)} in"
+                f" {message.written[0].parent.resolve()}."
+            )
         if self._wrong:
             self.notify(message.sentence, markup=False)
         else:
-            self._say(f"{message.sentence}\n{DONE}" if any(map(is_map, message.written)) else message.sentence)
+            self._say(
+                f"{message.sentence}\n{DONE}"
+                if any(map(is_map, message.written))
+                else message.sentence
+            )
 
     def _say(self, sentence: str) -> None:
         self.query_one("#said", Static).update(sentence)
@@ -150,7 +191,9 @@ def depths(text: str) -> Sequence[str]:
     listed = [word.rstrip(",") for word in text.split() if word.strip(",")]
     for word in listed:
         if "," in word:
-            raise argparse.ArgumentTypeError(f"{quoted(word)} may be one depth or more: {_unmistakably(word)}")
+            raise argparse.ArgumentTypeError(
+                f"{quoted(word)} may be one depth or more: {_unmistakably(word)}"
+            )
         depth(word)
     return listed
 
@@ -182,7 +225,9 @@ def folder(text: str) -> Path:
         raise argparse.ArgumentTypeError("No folder is named: write where the files are to go")
     path = typed_path(text.strip())
     if path.parts[0].startswith("~"):
-        raise argparse.ArgumentTypeError(f"{quoted(text)} begins in the home of nobody who is known here: write the whole path")
+        raise argparse.ArgumentTypeError(
+            f"{quoted(text)} begins in the home of nobody who is known here: write the whole path"
+        )
     return path
 
 
@@ -192,7 +237,10 @@ def is_map(path: Path) -> bool:
 
 
 def _told(written: Sequence[Path], remarks: Sequence[str]) -> str:
-    wrote = f"Wrote {' '.join(path.name for path in written)}\nin {harmless(str(written[0].parent.resolve()))}"
+    wrote = (
+        f"Wrote {' '.join(path.name for path in written)}\nin"
+        f" {harmless(str(written[0].parent.resolve()))}"
+    )
     return "\n".join([wrote, *([] if any(map(is_map, written)) else [NO_MAP]), *remarks])
 
 

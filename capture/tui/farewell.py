@@ -1,4 +1,6 @@
-"""What stands in the terminal when the screen has gone: where everything is, and what to type next."""
+"""What stands in the terminal when the screen has gone: where everything is, and what to type
+next.
+"""
 
 import shlex
 from collections.abc import Iterable, Iterator, Sequence
@@ -27,13 +29,20 @@ def updated(folder: Path) -> Path | None:
 
 
 def farewell(
-    session: Path, shown: Path | None, maps: Sequence[Path], *, depth: float = DEPTH, doubt: str = "", cut_short: bool = False
+    session: Path,
+    shown: Path | None,
+    maps: Sequence[Path],
+    *,
+    depth: float = DEPTH,
+    doubt: str = "",
+    cut_short: bool = False,
 ) -> Iterator[str]:
     """Lines.
 
     Args:
         shown: the calibration whose results were looked at last; None: those of no one.
-        maps: what was exported last; empty: what lies in the session's export folder since that fit.
+        maps: what was exported last; empty: what lies in the session's export folder since that
+            fit.
         depth: m, of maps that are proposed.
         doubt: what the verdict on that says, if it is not to be trusted.
         cut_short: the last fit was ended before it had a result.
@@ -41,7 +50,10 @@ def farewell(
     folder = shown.parent if shown else fitted(session)
     if folder:
         if cut_short:
-            yield "The last fit was ended before it had a result: the calibration is the one of before."
+            yield (
+                "The last fit was ended before it had a result: the calibration is the one of"
+                " before."
+            )
         yield f"The calibration is in {_said(folder)}"
         exported = session / "export"
         if renewed := updated(folder):
@@ -58,9 +70,15 @@ def farewell(
         else:
             yield f"Next: {_use(session, folder, maps, depth)}"
         return
-    bare, frames = (len(list_images(place)) if place.is_dir() else 0 for place in (session / "bare", session / "frames"))
+    bare, frames = (
+        len(list_images(place)) if place.is_dir() else 0
+        for place in (session / "bare", session / "frames")
+    )
     if bare or frames:
-        yield f"{_said(session)} has {bare} pictures without the cover and {frames} through it; it has no calibration yet."
+        yield (
+            f"{_said(session)} has {bare} pictures without the cover and {frames} through it; it"
+            " has no calibration yet."
+        )
     else:
         yield f"Nothing is recorded in {_said(session)} yet; what was typed is kept."
     yield f"To go on: {_command('capture', session)}"
@@ -81,11 +99,29 @@ def _newer(calibration: Path, paths: Iterable[Path]) -> Sequence[Path]:
 
 def _use(session: Path, folder: Path, maps: Sequence[Path], depth: float) -> str:
     """What to do with the calibration: maps first, then pictures that they straighten."""
-    exported = next((path.stem.removeprefix("map_").removesuffix("m") for path in maps if path.stem.startswith("map_")), None)
+    exported = next(
+        (
+            path.stem.removeprefix("map_").removesuffix("m")
+            for path in maps
+            if path.stem.startswith("map_")
+        ),
+        None,
+    )
     if exported is None:
         place = (folder if folder.name == UPDATED else session) / "export"
-        return _command("calib", "export", folder, "--format", "npz", "--depth", f"{depth:g}", "-o", place)
-    return _command("calib", "undistort", folder, session / "frames", "--depth", exported, "-o", session / "undistorted")
+        return _command(
+            "calib", "export", folder, "--format", "npz", "--depth", f"{depth:g}", "-o", place
+        )
+    return _command(
+        "calib",
+        "undistort",
+        folder,
+        session / "frames",
+        "--depth",
+        exported,
+        "-o",
+        session / "undistorted",
+    )
 
 
 def _command(*words: str | Path) -> str:

@@ -52,7 +52,9 @@ class FitScreen(WorkingPage):
         self.app.switch_screen(ResultsScreen(self.session, result, self._before))
 
     def cancel(self) -> None:
-        self.cut_short = self.cut_short or (self.child is not None and self._written() == self._stamp)
+        self.cut_short = self.cut_short or (
+            self.child is not None and self._written() == self._stamp
+        )
         super().cancel()
 
     def _written(self) -> int:
@@ -64,6 +66,8 @@ class FitScreen(WorkingPage):
         """To the results that a fit was to follow, which are still those of the calibration."""
         self.cancel()
         if self._before:
-            self.app.switch_screen(ResultsScreen(self.session, self._before, self._before.get("before")))
+            self.app.switch_screen(
+                ResultsScreen(self.session, self._before, self._before.get("before"))
+            )
         else:
             self.app.pop_screen()

@@ -32,7 +32,8 @@ def fit_session(progress: Progress, session: Path, out: Path) -> dict[str, objec
 def open_results(progress: Progress, place: Path) -> dict[str, object]:
     """The summary of a calibration that is there already, by its folder.
 
-    Where a diagnosis of this very fit has found effects, the summary of what that made of it, and under `before` the fit's own.
+    Where a diagnosis of this very fit has found effects, the summary of what that made of it, and
+    under `before` the fit's own.
     """
     progress.task(LOADING, 1)
     from calib.calibration import Calibration
@@ -60,20 +61,37 @@ def summary(calibration: "Calibration", saved: Path) -> dict[str, object]:
     verdict = judge(calibration, folder=saved.parent)
     seen = calibration.observations
     path, values = calibration.model()
-    depth = path.place(seen.corners, seen.with_times(values), from_numpy(calibration.poses)[seen.view])[:, 2]
-    near, usual, far = (float(f"{edge:.2g}") for edge in (depth.min(), np.median(depth), depth.max()))  # the verdict's median
+    depth = path.place(
+        seen.corners, seen.with_times(values), from_numpy(calibration.poses)[seen.view]
+    )[:, 2]
+    near, usual, far = (
+        float(f"{edge:.2g}") for edge in (depth.min(), np.median(depth), depth.max())
+    )  # the verdict's median
     missed = residuals(path, values, seen, from_numpy(calibration.poses))
     views = [
-        {"file": view.name, "rms_px": float((own**2).sum(-1).nanmean().sqrt()), "corners": pixels.tolist(), "errors": own.tolist()}
-        for view, own, pixels in zip(calibration.views, seen.per_view(missed.image), seen.per_view(seen.pixels), strict=True)
+        {
+            "file": view.name,
+            "rms_px": float((own**2).sum(-1).nanmean().sqrt()),
+            "corners": pixels.tolist(),
+            "errors": own.tolist(),
+        }
+        for view, own, pixels in zip(
+            calibration.views, seen.per_view(missed.image), seen.per_view(seen.pixels), strict=True
+        )
     ]
     return {
         "calibration": str(saved),
-        "stages": [{"name": s.name, "title": s.title, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm} for s in calibration.stages],
+        "stages": [
+            {"name": s.name, "title": s.title, "rms_px": s.rms_px, "rmse_cm": s.rmse_cm}
+            for s in calibration.stages
+        ],
         "noise_px": calibration.noise_px,
         "views": sorted(views, key=lambda view: -float(str(view["rms_px"]))),
         "noisier": noisier(calibration.settings.get(VIEW_NOISE, {})),
         "rejected": [{"file": r.name, "reason": r.reason} for r in calibration.rejected],
         "verdict": {"word": verdict.word.value, "sentences": verdict.sentences},
-        "sigma_px": [{"depth_m": depth, "px": px} for depth, px in map_sigmas(calibration, (near, usual, far)).items()],
+        "sigma_px": [
+            {"depth_m": depth, "px": px}
+            for depth, px in map_sigmas(calibration, (near, usual, far)).items()
+        ],
     }

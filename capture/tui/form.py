@@ -1,4 +1,7 @@
-"""The set-up as a person types it: texts in, checked by the session's own rules, a set-up out. Pure."""
+"""The set-up as a person types it: texts in, checked by the session's own rules, a set-up out.
+
+Pure.
+"""
 
 import re
 from collections.abc import Mapping
@@ -18,7 +21,13 @@ BOARD = {kind: tuple(key for key in keys if key != "type") for kind, keys in KEY
 WHERE = "The set-up"
 ALONE: Mapping[str, Mapping[str, object]] = {
     "checkerboard": {"columns": 3, "rows": 3, "square_mm": 1},
-    "charuco": {"columns": 3, "rows": 3, "square_mm": 1e5, "marker_mm": 0.05, "dictionary": "DICT_APRILTAG_36h10"},
+    "charuco": {
+        "columns": 3,
+        "rows": 3,
+        "square_mm": 1e5,
+        "marker_mm": 0.05,
+        "dictionary": "DICT_APRILTAG_36h10",
+    },
     "aprilgrid": {"columns": 2, "rows": 2, "tag_mm": 1, "spacing": 0.3},
 }
 """What stands beside a value that is judged by itself: it goes with any."""
@@ -31,27 +40,53 @@ HELP = {
     "columns": "The board's inner corners along one row: one less than its squares.",
     "rows": "The board's inner corners along one column: one less than its squares.",
     "square_mm": "The side of one square in millimetres. Measure over many squares and divide.",
-    "kind": "What is printed on it. charuco and aprilgrid have markers: they may reach out of the picture, and be held any way up.",
+    "kind": (
+        "What is printed on it. charuco and aprilgrid have markers: they may reach out of the"
+        " picture, and be held any way up."
+    ),
     "marker_mm": "The side of one marker in millimetres, with its black border.",
-    "dictionary": "The name of its markers, as OpenCV has it, such as DICT_4X4_250; it often stands on the print.",
-    "legacy_pattern": "yes for boards of calib.io, or of OpenCV before 4.6, whose upper left square is white; else no.",
+    "dictionary": (
+        "The name of its markers, as OpenCV has it, such as DICT_4X4_250; it often stands on the"
+        " print."
+    ),
+    "legacy_pattern": (
+        "yes for boards of calib.io, or of OpenCV before 4.6, whose upper left square is white;"
+        " else no."
+    ),
     "tag_mm": "The side of one tag in millimetres, with its black border.",
     "spacing": "The gap between two tags, in sides of a tag: 0.3 on Kalibr's own.",
     "shape": "The cover in front of the camera. none: there is none, only the lens is calibrated.",
-    "inner_radius_mm": "Millimetres from the cover's axis to its inner face, at the height of the lens.",
+    "inner_radius_mm": (
+        "Millimetres from the cover's axis to its inner face, at the height of the lens."
+    ),
     "radius_slope": "By how much the radius grows downwards: -0.1 is 1 mm narrower every 10 mm.",
-    "axis_offset_mm": "From the lens to the cover's axis in mm: x to the right in the picture, z ahead; 0, -30 is 30 mm behind.",
-    "tilt_deg": "Degrees of its tilt, first about x (to the right), then about z (ahead): 0, 0 is straight.",
+    "axis_offset_mm": (
+        "From the lens to the cover's axis in mm: x to the right in the picture, z ahead; 0, -30 is"
+        " 30 mm behind."
+    ),
+    "tilt_deg": (
+        "Degrees of its tilt, first about x (to the right), then about z (ahead): 0, 0 is straight."
+    ),
     "thickness_mm": "Thickness of the glass in millimetres.",
     "refractive_index": "Of the glass: about 1.5; acrylic 1.49, polycarbonate 1.58.",
     "outside_index": "Of what is outside: 1 in air, 1.333 in water.",
     "distance_mm": "Millimetres from the lens to the window's inner face.",
     "centre_mm": "x, y, z in mm from the lens to the dome's centre.",
 }
-"""What each value is, for someone who has never seen a session.yaml. Its rule is said when it is broken."""
-TAGS = {"columns": "How many tags there are along one row.", "rows": "How many tags there are along one column."}
+"""What each value is, for someone who has never seen a session.yaml.
+
+Its rule is said when it is broken.
+"""
+TAGS = {
+    "columns": "How many tags there are along one row.",
+    "rows": "How many tags there are along one column.",
+}
 """The same of an aprilgrid, where it differs."""
-WINDOW = {"tilt_deg": "Degrees of its tilt, first about x (to the right), then about y (down): 0, 0 is straight."}
+WINDOW = {
+    "tilt_deg": (
+        "Degrees of its tilt, first about x (to the right), then about y (down): 0, 0 is straight."
+    )
+}
 """The same of a window."""
 
 
@@ -72,11 +107,16 @@ def explained(key: str, kind: str, shape: str) -> str:
 
 
 def problem(key: str, text: str, shape: str, kind: str = "checkerboard") -> str | None:
-    """What is wrong with one value by itself, or None; of a field that this shape and type do not have, as it is about to go, nothing."""
+    """What is wrong with one value by itself, or None; of a field that this shape and type do not
+    have, as it is about to go, nothing.
+    """
     try:
         if key in BOARD[kind]:
             _check_point(f"board.{key}", text)
-            session_from_mapping(_mapping({"type": kind, **ALONE[kind], key: _value(key, text)}, {"shape": "none"}), WHERE)
+            session_from_mapping(
+                _mapping({"type": kind, **ALONE[kind], key: _value(key, text)}, {"shape": "none"}),
+                WHERE,
+            )
         elif quantity := _quantity(key, shape):
             Section(_written(quantity, text), WHERE, "cover").read(quantity)
     except InputError as error:
@@ -85,7 +125,9 @@ def problem(key: str, text: str, shape: str, kind: str = "checkerboard") -> str 
 
 
 def read_form(typed: Typed, camera: Camera | None = None) -> Setup:
-    """The set-up, with the camera of another session if there is one; an InputError says what to write instead."""
+    """The set-up, with the camera of another session if there is one; an InputError says what to
+    write instead.
+    """
     for key, text in typed.board.items():
         _check_point(f"board.{key}", text)
     board = {"type": typed.kind, **{key: _value(key, text) for key, text in typed.board.items()}}
@@ -104,8 +146,14 @@ def write_form(board: Board, cover: Cover) -> Typed:
     return Typed({key: _text(written[key]) for key in BOARD[kind]}, cover.shape, texts, kind)
 
 
-def _mapping(board: Mapping[str, object], cover: Mapping[str, object], camera: Camera | None = None) -> dict[str, object]:
-    return {"board": board, "camera": camera_to_yaml(camera or Camera(1, 1)), "cover": cover}  # the size is the first picture's
+def _mapping(
+    board: Mapping[str, object], cover: Mapping[str, object], camera: Camera | None = None
+) -> dict[str, object]:
+    return {
+        "board": board,
+        "camera": camera_to_yaml(camera or Camera(1, 1)),
+        "cover": cover,
+    }  # the size is the first picture's
 
 
 def _quantity(key: str, shape: str) -> Quantity | None:
@@ -123,8 +171,9 @@ def _written(quantity: Quantity, text: str) -> dict[str, object]:
     if len(_parts(text)) != len(quantity.components):
         first, *others = quantity.components
         raise InputError(
-            f"{WHERE}: cover.{quantity.key} is {brief(text.strip()) or 'empty'}: write {NUMBERS[len(others)]} numbers, "
-            f"{', '.join((first, *others[:-1]))} and {others[-1]}, such as {', '.join('0' for _ in quantity.components)}."
+            f"{WHERE}: cover.{quantity.key} is {brief(text.strip()) or 'empty'}: write"
+            f" {NUMBERS[len(others)]} numbers, {', '.join((first, *others[:-1]))} and {others[-1]},"
+            f" such as {', '.join('0' for _ in quantity.components)}."
         )
     return {quantity.key: [_number(part) for part in _parts(text)]}
 
@@ -132,17 +181,29 @@ def _written(quantity: Quantity, text: str) -> dict[str, object]:
 def _check_point(key: str, text: str) -> None:
     """InputError where a single number, or its sigma, has a decimal comma."""
     if COMMA.fullmatch(_joined(text.strip())) and "," in text:
-        raise InputError(f"{WHERE}: {key} is {text.strip()}: write {_with_points([_joined(text.strip())])}, with a point.")
+        raise InputError(
+            f"{WHERE}: {key} is {text.strip()}: write {_with_points([_joined(text.strip())])}, with"
+            " a point."
+        )
 
 
 def _check_points(key: str, text: str, count: int) -> None:
-    """InputError where commas among the digits of a list of so many numbers may be decimal ones. `1,2,3` and `0,-30` can only be lists."""
+    """InputError where commas among the digits of a list of so many numbers may be decimal ones.
+
+    `1,2,3` and `0,-30` can only be lists.
+    """
     words = [word for word in re.split(r"[;\s]+|,(?![0-9])", _joined(text).strip(" []")) if word]
     if not any("," in word for word in words) or not all(map(COMMA.fullmatch, words)):
         return
     parts = _parts(text)
-    listed = f", or {', '.join(parts).replace('±', ' ± ')}, with a blank, for {count} numbers" if len(parts) == count else ""
-    raise InputError(f"{WHERE}: {key} is {text.strip()}: write {_with_points(words)}, with a point{listed}.")
+    listed = (
+        f", or {', '.join(parts).replace('±', ' ± ')}, with a blank, for {count} numbers"
+        if len(parts) == count
+        else ""
+    )
+    raise InputError(
+        f"{WHERE}: {key} is {text.strip()}: write {_with_points(words)}, with a point{listed}."
+    )
 
 
 def _parts(text: str) -> list[str]:
@@ -156,11 +217,17 @@ def _with_points(numbers: list[str]) -> str:
 
 def _value(key: str, text: str) -> object:
     """Of a board."""
-    return ANSWERS.get(text.strip().lower(), text.strip()) if key == "legacy_pattern" else _number(text)
+    return (
+        ANSWERS.get(text.strip().lower(), text.strip())
+        if key == "legacy_pattern"
+        else _number(text)
+    )
 
 
 def _number(text: str) -> object:
-    """A number, `25 ± 10` (or `25 +- 10`) as a number with its sigma, 0 for an exact one, or the text itself, which the rules refuse."""
+    """A number, `25 ± 10` (or `25 +- 10`) as a number with its sigma, 0 for an exact one, or the
+    text itself, which the rules refuse.
+    """
     value, pair, sigma = _joined(text.strip()).partition("±")
     try:
         if pair:
@@ -181,6 +248,8 @@ def _text(value: object) -> str:
     if isinstance(value, list):
         return ", ".join(map(_text, value))
     if isinstance(value, Mapping):
-        return f"{_text(value['value'])} ± {_text(value.get('sigma', 0.0))}"  # an exact number has no sigma
+        return (  # an exact number has no sigma
+            f"{_text(value['value'])} ± {_text(value.get('sigma', 0.0))}"
+        )
     short = f"{value:g}"
     return short if float(short) == value else repr(value)

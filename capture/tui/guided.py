@@ -1,4 +1,6 @@
-"""A page whose views a guide thinks about, in threads of its own: where the board comes next, and how sure the maps would be."""
+"""A page whose views a guide thinks about, in threads of its own: where the board comes next, and
+how sure the maps would be.
+"""
 
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -74,7 +76,9 @@ class GuidedPage(Page):
 
     @work(thread=True, group="advice", description="advises")
     def _advise(self, size: tuple[int, int], views: Sequence[SeenView]) -> None:
-        """One advice after the other; while a better one is computed, the next view gets the best that there is."""
+        """One advice after the other; while a better one is computed, the next view gets the best
+        that there is.
+        """
         with self._turn:
             if self._adviser is None:
                 self._adviser = Adviser(self.plan, size)

@@ -37,7 +37,9 @@ The last line has every key; on a phone, tap it there. m: pictures in dots.
 DRAWN = {
     "A frame of ▒": "A yellow frame",
     "+ marks": "Green dots mark",
-    "The last line has every key; on a phone, tap it there. m: pictures in dots.": "Every key is a button.",
+    "The last line has every key; on a phone, tap it there. m: pictures in dots.": (
+        "Every key is a button."
+    ),
 }
 """What a page that draws the app for a thumb shows in place of characters."""
 
@@ -56,7 +58,10 @@ class Prose(Static):
 
 
 class HelpScreen(ModalScreen[None]):
-    DEFAULT_CSS = "HelpScreen { background: $background; } HelpScreen VerticalScroll { height: 1fr; padding: 0 1; }"
+    DEFAULT_CSS = (
+        "HelpScreen { background: $background; } HelpScreen VerticalScroll { height: 1fr; padding:"
+        " 0 1; }"
+    )
     BINDINGS: ClassVar = [
         Binding("escape,question_mark,q", "dismiss", "Back", key_display="esc"),
         Binding("up,down", "scroll", "More", key_display="↑↓"),

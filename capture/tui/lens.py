@@ -1,4 +1,6 @@
-"""The lens from the pictures without the cover, as the screen's child finds it: the screen answers meanwhile."""
+"""The lens from the pictures without the cover, as the screen's child finds it: the screen answers
+meanwhile.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +12,9 @@ from calib.session.camera import camera_to_yaml
 from calib.session.session import read_session
 
 ENOUGH = 10
-"""Views without the cover: from here on the lens is taken as recorded, and the screens propose to go on through the cover."""
+"""Views without the cover: from here on the lens is taken as recorded, and the screens propose to
+go on through the cover.
+"""
 
 
 def find_lens(progress: Progress, session: Path) -> dict[str, object]:

@@ -1,4 +1,6 @@
-"""The lens of another session for one that is recorded already and has none: it comes into session.yaml, and nothing else does."""
+"""The lens of another session for one that is recorded already and has none: it comes into
+session.yaml, and nothing else does.
+"""
 
 import re
 from pathlib import Path
@@ -19,7 +21,8 @@ CAMERA = re.compile(r"^camera:[ \t]*(?:#.*)?\n(?=( +)\S)", re.MULTILINE)
 
 
 def lens_of(session: Path, like: str) -> Setup | None:
-    """What the session that is named says, whose lens is to be this one's; None where none is named.
+    """What the session that is named says, whose lens is to be this one's; None where none is
+    named.
 
     InputError where it knows no lens, or one of pictures of another size.
     """
@@ -27,17 +30,22 @@ def lens_of(session: Path, like: str) -> Setup | None:
         return None
     own, other = read_setup(session / "session.yaml")[1], named[1]
     if other.intrinsics is None:
-        raise InputError(f"{like.strip()} does not know its lens either: name a session whose session.yaml has camera.intrinsics.")
+        raise InputError(
+            f"{like.strip()} does not know its lens either: name a session whose session.yaml has"
+            " camera.intrinsics."
+        )
     if (own.width, own.height) != (other.width, other.height):
         raise InputError(
-            f"{like.strip()} knows the lens for pictures of {other.width}x{other.height} px, and these are {own.width}x{own.height}: name "
-            "a session whose pictures are as large."
+            f"{like.strip()} knows the lens for pictures of {other.width}x{other.height} px, and"
+            f" these are {own.width}x{own.height}: name a session whose pictures are as large."
         )
     return named
 
 
 def lend_lens(session: Path, like: Setup) -> None:
-    """Write it into session.yaml, whose other lines stay as they are where its camera is written one key a line."""
+    """Write it into session.yaml, whose other lines stay as they are where its camera is written
+    one key a line.
+    """
     file = session / "session.yaml"
     said = read_yaml(file)
     camera = said["camera"]

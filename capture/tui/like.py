@@ -13,7 +13,9 @@ from capture.tui.recorded import described
 
 
 class Like(Field):
-    """For a new session it gives board, cover and lens; for one that exists the lens, for as long as that is missing."""
+    """For a new session it gives board, cover and lens; for one that exists the lens, for as long
+    as that is missing.
+    """
 
     def __init__(self, session: Path) -> None:
         super().__init__(id="like", compact=True)
@@ -36,11 +38,17 @@ class Like(Field):
             self.value = self._followed = ""
 
     def follow(self) -> Setup | None:
-        """What another session says, where it was not read by this name before; InputError where it says nothing of use."""
+        """What another session says, where it was not read by this name before; InputError where it
+        says nothing of use.
+        """
         if self.value == self._followed or self.disabled:
             return None
         self.setup, self._followed = None, ""
-        self.setup = lens_of(self._session, self.value) if described(self._session) else read_like(self.value)
+        self.setup = (
+            lens_of(self._session, self.value)
+            if described(self._session)
+            else read_like(self.value)
+        )
         self._followed = self.value
         return self.setup
 

@@ -1,4 +1,6 @@
-"""Coverage as small maps: of shades, which need no colour, in a terminal; their numbers for a page that draws them."""
+"""Coverage as small maps: of shades, which need no colour, in a terminal; their numbers for a page
+that draws them.
+"""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,5 @@
-"""What a screen shows and takes, as plain data for a page that draws it for a thumb: texts, fields, lists, and its keys as buttons.
+"""What a screen shows and takes, as plain data for a page that draws it for a thumb: texts, fields,
+lists, and its keys as buttons.
 
 It is read from the screen's own widgets, so that there is one session, whatever draws it.
 """
@@ -24,7 +25,9 @@ from capture.tui.touch_words import worded
 from capture.tui.working import Bar, WorkingPage
 
 Block = dict[str, object]
-"""`kind`: text, map, bar, field, choice or list; `name`, by which it is spoken of; and what it shows."""
+"""`kind`: text, map, bar, field, choice or list; `name`, by which it is spoken of; and what it
+shows.
+"""
 
 LAID_OUT = re.compile(r"[ ]{2}|[░▒▓█]")
 """Of a text that stands in columns."""
@@ -42,7 +45,9 @@ def described(app: App[Any]) -> dict[str, object]:
     screen = app.screen
     pages = [each for each in app.screen_stack if isinstance(each, Page)]
     focused, bindings = screen.focused, keys(screen)
-    labels = {key: each.description for each in bindings for key in (each.key, app.get_key_display(each))}
+    labels = {
+        key: each.description for each in bindings for key in (each.key, app.get_key_display(each))
+    }
     blocks = list(_blocks(screen))
     for block in blocks:
         if block["kind"] == "text" and not block["columns"]:
@@ -70,12 +75,18 @@ def name_of(widget: Widget) -> str:
 
 def named(screen: Screen[Any], name: str) -> Widget | None:
     """The field, choice or list of that name, if it can be used now."""
-    found = (each for each in screen.query("Input, Select, OptionList").results(Widget) if name_of(each) == name)
+    found = (
+        each
+        for each in screen.query("Input, Select, OptionList").results(Widget)
+        if name_of(each) == name
+    )
     return next((each for each in found if not each.disabled and each.display), None)
 
 
 def keys(screen: Screen[Any]) -> list[Any]:
-    """The bindings that the screen's last line has, but for those that only a keyboard needs; one for each action."""
+    """The bindings that the screen's last line has, but for those that only a keyboard needs; one
+    for each action.
+    """
     found: dict[str, Any] = {}
     for _, binding, enabled, _ in screen.active_bindings.values():
         if binding.show and enabled and not NEEDLESS.fullmatch(binding.action):
@@ -91,7 +102,13 @@ def _buttons(app: App[Any], bindings: list[Any]) -> list[Block]:
     actions = {binding.action for binding in bindings}
     main = next((action for action in MAIN if action in actions), "")
     return [
-        {"key": each.key, "shown": app.get_key_display(each), "label": each.description, "main": each.action == main} for each in bindings
+        {
+            "key": each.key,
+            "shown": app.get_key_display(each),
+            "label": each.description,
+            "main": each.action == main,
+        }
+        for each in bindings
     ]
 
 
@@ -108,7 +125,9 @@ def _blocks(widget: Widget) -> Iterator[Block]:
         elif isinstance(each, Static):
             if each.id == "tasks" and isinstance(each.screen, WorkingPage):
                 yield from map(_bar, each.screen.bars)
-            if (text := each.flowing if isinstance(each, Prose) else str(each.content)) and not _needless(each):
+            if (
+                text := each.flowing if isinstance(each, Prose) else str(each.content)
+            ) and not _needless(each):
                 yield _text(each, text)
         elif block := _taken(each, label):
             yield block
@@ -117,16 +136,32 @@ def _blocks(widget: Widget) -> Iterator[Block]:
 
 
 def _needless(widget: Static) -> bool:
-    drawn = isinstance(widget.screen, WorkingPage) and bool(widget.screen.bars) and widget.id in ("tasks", "errors")
+    drawn = (
+        isinstance(widget.screen, WorkingPage)
+        and bool(widget.screen.bars)
+        and widget.id in ("tasks", "errors")
+    )
     return drawn or widget.id in ("steps", "small", "legend")
 
 
 def _bar(bar: Bar) -> Block:
-    return {"kind": "bar", "name": bar.title, "label": bar.title, "share": round(bar.share, 3), "text": bar.words.strip()}
+    return {
+        "kind": "bar",
+        "name": bar.title,
+        "label": bar.title,
+        "share": round(bar.share, 3),
+        "text": bar.words.strip(),
+    }
 
 
 def _map(widget: CoverageMap, covered: NDArray[np.float64]) -> Block:
-    return {"kind": "map", "name": name_of(widget), "label": widget.title, "full": widget.full, "cells": np.round(covered, 2).tolist()}
+    return {
+        "kind": "map",
+        "name": name_of(widget),
+        "label": widget.title,
+        "full": widget.full,
+        "cells": np.round(covered, 2).tolist(),
+    }
 
 
 def _text(widget: Static, text: str) -> Block:
@@ -147,11 +182,33 @@ def _taken(widget: Widget, label: str) -> Block | None:
     about = {"name": name_of(widget), "label": label, "disabled": widget.disabled, "half": half}
     match widget:
         case Input():
-            return {"kind": "field", **about, "value": widget.value, "wrong": widget.has_class("wrong")}
+            return {
+                "kind": "field",
+                **about,
+                "value": widget.value,
+                "wrong": widget.has_class("wrong"),
+            }
         case Select():
-            chosen = next((place for place, (_, value) in enumerate(widget._options) if value == widget.value), -1)
-            return {"kind": "choice", **about, "options": [str(prompt) for prompt, _ in widget._options], "chosen": chosen}
+            chosen = next(
+                (
+                    place
+                    for place, (_, value) in enumerate(widget._options)
+                    if value == widget.value
+                ),
+                -1,
+            )
+            return {
+                "kind": "choice",
+                **about,
+                "options": [str(prompt) for prompt, _ in widget._options],
+                "chosen": chosen,
+            }
         case OptionList():
             chosen = -1 if widget.highlighted is None else widget.highlighted
-            return {"kind": "list", **about, "options": [str(each.prompt) for each in widget.options], "chosen": chosen}
+            return {
+                "kind": "list",
+                **about,
+                "options": [str(each.prompt) for each in widget.options],
+                "chosen": chosen,
+            }
     return None

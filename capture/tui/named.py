@@ -11,7 +11,9 @@ from capture.typed_path import typed_path
 
 
 def read_like(like: str) -> Setup | None:
-    """What another session says, its lens as its fit found it where it states none; None where no session is named."""
+    """What another session says, its lens as its fit found it where it states none; None where no
+    session is named.
+    """
     if not like.strip():
         return None
     place = typed_path(like.strip())

@@ -1,4 +1,6 @@
-"""What every screen has: a line that says where one is on the way, a line of keys, and a sentence where the terminal is too small."""
+"""What every screen has: a line that says where one is on the way, a line of keys, and a sentence
+where the terminal is too small.
+"""
 
 import asyncio
 from abc import abstractmethod
@@ -21,7 +23,10 @@ STEPS = ("Set-up", "Without cover", "Through cover", "Fit", "Results")
 SMALLEST = (80, 24)
 """Columns and rows that every screen is drawn for."""
 
-HELP_AND_QUIT = (Binding("question_mark", "help", "Help", key_display="?"), Binding("q", "app.quit", "Quit"))
+HELP_AND_QUIT = (
+    Binding("question_mark", "help", "Help", key_display="?"),
+    Binding("q", "app.quit", "Quit"),
+)
 """For screens on which nothing is typed."""
 
 TYPING = (
@@ -29,8 +34,9 @@ TYPING = (
     Binding("tab", "app.focus_next", "Next field", key_display="tab", priority=True),
     Binding("shift+tab", "app.focus_previous", show=False, priority=True),
 )
-"""For screens on which something is typed. These keys are looked at before the fields see them, so that what is typed after them, however
-fast, as over a slow connection, goes to the next field."""
+"""For screens on which something is typed. These keys are looked at before the fields see them, so
+that what is typed after them, however fast, as over a slow connection, goes to the next field.
+"""
 
 
 DOTS = Binding("m", "app.dots", "Dots")
@@ -38,7 +44,9 @@ DOTS = Binding("m", "app.dots", "Dots")
 
 
 class Line(Static):
-    """A text that is laid out only when it changes: what is said twenty times a second mostly stays the same."""
+    """A text that is laid out only when it changes: what is said twenty times a second mostly stays
+    the same.
+    """
 
     def say(self, text: str) -> None:
         if text != str(self.content):
@@ -46,9 +54,16 @@ class Line(Static):
 
 
 class Field(Input):
-    """A field whose editing keys work in their turn: Input's go round by the app, where letters that were typed later overtake them."""
+    """A field whose editing keys work in their turn: Input's go round by the app, where letters
+    that were typed later overtake them.
+    """
 
-    EDITING: ClassVar = {key: each.action for each in Input.BINDINGS if isinstance(each, Binding) for key in each.key.split(",")}
+    EDITING: ClassVar = {
+        key: each.action
+        for each in Input.BINDINGS
+        if isinstance(each, Binding)
+        for key in each.key.split(",")
+    }
 
     async def on_key(self, event: Key) -> None:
         if action := self.EDITING.get(event.key):
@@ -74,7 +89,7 @@ class Page(Screen[bool]):
     Page > #small { display: none; width: 1fr; height: 1fr; content-align: center middle; text-align: center; }
     Page.-small > * { display: none; }
     Page.-small > #small { display: block; }
-    """
+    """  # noqa: E501
 
     PART: ClassVar[str] = ""
     """Of the step, where this is not the whole of it."""
@@ -118,7 +133,10 @@ class Page(Screen[bool]):
         self.set_class(small, "-small")
         if small:
             words = f"This terminal has {event.size.width} columns and {event.size.height} rows.\n"
-            words += f"Enlarge it to {SMALLEST[0]} and {SMALLEST[1]}, or make its letters smaller: what runs goes on.\n"
+            words += (
+                f"Enlarge it to {SMALLEST[0]} and {SMALLEST[1]}, or make its letters smaller: what"
+                " runs goes on.\n"
+            )
             words += "Until then no key does anything but q, which quits."
             self.query_one("#small", Static).update(words)
 
@@ -131,7 +149,8 @@ def onward(screen: Screen[Any]) -> None:
 
 
 async def typed(screen: Screen[Any]) -> None:
-    """Wait until every key that was pressed before is in its field, and on its way up what the screen is to hear of it.
+    """Wait until every key that was pressed before is in its field, and on its way up what the
+    screen is to hear of it.
 
     A key that a screen looks at first overtakes those.
     """

@@ -1,4 +1,6 @@
-"""Textual's driver in a browser, which also carries what the page for a thumb needs; a server names it in TEXTUAL_DRIVER."""
+"""Textual's driver in a browser, which also carries what the page for a thumb needs; a server names
+it in TEXTUAL_DRIVER.
+"""
 
 import json
 

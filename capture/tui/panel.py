@@ -14,9 +14,13 @@ from capture.tui.page import Line
 MAP = (13, 5)  # columns and rows of a coverage map
 MARKS = f"{FOUND} found   {HINT} hold it here"
 COUNTED, COMPUTED = "░ ▒ ▓ some views   █ enough", "░▒▓ less sure   █ sure enough"
-"""What the shades of picture and depth say: how many views there are, and once it is computed, how sure the maps are."""
+"""What the shades of picture and depth say: how many views there are, and once it is computed, how
+sure the maps are.
+"""
 GLASS, NO_GLASS = "Glass crossed", "Glass\nThe patch of cover looked through: not computed yet."
-"""A plain rule takes each pixel for a point of the glass, whose map would be the picture's once more."""
+"""A plain rule takes each pixel for a point of the glass, whose map would be the picture's once
+more.
+"""
 
 
 class Panel(Vertical):
@@ -48,7 +52,9 @@ class Panel(Vertical):
         yield Line(id="notes", markup=False)
 
     def count(self, views: int, *, automatic: bool) -> None:
-        self.query_one("#count", Line).say(f"{views} view{'s' * (views != 1)}   auto {'ON' if automatic else 'OFF'}")
+        self.query_one("#count", Line).say(
+            f"{views} view{'s' * (views != 1)}   auto {'ON' if automatic else 'OFF'}"
+        )
 
     def say(self, remarks: Sequence[str]) -> None:
         """What a person should know of the camera; the newest first."""
@@ -58,13 +64,19 @@ class Panel(Vertical):
         if progress is None:
             return
         self.query_one("#enough", Line).say(progress.sentence)
-        self.query_one("#legend", Line).say(f"{MARKS}\n{COUNTED if progress.sigma_px is None else COMPUTED}")
+        self.query_one("#legend", Line).say(
+            f"{MARKS}\n{COUNTED if progress.sigma_px is None else COMPUTED}"
+        )
         full = "enough" if progress.sigma_px is None else "sure"
-        image, glass, depth = (self.query_one(f"#{name}", CoverageMap) for name in ("image", "glass", "depth"))
+        image, glass, depth = (
+            self.query_one(f"#{name}", CoverageMap) for name in ("image", "glass", "depth")
+        )
         image.cover("Picture", progress.image, f"Picture\n{shaded(progress.image, *MAP)}", full)
         if self._covered and progress.sigma_px is None:
             glass.say(NO_GLASS)
         elif self._covered:
-            glass.cover("Glass", progress.glass, f"{GLASS}\n{shaded(progress.glass, *MAP)}", "enough")
+            glass.cover(
+                "Glass", progress.glass, f"{GLASS}\n{shaded(progress.glass, *MAP)}", "enough"
+            )
         row = progress.depth[None]
         depth.cover("Depth, near to far", row, f"Depth  near {shaded(row, 13, 1)} far", full)

@@ -37,7 +37,9 @@ class Phase(Select[str]):
         return self._proposed is None
 
     def offer(self, there: int) -> None:
-        """Of a session with so many views without the cover; not again what was chosen for the last recording alone, to take them anew."""
+        """Of a session with so many views without the cover; not again what was chosen for the last
+        recording alone, to take them anew.
+        """
         anew = (f"without the cover, anew ({there} go to bare-aside/)", ANEW)
         bare = self.bare
         with self.prevent(Select.Changed):

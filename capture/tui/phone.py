@@ -1,7 +1,9 @@
-"""The app on a page for a thumb: what the screen shows goes there as data, the camera's picture as JPEG, and touches come back as keys.
+"""The app on a page for a thumb: what the screen shows goes there as data, the camera's picture as
+JPEG, and touches come back as keys.
 
-Nothing is sent, and no picture encoded, while no such page is there. A picture is sent when the page has drawn the one before the last,
-so a slow connection gets fewer of them, and nothing waits for it.
+Nothing is sent, and no picture encoded, while no such page is there. A picture is sent when the
+page has drawn the one before the last, so a slow connection gets fewer of them, and nothing waits
+for it.
 """
 
 import asyncio
@@ -54,7 +56,10 @@ class Phone:
         """Pictures."""
 
     def obey(self, what: object) -> None:
-        """Do what the page asks. What makes no sense, or is of a screen that has gone, is passed over."""
+        """Do what the page asks.
+
+        What makes no sense, or is of a screen that has gone, is passed over.
+        """
         screen = self._app.screen
         match what:
             case {"view": bool() as shown}:
@@ -67,7 +72,9 @@ class Phone:
                 self._app.post_message(Key(key, character_of(key)))
             case {"field": str() as name, "text": str() as text}:
                 if isinstance(field := named(screen, name), Input):
-                    field.value = "".join(letter for letter in text[:LONGEST] if letter.isprintable())
+                    field.value = "".join(
+                        letter for letter in text[:LONGEST] if letter.isprintable()
+                    )
             case {"field": str() as name, "choose": int() as place}:
                 field = named(screen, name)
                 if isinstance(field, Select) and 0 <= place < len(field._options):
@@ -88,7 +95,9 @@ class Phone:
         self._told, self._picture, self._sent, self._drawn = {}, (0, -1), 0, 0
         self._app.workers.cancel_group(self._app, "phone")
         if shown:
-            self._app.run_worker(self._follow(), group="phone", description="tells the phone's page")
+            self._app.run_worker(
+                self._follow(), group="phone", description="tells the phone's page"
+            )
         else:
             self._app.screen.refresh(layout=True)
 
@@ -107,7 +116,11 @@ class Phone:
     async def _show(self) -> None:
         screen = self._app.screen
         picture = next(iter(screen.query(Picture)), None)
-        if picture is None or self._sent - self._drawn >= AHEAD or (shown := (id(picture), picture.updates)) == self._picture:
+        if (
+            picture is None
+            or self._sent - self._drawn >= AHEAD
+            or (shown := (id(picture), picture.updates)) == self._picture
+        ):
             return
         self._picture = shown
         preview, marks = picture.preview, picture.marks
@@ -117,7 +130,15 @@ class Phone:
         self._sent += 1
         width, height = preview.size
         over = [_drawn(mark) for mark in marks]
-        self._line.tell({"screen": handle(screen), "number": self._sent, "width": width, "height": height, "marks": over})
+        self._line.tell(
+            {
+                "screen": handle(screen),
+                "number": self._sent,
+                "width": width,
+                "height": height,
+                "marks": over,
+            }
+        )
         self._line.show(jpeg)
 
 
@@ -130,4 +151,9 @@ def encoded(image: np.ndarray) -> bytes:
 
 def _drawn(mark: Mark) -> dict[str, object]:
     seen = np.isfinite(mark.points).all(1)
-    return {"kind": mark.character, "points": np.round(mark.points[seen], 1).tolist(), "closed": mark.closed, "label": mark.label.strip()}
+    return {
+        "kind": mark.character,
+        "points": np.round(mark.points[seen], 1).tolist(),
+        "closed": mark.closed,
+        "label": mark.label.strip(),
+    }

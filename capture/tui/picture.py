@@ -16,7 +16,12 @@ from textual.widget import Widget
 from capture.tui.camera import Preview
 from capture.tui.cells import FOUND, HINT, LINE, WORST, Cells, Mark, draw, fit_cells
 
-INK = {FOUND: "bold rgb(80,255,80)", HINT: "bold rgb(255,210,0)", WORST: "bold rgb(255,110,80)", LINE: "bold rgb(100,230,250)"}
+INK = {
+    FOUND: "bold rgb(80,255,80)",
+    HINT: "bold rgb(255,210,0)",
+    WORST: "bold rgb(255,110,80)",
+    LINE: "bold rgb(100,230,250)",
+}
 """Colours help; the characters say it all."""
 LETTERS = "bold rgb(0,0,0) on rgb(255,210,0)"
 
@@ -64,7 +69,9 @@ class Picture(Widget):
             return blank
         columns, rows = fit_cells(self.preview.size, width, height)
         if self._cells is None or self._cells_for != self.size:
-            self._cells = draw(self.preview.grey, self.preview.size, columns, rows, self.marks, dots=self.dots)
+            self._cells = draw(
+                self.preview.grey, self.preview.size, columns, rows, self.marks, dots=self.dots
+            )
             self._cells_for = self.size
         row = y - (height - rows) // 2
         if not 0 <= row < rows:
@@ -75,11 +82,17 @@ class Picture(Widget):
 
 
 def _segments(cells: Cells, row: int, dots: bool) -> list[Segment]:
-    line = zip(cells.characters[row].tolist(), cells.upper[row].tolist(), cells.lower[row].tolist(), strict=True)
+    line = zip(
+        cells.characters[row].tolist(),
+        cells.upper[row].tolist(),
+        cells.lower[row].tolist(),
+        strict=True,
+    )
     if dots:
         return [Segment("".join(character for character, _, _ in line), Style())]
     return [
-        Segment((character or "▀") * len(list(same)), _style(character, upper, lower)) for (character, upper, lower), same in groupby(line)
+        Segment((character or "▀") * len(list(same)), _style(character, upper, lower))
+        for (character, upper, lower), same in groupby(line)
     ]
 
 

@@ -1,4 +1,6 @@
-"""One question over a page: a field with what is proposed, a button, and why what was typed will not do."""
+"""One question over a page: a field with what is proposed, a button, and why what was typed will
+not do.
+"""
 
 from abc import abstractmethod
 from typing import ClassVar, TypeVar
@@ -35,7 +37,7 @@ class Question(ModalScreen[Answer | None]):
     Question .row Label { width: 18; }
     Question .row Input { width: 1fr; height: 1; }
     Question #said { height: 1fr; }
-    """
+    """  # noqa: E501
     ABOUT: ClassVar[str]
     NAME: ClassVar[str]
     """Of the field, and the words before it."""
@@ -50,7 +52,9 @@ class Question(ModalScreen[Answer | None]):
     def compose(self) -> ComposeResult:
         with Vertical(id="box"):
             yield Static(self.ABOUT, markup=False)
-            yield Horizontal(Label(self.LABEL), Field(self._proposed, id=self.NAME, compact=True), classes="row")
+            yield Horizontal(
+                Label(self.LABEL), Field(self._proposed, id=self.NAME, compact=True), classes="row"
+            )
             yield Button(self.START, variant="primary", compact=True)
             yield Static(id="said", markup=False)
         yield Footer(show_command_palette=False, compact=True)

@@ -22,7 +22,10 @@ def state(session: Path) -> str:
     """The set-up's first line."""
     if not described(session):
         return f"{session}: a new session."
-    said = f"{session}: continued, {_views(taken(session, bare=True))} without cover and {_views(taken(session, bare=False))} through it."
+    said = (
+        f"{session}: continued, {_views(taken(session, bare=True))} without cover and"
+        f" {_views(taken(session, bare=False))} through it."
+    )
     if fitted(session):
         said += " It is fitted: ^o opens its results."
     elif taken(session, bare=False) and _lens_missing(session):

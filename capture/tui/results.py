@@ -30,7 +30,10 @@ from capture.tui.picture import Picture
 
 BAR = 12  # columns
 GLASS = "smooth: ideal glass; uneven: its waves as well"
-AS_BEFORE = "Views were set aside since this fit: these maps are still of the fit with them. esc, then f, fits without them."
+AS_BEFORE = (
+    "Views were set aside since this fit: these maps are still of the fit with them. esc, then f,"
+    " fits without them."
+)
 SHOWN = 2  # reasons of the verdict: more do not fit under the picture
 
 
@@ -112,13 +115,17 @@ class ResultsScreen(Page):
         """With what it is compared with."""
         # a diagnosis goes on from the fit itself: beside its numbers the same ones would stand
         fitted = before["stages"] if before else []
-        diagnosed = len(result["stages"]) > len(fitted) and result["stages"][: len(fitted)] == fitted
+        diagnosed = (
+            len(result["stages"]) > len(fitted) and result["stages"][: len(fitted)] == fitted
+        )
         self._before = None if diagnosed else before
         files = [view["file"] for view in result["views"]]
         self._told_renewed = bool([*self._renewed()])
         """It stands on the screen that a check has brought the calibration up to date."""
         self._dropped: list[Dropped] = dropped(session, files)
-        self._dropped_before = dropped_before(session, [*files, *(each.now.name for each in self._dropped)])
+        self._dropped_before = dropped_before(
+            session, [*files, *(each.now.name for each in self._dropped)]
+        )
         """Those that this fit went on without, the last one last."""
 
     def step(self) -> str:
@@ -129,7 +136,11 @@ class ResultsScreen(Page):
             with Vertical(id="left"):
                 yield Static(self._stages(), id="stages", markup=False)
                 yield Static("Views, the worst first", id="title", markup=False)
-                yield OptionList(*(Option(self._line(view), id=view["file"]) for view in self.result["views"]), markup=False, compact=True)
+                yield OptionList(
+                    *(Option(self._line(view), id=view["file"]) for view in self.result["views"]),
+                    markup=False,
+                    compact=True,
+                )
             with Vertical(id="right"):
                 yield Picture()
                 yield Static(id="view", markup=False)
@@ -162,23 +173,36 @@ class ResultsScreen(Page):
 
     def _stages(self) -> str:
         before = {stage["name"]: stage for stage in self._before["stages"]} if self._before else {}
-        lines = [f"{'error, unweighted':<18}{'picture':>9}{'on board':>10} {'before' if before else ''}"]
+        lines = [
+            f"{'error, unweighted':<18}{'picture':>9}{'on board':>10} {'before' if before else ''}"
+        ]
         for stage in self.result["stages"]:
             was = f"{before[stage['name']]['rms_px']:>8.3f}" if stage["name"] in before else ""
-            lines.append(f"{stage['title']:<18}{stage['rms_px']:>6.3f} px{10 * stage['rmse_cm']:>8.3f} mm{was}")
+            lines.append(
+                f"{stage['title']:<18}{stage['rms_px']:>6.3f} px{10 * stage['rmse_cm']:>8.3f}"
+                f" mm{was}"
+            )
         if any(stage["name"] == "cover" for stage in self.result["stages"]):
             lines.append(GLASS)
         return "\n".join(lines)
 
     def _verdict(self) -> str:
         first, last = (self.result["stages"][place]["rms_px"] for place in (0, -1))
-        said = [f"The error fell from {first:.3f} to {last:.3f} px; the corners' own noise is {self.result['noise_px']:.3f} px."]
+        said = [
+            f"The error fell from {first:.3f} to {last:.3f} px; the corners' own noise is"
+            f" {self.result['noise_px']:.3f} px."
+        ]
         if sigmas := self.result["sigma_px"]:
             at = ", ".join(f"{one['px']:.2g} px at {one['depth_m']:g} m" for one in sigmas)
-            said.append(f"The maps are sure to {at} (sigma, from the nearest to the farthest corner).")
+            said.append(
+                f"The maps are sure to {at} (sigma, from the nearest to the farthest corner)."
+            )
         word, *reasons = self.result["verdict"]["sentences"]
         more = len(reasons) - SHOWN
-        told = [*reasons[:SHOWN], *([f"{more} more reasons are in the report."] if more > 0 else [])]
+        told = [
+            *reasons[:SHOWN],
+            *([f"{more} more reasons are in the report."] if more > 0 else []),
+        ]
         said = [*self._aside(), *self._renewed(), word, *told, *said]
         said += [self.result["noisier"]] if self.result.get("noisier") else []
         if rejected := self.result["rejected"]:
@@ -190,11 +214,17 @@ class ResultsScreen(Page):
         if (number := len(self._dropped)) == 1:
             yield "1 view was set aside since this fit: f fits without it, z takes it back."
         elif number:
-            yield f"{number} views were set aside since this fit: f fits without them, z takes one back."
+            yield (
+                f"{number} views were set aside since this fit: f fits without them, z takes one"
+                " back."
+            )
 
     def _renewed(self) -> Iterator[str]:
         if folder := updated(Path(self.result["calibration"]).parent):
-            yield f"A check has brought this calibration up to date, into {folder.name}/: x exports that."
+            yield (
+                f"A check has brought this calibration up to date, into {folder.name}/: x exports"
+                " that."
+            )
 
     def _onward(self) -> str:
         effects = "e to look for what the model lacks"
@@ -223,7 +253,10 @@ class ResultsScreen(Page):
         self.post_message(self.Loaded(view, preview))
 
     def _place(self, file: str) -> Path:
-        return next((each.now for each in self._dropped if each.file == file), self.session / "frames" / file)
+        return next(
+            (each.now for each in self._dropped if each.file == file),
+            self.session / "frames" / file,
+        )
 
     @on(Loaded)
     def _loaded(self, message: Loaded) -> None:
@@ -231,9 +264,13 @@ class ResultsScreen(Page):
         corners, errors = np.array(view["corners"]), np.array(view["errors"])
         sizes = np.linalg.norm(errors, axis=-1)
         worst = int(np.nanargmax(sizes))
-        self.query_one(Picture).show(message.preview, [Mark(FOUND, corners), Mark(WORST, corners[[worst]])])
+        self.query_one(Picture).show(
+            message.preview, [Mark(FOUND, corners), Mark(WORST, corners[[worst]])]
+        )
         words = f"{FOUND} corners  {WORST} worst: {sizes[worst]:.2f} px off"
-        self.query_one("#view", Static).update(words if message.preview else "This picture cannot be read any more.")
+        self.query_one("#view", Static).update(
+            words if message.preview else "This picture cannot be read any more."
+        )
 
     def _chosen(self) -> tuple[int, Mapping[str, Any]] | None:
         index = self.query_one(OptionList).highlighted
@@ -250,15 +287,24 @@ class ResultsScreen(Page):
             except RefracalError as error:
                 self._say(str(error))
                 return
-            self._redraw(chosen[0], f"{chosen[1]['file']} is set aside in frames/dropped. Press f to fit without it, z to take it back.")
+            self._redraw(
+                chosen[0],
+                f"{chosen[1]['file']} is set aside in frames/dropped. Press f to fit without it, z"
+                " to take it back.",
+            )
 
     def action_take_back(self) -> None:
-        """The chosen view, or else the last that was set aside; of those before this fit only where there are no others."""
+        """The chosen view, or else the last that was set aside; of those before this fit only where
+        there are no others.
+        """
         chosen = self._chosen()
         if not self._dropped:
             self._take_back_earlier()
             return
-        one = next((each for each in self._dropped if chosen and each.file == chosen[1]["file"]), self._dropped[-1])
+        one = next(
+            (each for each in self._dropped if chosen and each.file == chosen[1]["file"]),
+            self._dropped[-1],
+        )
         try:
             take_back(one)
         except RefracalError as error:
@@ -280,7 +326,9 @@ class ResultsScreen(Page):
         self.refresh_bindings()
 
     def _redraw(self, index: int, sentence: str) -> None:
-        self.query_one(OptionList).replace_option_prompt_at_index(index, self._line(self.result["views"][index]))
+        self.query_one(OptionList).replace_option_prompt_at_index(
+            index, self._line(self.result["views"][index])
+        )
         self._say(sentence)
         self.refresh_bindings()
 
@@ -304,7 +352,9 @@ class ResultsScreen(Page):
         calibration = Path(self.result["calibration"])
         if folder := updated(calibration.parent):
             note = f"Of the calibration as a check has brought it up to date: {folder}"
-            screen = ExportScreen(folder, folder / CALIBRATION, self._depth, self._boards, note=note)
+            screen = ExportScreen(
+                folder, folder / CALIBRATION, self._depth, self._boards, note=note
+            )
         else:
             note = AS_BEFORE if self._dropped else ""
             screen = ExportScreen(self.session, calibration, self._depth, self._boards, note=note)
@@ -312,14 +362,21 @@ class ResultsScreen(Page):
 
     def action_report(self) -> None:
         calibration = Path(self.result["calibration"])
-        anew = " anew, in place of the one that is there" if (calibration.parent / "report.html").exists() else ""
+        anew = (
+            " anew, in place of the one that is there"
+            if (calibration.parent / "report.html").exists()
+            else ""
+        )
         self._say(f"The report is being written{anew}, which takes some seconds.")
         self._report(calibration)
 
     @work(thread=True, exclusive=True, group="report", description="writes the report")
     def _report(self, calibration: Path) -> None:
         done = calib(["report", str(calibration)])
-        written = f"The report is {done.stdout.strip()}: open it in a browser, where it is not open already."
+        written = (
+            f"The report is {done.stdout.strip()}: open it in a browser, where it is not open"
+            " already."
+        )
         self.post_message(self.Reported(written if done.returncode == 0 else done.sentence))
 
     @on(Reported)

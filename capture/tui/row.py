@@ -1,4 +1,6 @@
-"""A line of a form: a label and its field. Of a field whose value is wrong, the label has a cross."""
+"""A line of a form: a label and its field. Of a field whose value is wrong, the label has a
+cross.
+"""
 
 from typing import Any
 

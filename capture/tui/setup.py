@@ -59,7 +59,8 @@ class SetupScreen(Page):
         super().__init__()
         self.session = session
         self._named = source
-        """The source that was named when the program was started, or that was recorded from last."""
+        """The source that was named when the program was started, or that was recorded from last.
+        """
         self._source = Source(source)
         self._like = Like(session)
         self._form = BoardAndCover()
@@ -134,7 +135,11 @@ class SetupScreen(Page):
         source = self._source.field
         both = half(source.value, covered=False) != source.value
         there = taken(self.session, bare=False)
-        words = cover_on(source.value, both=both, there=there) if self._covered else harmless(state(self.session))
+        words = (
+            cover_on(source.value, both=both, there=there)
+            if self._covered
+            else harmless(state(self.session))
+        )
         self.query_one("#state", Static).update(words)
         self._form.set_locked(continued)
         self._phase.offer(taken(self.session, bare=True))
@@ -171,7 +176,12 @@ class SetupScreen(Page):
     @on(Select.Changed, "#phase")
     def _keep(self) -> None:
         if self._form.filled:
-            keep(self.session, Draft(self._form.typed, self._source.field.value, self._like.value, self._phase.chosen))
+            keep(
+                self.session,
+                Draft(
+                    self._form.typed, self._source.field.value, self._like.value, self._phase.chosen
+                ),
+            )
 
     @on(Select.Changed, "#kind, #shape")
     async def _reshape(self) -> None:
@@ -180,7 +190,9 @@ class SetupScreen(Page):
         self._propose()
 
     def _propose(self) -> None:
-        """What to record now; but what the person chose stays, be it by the field or by going on from the bare step."""
+        """What to record now; but what the person chose stays, be it by the field or by going on
+        from the bare step.
+        """
         if self._covered:
             self._phase.bare = False
         else:
@@ -199,7 +211,9 @@ class SetupScreen(Page):
     async def _mark(self, field: Input) -> None:
         """Beside the field, whether it is wrong; and below, why."""
         wrong = await self._wrong(field)
-        if isinstance(row := field.parent, Row) and row.is_attached:  # the field has not gone meanwhile
+        if (
+            isinstance(row := field.parent, Row) and row.is_attached
+        ):  # the field has not gone meanwhile
             said = wrong if wrong and field.value else ""
             row.mark(wrong=bool(said))
             self._say(said)
@@ -236,7 +250,10 @@ class SetupScreen(Page):
         if not key:  # the list of a choice: its hint stays
             return
         listed = OPENS if isinstance(widget, Select) else ""
-        self.query_one("#hint", Static).update(help_of(key, self._form.kind, self._form.shape, continued=described(self.session)) + listed)
+        self.query_one("#hint", Static).update(
+            help_of(key, self._form.kind, self._form.shape, continued=described(self.session))
+            + listed
+        )
         wrong = await self._wrong(widget) if isinstance(widget, Input) and widget.value else None
         self._say(wrong or self._refused)
         self._refused = ""
@@ -282,24 +299,31 @@ class SetupScreen(Page):
         return True
 
     async def _lead(self, sentence: str) -> None:
-        """To the first field that will not do, and say why: it, or the start if that refuses what each field by itself may say."""
+        """To the first field that will not do, and say why: it, or the start if that refuses what
+        each field by itself may say.
+        """
         self._say(sentence)
         fields = [field for field in self.query(Input) if not field.disabled]
         for field in fields:
             if wrong := await self._wrong(field):
                 self._lead_to(field, wrong)
                 return
-        if named := next((field for field in fields if field.name and f".{field.name} " in sentence), None):
+        if named := next(
+            (field for field in fields if field.name and f".{field.name} " in sentence), None
+        ):
             self._lead_to(named, sentence)
 
     def _lead_to(self, field: Widget, sentence: str) -> None:
         self._say(sentence)
         if not field.has_focus:
-            self._refused = sentence  # looking at a field says what is wrong with it, and of an empty one nothing
+            # looking at a field says what is wrong with it, and of an empty one nothing
+            self._refused = sentence
             field.focus()
 
     def _back(self, screen: CollectScreen, *, covered: bool) -> None:
-        """From recording without the cover, perhaps to go on through it; or from a source in which there was no such board."""
+        """From recording without the cover, perhaps to go on through it; or from a source in which
+        there was no such board.
+        """
         self._covered, self._wrong_board = covered, screen.wrong_board
 
     def _read(self) -> Task:

@@ -45,13 +45,22 @@ class Source(Vertical):
 
     @work(thread=True, exclusive=True, group="cameras")
     def _find_cameras(self) -> None:
-        found = [camera for scheme in SCHEMES for camera in scheme.backend().inventory().cameras if not camera.problem]
+        found = [
+            camera
+            for scheme in SCHEMES
+            for camera in scheme.backend().inventory().cameras
+            if not camera.problem
+        ]
         self.post_message(self.Found([camera.source for camera in found]))
 
     @on(Found)
     def _offer(self, message: Found) -> None:
         self.field.suggester = SuggestFromList(message.sources)
-        words = f"found here: {', '.join(message.sources)}" if message.sources else "no camera found here; folder:PATH plays back pictures"
+        words = (
+            f"found here: {', '.join(message.sources)}"
+            if message.sources
+            else "no camera found here; folder:PATH plays back pictures"
+        )
         self.query_one("#cameras", Static).update(harmless(words))
         if message.sources and not self.field.value:
             self.field.value = message.sources[0]
@@ -63,7 +72,9 @@ class Source(Vertical):
             raise InputError(self._shut[1])
 
     async def opens(self, source: str) -> bool:
-        """Whether these pictures, which the field stands for, can be opened; of a camera it is not asked."""
+        """Whether these pictures, which the field stands for, can be opened; of a camera it is not
+        asked.
+        """
         if played(source) and (shut := await to_thread(cannot_be_opened, source)):
             self._shut = self.field.value, shut
             return False

@@ -1,6 +1,8 @@
-"""The live picture without the cover's distortion, at one depth: maps as large as the screen shows it, and straight lines over it.
+"""The live picture without the cover's distortion, at one depth: maps as large as the screen shows
+it, and straight lines over it.
 
-The maps are made by the screen's child, for torch is never loaded in the process that draws; the rest is pure.
+The maps are made by the screen's child, for torch is never loaded in the process that draws; the
+rest is pure.
 """
 
 from collections.abc import Sequence
@@ -18,7 +20,9 @@ from capture.tui.cells import LINE, Mark
 from capture.tui.child import LOADING
 
 NODES = (65, 49)
-"""Columns and rows of the grid on which points are straightened: between them by less than what a screen shows."""
+"""Columns and rows of the grid on which points are straightened: between them by less than what a
+screen shows.
+"""
 GRID = 6
 """Parts in which lines divide a picture without a board, across and down."""
 
@@ -32,14 +36,20 @@ class Straight:
     size: tuple[int, int]
     """Width and height of the camera's pictures, px."""
     x: NDArray[np.float32]
-    """(h, w) px: where the camera's picture has what the straight one, reduced to h by w, shows; far outside where it sees nothing."""
+    """(h, w) px: where the camera's picture has what the straight one, reduced to h by w, shows;
+    far outside where it sees nothing.
+    """
     y: NDArray[np.float32]
     nodes: NDArray[np.float32]
-    """(rows, columns, 2) px of the straight picture, of points spread evenly from corner to corner of the camera's."""
+    """(rows, columns, 2) px of the straight picture, of points spread evenly from corner to corner
+    of the camera's.
+    """
 
     def preview(self, seen: Preview) -> Preview:
         """The same picture, straightened."""
-        return replace(seen, grey=self._straightened(seen.grey), image=self._straightened(seen.image))
+        return replace(
+            seen, grey=self._straightened(seen.grey), image=self._straightened(seen.image)
+        )
 
     def points(self, seen: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, 2) px of the camera's picture to the straight one; NaN stays so."""
@@ -55,18 +65,43 @@ class Straight:
         return found
 
     def marks(self, seen: Sequence[Mark], board: Board) -> list[Mark]:
-        """What is marked, where the straight picture has it; and straight lines, along rows and columns of the board if there is one."""
+        """What is marked, where the straight picture has it; and straight lines, along rows and
+        columns of the board if there is one.
+        """
         straight = [replace(mark, points=self.points(mark.points)) for mark in seen]
-        found = next((mark.points for mark in straight if not mark.closed and len(mark.points) == board.columns * board.rows), None)
-        return [*straight, *(Mark(LINE, ends, closed=True) for ends in (self._grid() if found is None else along(found, board)))]
+        found = next(
+            (
+                mark.points
+                for mark in straight
+                if not mark.closed and len(mark.points) == board.columns * board.rows
+            ),
+            None,
+        )
+        return [
+            *straight,
+            *(
+                Mark(LINE, ends, closed=True)
+                for ends in (self._grid() if found is None else along(found, board))
+            ),
+        ]
 
     def _straightened(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         height, width = image.shape[:2]
-        across, down = (cv2.resize(each, (width, height), interpolation=cv2.INTER_NEAREST) for each in (self.x, self.y))
+        across, down = (
+            cv2.resize(each, (width, height), interpolation=cv2.INTER_NEAREST)
+            for each in (self.x, self.y)
+        )
         factor, half = shown_factor(self.size), np.float32(0.5)
-        wide, high = (side // factor * factor for side in self.size)  # what is left at the end is not shown
-        x, y = ((across + half) * np.float32(width / wide) - half, (down + half) * np.float32(height / high) - half)
-        return np.asarray(cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT), np.uint8)
+        wide, high = (
+            side // factor * factor for side in self.size
+        )  # what is left at the end is not shown
+        x, y = (
+            (across + half) * np.float32(width / wide) - half,
+            (down + half) * np.float32(height / high) - half,
+        )
+        return np.asarray(
+            cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT), np.uint8
+        )
 
     def _grid(self) -> list[NDArray[np.float64]]:
         wide, high = self.size
@@ -76,7 +111,9 @@ class Straight:
 
 
 def along(corners: NDArray[np.float64], board: Board) -> list[NDArray[np.float64]]:
-    """(2, 2) px each: from the first to the last corner that is seen of every row and column, of (count, 2) px."""
+    """(2, 2) px each: from the first to the last corner that is seen of every row and column, of
+    (count, 2) px.
+    """
     grid = corners.reshape(board.rows, board.columns, 2)
     lines = [*grid, *grid.transpose(1, 0, 2)]
     seen = [line[np.isfinite(line[:, 0])] for line in lines]
@@ -99,6 +136,10 @@ def straighten(progress: Progress, calibration: Path, depth: float) -> dict[str,
     made = field.map_at(depth, Window(width, height, 2 * ((factor - 1) / 2,), 2 * (float(factor),)))
     far = np.float32(-1e5)
     x, y = (np.where(made.valid, each, far) for each in (made.x, made.y))
-    across, down = np.meshgrid(np.linspace(0, size[0] - 1, NODES[0]), np.linspace(0, size[1] - 1, NODES[1]))
+    across, down = np.meshgrid(
+        np.linspace(0, size[0] - 1, NODES[0]), np.linspace(0, size[1] - 1, NODES[1])
+    )
     nodes = field.undistorted(np.column_stack([across.ravel(), down.ravel()]), depth)
-    return {"straight": Straight(depth, size, x, y, nodes.reshape(*across.shape, 2).astype(np.float32))}
+    return {
+        "straight": Straight(depth, size, x, y, nodes.reshape(*across.shape, 2).astype(np.float32))
+    }

@@ -1,4 +1,6 @@
-"""A page whose live picture can be shown undistorted: its action asks for a depth, a process makes the maps, and once more ends it."""
+"""A page whose live picture can be shown undistorted: its action asks for a depth, a process makes
+the maps, and once more ends it.
+"""
 
 from abc import abstractmethod
 from pathlib import Path
@@ -75,7 +77,11 @@ class StraighteningPage(Page):
         size = self.picture_size()
         if straight and size and straight.size != size:
             wanted, given = (f"{wide}x{high}" for wide, high in (straight.size, size))
-            self.say(f"The calibration is for {wanted} px and these pictures have {given}: choose the calibrated mode.", SAID_S)
+            self.say(
+                f"The calibration is for {wanted} px and these pictures have {given}: choose the"
+                " calibrated mode.",
+                SAID_S,
+            )
             straight = None
         self.straight = straight
         self.show_straight()

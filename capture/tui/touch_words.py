@@ -1,4 +1,6 @@
-"""Sentences that name keys, for whom buttons are: "press f to fit" says "touch Fit to fit" where f's button is called that."""
+"""Sentences that name keys, for whom buttons are: "press f to fit" says "touch Fit to fit" where
+f's button is called that.
+"""
 
 import re
 from collections.abc import Mapping
@@ -13,12 +15,21 @@ def worded(text: str, labels: Mapping[str, str]) -> str:
     """
     Args:
         text: a sentence or some.
-        labels: what is written on the buttons, by their keys as sentences call them; keys that have none stay.
+        labels: what is written on the buttons, by their keys as sentences call them; keys that have
+            none stay.
     """
-    pressed = re.sub(rf"\b(P|p)ress ({_any(labels)})(?!\w)", lambda found: f"{_like(found[1])} {labels[found[2]]}", text)
+    pressed = re.sub(
+        rf"\b(P|p)ress ({_any(labels)})(?!\w)",
+        lambda found: f"{_like(found[1])} {labels[found[2]]}",
+        text,
+    )
     bare = [key for key in labels if key not in ARTICLES]
     beside = re.sub(rf"\(({_any(bare)})\)", lambda found: f"({labels[found[1]]})", pressed)
-    return re.sub(rf"(^|, | or |; |\. )({_any(bare)}){ELSEWHERE}", lambda found: found[1] + labels[found[2]], beside)
+    return re.sub(
+        rf"(^|, | or |; |\. )({_any(bare)}){ELSEWHERE}",
+        lambda found: found[1] + labels[found[2]],
+        beside,
+    )
 
 
 def _any(keys: Mapping[str, str] | list[str]) -> str:

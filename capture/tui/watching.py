@@ -1,4 +1,6 @@
-"""A page that watches a source of pictures in a thread of its own, and hears what came of every frame."""
+"""A page that watches a source of pictures in a thread of its own, and hears what came of every
+frame.
+"""
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
@@ -42,8 +44,13 @@ class WatchingPage(GuidedPage):
     class Stopped(Message):
         """No more frames come."""
 
-        def __init__(self, watch: Watch, sentence: str, *, again: bool, ended: bool = False) -> None:
-            """`again`: it may come back by itself. `ended`: every picture of the source was looked at."""
+        def __init__(
+            self, watch: Watch, sentence: str, *, again: bool, ended: bool = False
+        ) -> None:
+            """`again`: it may come back by itself.
+
+            `ended`: every picture of the source was looked at.
+            """
             super().__init__()
             self.watch = watch
             self.sentence = sentence
@@ -91,7 +98,13 @@ class WatchingPage(GuidedPage):
             sharp: whether frames are shown larger than in a terminal; asked in the camera's thread.
         """
         try:
-            self.watched = Watch(self.plan, self.shutter, self.show, lambda seconds: self.post_message(self.Waited(seconds)), sharp)
+            self.watched = Watch(
+                self.plan,
+                self.shutter,
+                self.show,
+                lambda seconds: self.post_message(self.Waited(seconds)),
+                sharp,
+            )
         except RefracalError as error:
             self.say(str(error))
             return False
@@ -104,9 +117,13 @@ class WatchingPage(GuidedPage):
         try:
             for step in watch.run(lambda kept: self.post_message(self.Begun(watch, kept))):
                 self.post_message(self.Judged(watch, step))
-            self.post_message(self.Stopped(watch, "The source has no more pictures.", again=False, ended=True))
+            self.post_message(
+                self.Stopped(watch, "The source has no more pictures.", again=False, ended=True)
+            )
         except RefracalError as error:
-            self.post_message(self.Stopped(watch, str(error), again=isinstance(error, CaptureError)))
+            self.post_message(
+                self.Stopped(watch, str(error), again=isinstance(error, CaptureError))
+            )
 
     @on(Waited)
     def _waited(self, message: Waited) -> None:

@@ -1,4 +1,7 @@
-"""Waiting for a process that calculates: what it is doing, how far it is, and how the error falls. The screen answers meanwhile."""
+"""Waiting for a process that calculates: what it is doing, how far it is, and how the error falls.
+
+The screen answers meanwhile.
+"""
 
 import re
 from abc import abstractmethod
@@ -26,7 +29,10 @@ class Bar(NamedTuple):
 
 
 class WorkingPage(Page):
-    """Follows one process at a time. A subclass starts it by `follow`, and says what its result is for."""
+    """Follows one process at a time.
+
+    A subclass starts it by `follow`, and says what its result is for.
+    """
 
     DEFAULT_CSS = """
     WorkingPage VerticalScroll { height: 1fr; padding: 1 1; }
@@ -120,12 +126,21 @@ class WorkingPage(Page):
         self.refresh_bindings()
 
     def _draw(self) -> None:
-        tasks = [Bar(title, done / max(total, 1), f"{done:>3}/{total:<4} {words}") for title, done, total, words in self._tasks]
+        tasks = [
+            Bar(title, done / max(total, 1), f"{done:>3}/{total:<4} {words}")
+            for title, done, total, words in self._tasks
+        ]
         most = max((error for _, error in self._errors), default=1.0)
-        falling = [Bar(title, error / most, f"{error:.3f} px") for title, error in self._errors[-8:]]
+        falling = [
+            Bar(title, error / most, f"{error:.3f} px") for title, error in self._errors[-8:]
+        ]
         width = max([20, *(len(each.title) + 1 for each in tasks)])
         left = [each._replace(title=f"Error left, {each.title}") for each in falling]
-        self.show(_drawn(tasks, width), "\n".join([LEFT, _drawn(falling, width)] if falling else []), bars=[*tasks, *left])
+        self.show(
+            _drawn(tasks, width),
+            "\n".join([LEFT, _drawn(falling, width)] if falling else []),
+            bars=[*tasks, *left],
+        )
 
     def show(self, above: str, below: str = "", bars: Sequence[Bar] = ()) -> None:
         """Two texts; `bars`: what they draw."""

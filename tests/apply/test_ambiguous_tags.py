@@ -1,4 +1,6 @@
-"""A small tag that is seen from the front may have either of two poses: pictures of a bare camera, made by a homography."""
+"""A small tag that is seen from the front may have either of two poses: pictures of a bare camera,
+made by a homography.
+"""
 
 import json
 from pathlib import Path
@@ -34,11 +36,16 @@ def calibration() -> Calibration:
 
 
 def sharp(turn: Array, shift: Array) -> Array:
-    """(HEIGHT, WIDTH) grey levels of a tag on a white sheet, by asking where STRATA^2 points of each pixel lie on it."""
+    """(HEIGHT, WIDTH) grey levels of a tag on a white sheet, by asking where STRATA^2 points of
+    each pixel lie on it.
+    """
     marker = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50).generateImageMarker(3, CELLS)
     sheet = np.pad(marker, 1, constant_values=255)
     x, y = (((np.arange(size * STRATA) + 0.5) / STRATA - 0.5) for size in (WIDTH, HEIGHT))
-    rays = np.stack([*np.meshgrid(x, y), np.ones((HEIGHT * STRATA, WIDTH * STRATA))], -1) @ np.linalg.inv(MATRIX).T
+    rays = (
+        np.stack([*np.meshgrid(x, y), np.ones((HEIGHT * STRATA, WIDTH * STRATA))], -1)
+        @ np.linalg.inv(MATRIX).T
+    )
     normal = turn[:, 2]
     points = rays * ((normal @ shift) / (rays @ normal))[..., None] - shift
     cell = np.floor(points @ turn[:, :2] / SIDE * CELLS + len(sheet) / 2).astype(int)
@@ -50,11 +57,15 @@ def sharp(turn: Array, shift: Array) -> Array:
 
 
 def noisy(light: Array, seed: int) -> NDArray[np.uint8]:
-    return np.clip(np.rint(light + np.random.default_rng(seed).normal(0, NOISE, light.shape)), 0, 255).astype(np.uint8)
+    return np.clip(
+        np.rint(light + np.random.default_rng(seed).normal(0, NOISE, light.shape)), 0, 255
+    ).astype(np.uint8)
 
 
 def at(degrees: float, depth: float) -> tuple[Array, Array]:
-    turn = Rotation.from_rotvec(np.deg2rad(degrees) * np.array([0.6, -0.8, 0])) * Rotation.from_rotvec([0, 0, 0.3])
+    turn = Rotation.from_rotvec(
+        np.deg2rad(degrees) * np.array([0.6, -0.8, 0])
+    ) * Rotation.from_rotvec([0, 0, 0.3])
     return turn.as_matrix(), np.array([0.01, -0.02, depth])
 
 
@@ -75,28 +86,57 @@ def test_poses_are_as_probable_as_they_say(calibration: Calibration) -> None:
         said += best.probability
         # the other pose is turned by about 10 degrees
         right += Rotation.from_matrix(best.turn @ turn.T).magnitude() < np.deg2rad(5)
-        nearest = min(tag.poses, key=lambda pose: Rotation.from_matrix(pose.turn @ turn.T).magnitude())
+        nearest = min(
+            tag.poses, key=lambda pose: Rotation.from_matrix(pose.turn @ turn.T).magnitude()
+        )
         assert np.linalg.norm(nearest.position - shift) < 6 * np.linalg.norm(nearest.sigma[3:])
     assert told > 40
-    assert abs(right - said) < 3 * np.sqrt(80 * 0.2), "of 80 choices as many are right as they are said to be"
+    assert abs(right - said) < 3 * np.sqrt(80 * 0.2), (
+        "of 80 choices as many are right as they are said to be"
+    )
 
 
 @pytest.mark.slow
 def test_sigma_is_what_repeated_noise_shows(calibration: Calibration) -> None:
     turn, shift = at(35, 0.4)
     every = [one.tags[0].poses[0] for one in located(calibration, 35, 0.4, 80)]
-    off = np.array([[*Rotation.from_matrix(pose.turn @ turn.T).as_rotvec(), *(pose.position - shift)] for pose in every])
-    chi2 = np.mean([one @ np.linalg.solve(pose.covariance, one) for one, pose in zip(off, every, strict=True)]) / 6
-    assert 0.7 < chi2 < 1.4  # 480 numbers scatter by 6 %; the noise is estimated, and rounding and strata come on top
+    off = np.array(
+        [
+            [*Rotation.from_matrix(pose.turn @ turn.T).as_rotvec(), *(pose.position - shift)]
+            for pose in every
+        ]
+    )
+    chi2 = (
+        np.mean(
+            [
+                one @ np.linalg.solve(pose.covariance, one)
+                for one, pose in zip(off, every, strict=True)
+            ]
+        )
+        / 6
+    )
+    assert (
+        0.7 < chi2 < 1.4
+    )  # 480 numbers scatter by 6 %; the noise is estimated, and rounding and strata come on top
     assert not any(one.tags[0].ambiguous for one in located(calibration, 35, 0.4, 3))
 
 
-def test_the_command_gives_both(calibration: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_gives_both(
+    calibration: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     light = sharp(*at(5, 1.0))
     picture = tmp_path / "front.png"
     cv2.imwrite(str(picture), noisy(light, 0))
     calibration.save(tmp_path / "out")
-    command = ["pose", str(tmp_path / "out"), str(picture), "--tags", "DICT_4X4_50", "--size-mm", "50"]
+    command = [
+        "pose",
+        str(tmp_path / "out"),
+        str(picture),
+        "--tags",
+        "DICT_4X4_50",
+        "--size-mm",
+        "50",
+    ]
     assert main([*command, "--json"]) == 0
     (tag,) = json.loads(capsys.readouterr().out)["pictures"][0]["tags"]
     assert tag["ambiguous"]
@@ -105,4 +145,7 @@ def test_the_command_gives_both(calibration: Calibration, tmp_path: Path, capsys
     assert main(command) == 0
     out = capsys.readouterr().out
     assert out.count("3 (") == 2
-    assert "Ambiguous: tag 3 may have either of two poses: show it larger, or less from the front." in " ".join(out.split())
+    assert (
+        "Ambiguous: tag 3 may have either of two poses: show it larger, or less from the front."
+        in " ".join(out.split())
+    )

@@ -1,4 +1,6 @@
-"""A calibration in another medium: its rays are those that Mitsuba traces there, and its sigma is what the change makes visible."""
+"""A calibration in another medium: its rays are those that Mitsuba traces there, and its sigma is
+what the change makes visible.
+"""
 
 import json
 from dataclasses import replace
@@ -49,14 +51,21 @@ def true_calibration(shape: str) -> Calibration:
     with np.load(FIXTURES / f"wet-{shape}" / "truth.npz") as truth:
         fx, fy, cx, cy = map(Number, truth["intrinsics"].tolist())
         amplitudes, centres = truth["amplitudes"], truth["centres"]
-    numbers = {name: Number(value) for name, value in {**GLASS[shape], "outside_index": 1.0}.items()}
+    numbers = {
+        name: Number(value) for name, value in {**GLASS[shape], "outside_index": 1.0}.items()
+    }
     base = known(scene(1, views=1), 820, 616)
     relief = None
     if amplitudes.size:
-        (low, high), (rows, columns) = (tuple(map(float, edge)) for edge in (centres.min(0), centres.max(0))), amplitudes.shape
+        (low, high), (rows, columns) = (
+            (tuple(map(float, edge)) for edge in (centres.min(0), centres.max(0))),
+            amplitudes.shape,
+        )
         relief = Relief((low[0], low[1]), (high[0], high[1]), (rows, columns))
     camera = Camera(820, 616, intrinsics=Intrinsics(fx, fy, cx, cy))
-    return replace(base, camera=camera, cover=Cover(shape, numbers), relief=relief, amplitudes=amplitudes)
+    return replace(
+        base, camera=camera, cover=Cover(shape, numbers), relief=relief, amplitudes=amplitudes
+    )
 
 
 @each_shape
@@ -72,7 +81,10 @@ def test_rays_are_those_of_light_that_mitsuba_traced(shape: str, folder: str) ->
     seen = np.isfinite(origins).all(-1) & np.isfinite(ours).all(-1)
     assert seen.mean() > 0.99
     for depth in DEPTHS:
-        at = [o[:, :2] + d[:, :2] * ((depth - o[:, 2]) / d[:, 2])[:, None] for o, d in ((origins, directions), (ours, towards))]
+        at = [
+            o[:, :2] + d[:, :2] * ((depth - o[:, 2]) / d[:, 2])[:, None]
+            for o, d in ((origins, directions), (ours, towards))
+        ]
         off = np.linalg.norm(at[0] - at[1], axis=-1)[seen] * 640 / depth
         assert np.sqrt((off**2).mean()) < 0.002
         assert off.max() < 0.02  # float32 and facets
@@ -89,13 +101,26 @@ def test_what_is_not_outside_is_kept(dry: Calibration) -> None:
     wet = immersed(dry, Number(1.34, 0.001))
     assert wet.camera == dry.camera
     assert wet.cover.parameters["outside_index"] == Number(1.34, 0.001)
-    others = {name: number.value for name, number in wet.cover.parameters.items() if name != "outside_index"}
-    assert others == {name: number.value for name, number in dry.cover.parameters.items() if name != "outside_index"}
+    others = {
+        name: number.value
+        for name, number in wet.cover.parameters.items()
+        if name != "outside_index"
+    }
+    assert others == {
+        name: number.value
+        for name, number in dry.cover.parameters.items()
+        if name != "outside_index"
+    }
     assert wet.declared.cover.parameters["outside_index"] == Number(1.34, 0.001)
     assert np.array_equal(wet.amplitudes, dry.amplitudes)
     assert (wet.views, wet.stages, wet.poses.shape) == ((), (), (0, 6))
     assert np.array_equal(wet.corners_at, corners_at(dry))
-    assert wet.settings["immersed"] == {"from_index": 1.0, "to_index": 1.34, "sigma": 0.001, "calibration": dry.digest}
+    assert wet.settings["immersed"] == {
+        "from_index": 1.0,
+        "to_index": 1.34,
+        "sigma": 0.001,
+        "calibration": dry.digest,
+    }
 
 
 def test_the_covariance_goes_with_it_and_comes_back(dry: Calibration) -> None:
@@ -104,18 +129,25 @@ def test_the_covariance_goes_with_it_and_comes_back(dry: Calibration) -> None:
     assert len(wet.covariance) == parameters.count == len(dry.covariance) + 1
     (at,) = parameters.entries(["cover.outside_index"])
     others = np.arange(parameters.count) != at
-    assert np.linalg.eigvalsh(wet.covariance[np.ix_(others, others)] - dry.covariance).min() > -1e-9 * np.abs(wet.covariance).max()
+    assert (
+        np.linalg.eigvalsh(wet.covariance[np.ix_(others, others)] - dry.covariance).min()
+        > -1e-9 * np.abs(wet.covariance).max()
+    )
     assert np.isclose(wet.covariance[at, at], (0.002 / 0.01) ** 2)
     assert not wet.covariance[at, others].any()
     again = immersed(wet, Number(1.0))
     assert np.allclose(again.covariance, wet.covariance[np.ix_(others, others)], rtol=1e-9)
     pixels = np.random.default_rng(1).uniform(100, 2300, (50, 2))
-    assert all(np.array_equal(a, b) for a, b in zip(again.rays(pixels), dry.rays(pixels), strict=True))
+    assert all(
+        np.array_equal(a, b) for a, b in zip(again.rays(pixels), dry.rays(pixels), strict=True)
+    )
     assert np.array_equal(again.corners_at, wet.corners_at)
 
 
 def test_sigma_is_the_spread_of_calibrations_drawn_from_the_covariance(dry: Calibration) -> None:
-    """By tracing: numbers are drawn as the covariance in air has them, put under water, and the best rigid motion is taken off."""
+    """By tracing: numbers are drawn as the covariance in air has them, put under water, and the
+    best rigid motion is taken off.
+    """
     wet = immersed(dry, Number(1.34, 0.001))
     model, field = wet.camera_model(), predicted_sigma(wet)
     assert field
@@ -127,12 +159,18 @@ def test_sigma_is_the_spread_of_calibrations_drawn_from_the_covariance(dry: Cali
     focal = float(model.means["camera.fx"])
 
     def seen(vector: Array, metres: Array) -> tuple[Array, Array, Array]:
-        rays = model.path.trace(torch.from_numpy(pixels), model.parameters.values(torch.from_numpy(vector)))
+        rays = model.path.trace(
+            torch.from_numpy(pixels), model.parameters.values(torch.from_numpy(vector))
+        )
         origin, direction = rays.origin.stacked().numpy(), rays.direction.stacked().numpy()
         return origin, direction, at(origin, direction, metres)
 
     def at(origin: Array, direction: Array, metres: Array) -> Array:
-        return np.asarray(focal * (origin + direction * ((metres - origin[:, 2]) / direction[:, 2])[:, None])[:, :2] / metres[:, None])
+        return np.asarray(
+            focal
+            * (origin + direction * ((metres - origin[:, 2]) / direction[:, 2])[:, None])[:, :2]
+            / metres[:, None]
+        )
 
     zero = np.zeros(len(roots))
     origin, direction, still = seen(zero, depth)
@@ -140,7 +178,10 @@ def test_sigma_is_the_spread_of_calibrations_drawn_from_the_covariance(dry: Cali
     there = seen(zero, one)[2]
     step, trained, asked = 1e-6, [], []
     for axis in np.eye(3) * step:
-        for o, d in ((origin + np.cross(axis, origin), direction + np.cross(axis, direction)), (origin + axis, direction)):
+        for o, d in (
+            (origin + np.cross(axis, origin), direction + np.cross(axis, direction)),
+            (origin + axis, direction),
+        ):
             trained.append((at(o, d, depth) - still).ravel() / step)
             asked.append((at(o, d, one) - there).ravel() / step)
     solve, move = np.linalg.pinv(np.stack(trained, -1)), np.stack(asked, -1)
@@ -148,20 +189,28 @@ def test_sigma_is_the_spread_of_calibrations_drawn_from_the_covariance(dry: Cali
     draws = 200
     for _ in range(draws):
         vector = small * roots @ rng.normal(size=len(roots))
-        off = (seen(vector, one)[2] - there).ravel() - move @ (solve @ (seen(vector, depth)[2] - still).ravel())
+        off = (seen(vector, one)[2] - there).ravel() - move @ (
+            solve @ (seen(vector, depth)[2] - still).ravel()
+        )
         squares += (off.reshape(-1, 2) ** 2).sum(-1) / small**2
     found = float(np.sqrt(squares.mean() / draws))
     predicted = float(np.sqrt((field.at(pixels[:, :1], pixels[:, 1:], 0.5) ** 2).mean()))
-    assert abs(found / predicted - 1) < 0.2  # 200 draws of few numbers, and the motion of 150 of the corners
+    assert (
+        abs(found / predicted - 1) < 0.2
+    )  # 200 draws of few numbers, and the motion of 150 of the corners
 
 
 def test_what_moves_no_ray_in_air_is_loose_under_water() -> None:
-    """Where a dome's centre is: in air the views hardly care, under water it is what matters most. Stated as surely as was asked for, it is
-    known well enough."""
+    """Where a dome's centre is: in air the views hardly care, under water it is what matters most.
+    Stated as surely as was asked for, it is known well enough.
+    """
     session = read_session(FIXTURES / "wet-dome")
 
     def stated(sigma: float) -> Immersion:
-        numbers = {name: replace(n, sigma=sigma) if name.startswith("centre") else n for name, n in session.cover.parameters.items()}
+        numbers = {
+            name: replace(n, sigma=sigma) if name.startswith("centre") else n
+            for name, n in session.cover.parameters.items()
+        }
         return immerse(fit(replace(session, cover=Cover("dome", numbers))), WATER)
 
     wide = stated(0.002)
@@ -179,7 +228,9 @@ def test_what_moves_no_ray_in_air_is_loose_under_water() -> None:
 
 def test_no_number_of_an_uneven_cover_is_surer_than_it_was_declared(dry: Calibration) -> None:
     wet = immersed(dry, WATER)
-    declared = {name: number.sigma for name, number in dry.declared.cover.parameters.items() if number.sigma}
+    declared = {
+        name: number.sigma for name, number in dry.declared.cover.parameters.items() if number.sigma
+    }
     assert declared
     for name, sigma in declared.items():
         assert wet.cover.parameters[name].sigma == pytest.approx(sigma)
@@ -191,8 +242,13 @@ def test_no_number_of_an_uneven_cover_is_surer_than_it_was_declared(dry: Calibra
 
 
 def test_a_number_that_the_fit_held_is_as_sure_as_its_kind() -> None:
-    """Not as sure as exact: it was declared without a sigma, and held since the views say nothing against it."""
-    numbers = {name: Number(number.value, exact=name == "thickness") for name, number in paper_cone().parameters.items()}
+    """Not as sure as exact: it was declared without a sigma, and held since the views say nothing
+    against it.
+    """
+    numbers = {
+        name: Number(number.value, exact=name == "thickness")
+        for name, number in paper_cone().parameters.items()
+    }
     made = scene(5, views=12, noise=0.1)
     told = Setup(made.board, CAMERA, INTRINSICS, Cover("cone", numbers))
     held = calibrated(made, told, Settings(grid=(4, 4), free=(NONE,)))
@@ -224,49 +280,92 @@ def test_a_calibration_in_air_is_as_good_under_water_as_it_says(shape: str) -> N
 
 def test_effects_that_were_accepted_go_with_it() -> None:
     base = true_calibration("flat")
-    numbers = (("cover_offset.distance", CoverOffset(("cover.distance",)), 0.002), ("refractive_index.refractive_index", None, 0.01))
+    numbers = (
+        ("cover_offset.distance", CoverOffset(("cover.distance",)), 0.002),
+        ("refractive_index.refractive_index", None, 0.01),
+    )
     (name, offset, by), (other, _, more) = numbers
     assert offset
     effects = (
         AddedEffect(offset, {name: (np.array(by), np.array(0.0))}),
-        AddedEffect(RefractiveIndex(("cover.refractive_index",)), {other: (np.array(more), np.array(0.0))}),
+        AddedEffect(
+            RefractiveIndex(("cover.refractive_index",)), {other: (np.array(more), np.array(0.0))}
+        ),
     )
-    moved = {**GLASS["flat"], "distance": WINDOW.place + by, "refractive_index": INDEX + more, "outside_index": 1.34}
+    moved = {
+        **GLASS["flat"],
+        "distance": WINDOW.place + by,
+        "refractive_index": INDEX + more,
+        "outside_index": 1.34,
+    }
     plain = replace(base, cover=Cover("flat", {key: Number(value) for key, value in moved.items()}))
     pixels = np.random.default_rng(1).uniform(0, 600, (50, 2))
     found = immersed(replace(base, effects=effects), WATER).rays(pixels)
-    assert all(np.allclose(a, b, atol=1e-14) for a, b in zip(found, plain.rays(pixels), strict=True))
+    assert all(
+        np.allclose(a, b, atol=1e-14) for a, b in zip(found, plain.rays(pixels), strict=True)
+    )
 
 
 def test_a_window_that_the_diagnosis_found_is_to_be_described() -> None:
     base = replace(lens_alone(scene(1, views=1), 820, 616, 640.0, 640.0, 410.0, 308.0))
     effect = AddedEffect(
-        FlatPort("air"), {f"flat_port.{name}": (np.array(0.001), np.array(0.0)) for name in ("tilt.x", "tilt.y", "thickness")}
+        FlatPort("air"),
+        {
+            f"flat_port.{name}": (np.array(0.001), np.array(0.0))
+            for name in ("tilt.x", "tilt.y", "thickness")
+        },
     )
-    with pytest.raises(InputError, match=r"describe it under cover in session\.yaml, with its distance_mm"):
+    with pytest.raises(
+        InputError, match=r"describe it under cover in session\.yaml, with its distance_mm"
+    ):
         immersed(replace(base, effects=(effect,)), WATER)
 
 
 def test_without_a_cover_there_is_nothing_to_do() -> None:
-    with pytest.raises(InputError, match="this calibration has no cover, and what water does is done at a window or dome"):
+    with pytest.raises(
+        InputError,
+        match="this calibration has no cover, and what water does is done at a window or dome",
+    ):
         immersed(lens_alone(scene(1, views=1), 820, 616, 640.0, 640.0, 410.0, 308.0), WATER)
 
 
 def test_a_glass_that_lets_no_light_out_is_refused(dry: Calibration) -> None:
     thick = replace(dry.cover.parameters["refractive_index"], value=2.9)
     dense = replace(
-        dry, cover=replace(dry.cover, parameters={**dry.cover.parameters, "refractive_index": thick, "inner_radius": Number(1e-3)})
+        dry,
+        cover=replace(
+            dry.cover,
+            parameters={
+                **dry.cover.parameters,
+                "refractive_index": thick,
+                "inner_radius": Number(1e-3),
+            },
+        ),
     )
-    with pytest.raises(InputError, match="no ray of this camera leaves its cover into an index of 1"):
+    with pytest.raises(
+        InputError, match="no ray of this camera leaves its cover into an index of 1"
+    ):
         immerse(dense, Number(1.0))
 
 
 @pytest.mark.parametrize(
     ("temperature", "index"),
-    [(14, 1.33348), (16, 1.33333), (18, 1.33317), (20, 1.33299), (22, 1.33281), (24, 1.33262), (26, 1.33241), (28, 1.33219), (30, 1.33192)],
+    [
+        (14, 1.33348),
+        (16, 1.33333),
+        (18, 1.33317),
+        (20, 1.33299),
+        (22, 1.33281),
+        (24, 1.33262),
+        (26, 1.33241),
+        (28, 1.33219),
+        (30, 1.33192),
+    ],
 )
 def test_the_index_of_fresh_water(temperature: float, index: float) -> None:
-    """CRC Handbook of Chemistry and Physics: index of refraction of water against air, sodium light."""
+    """CRC Handbook of Chemistry and Physics: index of refraction of water against air, sodium
+    light.
+    """
     assert abs(index_of_water(0, temperature, 589.3) - index) < 4e-5
 
 
@@ -284,35 +383,71 @@ def saved(dry: Calibration, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_command(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Its calibration has sigma and maps like any other, and says what it is where views are asked for."""
+    """Its calibration has sigma and maps like any other, and says what it is where views are asked
+    for.
+    """
     assert main(["immerse", str(saved), "--salinity", "35", "--depth", "0.5", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert set(said) == {"outside_index", "maps", "known", "loose", "remarks", "written"}
-    assert said["outside_index"] == {"value": pytest.approx(index_of_water(35, 15, 550)), "sigma": 0.001}
+    assert said["outside_index"] == {
+        "value": pytest.approx(index_of_water(35, 15, 550)),
+        "sigma": 0.001,
+    }
     (row,) = said["maps"]
     assert row["depth_m"] == 0.5
     assert row["sigma_px"] > row["sigma_before_px"] > 0
     assert said["known"] is (row["sigma_px"] <= UNKNOWN)
-    assert [Path(path).name for path in said["written"]] == ["calibration.yaml", "rays.npz", "map_0.5m.npz"]
+    assert [Path(path).name for path in said["written"]] == [
+        "calibration.yaml",
+        "rays.npz",
+        "map_0.5m.npz",
+    ]
     folder = saved / "immersed"
     wet = Calibration.load(folder)
     assert wet.corners_at.shape == corners_at(Calibration.load(saved)).shape
     with np.load(folder / "map_0.5m.npz") as file:
         assert np.nanmedian(file["sigma"]) > 0
-    assert main(["export", str(folder), "--format", "npz", "--depth", "1", "-o", str(folder / "maps")]) == 0
+    assert (
+        main(["export", str(folder), "--format", "npz", "--depth", "1", "-o", str(folder / "maps")])
+        == 0
+    )
     assert main(["report", "--no-open", str(folder)]) == 3
     said = capsys.readouterr().err
     assert "the calibration keeps no views" in said
     assert "calib check --update" in said
 
 
-def test_the_command_tells_people(saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["immerse", str(saved), "--outside-index", "1.34", "--index-sigma", "0.02", "-o", str(tmp_path / "wet")]) == 0
+def test_the_command_tells_people(
+    saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert (
+        main(
+            [
+                "immerse",
+                str(saved),
+                "--outside-index",
+                "1.34",
+                "--index-sigma",
+                "0.02",
+                "-o",
+                str(tmp_path / "wet"),
+            ]
+        )
+        == 0
+    )
     out, err = capsys.readouterr()
     assert "outside index 1.34 ± 0.02" in " ".join(out.split())
-    assert "the views do not tell all that matters there: at 0.3, 0.5, 1 m the maps are known to" in err
+    assert (
+        "the views do not tell all that matters there: at 0.3, 0.5, 1 m the maps are known to"
+        in err
+    )
     assert "measure its salinity and temperature, and write --index-sigma" in err
-    assert main(["immerse", str(tmp_path / "wet"), "--outside-index", "1", "-o", str(tmp_path / "dry")]) == 0
+    assert (
+        main(
+            ["immerse", str(tmp_path / "wet"), "--outside-index", "1", "-o", str(tmp_path / "dry")]
+        )
+        == 0
+    )
     pixels = np.random.default_rng(1).uniform(100, 2300, (50, 2))
     back, first = (Calibration.load(folder).rays(pixels) for folder in (tmp_path / "dry", saved))
     assert all(np.array_equal(one, other) for one, other in zip(back, first, strict=True))
@@ -329,7 +464,9 @@ def test_the_command_tells_people(saved: Path, tmp_path: Path, capsys: pytest.Ca
         (["--wavelength", "0.55"], "write a number from 400 to 700"),
     ],
 )
-def test_wrong_options_get_their_sentence(saved: Path, capsys: pytest.CaptureFixture[str], words: list[str], says: str) -> None:
+def test_wrong_options_get_their_sentence(
+    saved: Path, capsys: pytest.CaptureFixture[str], words: list[str], says: str
+) -> None:
     try:
         code: object = main(["immerse", str(saved), *words])
     except SystemExit as ended:
@@ -342,8 +479,13 @@ def test_wrong_options_get_their_sentence(saved: Path, capsys: pytest.CaptureFix
 
 def test_an_effect_without_a_cause_is_told_of(dry: Calibration) -> None:
     path, values = dry.model()
-    (field, *_) = FreeField.propose(Surroundings(dry.board, dry.camera.width, dry.camera.height, path, values))
-    nothing = {unknown.param.name: (np.zeros(unknown.param.shape), np.zeros(unknown.param.shape)) for unknown in field.unknowns}
+    field, *_ = FreeField.propose(
+        Surroundings(dry.board, dry.camera.width, dry.camera.height, path, values)
+    )
+    nothing = {
+        unknown.param.name: (np.zeros(unknown.param.shape), np.zeros(unknown.param.shape))
+        for unknown in field.unknowns
+    }
     mended = replace(dry, covariance=np.zeros((0, 0)), effects=(AddedEffect(field, nothing),))
     assert immerse(mended, WATER).unexplained == ("free_field",)
     assert immerse(dry, WATER).unexplained == ()

@@ -34,19 +34,27 @@ def calibration(made: Scene) -> Calibration:
 
 @pytest.mark.slow
 def test_errors_are_as_large_as_predicted() -> None:
-    """The mean square of a dozen repeats scatters by a fifth or so; fifty are in benchmarks/uncertainty.py."""
+    """The mean square of a dozen repeats scatters by a fifth or so; fifty are in
+    benchmarks/uncertainty.py.
+    """
     squares = []
     for seed in range(200, 200 + REPEATS):
         drawn = scene(seed, 20, (4, 4), 1e-5, 0.1, cover=GLASS)
-        ratios = [error / sigma for error, sigma in errors(drawn, calibrate(drawn, Settings(grid=(8, 8))))]
+        ratios = [
+            error / sigma for error, sigma in errors(drawn, calibrate(drawn, Settings(grid=(8, 8))))
+        ]
         squares.append(np.mean(np.square(ratios)))
     assert 0.8 < np.sqrt(np.mean(squares)) < 1.25
 
 
 def test_a_wrong_focal_length_is_not_foreseen(made: Scene) -> None:
-    """The negative control: what the fit is overconfident and does not doubt, its sigma cannot know."""
+    """The negative control: what the fit is overconfident and does not doubt, its sigma cannot
+    know.
+    """
     k = INTRINSICS
-    wrong = replace(k, fx=replace(k.fx, value=1.02 * k.fx.value), fy=replace(k.fy, value=0.98 * k.fy.value))
+    wrong = replace(
+        k, fx=replace(k.fx, value=1.02 * k.fx.value), fy=replace(k.fy, value=0.98 * k.fy.value)
+    )
     setup = Setup(made.board, replace(CAMERA, intrinsics=wrong), wrong, made.cover)
     found = fit_stages(setup, made.observations, Settings(grid=(8, 8)), Silent())
     assert found.joint
@@ -57,34 +65,54 @@ def test_a_wrong_focal_length_is_not_foreseen(made: Scene) -> None:
         poses=found.poses.numpy(),
         covariance=found.joint.covariance.numpy(),
     )
-    assert all(np.sqrt(np.mean(np.square(error / sigma))) > 1.5 for error, sigma in errors(made, overconfident))
+    assert all(
+        np.sqrt(np.mean(np.square(error / sigma))) > 1.5
+        for error, sigma in errors(made, overconfident)
+    )
 
 
 def test_the_variance_is_what_drawn_parameters_scatter_by(calibration: Calibration) -> None:
-    """Monte Carlo: draw amplitudes from the covariance, trace their rays, take out the motion as the benchmark does."""
+    """Monte Carlo: draw amplitudes from the covariance, trace their rays, take out the motion as
+    the benchmark does.
+    """
     rng = np.random.default_rng(0)
     truth, values = calibration.model()
     centre = np.array([[WIDTH / 2, HEIGHT / 2], [600.0, 500.0]])
     corners = calibration.observations.pixels.numpy()
-    depth = truth.place(calibration.observations.corners, values, torch.from_numpy(calibration.poses)[calibration.observations.view])[
-        :, 2
-    ].numpy()
+    depth = truth.place(
+        calibration.observations.corners,
+        values,
+        torch.from_numpy(calibration.poses)[calibration.observations.view],
+    )[:, 2].numpy()
     from fixtures.map_errors import motions, rays_of, seen_at
 
     scatter = []
     for _ in range(300):
-        drawn = rng.multivariate_normal(calibration.amplitudes.ravel(), calibration.covariance, method="eigh")
-        moved = {**values, "relief.amplitudes": torch.from_numpy(drawn.reshape(calibration.amplitudes.shape))}
+        drawn = rng.multivariate_normal(
+            calibration.amplitudes.ravel(), calibration.covariance, method="eigh"
+        )
+        moved = {
+            **values,
+            "relief.amplitudes": torch.from_numpy(drawn.reshape(calibration.amplitudes.shape)),
+        }
         here, there = (rays_of(truth, v, corners) for v in (values, moved))
-        motion = np.linalg.lstsq(motions(*here, depth), (seen_at(*there, depth) - seen_at(*here, depth)).ravel(), rcond=None)[0]
+        motion = np.linalg.lstsq(
+            motions(*here, depth),
+            (seen_at(*there, depth) - seen_at(*here, depth)).ravel(),
+            rcond=None,
+        )[0]
         here, there = (rays_of(truth, v, centre) for v in (values, moved))
         at = np.full(2, 0.8)
-        scatter.append(seen_at(*there, at) - seen_at(*here, at) - (motions(*here, at) @ motion).reshape(-1, 2))
+        scatter.append(
+            seen_at(*there, at) - seen_at(*here, at) - (motions(*here, at) @ motion).reshape(-1, 2)
+        )
     field = predicted_sigma(calibration)
     assert field
     ours = field.at(centre[:, :1], centre[:, 1:], 0.8)[:, 0]
     theirs = np.sqrt((np.array(scatter) ** 2).sum(-1).mean(0))
-    assert ours == pytest.approx(theirs, rel=0.15)  # 300 draws: 4 %; linear between nodes: some more
+    assert ours == pytest.approx(
+        theirs, rel=0.15
+    )  # 300 draws: 4 %; linear between nodes: some more
 
 
 def test_maps_carry_their_sigma(calibration: Calibration, tmp_path: Path) -> None:
@@ -98,32 +126,50 @@ def test_maps_carry_their_sigma(calibration: Calibration, tmp_path: Path) -> Non
         sigma = float(made["sigma"][y, x])
         column, row = made["map_x"][y, x], made["map_y"][y, x]
     with np.load(tmp_path / "rays.npz") as field:
-        nearest = np.abs(field["sigma_y"] - row).argmin(), np.abs(field["sigma_x"] - column).argmin()
+        nearest = (
+            np.abs(field["sigma_y"] - row).argmin(),
+            np.abs(field["sigma_x"] - column).argmin(),
+        )
         variance = field["variance"][nearest]
     assert sigma == pytest.approx(np.sqrt(variance @ [1, 1 / 0.6, 1 / 0.36]), rel=0.1)
 
 
 def test_freed_parameters_are_as_far_off_as_their_sigmas_say() -> None:
-    """Priors whose means are drawn around the truth. Sixteen numbers, two or three of a kind in one fit: 1 within a third or so."""
+    """Priors whose means are drawn around the truth.
+
+    Sixteen numbers, two or three of a kind in one fit: 1 within a third or so.
+    """
     off = []
     for seed in range(500, 504):
         drawn = scene(seed, 20, (4, 4), 1e-5, 0.1, cover=GLASS)
         rng = np.random.default_rng(seed)
         free, _ = with_free(INTRINSICS, GLASS, ("intrinsics",))
         names = ("fx", "fy", "cx", "cy")
-        fx, fy, cx, cy = (Number(rng.normal(n.value, n.sigma), n.sigma) for n in (free.fx, free.fy, free.cx, free.cy))
+        fx, fy, cx, cy = (
+            Number(rng.normal(n.value, n.sigma), n.sigma)
+            for n in (free.fx, free.fy, free.cx, free.cy)
+        )
         intrinsics = replace(free, fx=fx, fy=fy, cx=cx, cy=cy)
         setup = Setup(drawn.board, replace(CAMERA, intrinsics=intrinsics), intrinsics, GLASS)
         found = fit_stages(setup, drawn.observations, Settings(grid=(8, 8)), Silent())
         assert found.joint
         ended = found.joint.estimates()
-        off += [(ended[f"camera.{name}"].value - getattr(INTRINSICS, name).value) / ended[f"camera.{name}"].sigma for name in names]
+        off += [
+            (ended[f"camera.{name}"].value - getattr(INTRINSICS, name).value)
+            / ended[f"camera.{name}"].sigma
+            for name in names
+        ]
     assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.6
 
 
 def test_a_freed_index_makes_maps_less_sure(made: Scene, calibration: Calibration) -> None:
     intrinsics, cover = with_free(INTRINSICS, made.cover, ("index", "intrinsics"))
-    found = fit_stages(Setup(made.board, CAMERA, intrinsics, cover), made.observations, Settings(grid=(8, 8)), Silent())
+    found = fit_stages(
+        Setup(made.board, CAMERA, intrinsics, cover),
+        made.observations,
+        Settings(grid=(8, 8)),
+        Silent(),
+    )
     assert found.joint
     free = replace(
         calibration,
@@ -139,7 +185,9 @@ def test_a_freed_index_makes_maps_less_sure(made: Scene, calibration: Calibratio
 
 
 def test_the_root_of_a_covariance_keeps_what_is_small() -> None:
-    """A relief's variances stand beside a focal length's; a fit with this as its prior once ended 16 sigma from the truth."""
+    """A relief's variances stand beside a focal length's; a fit with this as its prior once ended
+    16 sigma from the truth.
+    """
     rng = np.random.default_rng(5)
     spread = np.logspace(-6, 1, 30)
     mixed = rng.normal(size=(30, 40))

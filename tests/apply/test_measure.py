@@ -1,4 +1,6 @@
-"""Measuring in metres: against points that were put there, with sigmas that are what repetition shows."""
+"""Measuring in metres: against points that were put there, with sigmas that are what repetition
+shows.
+"""
 
 import json
 import re
@@ -44,7 +46,9 @@ def seen(calibration: Calibration, pose: np.ndarray, points: np.ndarray) -> np.n
     return calibration.project(placed(points, pose))
 
 
-def view_of(calibration: Calibration, pose: np.ndarray, rng: np.random.Generator | None = None) -> View:
+def view_of(
+    calibration: Calibration, pose: np.ndarray, rng: np.random.Generator | None = None
+) -> View:
     points = np.column_stack([calibration.board.points(), np.zeros(calibration.board.count)])
     pixels = seen(calibration, pose, points)
     if rng:
@@ -54,9 +58,13 @@ def view_of(calibration: Calibration, pose: np.ndarray, rng: np.random.Generator
 
 def test_points_on_a_plane_across_the_axis(calibration: Calibration) -> None:
     points = np.array([[0.1, -0.05, 0.8], [-0.2, 0.1, 0.8], [0.0, 0.0, 0.8]])
-    measured = Measurer(calibration).on_planes(calibration.project(points), [BoardPose.facing(0.8)], [0, 0, 0])
+    measured = Measurer(calibration).on_planes(
+        calibration.project(points), [BoardPose.facing(0.8)], [0, 0, 0]
+    )
     assert np.abs(measured.points - points).max() < 1e-9
-    assert measured.distance(0, 1)[0] == pytest.approx(np.linalg.norm(points[1] - points[0]), abs=1e-9)
+    assert measured.distance(0, 1)[0] == pytest.approx(
+        np.linalg.norm(points[1] - points[0]), abs=1e-9
+    )
     assert (measured.sigma[:, 2] == 0).all(), "the plane is given"
     assert measured.sigma[:, :2] == pytest.approx(0.1 / 2**0.5 * 0.8 / 2558, rel=0.2)
 
@@ -87,7 +95,9 @@ def test_points_that_two_views_see(calibration: Calibration) -> None:
 
 @pytest.mark.parametrize("how", ["plane", "boards", "views"])
 def test_sigma_is_what_repeated_noise_shows(how: str) -> None:
-    """A camera without a cover, many times with other noise on corners and points: the spread is within its own statistical error."""
+    """A camera without a cover, many times with other noise on corners and points: the spread is
+    within its own statistical error.
+    """
     calibration = lens_alone(scene(1, views=1), 820, 616, 640, 640, 410, 308)
     rng = np.random.default_rng(0)
     measurer = Measurer(calibration)
@@ -105,8 +115,13 @@ def test_sigma_is_what_repeated_noise_shows(how: str) -> None:
             both = noisy(np.concatenate([seen(calibration, pose, on + off) for pose in POSES]))
             return measurer.triangulate(both, boards(2), [0, 0, 1, 1], [0, 1, 0, 1]), on + off
         if how == "boards":
-            return measurer.on_planes(noisy(seen(calibration, POSES[0], on)), boards(1), [0, 0]), placed(on, POSES[0])
-        return measurer.on_planes(noisy(calibration.project(across)), [BoardPose.facing(0.7)], [0, 0]), across
+            return measurer.on_planes(
+                noisy(seen(calibration, POSES[0], on)), boards(1), [0, 0]
+            ), placed(on, POSES[0])
+        return (
+            measurer.on_planes(noisy(calibration.project(across)), [BoardPose.facing(0.7)], [0, 0]),
+            across,
+        )
 
     errors, said, apart, said_apart = [], [], [], []
     for _ in range(REPEATS):
@@ -123,16 +138,25 @@ def test_sigma_is_what_repeated_noise_shows(how: str) -> None:
 
 
 @pytest.mark.parametrize("how", ["boards", "views"])
-def test_doubt_of_the_squares_is_doubt_of_all_that_is_measured(calibration: Calibration, how: str) -> None:
+def test_doubt_of_the_squares_is_doubt_of_all_that_is_measured(
+    calibration: Calibration, how: str
+) -> None:
     """Sigma is how much points and distances change with the side of the squares."""
     board = calibration.board
     points = np.array([[0.02, 0.03, 0.0], [-0.06, 0.04, 0.0]])
     pixels = np.concatenate([seen(calibration, pose, points) for pose in POSES])
     views = [view_of(calibration, pose) for pose in POSES]
-    larger, doubted = replace(board, square=1.001 * board.square), replace(board, square_sigma=0.001 * board.square)
+    larger, doubted = (
+        replace(board, square=1.001 * board.square),
+        replace(board, square_sigma=0.001 * board.square),
+    )
     found = []
     for one in (board, larger, doubted):
-        measurer = Measurer(replace(calibration, board=replace(one, square_sigma=one.square_sigma or 0.0), noise_px=1e-6))
+        measurer = Measurer(
+            replace(
+                calibration, board=replace(one, square_sigma=one.square_sigma or 0.0), noise_px=1e-6
+            )
+        )
         poses = [measurer.board_pose(view) for view in views]
         if how == "views":
             found.append(measurer.triangulate(pixels, poses, [0, 0, 1, 1], [0, 1, 0, 1]))
@@ -140,7 +164,9 @@ def test_doubt_of_the_squares_is_doubt_of_all_that_is_measured(calibration: Cali
             found.append(measurer.on_planes(pixels, poses, [0, 0, 1, 1]))
     still, moved, said = found
     change = np.abs(moved.points - still.points)
-    assert said.sigma == pytest.approx(change, abs=0.02 * change.max())  # rays that do not start at one point: 1 %
+    assert said.sigma == pytest.approx(
+        change, abs=0.02 * change.max()
+    )  # rays that do not start at one point: 1 %
     assert said.distance(0, 1)[1] == pytest.approx(0.001 * still.distance(0, 1)[0], rel=0.02)
 
 
@@ -153,8 +179,10 @@ def test_a_view_that_is_turned_keeps_each_corner_s_weight(calibration: Calibrati
 
 
 def test_uncertain_glass_shows_in_sigma(made: Scene) -> None:
-    """With doubt of one amplitude alone, the sigma of a distance between two boards is how much it changes with that amplitude: the boards'
-    poses are refitted, and a motion of all rays moves both boards alike."""
+    """With doubt of one amplitude alone, the sigma of a distance between two boards is how much it
+    changes with that amplitude: the boards' poses are refitted, and a motion of all rays moves both
+    boards alike.
+    """
     truth = replace(known(made, WIDTH, HEIGHT), noise_px=1e-6)
     covariance = np.zeros((64, 64))
     covariance[27, 27] = 1e-6**2
@@ -166,8 +194,14 @@ def test_uncertain_glass_shows_in_sigma(made: Scene) -> None:
     found = []
     for calibration in (truth, replace(truth, amplitudes=amplitudes), doubtful):
         measurer = Measurer(calibration)
-        found.append(measurer.on_planes(pixels, [measurer.board_pose(view) for view in views], [0] * 6 + [1] * 6))
-    still, moved, said = ([one.distance(i, j) for i in range(6) for j in range(6, 12)] for one in found)
+        found.append(
+            measurer.on_planes(
+                pixels, [measurer.board_pose(view) for view in views], [0] * 6 + [1] * 6
+            )
+        )
+    still, moved, said = (
+        [one.distance(i, j) for i in range(6) for j in range(6, 12)] for one in found
+    )
     change = np.abs(np.array(moved) - np.array(still))[:, 0]
     sigma = np.array(said)[:, 1]
     assert change.max() > 1e-6
@@ -175,17 +209,39 @@ def test_uncertain_glass_shows_in_sigma(made: Scene) -> None:
 
 
 def drawn_board(path: Path, calibration: Calibration, pose: np.ndarray) -> None:
-    """A picture of the board: for each pixel of the camera, where its ray meets the board, and the colour of the square there."""
+    """A picture of the board: for each pixel of the camera, where its ray meets the board, and the
+    colour of the square there.
+    """
     camera, board = calibration.camera, calibration.board
-    fine = np.stack(np.meshgrid(np.arange(2 * camera.width), np.arange(2 * camera.height)), -1).reshape(-1, 2) / 2 - 0.25
+    fine = (
+        np.stack(
+            np.meshgrid(np.arange(2 * camera.width), np.arange(2 * camera.height)), -1
+        ).reshape(-1, 2)
+        / 2
+        - 0.25
+    )
     measured = Measurer(calibration)
     origins, directions = measured.calibration.rays(fine)
     turn = cv2.Rodrigues(pose[:3])[0]
     along = ((pose[3:] - origins) @ turn[:, 2]) / (directions @ turn[:, 2])
-    on = ((origins + along[:, None] * directions - pose[3:]) @ turn[:, :2]) / board.square + [(board.columns + 1) / 2, (board.rows + 1) / 2]
-    black = (np.floor(on).sum(1) % 2 == 0) & (on > 0).all(1) & (on < [board.columns + 1, board.rows + 1]).all(1)
+    on = ((origins + along[:, None] * directions - pose[3:]) @ turn[:, :2]) / board.square + [
+        (board.columns + 1) / 2,
+        (board.rows + 1) / 2,
+    ]
+    black = (
+        (np.floor(on).sum(1) % 2 == 0)
+        & (on > 0).all(1)
+        & (on < [board.columns + 1, board.rows + 1]).all(1)
+    )
     sheet = np.where(black, 30, 200).astype(np.uint8).reshape(2 * camera.height, 2 * camera.width)
-    cv2.imwrite(str(path), cv2.GaussianBlur(cv2.resize(sheet, (camera.width, camera.height), interpolation=cv2.INTER_AREA), (3, 3), 0.6))
+    cv2.imwrite(
+        str(path),
+        cv2.GaussianBlur(
+            cv2.resize(sheet, (camera.width, camera.height), interpolation=cv2.INTER_AREA),
+            (3, 3),
+            0.6,
+        ),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -198,10 +254,16 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     lines = ["# three points, the last above the board", "name,image,x,y"]
     for image, pose in zip(("a.png", "b.png"), POSES, strict=True):
         drawn_board(folder / image, calibration, pose)
-        lines += [f"{name},{image},{x},{y}" for name, (x, y) in zip("pqr", seen(calibration, pose, points), strict=True)]
+        lines += [
+            f"{name},{image},{x},{y}"
+            for name, (x, y) in zip("pqr", seen(calibration, pose, points), strict=True)
+        ]
     (folder / "points.csv").write_text("\n".join(lines) + "\n")
     (folder / "plane.csv").write_text("\n".join(lines[:4]) + "\n")
-    rows = [",".join([image, *map(str, pose)]) for image, pose in zip(("a.png", "b.png"), POSES, strict=True)]
+    rows = [
+        ",".join([image, *map(str, pose)])
+        for image, pose in zip(("a.png", "b.png"), POSES, strict=True)
+    ]
     (folder / "poses.csv").write_text("image,rx,ry,rz,tx,ty,tz\n" + "\n".join(rows) + "\n")
     return folder
 
@@ -215,12 +277,21 @@ def said(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, li
 def test_the_command_measures_on_boards(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     answer = said(capsys, folder / "calibration", folder / "plane.csv", "--on-boards")
     assert answer["distances"][0]["m"] == pytest.approx(np.hypot(0.08, 0.01), abs=2e-4)
-    exact = said(capsys, folder / "calibration", folder / "plane.csv", "--on-boards", "--poses", folder / "poses.csv")
+    exact = said(
+        capsys,
+        folder / "calibration",
+        folder / "plane.csv",
+        "--on-boards",
+        "--poses",
+        folder / "poses.csv",
+    )
     assert exact["distances"][0]["m"] == pytest.approx(np.hypot(0.08, 0.01), abs=1e-7)
     assert exact["distances"][0]["sigma_m"] < answer["distances"][0]["sigma_m"]
 
 
-def test_the_command_triangulates_although_a_board_looks_the_same_turned_about(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_triangulates_although_a_board_looks_the_same_turned_about(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     answer = said(capsys, folder / "calibration", folder / "points.csv", "--triangulate")
     assert [point["name"] for point in answer["points"]] == ["p", "q", "r"]
     heights = [abs(point["m"][2]) for point in answer["points"]]
@@ -230,37 +301,72 @@ def test_the_command_triangulates_although_a_board_looks_the_same_turned_about(f
 
 
 def test_the_command_prints_a_table(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["measure", str(folder / "calibration"), str(folder / "plane.csv"), "--depth", "0.6", "--noise", "0.5"]) == 0
+    assert (
+        main(
+            [
+                "measure",
+                str(folder / "calibration"),
+                str(folder / "plane.csv"),
+                "--depth",
+                "0.6",
+                "--noise",
+                "0.5",
+            ]
+        )
+        == 0
+    )
     out = capsys.readouterr().out
     assert "camera frame, metres" in out
     rows = [
-        re.fullmatch(r"([pqr]) +(-?[\d.]+ ± [\d.]+) +(-?[\d.]+ ± [\d.]+) +0\.6 *( [\d.]+ ± [\d.]+)? *", line) for line in out.splitlines()
+        re.fullmatch(
+            r"([pqr]) +(-?[\d.]+ ± [\d.]+) +(-?[\d.]+ ± [\d.]+) +0\.6 *( [\d.]+ ± [\d.]+)? *", line
+        )
+        for line in out.splitlines()
     ]
-    assert [row[1] for row in rows if row] == ["p", "q"], "each in one line of 80 columns, the depth as it was given"
+    assert [row[1] for row in rows if row] == [
+        "p",
+        "q",
+    ], "each in one line of 80 columns, the depth as it was given"
     assert "Pixel noise 0.500 px per axis" in out
 
 
-def test_pixels_outside_the_picture_are_refused_as_data(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_pixels_outside_the_picture_are_refused_as_data(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The picture is 820x616; its border pixels reach half a pixel beyond their centres."""
     inside = [(-0.5, -0.5), (819.5, 615.5), (410.0, 308.0)]
     outside = [(-0.51, 300.0), (819.51, 300.0), (400.0, -0.51), (400.0, 615.51), (5000.0, 300.0)]
-    (folder / "border.csv").write_text("\n".join(["x,y", *(f"{x},{y}" for x, y in inside + outside)]) + "\n")
+    (folder / "border.csv").write_text(
+        "\n".join(["x,y", *(f"{x},{y}" for x, y in inside + outside)]) + "\n"
+    )
     points = said(capsys, folder / "calibration", folder / "border.csv", "--depth", "0.6")["points"]
     assert [point["reason"] for point in points] == [None] * 3 + ["outside the picture"] * 5
     assert all(point["m"][2] == pytest.approx(0.6) for point in points[:3])
     for point in points[3:]:
         assert point["m"] == point["sigma_m"] == [None] * 3
         assert point["gap_px"] is None
-    assert main(["measure", str(folder / "calibration"), str(folder / "border.csv"), "--depth", "0.6"]) == 0
+    assert (
+        main(["measure", str(folder / "calibration"), str(folder / "border.csv"), "--depth", "0.6"])
+        == 0
+    )
     out = capsys.readouterr().out
     assert "Not measured: 8: outside the picture." in out
     assert out.count("Not measured") == 5
 
 
-def test_a_point_with_a_pixel_outside_is_not_triangulated(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (folder / "wide.csv").write_text((folder / "points.csv").read_text() + "w,a.png,900,300\nw,b.png,400,300\n")
+def test_a_point_with_a_pixel_outside_is_not_triangulated(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "wide.csv").write_text(
+        (folder / "points.csv").read_text() + "w,a.png,900,300\nw,b.png,400,300\n"
+    )
     answer = said(capsys, folder / "calibration", folder / "wide.csv", "--triangulate")
-    assert [point["reason"] for point in answer["points"]] == [None, None, None, "outside the picture"]
+    assert [point["reason"] for point in answer["points"]] == [
+        None,
+        None,
+        None,
+        "outside the picture",
+    ]
     assert answer["distances"][1]["m"] > 0
     assert answer["distances"][2]["m"] is None
 
@@ -273,17 +379,29 @@ def test_every_point_that_is_not_measured_has_its_reason(calibration: Calibratio
     assert behind.reasons == (Reason.NO_POINT,)
     apart = [BoardPose.exactly(np.array([0, 0, 0, shift, 0, 0.6])) for shift in (0.1, -0.1)]
     pixels = centre + np.array([[500.0, 0.0], [-500.0, 0.0]])
-    parting = [measurer.triangulate(pixels[order], apart, [0, 1], [0, 0]) for order in ([0, 1], [1, 0])]
+    parting = [
+        measurer.triangulate(pixels[order], apart, [0, 1], [0, 0]) for order in ([0, 1], [1, 0])
+    ]
     assert sorted(one.reasons[0] for one in parting) == [Reason.MEASURED, Reason.NOWHERE]
     for one in (behind, *parting):
-        assert np.isnan(one.points).any() == np.isnan(one.sigma).any() == np.isnan(one.gap_px).any() == bool(one.reasons[0])
+        assert (
+            np.isnan(one.points).any()
+            == np.isnan(one.sigma).any()
+            == np.isnan(one.gap_px).any()
+            == bool(one.reasons[0])
+        )
 
 
 def test_pixels_that_no_ray_leaves_have_their_reason(calibration: Calibration) -> None:
     """Half a metre behind the camera, the cone is not in the picture."""
     cone = calibration.cover
-    away = replace(calibration, cover=replace(cone, parameters={**cone.parameters, "axis_offset.z": Number(-0.5)}))
-    measured = Measurer(away).on_planes(np.array([[WIDTH / 2, HEIGHT / 2]]), [BoardPose.facing(1.0)], [0])
+    away = replace(
+        calibration,
+        cover=replace(cone, parameters={**cone.parameters, "axis_offset.z": Number(-0.5)}),
+    )
+    measured = Measurer(away).on_planes(
+        np.array([[WIDTH / 2, HEIGHT / 2]]), [BoardPose.facing(1.0)], [0]
+    )
     assert measured.reasons == (Reason.NO_RAY,)
     assert np.isnan(measured.points).all()
 
@@ -319,12 +437,27 @@ def test_files_that_cannot_be_read_get_their_sentence(tmp_path: Path) -> None:
         ("name,image,x,y\np,a.png,1,2\n", ["--triangulate"], "p is in one picture only", 3),
         ("image,x,y\nnone.png,1,2\n", ["--on-boards"], "none.png cannot be read", 2),
         ("image,x,y\nblank.png,1,2\n", ["--on-boards"], "no 9x9 board found", 3),
-        ("image,x,y\nsmall.png,1,2\n", ["--on-boards"], "is 50x40 px where the calibration is for 820x616", 2),
-        ("image,x,y\nc.png,1,2\n", ["--on-boards", "--poses", "poses.csv"], "the poses do not name c.png", 2),
+        (
+            "image,x,y\nsmall.png,1,2\n",
+            ["--on-boards"],
+            "is 50x40 px where the calibration is for 820x616",
+            2,
+        ),
+        (
+            "image,x,y\nc.png,1,2\n",
+            ["--on-boards", "--poses", "poses.csv"],
+            "the poses do not name c.png",
+            2,
+        ),
     ],
 )
 def test_what_cannot_be_measured_gets_its_sentence(
-    folder: Path, capsys: pytest.CaptureFixture[str], points: str, arguments: list[str], says: str, code: int
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+    points: str,
+    arguments: list[str],
+    says: str,
+    code: int,
 ) -> None:
     (folder / "wrong.csv").write_text(points)
     cv2.imwrite(str(folder / "blank.png"), np.full((616, 820), 128, np.uint8))
@@ -336,6 +469,10 @@ def test_what_cannot_be_measured_gets_its_sentence(
 
 def test_a_board_of_which_too_little_is_seen_gives_no_pose(calibration: Calibration) -> None:
     view = view_of(calibration, POSES[0])
-    few = View("few.png", np.where(np.arange(81)[:, None] < 5, view.corners, np.nan), np.where(np.arange(81) < 5, 1.0, 0.0))
+    few = View(
+        "few.png",
+        np.where(np.arange(81)[:, None] < 5, view.corners, np.nan),
+        np.where(np.arange(81) < 5, 1.0, 0.0),
+    )
     with pytest.raises(NotEnoughDataError, match=r"few.png: only 5 corners"):
         Measurer(calibration).board_pose(few)

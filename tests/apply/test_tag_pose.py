@@ -1,4 +1,6 @@
-"""Poses from rays that do not meet: against a camera that is written down as a formula and has no glass."""
+"""Poses from rays that do not meet: against a camera that is written down as a formula and has no
+glass.
+"""
 
 from dataclasses import replace
 
@@ -24,8 +26,12 @@ def feet(pixels: Array) -> Array:
 
 def lines_of(pixels: Array) -> Lines:
     step = 1e-3
-    by_pixel = np.stack([(feet(pixels + d) - feet(pixels - d)) / (2 * step) for d in step * np.eye(2)], -1)
-    return Lines(pixels / FOCAL, feet(pixels), np.tile(np.eye(2) / FOCAL, (len(pixels), 1, 1)), by_pixel)
+    by_pixel = np.stack(
+        [(feet(pixels + d) - feet(pixels - d)) / (2 * step) for d in step * np.eye(2)], -1
+    )
+    return Lines(
+        pixels / FOCAL, feet(pixels), np.tile(np.eye(2) / FOCAL, (len(pixels), 1, 1)), by_pixel
+    )
 
 
 def seen(points: Array) -> Array:
@@ -39,7 +45,9 @@ def seen(points: Array) -> Array:
 def pose(seed: int, depth: float, tilts: tuple[float, float] = (5, 60)) -> tuple[Array, Array]:
     rng = np.random.default_rng(seed)
     around, tilt = rng.uniform(0, 2 * np.pi), np.deg2rad(rng.uniform(*tilts))
-    turn = Rotation.from_rotvec(tilt * np.array([np.cos(around), np.sin(around), 0])) * Rotation.from_rotvec([0, 0, rng.uniform(-3, 3)])
+    turn = Rotation.from_rotvec(
+        tilt * np.array([np.cos(around), np.sin(around), 0])
+    ) * Rotation.from_rotvec([0, 0, rng.uniform(-3, 3)])
     return turn.as_matrix(), np.array([*rng.uniform(-0.4, 0.4, 2) * depth, depth])
 
 
@@ -52,7 +60,13 @@ def test_exact_rays_give_the_pose(seed: int, depth: float) -> None:
     assert np.abs(found[0][1] - shift).max() < 1e-9
     assert np.abs(found[0][0] - turn).max() < 1e-8
     assert found[0][2] < 1e-12
-    central = poses(replace(lines_of(corners), parallax=np.zeros((4, 2)), parallax_by_pixel=np.zeros((4, 2, 2))), SIDE, np.eye(8) / 0.05)
+    central = poses(
+        replace(
+            lines_of(corners), parallax=np.zeros((4, 2)), parallax_by_pixel=np.zeros((4, 2, 2))
+        ),
+        SIDE,
+        np.eye(8) / 0.05,
+    )
     assert np.linalg.norm(central[0][1] - shift) > 1e-4, "one centre for all rays would do as well"
 
 
@@ -65,23 +79,34 @@ def test_the_start_is_near_already(seed: int) -> None:
 
 def test_derivatives_are_central_differences() -> None:
     turn, shift = pose(3, 0.3)
-    lines = lines_of(seen(SIDE * SQUARE @ turn.T + shift) + np.array([[3.0, -2], [1, 4], [-2, 1], [0, 2]]))
+    lines = lines_of(
+        seen(SIDE * SQUARE @ turn.T + shift) + np.array([[3.0, -2], [1, 4], [-2, 1], [0, 2]])
+    )
     here, step = misfit(lines, SIDE, turn, shift), 1e-6
 
     def moved(by: Array) -> Array:
         return misfit(lines, SIDE, cv2.Rodrigues(by[:3])[0] @ turn, shift + by[3:]).px
 
-    by_pose = np.stack([(moved(step * axis) - moved(-step * axis)) / (2 * step) for axis in np.eye(6)], -1)
+    by_pose = np.stack(
+        [(moved(step * axis) - moved(-step * axis)) / (2 * step) for axis in np.eye(6)], -1
+    )
     assert np.abs(by_pose - here.by_pose).max() < 1e-7 * np.abs(here.by_pose).max()
-    by_size = (misfit(lines, SIDE * (1 + step), turn, shift).px - misfit(lines, SIDE * (1 - step), turn, shift).px) / (2 * step)
+    by_size = (
+        misfit(lines, SIDE * (1 + step), turn, shift).px
+        - misfit(lines, SIDE * (1 - step), turn, shift).px
+    ) / (2 * step)
     assert np.abs(by_size - here.by_size).max() < 1e-7 * np.abs(here.by_size).max()
     both = np.concatenate([lines.at_infinity, lines.parallax], -1)
 
     def along(axis: int, by: float) -> Array:
         changed = both + by * np.eye(4)[axis]
-        return misfit(replace(lines, at_infinity=changed[:, :2], parallax=changed[:, 2:]), SIDE, turn, shift).px.reshape(4, 2)
+        return misfit(
+            replace(lines, at_infinity=changed[:, :2], parallax=changed[:, 2:]), SIDE, turn, shift
+        ).px.reshape(4, 2)
 
-    by_line = np.stack([(along(axis, step) - along(axis, -step)) / (2 * step) for axis in range(4)], -1)
+    by_line = np.stack(
+        [(along(axis, step) - along(axis, -step)) / (2 * step) for axis in range(4)], -1
+    )
     assert np.abs(by_line - here.by_line).max() < 1e-7 * np.abs(here.by_line).max()
 
 
@@ -90,7 +115,10 @@ def test_the_misfit_is_that_of_the_picture() -> None:
     turn, shift = pose(5, 0.25)
     expected = seen(SIDE * SQUARE @ turn.T + shift)
     off = np.array([[0.3, -0.2], [0.1, 0.4], [-0.2, 0.1], [0.0, 0.2]])
-    assert np.abs(misfit(lines_of(expected + off), SIDE, turn, shift).px.reshape(4, 2) - off).max() < 1e-3
+    assert (
+        np.abs(misfit(lines_of(expected + off), SIDE, turn, shift).px.reshape(4, 2) - off).max()
+        < 1e-3
+    )
 
 
 def test_a_small_square_from_the_front_has_two_poses() -> None:

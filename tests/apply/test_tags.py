@@ -1,4 +1,6 @@
-"""Tags behind the cone: where Mitsuba's pictures show them, against where they were put and against OpenCV's central camera."""
+"""Tags behind the cone: where Mitsuba's pictures show them, against where they were put and against
+OpenCV's central camera.
+"""
 
 import csv
 import io
@@ -79,13 +81,20 @@ def test_every_tag_is_placed_as_itself(located: list[Located], truth: TagTruth) 
 
 
 def test_corners_are_where_light_put_them(located: list[Located], truth: TagTruth) -> None:
-    off = np.array([tag.corners - truth.corners[picture, tag.number] for picture, tag in poses_of(located)])
-    assert np.sqrt((off**2).mean()) < 0.012  # px per axis: the noise of the sensor and of JPEG, along edges of 43 to 320 px
+    off = np.array(
+        [tag.corners - truth.corners[picture, tag.number] for picture, tag in poses_of(located)]
+    )
+    assert (
+        np.sqrt((off**2).mean()) < 0.012
+    )  # px per axis: the noise of the sensor and of JPEG, along edges of 43 to 320 px
     assert np.abs(off).max() < 0.06
 
 
 def test_turns_are_those_that_were_rendered(located: list[Located], truth: TagTruth) -> None:
-    off = [Rotation.from_matrix(tag.poses[0].turn @ truth.rotations[picture, tag.number].T) for picture, tag in poses_of(located)]
+    off = [
+        Rotation.from_matrix(tag.poses[0].turn @ truth.rotations[picture, tag.number].T)
+        for picture, tag in poses_of(located)
+    ]
     depth = truth.depths[[picture for picture, _ in poses_of(located)]]
     angle = np.rad2deg([one.magnitude() for one in off])
     assert angle[depth < 0.4].max() < 0.05
@@ -95,13 +104,19 @@ def test_turns_are_those_that_were_rendered(located: list[Located], truth: TagTr
 def test_tags_are_placed_five_times_more_exactly_than_by_a_central_camera(
     calibration: Calibration, located: list[Located], truth: TagTruth
 ) -> None:
-    """OpenCV's best, fitted to the same session, with the same corners; each after the one rigid motion of all tags that fits best."""
+    """OpenCV's best, fitted to the same session, with the same corners; each after the one rigid
+    motion of all tags that fits best.
+    """
     size = calibration.camera.width, calibration.camera.height
     assert calibration.camera.intrinsics
-    central = Central.best(calibration.views, held_out(), calibration.board, size, calibration.camera.intrinsics)
+    central = Central.best(
+        calibration.views, held_out(), calibration.board, size, calibration.camera.intrinsics
+    )
     every = poses_of(located)
     ours = np.array([tag.poses[0].position for _, tag in every])
-    theirs = np.array([central.position(tag.corners, float(truth.sides[picture])) for picture, tag in every])
+    theirs = np.array(
+        [central.position(tag.corners, float(truth.sides[picture])) for picture, tag in every]
+    )
     true = np.array([truth.translations[picture, tag.number] for picture, tag in every])
     at = np.array([(truth.sides[picture], truth.depths[picture]) for picture, _ in every])
     left = [np.linalg.norm(aligned(places, true), axis=-1) for places in (ours, theirs)]
@@ -116,27 +131,38 @@ def test_sigma_is_the_error(located: list[Located], truth: TagTruth) -> None:
     true = np.array([truth.translations[picture, tag.number] for picture, tag in every])
     poses = [tag.poses[0] for _, tag in every]
     assert 0.7 < error_over_sigma(poses, true, together=False) < 1.6
-    assert 0.7 < error_over_sigma(poses, true, together=True) < 3  # the least of what they share is predicted too well
+    assert (
+        0.7 < error_over_sigma(poses, true, together=True) < 3
+    )  # the least of what they share is predicted too well
 
 
 def test_distances_count_what_differs(calibration: Calibration) -> None:
-    """On Kalibr's board, through the glass of `bumps`: 24 mm, border of two cells, tags 31.2 mm apart."""
+    """On Kalibr's board, through the glass of `bumps`: 24 mm, border of two cells, tags 31.2 mm
+    apart.
+    """
     picture = FIXTURES / "aprilgrid" / "frames" / "0000.jpg"
-    found = TagLocator(calibration, "DICT_APRILTAG_36h11", 0.024, side_sigma=0.0, border=2).locate(read_grey(picture))
+    found = TagLocator(calibration, "DICT_APRILTAG_36h11", 0.024, side_sigma=0.0, border=2).locate(
+        read_grey(picture)
+    )
     assert len(found.tags) > 30
     place = {tag.number: tag for tag in found.tags}
     pairs = [(place[one], place[one + 1]) for one in place if one % 6 != 5 and one + 1 in place]
     between = np.array([first.poses[0].distance(second.poses[0]) for first, second in pairs])
     assert np.abs(between[:, 0] - 0.0312).max() < 0.001
     assert 0.3 < np.mean(((between[:, 0] - 0.0312) / between[:, 1]) ** 2) < 3
-    ahead = np.mean([second.poses[0].position - first.poses[0].position for first, second in pairs], 0)
-    assert place[0].poses[0].turn[:, 0] @ ahead > 0.03, "x of an upright tag is to the right, as Kalibr numbers them"
+    ahead = np.mean(
+        [second.poses[0].position - first.poses[0].position for first, second in pairs], 0
+    )
+    assert place[0].poses[0].turn[:, 0] @ ahead > 0.03, (
+        "x of an upright tag is to the right, as Kalibr numbers them"
+    )
 
 
 def test_how_well_the_side_is_known_counts(calibration: Calibration, truth: TagTruth) -> None:
     grey = read_grey(PICTURES / truth.names[0])
     exact, by_kind, stated = (
-        TagLocator(calibration, "DICT_APRILTAG_36h11", 0.05, sigma).locate(grey).tags[0].poses[0] for sigma in (0.0, None, 0.0005)
+        TagLocator(calibration, "DICT_APRILTAG_36h11", 0.05, sigma).locate(grey).tags[0].poses[0]
+        for sigma in (0.0, None, 0.0005)
     )
     assert np.allclose(exact.position, stated.position, atol=1e-9)
     distance = np.linalg.norm(exact.position)
@@ -146,17 +172,23 @@ def test_how_well_the_side_is_known_counts(calibration: Calibration, truth: TagT
         assert np.sqrt(grown) == pytest.approx(part * distance, rel=0.02)
 
 
-def test_a_number_that_is_seen_twice_is_not_placed(calibration: Calibration, truth: TagTruth) -> None:
+def test_a_number_that_is_seen_twice_is_not_placed(
+    calibration: Calibration, truth: TagTruth
+) -> None:
     at = truth.names.index("aruco-050-1500.jpg")
     grey = read_grey(PICTURES / truth.names[at]).copy()
     (x, y), reach = truth.corners[at, 0].mean(0).astype(int), 40
-    grey[600 - reach : 600 + reach, 600 - reach : 600 + reach] = grey[y - reach : y + reach, x - reach : x + reach]
+    grey[600 - reach : 600 + reach, 600 - reach : 600 + reach] = grey[
+        y - reach : y + reach, x - reach : x + reach
+    ]
     found = TagLocator(calibration, "DICT_4X4_50", 0.05).locate(grey)
     assert [(one.number, one.reason) for one in found.unplaced] == [(0, Reason.TWICE)]
     assert 0 not in [tag.number for tag in found.tags]
 
 
-def test_a_tag_that_is_no_flat_square_is_not_placed(calibration: Calibration, truth: TagTruth) -> None:
+def test_a_tag_that_is_no_flat_square_is_not_placed(
+    calibration: Calibration, truth: TagTruth
+) -> None:
     """One corner is pulled: its edges stay straight, but no square looks like that."""
     at = truth.names.index("aruco-050-0300.jpg")
     grey = read_grey(PICTURES / truth.names[at])
@@ -174,10 +206,14 @@ def test_a_tag_that_is_no_flat_square_is_not_placed(calibration: Calibration, tr
 
 def test_16_bits_say_the_same(calibration: Calibration, truth: TagTruth) -> None:
     grey = read_grey(PICTURES / truth.names[-1])
-    locator = TagLocator(calibration, DICTIONARIES[truth.names[-1].split("-")[0]], float(truth.sides[-1]))
+    locator = TagLocator(
+        calibration, DICTIONARIES[truth.names[-1].split("-")[0]], float(truth.sides[-1])
+    )
     few, many = (locator.locate(one).tags for one in (grey, grey.astype(np.uint16) * 257))
     assert [tag.number for tag in few] == [tag.number for tag in many]
-    assert np.allclose([t.poses[0].position for t in few], [t.poses[0].position for t in many], atol=2e-5)
+    assert np.allclose(
+        [t.poses[0].position for t in few], [t.poses[0].position for t in many], atol=2e-5
+    )
 
 
 def srgb(grey: NDArray) -> NDArray[np.uint8]:
@@ -188,7 +224,9 @@ def srgb(grey: NDArray) -> NDArray[np.uint8]:
 
 
 @pytest.mark.parametrize("name", ["april-050-0500.jpg", "aruco-050-1500.jpg"])
-def test_a_curve_of_tones_moves_no_tag(calibration: Calibration, truth: TagTruth, name: str) -> None:
+def test_a_curve_of_tones_moves_no_tag(
+    calibration: Calibration, truth: TagTruth, name: str
+) -> None:
     """A fit that knows nothing of it has black 0.5 px too narrow."""
     at, grey = truth.names.index(name), read_grey(PICTURES / name)
     locator = TagLocator(calibration, DICTIONARIES[name.split("-")[0]], 0.05, side_sigma=0.0)
@@ -198,14 +236,25 @@ def test_a_curve_of_tones_moves_no_tag(calibration: Calibration, truth: TagTruth
     assert [tag.number for tag in curved.tags] == truth.numbers[at].tolist()
     for tag in curved.tags:
         pose = tag.poses[0]
-        assert abs(np.linalg.norm(pose.position) / np.linalg.norm(truth.translations[at, tag.number]) - 1) < 1e-3
+        assert (
+            abs(
+                np.linalg.norm(pose.position) / np.linalg.norm(truth.translations[at, tag.number])
+                - 1
+            )
+            < 1e-3
+        )
         assert np.abs(tag.corners - truth.corners[at, tag.number]).max() < 0.06
 
 
-def test_a_calibration_without_covariance_counts_the_corners_noise_alone(calibration: Calibration, truth: TagTruth) -> None:
+def test_a_calibration_without_covariance_counts_the_corners_noise_alone(
+    calibration: Calibration, truth: TagTruth
+) -> None:
     alone = replace(calibration, covariance=np.zeros((0, 0)))
     grey = read_grey(PICTURES / truth.names[0])
-    bare, whole = (TagLocator(one, "DICT_APRILTAG_36h11", 0.05, 0.0).locate(grey).tags[0].poses[0] for one in (alone, calibration))
+    bare, whole = (
+        TagLocator(one, "DICT_APRILTAG_36h11", 0.05, 0.0).locate(grey).tags[0].poses[0]
+        for one in (alone, calibration)
+    )
     assert bare.shared.shape == (6, 1)
     assert (bare.sigma <= whole.sigma * 1.0001).all()
     assert np.allclose(bare.position, whole.position, atol=1e-4)
@@ -231,13 +280,22 @@ def run(*arguments: object) -> int:
 
 
 def test_the_command_prints_what_the_library_finds(
-    folder: Path, located: list[Located], truth: TagTruth, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path,
+    located: list[Located],
+    truth: TagTruth,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     picture, table = PICTURES / truth.names[0], tmp_path / "poses.csv"
     tags = ("--tags", "DICT_APRILTAG_36h11", "--size-mm", "50", "--size-sigma-mm", "0")
     assert run(folder, picture, *tags, "-o", table, "--json") == 0
     said = json.loads(capsys.readouterr().out)
-    assert (said["frame"], said["dictionary"], said["size_mm"], said["written"]) == ("camera", "DICT_APRILTAG_36h11", 50.0, [str(table)])
+    assert (said["frame"], said["dictionary"], said["size_mm"], said["written"]) == (
+        "camera",
+        "DICT_APRILTAG_36h11",
+        50.0,
+        [str(table)],
+    )
     (one,) = said["pictures"]
     assert (one["picture"], one["not_placed"]) == (str(picture), [])
     rows = list(csv.DictReader(io.StringIO(table.read_text())))
@@ -262,13 +320,28 @@ def test_the_command_prints_what_the_library_finds(
     assert f"{1000 * located[0].tags[2].poses[0].position[2]:.2f}" in out
 
 
-def test_pictures_without_tags_are_named_beside_those_with(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_pictures_without_tags_are_named_beside_those_with(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     cv2.imwrite(str(tmp_path / "empty.png"), np.full((1232, 1640), 99, np.uint8))
-    assert run(folder, tmp_path / "empty.png", PICTURES / "aruco-050-0300.jpg", "--tags", "DICT_4X4_50", "--size-mm", "50") == 0
+    assert (
+        run(
+            folder,
+            tmp_path / "empty.png",
+            PICTURES / "aruco-050-0300.jpg",
+            "--tags",
+            "DICT_4X4_50",
+            "--size-mm",
+            "50",
+        )
+        == 0
+    )
     assert f"{tmp_path / 'empty.png'}: no tag is seen." in capsys.readouterr().out
 
 
-def test_a_bad_picture_does_not_cost_the_others(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bad_picture_does_not_cost_the_others(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     pictures = tmp_path / "pictures"
     pictures.mkdir()
     whole = (PICTURES / "aruco-050-0300.jpg").read_bytes()
@@ -290,20 +363,53 @@ def test_a_bad_picture_does_not_cost_the_others(folder: Path, tmp_path: Path, ca
         ("PICTURE --tags DICT_4X4_50", 2, "--size-mm"),
         ("PICTURE --tags DICT_4X4_50 --size-mm nan", 2, "'nan' is not a side of a square"),
         ("PICTURE --tags DICT_4X4_50 --size-mm -5", 2, "'-5' is not a side of a square"),
-        ("PICTURE --tags DICT_4X4_50 --size-mm 50 --size-sigma-mm nan", 2, "'nan' will not do: write 0, or a number above it"),
-        ("PICTURE --tags DICT_4X4_50 --size-mm 50 --size-sigma-mm 60", 2, "a standard deviation of 60 mm will not do"),
-        ("PICTURE --tags TAG36 --size-mm 50", 2, "'TAG36' is no dictionary of tags: write DICT_APRILTAG_36h11"),
-        ("SMALL --tags DICT_4X4_50 --size-mm 50", 2, "the picture is 64x48 px where the calibration is for 1640x1232"),
-        ("EMPTY --tags DICT_4X4_50 --size-mm 50", 3, "no tag of DICT_4X4_50 is seen in empty.png: check the dictionary"),
-        ("KALIBR --tags DICT_APRILTAG_36h11 --size-mm 24", 3, "have a border of 2, not 1: write --border 2."),
+        (
+            "PICTURE --tags DICT_4X4_50 --size-mm 50 --size-sigma-mm nan",
+            2,
+            "'nan' will not do: write 0, or a number above it",
+        ),
+        (
+            "PICTURE --tags DICT_4X4_50 --size-mm 50 --size-sigma-mm 60",
+            2,
+            "a standard deviation of 60 mm will not do",
+        ),
+        (
+            "PICTURE --tags TAG36 --size-mm 50",
+            2,
+            "'TAG36' is no dictionary of tags: write DICT_APRILTAG_36h11",
+        ),
+        (
+            "SMALL --tags DICT_4X4_50 --size-mm 50",
+            2,
+            "the picture is 64x48 px where the calibration is for 1640x1232",
+        ),
+        (
+            "EMPTY --tags DICT_4X4_50 --size-mm 50",
+            3,
+            "no tag of DICT_4X4_50 is seen in empty.png: check the dictionary",
+        ),
+        (
+            "KALIBR --tags DICT_APRILTAG_36h11 --size-mm 24",
+            3,
+            "have a border of 2, not 1: write --border 2.",
+        ),
         ("nowhere.png --tags DICT_4X4_50 --size-mm 50", 2, "nowhere.png cannot be read"),
         ("FOLDER --tags DICT_4X4_50 --size-mm 50", 2, "holds no picture"),
         ("PICTURE --tags DICT_4X4_50 --size-mm 50 -o FOLDER", 2, "cannot be written"),
-        ("nowhere.png --tags DICT_4X4_50 --size-mm 50 -o INSIDE", 2, "cannot be made"),  # told before pictures are looked at
+        (
+            "nowhere.png --tags DICT_4X4_50 --size-mm 50 -o INSIDE",
+            2,
+            "cannot be made",
+        ),  # told before pictures are looked at
     ],
 )
 def test_bad_input_is_one_sentence(
-    given: str, code: int, said: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    given: str,
+    code: int,
+    said: str,
+    folder: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     cv2.imwrite(str(tmp_path / "small.png"), np.full((48, 64), 99, np.uint8))
     cv2.imwrite(str(tmp_path / "empty.png"), np.full((1232, 1640), 99, np.uint8))

@@ -28,7 +28,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def ramp(shift: int) -> np.ndarray:
-    """Smooth, so that a video's compression hardly changes it: by 4 grey levels in colour, measured."""
+    """Smooth, so that a video's compression hardly changes it: by 4 grey levels in colour,
+    measured.
+    """
     across, down = np.meshgrid(np.linspace(40, 200, W), np.linspace(0, 40, H))
     return np.dstack([across + shift, across + down, 255 - across - shift]).astype(np.uint8)
 
@@ -38,9 +40,13 @@ def run(folder: Path, *arguments: object) -> int:
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".avi", ".mkv", ".MOV"])
-def test_a_video_is_straightened_frame_by_frame(folder: Path, tmp_path: Path, suffix: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_video_is_straightened_frame_by_frame(
+    folder: Path, tmp_path: Path, suffix: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     video = tmp_path / f"v{suffix}"
-    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*("MJPG" if suffix == ".avi" else "mp4v")), 12.5, (W, H))
+    writer = cv2.VideoWriter(
+        str(video), cv2.VideoWriter.fourcc(*("MJPG" if suffix == ".avi" else "mp4v")), 12.5, (W, H)
+    )
     for shift in range(FRAMES):
         writer.write(ramp(12 * shift))
     writer.release()
@@ -52,23 +58,45 @@ def test_a_video_is_straightened_frame_by_frame(folder: Path, tmp_path: Path, su
     undistorter = Undistorter(Calibration.load(folder / "calibration"), 0.5)
     made = cv2.VideoCapture(str(tmp_path / "out" / video.name))
     assert made.get(cv2.CAP_PROP_FPS) == pytest.approx(12.5)
-    inner = cv2.erode(undistorter.valid.astype(np.uint8), np.ones((17, 17))) > 0  # compression works in blocks of 16
+    inner = (
+        cv2.erode(undistorter.valid.astype(np.uint8), np.ones((17, 17))) > 0
+    )  # compression works in blocks of 16
     for shift in range(FRAMES):
         there, frame = made.read()
         assert there
-        assert np.abs(frame.astype(float) - undistorter.undistort(ramp(12 * shift)))[inner].mean() < 6
+        assert (
+            np.abs(frame.astype(float) - undistorter.undistort(ramp(12 * shift)))[inner].mean() < 6
+        )
     assert not made.read()[0]
 
 
-def test_a_folder_may_hold_both(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_may_hold_both(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     both = tmp_path / "in"
     both.mkdir()
     cv2.imwrite(str(both / "a.png"), ramp(0))
     writer = cv2.VideoWriter(str(both / "v.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10, (W, H))
     writer.write(ramp(0))
     writer.release()
-    assert run(folder, both, "--depth", "0.5", "--crop", "0", "--size", "200x150", "-o", tmp_path / "out") == 0
-    assert capsys.readouterr().out.split() == [str(tmp_path / "out" / name) for name in ("a.png", "v.avi")]
+    assert (
+        run(
+            folder,
+            both,
+            "--depth",
+            "0.5",
+            "--crop",
+            "0",
+            "--size",
+            "200x150",
+            "-o",
+            tmp_path / "out",
+        )
+        == 0
+    )
+    assert capsys.readouterr().out.split() == [
+        str(tmp_path / "out" / name) for name in ("a.png", "v.avi")
+    ]
     picture = cv2.imread(str(tmp_path / "out" / "a.png"))
     assert picture is not None
     assert picture.shape == (150, 200, 3)
@@ -78,9 +106,16 @@ def test_a_folder_may_hold_both(folder: Path, tmp_path: Path, capsys: pytest.Cap
     assert frame.shape == (150, 200, 3)
 
 
-@pytest.mark.parametrize(("content", "says"), [(b"no video", "holds no frame that can be decoded"), (None, "No such file")])
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [(b"no video", "holds no frame that can be decoded"), (None, "No such file")],
+)
 def test_what_is_no_video_gets_its_sentence(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None, says: str
+    folder: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    content: bytes | None,
+    says: str,
 ) -> None:
     if content:
         (tmp_path / "v.mp4").write_bytes(content)
@@ -89,17 +124,26 @@ def test_what_is_no_video_gets_its_sentence(
     assert list((tmp_path / "out").iterdir()) == []
 
 
-def test_a_video_of_another_size_is_refused(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_video_of_another_size_is_refused(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     writer = cv2.VideoWriter(str(tmp_path / "v.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10, (64, 48))
     writer.write(np.zeros((48, 64, 3), np.uint8))
     writer.release()
     assert run(folder, tmp_path / "v.avi", "--depth", "0.5", "-o", tmp_path / "out") == 2
-    assert "v.avi: the picture is 64x48 px where the calibration is for 410x308" in capsys.readouterr().err
+    assert (
+        "v.avi: the picture is 64x48 px where the calibration is for 410x308"
+        in capsys.readouterr().err
+    )
 
 
 @pytest.mark.parametrize("kind", ["npy", "png", "folder"])
-def test_a_depth_image_gives_each_pixel_its_depth(folder: Path, tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Half of the picture near, half far, a stripe unknown: as if straightened twice and put together."""
+def test_a_depth_image_gives_each_pixel_its_depth(
+    folder: Path, tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Half of the picture near, half far, a stripe unknown: as if straightened twice and put
+    together.
+    """
     depth = np.full((H, W), 0.3, np.float32)
     depth[:, W // 2 :] = 2.0
     depth[:20] = 0
@@ -112,13 +156,41 @@ def test_a_depth_image_gives_each_pixel_its_depth(folder: Path, tmp_path: Path, 
     if kind == "folder":
         cv2.imwrite(str(tmp_path / "b.png"), np.full((H, W), 2000, np.uint16))
         given = tmp_path
-    assert run(folder, folder / "a.png", folder / "b.png", "--depth-image", given, "-o", tmp_path / "both") == 0
+    assert (
+        run(
+            folder,
+            folder / "a.png",
+            folder / "b.png",
+            "--depth-image",
+            given,
+            "-o",
+            tmp_path / "both",
+        )
+        == 0
+    )
     for metres in ("0.3", "2"):
-        assert run(folder, folder / "a.png", folder / "b.png", "--depth", metres, "-o", tmp_path / metres) == 0
+        assert (
+            run(
+                folder,
+                folder / "a.png",
+                folder / "b.png",
+                "--depth",
+                metres,
+                "-o",
+                tmp_path / metres,
+            )
+            == 0
+        )
     capsys.readouterr()
     both, near, far, other, other_far = (
         read(tmp_path / where / name)
-        for where, name in (("both", "a.png"), ("0.3", "a.png"), ("2", "a.png"), ("both", "b.png"), ("2", "b.png"))
+        for where, name in (
+            ("both", "a.png"),
+            ("0.3", "a.png"),
+            ("2", "a.png"),
+            ("both", "b.png"),
+            ("2", "b.png"),
+        )
     )
     assert np.abs(both[20:, : W // 2] - near[20:, : W // 2]).max() <= 1
     assert np.abs(both[20:, W // 2 :] - far[20:, W // 2 :]).max() <= 1
@@ -143,7 +215,11 @@ def read(path: Path) -> np.ndarray:
     ],
 )
 def test_a_wrong_depth_image_gets_its_sentence(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], says: str
+    folder: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    says: str,
 ) -> None:
     np.save(tmp_path / "small.npy", np.ones((5, 5)))
     picture = folder / "a.png"
@@ -154,8 +230,13 @@ def test_a_wrong_depth_image_gets_its_sentence(
     assert says in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("name", "pixels"), [("a.png", np.zeros((4, 4), np.uint8)), ("a.png", np.zeros((4, 4, 3), np.uint16))])
-def test_what_is_no_depth_image_gets_its_sentence(tmp_path: Path, name: str, pixels: np.ndarray) -> None:
+@pytest.mark.parametrize(
+    ("name", "pixels"),
+    [("a.png", np.zeros((4, 4), np.uint8)), ("a.png", np.zeros((4, 4, 3), np.uint16))],
+)
+def test_what_is_no_depth_image_gets_its_sentence(
+    tmp_path: Path, name: str, pixels: np.ndarray
+) -> None:
     cv2.imwrite(str(tmp_path / name), pixels)
     with pytest.raises(InputError, match="is not a depth image"):
         read_depth_image(tmp_path / name)
@@ -174,7 +255,9 @@ def test_what_is_no_depth_image_gets_its_sentence(tmp_path: Path, name: str, pix
         ([], "--depth"),
     ],
 )
-def test_wrong_usage_is_said(folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], says: str) -> None:
+def test_wrong_usage_is_said(
+    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], says: str
+) -> None:
     with pytest.raises(SystemExit) as stop:
         run(folder, folder / "a.png", *arguments, "-o", folder / "out")
     assert stop.value.code == 2

@@ -22,10 +22,15 @@ def calibration() -> Calibration:
 
 
 def behind(undistorter: Undistorter, pixels: np.ndarray, depth: np.ndarray | float) -> np.ndarray:
-    """(N, 3) m: what a bare pinhole camera of the undistorter's matrix sees at pixels and depths."""
+    """(N, 3) m: what a bare pinhole camera of the undistorter's matrix sees at pixels and
+    depths.
+    """
     k = undistorter.camera_matrix
     tangents = (pixels - k[:2, 2]) / k[[0, 1], [0, 1]]
-    return np.asarray(np.column_stack([tangents, np.ones(len(pixels))]) * np.broadcast_to(depth, len(pixels))[:, None])
+    return np.asarray(
+        np.column_stack([tangents, np.ones(len(pixels))])
+        * np.broadcast_to(depth, len(pixels))[:, None]
+    )
 
 
 def every(step: int) -> np.ndarray:
@@ -49,15 +54,24 @@ def test_points_that_the_camera_does_not_see_are_nan(calibration: Calibration) -
     undistorter = Undistorter(calibration, 0.5)
     pixels = np.array([[200.0, 150.0], [-20.0, 150.0], [200.0, 150.0], [200.0, 150.0]])
     depth = np.array([0.5, 0.5, np.nan, 0.005])
-    for points in (undistorter.undistort_points(pixels, depth), undistorter.distort_points(pixels, depth)):
+    for points in (
+        undistorter.undistort_points(pixels, depth),
+        undistorter.distort_points(pixels, depth),
+    ):
         assert np.isfinite(points).all(1).tolist() == [True, False, False, False]
 
 
 def expected(undistorter: Undistorter, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of every fifth pixel of the picture: its own coordinates and the px of the camera, by projecting."""
+    """Of every fifth pixel of the picture: its own coordinates and the px of the camera, by
+    projecting.
+    """
     width, height = undistorter.size
-    pixels = np.stack(np.meshgrid(np.arange(0, width, 5), np.arange(0, height, 5)), -1).reshape(-1, 2)
-    return pixels, undistorter.project(behind(undistorter, pixels, depth[pixels[:, 1], pixels[:, 0]]))
+    pixels = np.stack(np.meshgrid(np.arange(0, width, 5), np.arange(0, height, 5)), -1).reshape(
+        -1, 2
+    )
+    return pixels, undistorter.project(
+        behind(undistorter, pixels, depth[pixels[:, 1], pixels[:, 0]])
+    )
 
 
 @pytest.mark.parametrize(
@@ -71,23 +85,33 @@ def expected(undistorter: Undistorter, depth: np.ndarray) -> tuple[np.ndarray, n
     ids=["own", "valid only", "all that is seen", "own matrix"],
 )
 @pytest.mark.parametrize("kind", ["one depth", "depth image"])
-def test_every_pixel_holds_what_its_ray_sees(calibration: Calibration, options: dict[str, object], kind: str) -> None:
-    """Ramps: a picture of its own coordinates is a map, to the resolution of linear interpolation."""
+def test_every_pixel_holds_what_its_ray_sees(
+    calibration: Calibration, options: dict[str, object], kind: str
+) -> None:
+    """Ramps: a picture of its own coordinates is a map, to the resolution of linear
+    interpolation.
+    """
     size: tuple[int, int] = options.get("size", (W, H))  # type: ignore[assignment]
     depth = np.full(size[::-1], 0.4, np.float32)
     if kind == "depth image":
         depth = np.random.default_rng(0).uniform(0.12, 4.0, size[::-1]).astype(np.float32)
         depth[::7], depth[:, ::9] = np.nan, 0
     undistorter = Undistorter(calibration, 0.4 if kind == "one depth" else depth, **options)  # type: ignore[arg-type]
-    ramp_x, ramp_y = (ramp.astype(np.float32) + 10 for ramp in np.meshgrid(np.arange(W), np.arange(H)))
+    ramp_x, ramp_y = (
+        ramp.astype(np.float32) + 10 for ramp in np.meshgrid(np.arange(W), np.arange(H))
+    )
     shown = np.stack([undistorter.undistort(ramp) for ramp in (ramp_x, ramp_y)], -1) - 10
     pixels, seen = expected(undistorter, depth)
     column, row = pixels.T
     inside = (seen > 0).all(1) & (seen < [W - 1, H - 1]).all(1)
     valid = undistorter.valid[row, column]
-    assert (valid | ~inside | ~(depth[row, column] > 0)).all(), "a pixel that is seen counts as valid"
+    assert (valid | ~inside | ~(depth[row, column] > 0)).all(), (
+        "a pixel that is seen counts as valid"
+    )
     assert (shown[row, column][~valid] == -10).all(), "what is not valid is 0"
-    tolerance = 0.01 if int(cv2.__version__[0]) >= 5 else 0.04  # OpenCV 4 rounds to a 32nd of a pixel
+    tolerance = (
+        0.01 if int(cv2.__version__[0]) >= 5 else 0.04
+    )  # OpenCV 4 rounds to a 32nd of a pixel
     assert np.abs(shown[row, column] - seen)[inside & valid].max() < tolerance
     assert (inside & valid).sum() > 1000
     if options.get("crop") == 0.0:
@@ -102,7 +126,9 @@ def test_crop_one_shows_every_pixel_and_no_more(calibration: Calibration) -> Non
 
 
 def test_crop_is_opencv_s_where_there_is_no_cover() -> None:
-    """With a plain lens the matrices are cv2.getOptimalNewCameraMatrix's, which looks at 9x9 points."""
+    """With a plain lens the matrices are cv2.getOptimalNewCameraMatrix's, which looks at 9x9
+    points.
+    """
     lens = (-0.2, 0.05, 0.001, -0.001, 0.0)
     bare = lens_alone(scene(1, views=1), W, H, 300, 310, 200, 150, *lens)
     matrix = np.array([[300.0, 0, 200], [0, 310, 150], [0, 0, 1]])
@@ -114,13 +140,17 @@ def test_crop_is_opencv_s_where_there_is_no_cover() -> None:
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
 @pytest.mark.parametrize("interpolation", [cv2.INTER_LINEAR, cv2.INTER_CUBIC])
-def test_a_stream_reuses_its_buffer(calibration: Calibration, kind: type, interpolation: int) -> None:
+def test_a_stream_reuses_its_buffer(
+    calibration: Calibration, kind: type, interpolation: int
+) -> None:
     undistorter = Undistorter(calibration, 0.5, interpolation=interpolation)
     frame: np.ndarray = np.full((H, W, 3), 200, kind)
     buffer = np.full_like(frame, 77)
     straight = undistorter.undistort(frame, buffer)
     assert straight is buffer
-    assert np.abs(straight[undistorter.valid] - 200.0).max() < 1e-3, "the edge is not darkened by what lies beyond it"
+    assert np.abs(straight[undistorter.valid] - 200.0).max() < 1e-3, (
+        "the edge is not darkened by what lies beyond it"
+    )
     assert (straight[~undistorter.valid] == 0).all()
     assert not undistorter.valid.all()
 
@@ -157,25 +187,44 @@ def test_a_depth_image_nearer_than_near_is_unknown(calibration: Calibration) -> 
         (lambda c: Undistorter(c, np.ones((5, 5))), "depth image is"),
         (lambda c: Undistorter(c, np.ones((H, W), np.uint16)), "depth image is"),
         (lambda c: Undistorter(c, 0.5).at(-1.0), "write metres above 0"),
-        (lambda c: Undistorter(c, 0.5).undistort(np.zeros((5, 5), np.uint8)), "5x5 px where the calibration"),
-        (lambda c: Undistorter(c, 0.5).undistort(np.zeros((H, W), np.uint8), np.zeros((H, W, 3), np.uint8)), "does not fit into"),
-        (lambda c: Undistorter(c, np.ones((H, W))).undistort_points(np.zeros((1, 2))), "say at which depth"),
+        (
+            lambda c: Undistorter(c, 0.5).undistort(np.zeros((5, 5), np.uint8)),
+            "5x5 px where the calibration",
+        ),
+        (
+            lambda c: Undistorter(c, 0.5).undistort(
+                np.zeros((H, W), np.uint8), np.zeros((H, W, 3), np.uint8)
+            ),
+            "does not fit into",
+        ),
+        (
+            lambda c: Undistorter(c, np.ones((H, W))).undistort_points(np.zeros((1, 2))),
+            "say at which depth",
+        ),
     ],
 )
-def test_wrong_input_is_one_sentence(calibration: Calibration, wrong: Callable[[Calibration], object], says: str) -> None:
+def test_wrong_input_is_one_sentence(
+    calibration: Calibration, wrong: Callable[[Calibration], object], says: str
+) -> None:
     with pytest.raises(InputError, match=says):
         wrong(calibration)
 
 
 @pytest.mark.parametrize("size", [(2, 32_767), (40_000, 3)])
-def test_a_picture_that_is_longer_than_opencv_takes(calibration: Calibration, size: tuple[int, int]) -> None:
-    """The picture is a ramp over the camera's own columns: what is seen of it is where it was seen."""
+def test_a_picture_that_is_longer_than_opencv_takes(
+    calibration: Calibration, size: tuple[int, int]
+) -> None:
+    """The picture is a ramp over the camera's own columns: what is seen of it is where it was
+    seen.
+    """
     undistorter = Undistorter(calibration, 0.5, size=size, crop=0.5)
     ramp = np.arange(W, dtype=np.float32)[None].repeat(H, 0)
     straight = undistorter.undistort(ramp)
     assert straight.shape == size[::-1]
     assert undistorter.valid.any()
-    assert np.abs(straight - undistorter.maps[0])[undistorter.valid].max() < 0.05  # cv2 counts in 1/32 px
+    assert (
+        np.abs(straight - undistorter.maps[0])[undistorter.valid].max() < 0.05
+    )  # cv2 counts in 1/32 px
 
 
 def test_a_camera_that_is_wider_than_opencv_takes() -> None:

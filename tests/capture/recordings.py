@@ -22,8 +22,15 @@ def noise(count: int, width: int = 160, height: int = 120) -> list[NDArray[np.ui
     return [rng.integers(0, 256, (height, width), np.uint8) for _ in range(count)]
 
 
-def write_recording(folder: Path, pictures: Sequence[NDArray[np.uint8]], interval_s: float | None = None, more: str = "") -> Path:
-    """A session's frames/, and frames.csv if there is an interval; `more` is one further cell, named gain."""
+def write_recording(
+    folder: Path,
+    pictures: Sequence[NDArray[np.uint8]],
+    interval_s: float | None = None,
+    more: str = "",
+) -> Path:
+    """A session's frames/, and frames.csv if there is an interval; `more` is one further cell,
+    named gain.
+    """
     (folder / "frames").mkdir(parents=True)
     rows = ["file,time_s,sequence,gain"]
     for index, picture in enumerate(pictures):
@@ -41,7 +48,10 @@ def read_pictures(folder: Path) -> list[NDArray[np.uint8]]:
     return [np.asarray(picture, np.uint8) for picture in read]
 
 
-def capture(*arguments: object, timeout: float = 60, **options: object) -> subprocess.CompletedProcess[str]:
+def capture(
+    *arguments: object, timeout: float = 60, **options: object
+) -> subprocess.CompletedProcess[str]:
     """`capture ARGUMENTS`, as a person runs it."""
     command = [sys.executable, "-m", "capture", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=timeout, **options)  # type: ignore[call-overload, no-any-return]
+    options = {"capture_output": True, "text": True, "timeout": timeout, **options}
+    return subprocess.run(command, check=False, **options)  # type: ignore[call-overload, no-any-return]

@@ -17,20 +17,31 @@ from calib.io.images import read_image
 from calib.session.session import read_session
 from capture.cli import main
 from capture.gate import KNOWN, MOVING, SOFT, WAIT
-from tests.capture.recordings import BOARD_FLAGS, FIXTURE, capture, noise, read_pictures, write_recording
+from tests.capture.recordings import (
+    BOARD_FLAGS,
+    FIXTURE,
+    capture,
+    noise,
+    read_pictures,
+    write_recording,
+)
 
 POSES, REPEATS = (0, 1, 2, 3), 4
 
 
 @pytest.fixture(scope="module")
 def still_poses(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A board that is held still in one pose after another: each of the fixture's pictures four times, 0.1 s apart."""
+    """A board that is held still in one pose after another: each of the fixture's pictures four
+    times, 0.1 s apart.
+    """
     folder = tmp_path_factory.mktemp("still")
     (folder / "frames").mkdir()
     rows = ["file,time_s,sequence,exposure_us"]
     for index in range(len(POSES) * REPEATS):
         name = f"{index:04d}.jpg"
-        shutil.copy(FIXTURE / "frames" / f"{POSES[index // REPEATS]:04d}.jpg", folder / "frames" / name)
+        shutil.copy(
+            FIXTURE / "frames" / f"{POSES[index // REPEATS]:04d}.jpg", folder / "frames" / name
+        )
         rows.append(f"{name},{index / 10},{index},8000.0")
     (folder / "frames.csv").write_text("\n".join(rows) + "\n")
     return folder
@@ -47,47 +58,108 @@ def pose_of(picture: np.ndarray) -> int:
 def test_record_keeps_each_pose_once_and_says_so(still_poses: Path, tmp_path: Path) -> None:
     session = tmp_path / "session"
     cover = FIXTURE / "session.yaml"
-    done = capture("record", session, "--source", f"folder:{still_poses}?speed=max", *BOARD_FLAGS, "--cover-from", cover)
+    done = capture(
+        "record",
+        session,
+        "--source",
+        f"folder:{still_poses}?speed=max",
+        *BOARD_FLAGS,
+        "--cover-from",
+        cover,
+    )
     assert done.returncode == 0, done.stderr
     assert [pose_of(picture) for picture in read_pictures(session / "frames")] == list(POSES)
     *lines, summary = done.stdout.splitlines()
-    assert lines == [f"{session}/frames/{view:04d}.png  view {view + 1} of 30" for view in range(len(POSES))]
+    assert lines == [
+        f"{session}/frames/{view:04d}.png  view {view + 1} of 30" for view in range(len(POSES))
+    ]
     assert summary == f"4 views with 4 pictures (16 frames taken) in {session}."
     sentences = done.stderr.splitlines()
-    assert f"Wrote {session}/session.yaml with cover.shape cone: correct it there if the camera's cover is another." in sentences
+    assert (
+        f"Wrote {session}/session.yaml with cover.shape cone: correct it there if the camera's"
+        " cover is another." in sentences
+    )
     assert len(sentences) <= 1 + 2 * len(POSES)  # a verdict is told when it changes
     described, given = read_session(session), read_session(FIXTURE)
-    assert (described.board, described.camera, described.cover) == (given.board, given.camera, given.cover)
+    assert (described.board, described.camera, described.cover) == (
+        given.board,
+        given.camera,
+        given.cover,
+    )
     assert [row["exposure_us"] for row in read_table(session / "frames.csv")] == ["8000.0"] * 4
 
     again = capture("record", session, "--source", f"folder:{still_poses}?speed=max")
     assert again.returncode == 3
-    assert again.stderr.splitlines()[-1].startswith(f"capture: No frame of folder:{still_poses}?speed=max was kept: ")
+    assert again.stderr.splitlines()[-1].startswith(
+        f"capture: No frame of folder:{still_poses}?speed=max was kept: "
+    )
     assert len(read_pictures(session / "frames")) == 4
 
 
 def test_a_burst_is_of_one_pose_and_the_views_end_it(still_poses: Path, tmp_path: Path) -> None:
     source = f"folder:{still_poses}?speed=max"
-    done = capture("record", tmp_path, "--source", source, *BOARD_FLAGS, "--burst", "2", "--views", "3", "--json")
+    done = capture(
+        "record",
+        tmp_path,
+        "--source",
+        source,
+        *BOARD_FLAGS,
+        "--burst",
+        "2",
+        "--views",
+        "3",
+        "--json",
+    )
     assert done.returncode == 0, done.stderr
     said = json.loads(done.stdout)
     assert list(said) == [
-        *("session", "pictures", "views", "frames_judged", "frames_passed_over", "frames_lost", "remarks", "ended"),
+        *(
+            "session",
+            "pictures",
+            "views",
+            "frames_judged",
+            "frames_passed_over",
+            "frames_lost",
+            "remarks",
+            "ended",
+        ),
     ]
     assert said["pictures"] == [f"frames/{number:04d}.png" for number in range(6)]
     assert (said["views"], said["ended"], said["frames_passed_over"]) == (3, "views", 0)
-    assert [pose_of(picture) for picture in read_pictures(tmp_path / "frames")] == [0, 0, 1, 1, 2, 2]
-    assert [row["view"] for row in read_table(tmp_path / "frames.csv")] == ["0", "0", "1", "1", "2", "2"]
+    assert [pose_of(picture) for picture in read_pictures(tmp_path / "frames")] == [
+        0,
+        0,
+        1,
+        1,
+        2,
+        2,
+    ]
+    assert [row["view"] for row in read_table(tmp_path / "frames.csv")] == [
+        "0",
+        "0",
+        "1",
+        "1",
+        "2",
+        "2",
+    ]
 
 
 @pytest.mark.parametrize("interval_s", [None, 0.0, 1.0], ids=["no times", "one time", "far apart"])
 def test_photographs_are_judged_each_by_itself(tmp_path: Path, interval_s: float | None) -> None:
-    """Between them, nothing tells whether the board was still: what is spoiled is left out, and none is part of another's burst."""
+    """Between them, nothing tells whether the board was still: what is spoiled is left out, and
+    none is part of another's burst.
+    """
     photographs = [read_image(FIXTURE / "frames" / f"{pose:04d}.jpg") for pose in (0, 1, 1, 2)]
     photographs[1] = np.asarray(cv2.GaussianBlur(photographs[1], (0, 0), 4), np.uint8)
-    source = write_recording(tmp_path / "source", [np.asarray(each, np.uint8) for each in (*photographs, photographs[0])], interval_s)
+    source = write_recording(
+        tmp_path / "source",
+        [np.asarray(each, np.uint8) for each in (*photographs, photographs[0])],
+        interval_s,
+    )
     session = tmp_path / "session"
-    done = capture("record", session, "--source", f"folder:{source}?speed=max", *BOARD_FLAGS, "--burst", "2")
+    done = capture(
+        "record", session, "--source", f"folder:{source}?speed=max", *BOARD_FLAGS, "--burst", "2"
+    )
     assert done.returncode == 0, done.stderr
     assert [pose_of(picture) for picture in read_pictures(session / "frames")] == [0, 1, 2]
     assert [row["sequence"] for row in read_table(session / "frames.csv")] == ["0", "2", "3"]
@@ -96,15 +168,27 @@ def test_photographs_are_judged_each_by_itself(tmp_path: Path, interval_s: float
 
 
 def test_pictures_that_are_near_in_time_are_no_photographs(tmp_path: Path) -> None:
-    pictures = [np.asarray(read_image(FIXTURE / "frames" / f"{pose:04d}.jpg"), np.uint8) for pose in POSES]
+    pictures = [
+        np.asarray(read_image(FIXTURE / "frames" / f"{pose:04d}.jpg"), np.uint8) for pose in POSES
+    ]
     source = write_recording(tmp_path / "source", pictures, 0.9)
-    done = capture("record", tmp_path / "session", "--source", f"folder:{source}?speed=max", *BOARD_FLAGS)
+    done = capture(
+        "record", tmp_path / "session", "--source", f"folder:{source}?speed=max", *BOARD_FLAGS
+    )
     assert done.returncode == 3
     assert done.stderr.splitlines()[:2] == [WAIT, MOVING]
 
 
 def test_every_spaces_the_views(still_poses: Path, tmp_path: Path) -> None:
-    done = capture("record", tmp_path, "--source", f"folder:{still_poses}?speed=max", *BOARD_FLAGS, "--every", "0.7")
+    done = capture(
+        "record",
+        tmp_path,
+        "--source",
+        f"folder:{still_poses}?speed=max",
+        *BOARD_FLAGS,
+        "--every",
+        "0.7",
+    )
     assert done.returncode == 0, done.stderr
     times = [float(row["time_s"]) for row in read_table(tmp_path / "frames.csv")]
     assert 2 <= len(times) < len(POSES)
@@ -114,7 +198,17 @@ def test_every_spaces_the_views(still_poses: Path, tmp_path: Path) -> None:
 def test_all_keeps_every_frame_without_looking(tmp_path: Path) -> None:
     pictures = noise(5)
     source = write_recording(tmp_path / "source", pictures)
-    done = capture("record", tmp_path / "session", "--source", f"folder:{source}", *BOARD_FLAGS, "--all", "--views", "4", "--bare")
+    done = capture(
+        "record",
+        tmp_path / "session",
+        "--source",
+        f"folder:{source}",
+        *BOARD_FLAGS,
+        "--all",
+        "--views",
+        "4",
+        "--bare",
+    )
     assert done.returncode == 0, done.stderr
     kept = read_pictures(tmp_path / "session" / "bare")
     assert all(np.array_equal(a, b) for a, b in zip(kept, pictures[:4], strict=True))
@@ -123,10 +217,21 @@ def test_all_keeps_every_frame_without_looking(tmp_path: Path) -> None:
 def test_a_covered_folder_recorded_without_cover_is_remarked_on(tmp_path: Path) -> None:
     source = write_recording(tmp_path / "source", noise(2))
     shutil.copy(FIXTURE / "session.yaml", source)
-    asked = ("record", tmp_path / "session", "--source", f"folder:{source}", *BOARD_FLAGS, "--all", "--bare")
+    asked = (
+        "record",
+        tmp_path / "session",
+        "--source",
+        f"folder:{source}",
+        *BOARD_FLAGS,
+        "--all",
+        "--bare",
+    )
     done = capture(*asked)
     assert done.returncode == 0
-    assert "says that its pictures have a cover, a cone, where those without the cover are wanted." in done.stderr
+    assert (
+        "says that its pictures have a cover, a cone, where those without the cover are wanted."
+        in done.stderr
+    )
     (source / "bare").mkdir()
     done = capture(*asked)
     assert done.returncode == 2
@@ -136,8 +241,20 @@ def test_a_covered_folder_recorded_without_cover_is_remarked_on(tmp_path: Path) 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_ends_with_a_summary(tmp_path: Path, number: signal.Signals) -> None:
     source = write_recording(tmp_path / "source", noise(3), 30.0)
-    command = [sys.executable, "-m", "capture", "record", str(tmp_path / "session"), "--source", f"folder:{source}", *BOARD_FLAGS, "--all"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    command = [
+        sys.executable,
+        "-m",
+        "capture",
+        "record",
+        str(tmp_path / "session"),
+        "--source",
+        f"folder:{source}",
+        *BOARD_FLAGS,
+        "--all",
+    ]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
         assert process.stdout
         assert process.stderr
         assert process.stdout.readline().endswith("view 1\n")
@@ -153,9 +270,21 @@ def test_ctrl_c_ends_with_a_summary(tmp_path: Path, number: signal.Signals) -> N
 
 def test_no_torch_is_loaded_by_a_recording(still_poses: Path, tmp_path: Path) -> None:
     code = (
-        "import sys; from capture.cli import main; code = main(sys.argv[1:]); print(code, 'torch' in sys.modules, 'textual' in sys.modules)"
+        "import sys; from capture.cli import main; code = main(sys.argv[1:]); print(code, 'torch'"
+        " in sys.modules, 'textual' in sys.modules)"
     )
-    command = [sys.executable, "-c", code, "record", str(tmp_path), "--source", f"folder:{still_poses}", *BOARD_FLAGS, "--views", "1"]
+    command = [
+        sys.executable,
+        "-c",
+        code,
+        "record",
+        str(tmp_path),
+        "--source",
+        f"folder:{still_poses}",
+        *BOARD_FLAGS,
+        "--views",
+        "1",
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "0 False False"
 
@@ -175,21 +304,85 @@ def test_help_is_quick() -> None:
 @pytest.mark.parametrize(
     ("arguments", "code", "says"),
     [
-        (["{}/new", "--source", "folder:{}/source"], 2, "has no session.yaml yet: describe the board by --board 9x9 --square-mm 20"),
-        (["{}/new", "--source", "folder:{}/source", "--board", "9x9"], 2, "--board and --square-mm belong together"),
+        (
+            ["{}/new", "--source", "folder:{}/source"],
+            2,
+            "has no session.yaml yet: describe the board by --board 9x9 --square-mm 20",
+        ),
+        (
+            ["{}/new", "--source", "folder:{}/source", "--board", "9x9"],
+            2,
+            "--board and --square-mm belong together",
+        ),
         (["{}/new", "--source", "camera", *BOARD_FLAGS], 2, "names no kind of source"),
-        (["{}/new", "--source", "v4l2:{}/none", *BOARD_FLAGS], 4, "none is not there: plug the camera in"),
+        (
+            ["{}/new", "--source", "v4l2:{}/none", *BOARD_FLAGS],
+            4,
+            "none is not there: plug the camera in",
+        ),
         (["{}/new", "--source", "v4l2:/dev/null", *BOARD_FLAGS], 4, "/dev/null is not a camera"),
-        (["{}/new", "--source", "libcamera:0", *BOARD_FLAGS], 4, "sudo apt install -y python3-libcamera"),
-        (["{}/new", "--source", "folder:{}/source", *BOARD_FLAGS, "--cover-from", "{}/none.yaml"], 2, "none.yaml cannot be read"),
+        (
+            ["{}/new", "--source", "libcamera:0", *BOARD_FLAGS],
+            4,
+            "sudo apt install -y python3-libcamera",
+        ),
+        (
+            [
+                "{}/new",
+                "--source",
+                "folder:{}/source",
+                *BOARD_FLAGS,
+                "--cover-from",
+                "{}/none.yaml",
+            ],
+            2,
+            "none.yaml cannot be read",
+        ),
         (["{}/new", "--source", "folder:{}/source", *BOARD_FLAGS], 3, "was kept: "),
-        (["{}/new", "--source", "folder:{}/source", *BOARD_FLAGS, "--all", "--burst", "2"], 2, "choose among good views"),
-        (["{}/new", "--source", "folder:{}/source", *BOARD_FLAGS, "--all", "--every", "2"], 2, "choose among good views"),
-        (["{}/new", "--source", "folder:{}/source", "--board", "9x9", "--square-mm", "0.02", "--all"], 2, "write a number from 0.05"),
-        (["{}/other", "--source", "folder:{}/source"], 2, "0000.png is 160x120 px where {}/other/session.yaml says 1640x1232"),
-        (["{}/other", "--source", "folder:{}/source", "--cover-from", "{}/flat.yaml"], 2, "describes another cover than --cover-from's"),
-        (["/dev/null/new", "--source", "folder:{}/source", *BOARD_FLAGS, "--all"], 2, "(Not a directory): choose a place inside a folder"),
-        (["{}/file", "--source", "folder:{}/source", *BOARD_FLAGS, "--all"], 2, "cannot be written"),
+        (
+            ["{}/new", "--source", "folder:{}/source", *BOARD_FLAGS, "--all", "--burst", "2"],
+            2,
+            "choose among good views",
+        ),
+        (
+            ["{}/new", "--source", "folder:{}/source", *BOARD_FLAGS, "--all", "--every", "2"],
+            2,
+            "choose among good views",
+        ),
+        (
+            [
+                "{}/new",
+                "--source",
+                "folder:{}/source",
+                "--board",
+                "9x9",
+                "--square-mm",
+                "0.02",
+                "--all",
+            ],
+            2,
+            "write a number from 0.05",
+        ),
+        (
+            ["{}/other", "--source", "folder:{}/source"],
+            2,
+            "0000.png is 160x120 px where {}/other/session.yaml says 1640x1232",
+        ),
+        (
+            ["{}/other", "--source", "folder:{}/source", "--cover-from", "{}/flat.yaml"],
+            2,
+            "describes another cover than --cover-from's",
+        ),
+        (
+            ["/dev/null/new", "--source", "folder:{}/source", *BOARD_FLAGS, "--all"],
+            2,
+            "(Not a directory): choose a place inside a folder",
+        ),
+        (
+            ["{}/file", "--source", "folder:{}/source", *BOARD_FLAGS, "--all"],
+            2,
+            "cannot be written",
+        ),
     ],
 )
 def test_what_cannot_be_recorded_gets_one_sentence(
@@ -214,13 +407,18 @@ def test_what_cannot_be_recorded_gets_one_sentence(
     ("arguments", "says"),
     [
         (["record", "x"], "--source"),
-        (["record", "x", "--source", "y", "--board", "9"], "write its inner corners as two whole numbers from 3, such as 9x6"),
+        (
+            ["record", "x", "--source", "y", "--board", "9"],
+            "write its inner corners as two whole numbers from 3, such as 9x6",
+        ),
         (["record", "x", "--source", "y", "--square-mm", "0"], "write a number above 0"),
         (["record", "x", "--source", "y", "--views", "0"], "write a whole number above 0"),
         (["record", "x", "--source", "y", "--every", "inf"], "write a number above 0"),
     ],
 )
-def test_wrong_usage_exits_with_2(arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_usage_exits_with_2(
+    arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as stop:
         main(arguments)
     assert stop.value.code == 2
@@ -229,7 +427,9 @@ def test_wrong_usage_exits_with_2(arguments: list[str], says: str, capsys: pytes
 
 def test_without_a_word_a_folder_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([]) == 2
-    assert capsys.readouterr().err.startswith("capture: name a folder, which is made if need be: capture SESSION")
+    assert capsys.readouterr().err.startswith(
+        "capture: name a folder, which is made if need be: capture SESSION"
+    )
 
 
 def test_the_screen_needs_a_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -239,12 +439,20 @@ def test_the_screen_needs_a_terminal(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert not (tmp_path / "show").exists()
 
 
-def test_sources_says_what_there_is_and_what_is_missing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_sources_says_what_there_is_and_what_is_missing(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     done = capture("sources")
     assert done.returncode == 0, done.stderr
-    assert "libcamera: The libcamera bindings are not installed: run sudo apt install -y python3-libcamera" in done.stdout
-    assert "rpicam: rpicam-apps is not installed: on Raspberry Pi OS, run sudo apt install rpicam-apps." in done.stdout
+    assert (
+        "libcamera: The libcamera bindings are not installed: run sudo apt install -y"
+        " python3-libcamera" in done.stdout
+    )
+    assert (
+        "rpicam: rpicam-apps is not installed: on Raspberry Pi OS, run sudo apt install"
+        " rpicam-apps." in done.stdout
+    )
     said = json.loads(capture("sources", "--json").stdout)
     assert list(said) == ["cameras", "missing"]
     assert {"libcamera", "rpicam"} <= {one["scheme"] for one in said["missing"]}
@@ -263,4 +471,7 @@ def test_a_folder_that_may_not_be_read_is_said_before_the_screen(
     monkeypatch.setattr(Path, "exists", refuse)
     monkeypatch.setattr(Path, "is_dir", lambda _: False)
     assert main(["ui", str(tmp_path)]) == 2
-    assert "cannot be read (Permission denied): check its name and permissions." in capsys.readouterr().err
+    assert (
+        "cannot be read (Permission denied): check its name and permissions."
+        in capsys.readouterr().err
+    )

@@ -1,4 +1,6 @@
-"""The rendered boards with markers, a third of which reach out of the picture, recorded from their own frames."""
+"""The rendered boards with markers, a third of which reach out of the picture, recorded from their
+own frames.
+"""
 
 import json
 import shutil
@@ -26,9 +28,13 @@ def described(folder: Path, name: str) -> Path:
 @pytest.mark.slow
 @each_session
 def test_every_view_is_recorded(name: str, tmp_path: Path) -> None:
-    """Each is a pose of its own, sharp and well lit: the gate has no reason to leave one out, those that reach out least of all."""
+    """Each is a pose of its own, sharp and well lit: the gate has no reason to leave one out, those
+    that reach out least of all.
+    """
     session = described(tmp_path / name, name)
-    done = capture("record", "--source", f"folder:{FIXTURES / name}?speed=max", session, "--json", timeout=300)
+    done = capture(
+        "record", "--source", f"folder:{FIXTURES / name}?speed=max", session, "--json", timeout=300
+    )
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["views"] == FRAMES
     assert len(read_table(session / "frames.csv")) == FRAMES

@@ -1,5 +1,6 @@
-"""Boards with markers in the live picture: found as far as it shows them, judged, recorded, and refused in a sentence where they are not
-the declared ones."""
+"""Boards with markers in the live picture: found as far as it shows them, judged, recorded, and
+refused in a sentence where they are not the declared ones.
+"""
 
 import shutil
 from collections.abc import Callable
@@ -55,7 +56,9 @@ def off(found: NDArray[np.float64] | None, truth: NDArray[np.float64]) -> NDArra
     return np.asarray(apart[np.isfinite(apart)])
 
 
-def enlarged(picture: Grey, corners: NDArray[np.float64], factor: int) -> tuple[Grey, NDArray[np.float64]]:
+def enlarged(
+    picture: Grey, corners: NDArray[np.float64], factor: int
+) -> tuple[Grey, NDArray[np.float64]]:
     height, width = picture.shape
     size = width * factor, height * factor
     large = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC), np.uint8)
@@ -64,13 +67,17 @@ def enlarged(picture: Grey, corners: NDArray[np.float64], factor: int) -> tuple[
 
 def moved(pixels: Grey, x: float, y: float) -> Grey:
     shift = np.array([[1.0, 0, x], [0, 1.0, y]])
-    return np.asarray(cv2.warpAffine(pixels, shift, pixels.shape[::-1], borderMode=cv2.BORDER_REPLICATE), np.uint8)
+    return np.asarray(
+        cv2.warpAffine(pixels, shift, pixels.shape[::-1], borderMode=cv2.BORDER_REPLICATE), np.uint8
+    )
 
 
 @each_kind
 @each_pose
 def test_corners_are_where_they_are_and_none_is_made_up(name: str, pose: str) -> None:
-    """To some tenths of a pixel, from markers and edges alone; those that calib would find in the picture, but for a few."""
+    """To some tenths of a pixel, from markers and edges alone; those that calib would find in the
+    picture, but for a few.
+    """
     picture, truth = drawn(name, pose)
     seen = look(picture, KINDS[name].board)
     errors = off(seen.corners, truth)
@@ -97,7 +104,9 @@ def test_large_pictures_are_searched_reduced_and_refined_in_full(name: str, pose
 
 def test_markers_too_small_for_the_reduced_picture_are_read_in_a_finer_one() -> None:
     """Of 22 px, cells of 1.8 px in blocks of two by two."""
-    view = CHARUCO.view(np.array([0.2, 0.3, -0.5, 0.0, 0.0, 0.7]), lens=Lens(width=1000, height=300, focal=1000.0))
+    view = CHARUCO.view(
+        np.array([0.2, 0.3, -0.5, 0.0, 0.0, 0.7]), lens=Lens(width=1000, height=300, focal=1000.0)
+    )
     picture, truth = view.picture, view.corners
     assert len(off(look(picture, CHARUCO.board).corners, truth)) > 0.9 * CHARUCO.board.count
 
@@ -105,9 +114,14 @@ def test_markers_too_small_for_the_reduced_picture_are_read_in_a_finer_one() -> 
 @pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
 @pytest.mark.parametrize("added", [0.0, 0.8, 1.6])
 def test_blur_is_measured_in_px(name: str, added: float) -> None:
-    """Oracle: normal blurs add their variances; the pictures' own is 0.7 px and the pixel's square."""
+    """Oracle: normal blurs add their variances; the pictures' own is 0.7 px and the pixel's
+    square.
+    """
     picture = enlarged(*drawn(name), 1)[0]
-    seen = look(np.asarray(cv2.GaussianBlur(picture, (0, 0), added), np.uint8) if added else picture, KINDS[name].board)
+    seen = look(
+        np.asarray(cv2.GaussianBlur(picture, (0, 0), added), np.uint8) if added else picture,
+        KINDS[name].board,
+    )
     if seen.corners is None:
         assert added > 1, "its markers cannot be read any more"
         return
@@ -120,7 +134,10 @@ def test_blur_is_measured_in_px(name: str, added: float) -> None:
 @pytest.mark.parametrize("angle", np.linspace(0, np.pi, 5)[:-1])
 def test_a_streak_is_measured_in_any_direction(name: str, angle: float) -> None:
     picture, _ = enlarged(*drawn(name), 2)
-    passing = [moved(picture, *(4 * step * np.array([np.cos(angle), np.sin(angle)]))) for step in np.linspace(-0.5, 0.5, 21)]
+    passing = [
+        moved(picture, *(4 * step * np.array([np.cos(angle), np.sin(angle)])))
+        for step in np.linspace(-0.5, 0.5, 21)
+    ]
     streaked = np.asarray(np.mean(passing, 0).round(), np.uint8)
     seen = look(streaked, KINDS[name].board)
     assert seen.blur
@@ -163,7 +180,9 @@ def test_light_and_focus_are_judged(name: str) -> None:
     assert sentence(np.asarray(np.minimum(picture * 1.6, 255), np.uint8), board) == GLARE
     assert sentence(np.asarray(picture * 0.15, np.uint8), board) == DARK
     large, _ = enlarged(picture, truth_of(name), 3)
-    assert sentence(np.asarray(cv2.GaussianBlur(large, (0, 0), 1.0), np.uint8), board) == SOFT, "2.1 px of its own, enlarged, and more"
+    assert sentence(np.asarray(cv2.GaussianBlur(large, (0, 0), 1.0), np.uint8), board) == SOFT, (
+        "2.1 px of its own, enlarged, and more"
+    )
 
 
 def truth_of(name: str) -> NDArray[np.float64]:
@@ -177,7 +196,10 @@ def test_too_little_of_a_board_is_said() -> None:
     covered = np.full_like(picture, 120)
     low, high = grid[:2, :2].reshape(-1, 2).min(0), grid[:2, :2].reshape(-1, 2).max(0)
     around = (high - low).max()
-    (left, top), (right, bottom) = (low - 1.2 * around).astype(int), (high + 0.3 * around).astype(int)
+    (left, top), (right, bottom) = (
+        (low - 1.2 * around).astype(int),
+        (high + 0.3 * around).astype(int),
+    )
     area = np.s_[max(top, 0) : bottom, max(left, 0) : right]
     covered[area] = picture[area]
     said = sentence(covered, CHARUCO.board)
@@ -185,19 +207,41 @@ def test_too_little_of_a_board_is_said() -> None:
 
 
 MISTAKES: dict[str, tuple[str, Callable[[Board], Board], str]] = {
-    "dictionary": ("charuco", lambda _: CHARUCO.with_coding(dictionary="DICT_6X6_250"), "show markers of DICT_4X4_50 with a black border"),
+    "dictionary": (
+        "charuco",
+        lambda _: CHARUCO.with_coding(dictionary="DICT_6X6_250"),
+        "show markers of DICT_4X4_50 with a black border",
+    ),
     "marker": ("charuco", lambda _: CHARUCO.with_coding(marker=0.01), "correct board.marker_mm"),
     "columns": ("charuco", lambda board: replace(board, columns=10), "write board.columns: 9"),
-    "legacy": ("legacy", lambda _: LEGACY.with_coding(legacy_pattern=False), "write board.legacy_pattern: true"),
-    "rows": ("charuco", lambda board: replace(board, rows=4), "are seen, where a 9x4 ChArUco board has 0 to 24"),
+    "legacy": (
+        "legacy",
+        lambda _: LEGACY.with_coding(legacy_pattern=False),
+        "write board.legacy_pattern: true",
+    ),
+    "rows": (
+        "charuco",
+        lambda board: replace(board, rows=4),
+        "are seen, where a 9x4 ChArUco board has 0 to 24",
+    ),
     "tags": ("aprilgrid", lambda board: replace(board, columns=10), "write board.columns: 6"),
-    "spacing": ("aprilgrid", lambda _: GRID.with_coding(spacing=0.25), "0.30 of their side apart, where 0.25 is declared"),
-    "other type": ("aprilgrid", lambda _: CHARUCO.board, "show markers of DICT_APRILTAG_36h11 with a black border of two cells"),
+    "spacing": (
+        "aprilgrid",
+        lambda _: GRID.with_coding(spacing=0.25),
+        "0.30 of their side apart, where 0.25 is declared",
+    ),
+    "other type": (
+        "aprilgrid",
+        lambda _: CHARUCO.board,
+        "show markers of DICT_APRILTAG_36h11 with a black border of two cells",
+    ),
 }
 
 
 @pytest.mark.parametrize("mistake", MISTAKES.values(), ids=MISTAKES.keys())
-def test_another_board_than_the_declared_one_is_named(mistake: tuple[str, Callable[[Board], Board], str]) -> None:
+def test_another_board_than_the_declared_one_is_named(
+    mistake: tuple[str, Callable[[Board], Board], str],
+) -> None:
     name, change, says = mistake
     said = sentence(drawn(name)[0], change(KINDS[name].board))
     assert says in said
@@ -208,18 +252,24 @@ def test_another_board_than_the_declared_one_is_named(mistake: tuple[str, Callab
 
 @pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
 def test_a_mirrored_board_is_told(name: str) -> None:
-    assert "can be read in a mirror alone" in sentence(np.ascontiguousarray(drawn(name)[0][:, ::-1]), KINDS[name].board)
+    assert "can be read in a mirror alone" in sentence(
+        np.ascontiguousarray(drawn(name)[0][:, ::-1]), KINDS[name].board
+    )
 
 
 def test_two_boards_and_a_marker_twice_are_told() -> None:
     away = np.array([0, 0, 0, 0, 0, 0.38])
     both = np.hstack([CHARUCO.view(away).picture, CHARUCO.view(away, seed=2).picture])
     assert "is seen twice: show one board alone" in sentence(both, CHARUCO.board)
-    parts = np.hstack([both[:, :240], np.full((360, 100), 150, np.uint8), both[:, 720:]])  # of no marker two
+    parts = np.hstack(
+        [both[:, :240], np.full((360, 100), 150, np.uint8), both[:, 720:]]
+    )  # of no marker two
     assert "lie not as on one 9x6 ChArUco board" in sentence(parts, CHARUCO.board)
 
 
-def test_what_the_picture_shows_instead_is_said_until_it_shows_the_board(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_the_picture_shows_instead_is_said_until_it_shows_the_board(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """The search for it rests meanwhile: it takes as long as many frames."""
     searches = []
 
@@ -247,9 +297,31 @@ def test_pictures_of_nothing(name: str, shape: tuple[int, ...], level: int) -> N
 
 
 ASKED = {
-    "charuco": ("--type", "charuco", "--board", "9x6", "--square-mm", "20", "--marker-mm", "15", "--dictionary", "DICT_4X4_250"),
+    "charuco": (
+        "--type",
+        "charuco",
+        "--board",
+        "9x6",
+        "--square-mm",
+        "20",
+        "--marker-mm",
+        "15",
+        "--dictionary",
+        "DICT_4X4_250",
+    ),
     "legacy": (
-        *("--type", "charuco", "--board", "6x7", "--square-mm", "25", "--marker-mm", "17.5", "--dictionary", "DICT_5X5_100"),
+        *(
+            "--type",
+            "charuco",
+            "--board",
+            "6x7",
+            "--square-mm",
+            "25",
+            "--marker-mm",
+            "17.5",
+            "--dictionary",
+            "DICT_5X5_100",
+        ),
         "--legacy-pattern",
     ),
     "aprilgrid": ("--type", "aprilgrid", "--board", "6x6", "--tag-mm", "24", "--spacing", "0.3"),
@@ -257,11 +329,16 @@ ASKED = {
 
 
 def recording(folder: Path, name: str) -> Path:
-    """Photographs of three poses, two of them of a board that reaches out of the picture, the first one twice."""
+    """Photographs of three poses, two of them of a board that reaches out of the picture, the first
+    one twice.
+    """
     folder.mkdir()
     for pose in ("whole", "partial"):
         cv2.imwrite(str(folder / f"{pose}.png"), drawn(name, pose)[0])
-        cv2.imwrite(str(folder / f"{pose}-turned.png"), np.ascontiguousarray(drawn(name, pose)[0][::-1, ::-1]))
+        cv2.imwrite(
+            str(folder / f"{pose}-turned.png"),
+            np.ascontiguousarray(drawn(name, pose)[0][::-1, ::-1]),
+        )
     shutil.copy(folder / "whole.png", folder / "whole-again.png")
     return folder
 
@@ -279,8 +356,12 @@ def test_photographs_of_a_board_with_markers_are_recorded(name: str, tmp_path: P
     assert len(found.frames) == 4, done.stderr
     assert "This view is already there" in done.stderr
     again = capture("record", session, "--source", f"folder:{source}")
-    assert again.returncode == 3, "the session goes on, with its own board, and has all of these views"
-    wrong = capture("record", session, "--source", f"folder:{source}", "--board", "9x6", "--square-mm", "20")
+    assert again.returncode == 3, (
+        "the session goes on, with its own board, and has all of these views"
+    )
+    wrong = capture(
+        "record", session, "--source", f"folder:{source}", "--board", "9x6", "--square-mm", "20"
+    )
     assert wrong.returncode == 2
     assert f"describes a board of {KINDS[name].board}, " in wrong.stderr
 
@@ -294,10 +375,19 @@ def test_photographs_of_a_board_with_markers_are_recorded(name: str, tmp_path: P
         ("--type", "marker_mm is not a known key"),
     ],
 )
-def test_a_board_that_is_half_described_is_refused(left_out: str, says: str, tmp_path: Path) -> None:
+def test_a_board_that_is_half_described_is_refused(
+    left_out: str, says: str, tmp_path: Path
+) -> None:
     flags = list(ASKED["charuco"])
     place = flags.index(left_out)
-    done = capture("record", tmp_path / "session", "--source", f"folder:{tmp_path}", *flags[:place], *flags[place + 2 :])
+    done = capture(
+        "record",
+        tmp_path / "session",
+        "--source",
+        f"folder:{tmp_path}",
+        *flags[:place],
+        *flags[place + 2 :],
+    )
     assert done.returncode == 2
     assert says in done.stderr
     assert not (tmp_path / "session").exists()

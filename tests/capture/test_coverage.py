@@ -24,16 +24,28 @@ from fixtures.coded_boards import CHARUCO, GRID, LENS, Kind
 Array = NDArray[np.float64]
 
 BOARD = Board(9, 7, 0.02)
-CAMERA = Camera(1640, 1232, intrinsics=Intrinsics(Number(1280.0), Number(1280.0), Number(830.0), Number(620.0)))
+CAMERA = Camera(
+    1640, 1232, intrinsics=Intrinsics(Number(1280.0), Number(1280.0), Number(830.0), Number(620.0))
+)
 BARREL = Camera(
-    1640, 1232, intrinsics=Intrinsics(Number(1000.0), Number(1000.0), Number(830.0), Number(620.0), tuple(map(Number, (-0.25, 0.05, 0, 0))))
+    1640,
+    1232,
+    intrinsics=Intrinsics(
+        Number(1000.0),
+        Number(1000.0),
+        Number(830.0),
+        Number(620.0),
+        tuple(map(Number, (-0.25, 0.05, 0, 0))),
+    ),
 )
 CODED = replace(BOARD, coding=Charuco(0.015, "DICT_4X4_250"))
 REACH = Reach(0.4, 1.0)
 SIZE = CAMERA.width, CAMERA.height
 ENDS = tuple(product((0, SIZE[0]), (0, SIZE[1])))
 
-each_camera = pytest.mark.parametrize("camera", [CAMERA, BARREL, Camera(1640, 1232)], ids=["pinhole", "barrel", "unknown"])
+each_camera = pytest.mark.parametrize(
+    "camera", [CAMERA, BARREL, Camera(1640, 1232)], ids=["pinhole", "barrel", "unknown"]
+)
 
 
 @each_camera
@@ -54,7 +66,10 @@ def test_the_bank_reaches_into_every_corner_of_the_picture(camera: Camera) -> No
 
 
 def test_a_board_that_never_fits_is_said() -> None:
-    with pytest.raises(InputError, match=r"nowhere wholly in the picture between 0\.05 and 0\.06 m: hold it farther away"):
+    with pytest.raises(
+        InputError,
+        match=r"nowhere wholly in the picture between 0\.05 and 0\.06 m: hold it farther away",
+    ):
         PlainGuide(BOARD, CAMERA, Reach(0.05, 0.06))
 
 
@@ -69,7 +84,9 @@ def test_the_outline_goes_once_around() -> None:
     around = BOARD.points()[rim(BOARD)]
     x, y = around.T
     assert len(around) == 2 * (9 + 7) - 4
-    assert abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1))) / 2 == pytest.approx(8 * 6 * 0.02**2)
+    assert abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1))) / 2 == pytest.approx(
+        8 * 6 * 0.02**2
+    )
 
 
 def test_a_pose_is_found_from_its_corners() -> None:
@@ -81,7 +98,9 @@ def test_a_pose_is_found_from_its_corners() -> None:
 @pytest.mark.parametrize("in_plane", [0, 90, 180, 270])
 @pytest.mark.parametrize(("across", "down"), list(product((-1, 0, 1), repeat=2)))
 def test_the_side_that_is_said_to_be_away_is_away(across: int, down: int, in_plane: int) -> None:
-    """Oracle: the depths of points on the board, to the left and right of its middle and above and below it in the picture."""
+    """Oracle: the depths of points on the board, to the left and right of its middle and above and
+    below it in the picture.
+    """
     tilt = cv2.Rodrigues(np.radians(25) * np.array([down, -across, 0.0]))[0]
     turn = tilt @ cv2.Rodrigues(np.radians(in_plane) * np.array([0, 0, 1.0]))[0]
     pose = np.concatenate([cv2.Rodrigues(turn)[0].ravel(), [0, 0, 0.6]])
@@ -113,7 +132,10 @@ def test_distance_is_said_as_from_where_the_board_is() -> None:
     pose, near, far = (np.array([0, 0, 0, 0, 0, depth]) for depth in (0.6, 0.4, 1.0))
     outline = seen_bare(BOARD, CAMERA, pose)
     assert words(pose, outline, SIZE, far, (0.4, 1.0)) == "closer, in the middle, facing the camera"
-    assert words(pose, outline, SIZE, near, (0.4, 1.0)) == "farther away, in the middle, facing the camera"
+    assert (
+        words(pose, outline, SIZE, near, (0.4, 1.0))
+        == "farther away, in the middle, facing the camera"
+    )
     assert words(pose, outline, SIZE, pose, (0.4, 1.0)) == "in the middle, facing the camera"
     assert words(near, outline, SIZE, None, (0.4, 1.0)).startswith("near (40 cm)")
     assert words(far, outline, SIZE, None, (0.4, 1.0)).startswith("far (1.0 m)")
@@ -133,12 +155,22 @@ def test_a_board_that_reaches_out_is_named_so(x: float, y: float, place: str) ->
     around = outline(seen_bare(CODED, CAMERA, pose), CODED)
     assert place in words(pose, around, SIZE, None, (0.4, 1.0))
     plain = seen_bare(BOARD, CAMERA, pose)[rim(BOARD)]
-    assert around == pytest.approx(plain, abs=1e-3), "px; without a lens, a plane through what is seen is the board"
+    assert around == pytest.approx(plain, abs=1e-3), (
+        "px; without a lens, a plane through what is seen is the board"
+    )
 
 
 def test_a_lens_that_folds_back_shows_no_corner_that_is_outside() -> None:
-    """This polynomial turns back at 0.9 from the middle, and would put what is at 1.5 into the picture again."""
-    lens = Intrinsics(Number(600.0), Number(600.0), Number(820.0), Number(616.0), tuple(map(Number, (-0.4, 0, 0, 0))))
+    """This polynomial turns back at 0.9 from the middle, and would put what is at 1.5 into the
+    picture again.
+    """
+    lens = Intrinsics(
+        Number(600.0),
+        Number(600.0),
+        Number(820.0),
+        Number(616.0),
+        tuple(map(Number, (-0.4, 0, 0, 0))),
+    )
     folding = replace(CAMERA, intrinsics=lens)
     seen = seen_bare(CODED, folding, np.array([0, 0, 0, 0.75, 0, 0.5]))
     assert np.isnan(seen).all()
@@ -146,7 +178,9 @@ def test_a_lens_that_folds_back_shows_no_corner_that_is_outside() -> None:
 
 @each_camera
 def test_the_bank_of_a_board_with_markers_reaches_out_of_the_picture(camera: Camera) -> None:
-    """All that a checkerboard has, and others; of each, so much is in the picture as is worth asking for."""
+    """All that a checkerboard has, and others; of each, so much is in the picture as is worth
+    asking for.
+    """
     found, plain = bank(CODED, camera, REACH), bank(BOARD, camera, REACH)
     seen = np.isfinite(found.corners[..., 0])
     assert len(found.poses) > 1.4 * len(plain.poses)
@@ -158,7 +192,10 @@ def test_the_bank_of_a_board_with_markers_reaches_out_of_the_picture(camera: Cam
     assert (inside < np.array(SIZE) - 1).all()
     nearest, whole = (
         [
-            np.linalg.norm(each.corners.reshape(-1, 2)[~np.isnan(each.corners.reshape(-1, 2)[:, 0])] - corner, axis=1).min()
+            np.linalg.norm(
+                each.corners.reshape(-1, 2)[~np.isnan(each.corners.reshape(-1, 2)[:, 0])] - corner,
+                axis=1,
+            ).min()
             for corner in ENDS
         ]
         for each in (found, plain)
@@ -168,13 +205,23 @@ def test_the_bank_of_a_board_with_markers_reaches_out_of_the_picture(camera: Cam
 
 @pytest.mark.parametrize("kind", [CHARUCO, GRID], ids=["charuco", "aprilgrid"])
 def test_what_the_bank_asks_for_can_be_found(kind: Kind) -> None:
-    """Poses of the bank that reach out of the picture, drawn small and so not tilted about both axes: the live finder sees most corners
-    that the bank counts on, where they are."""
+    """Poses of the bank that reach out of the picture, drawn small and so not tilted about both
+    axes: the live finder sees most corners that the bank counts on, where they are.
+    """
     k, board = LENS.matrix, kind.board
-    lens = Intrinsics(Number(k[0, 0]), Number(k[1, 1]), Number(k[0, 2]), Number(k[1, 2]), tuple(map(Number, LENS.distortion[:4])))
+    lens = Intrinsics(
+        Number(k[0, 0]),
+        Number(k[1, 1]),
+        Number(k[0, 2]),
+        Number(k[1, 2]),
+        tuple(map(Number, LENS.distortion[:4])),
+    )
     camera = Camera(LENS.width, LENS.height, intrinsics=lens)
     found = bank(board, camera, Reach.of(board, camera))
-    near, simple = found.poses[:, 5] < np.median(found.poses[:, 5]), (found.poses[:, :2] != 0).sum(1) < 2
+    near, simple = (
+        found.poses[:, 5] < np.median(found.poses[:, 5]),
+        (found.poses[:, :2] != 0).sum(1) < 2,
+    )
     reaching = np.flatnonzero(np.isnan(found.corners[..., 0]).any(1) & near & simple)
     counted, apart = 0, []
     for pose in np.random.default_rng(4).choice(reaching, 4, replace=False):
@@ -185,7 +232,9 @@ def test_what_the_bank_asks_for_can_be_found(kind: Kind) -> None:
         apart.append(off[np.isfinite(off)])
     every = np.concatenate(apart)
     assert len(every) > 0.6 * counted
-    assert np.mean(every < 0.3) > 0.95, "px; a tag of 25 px at the border is outlined wrongly now and then"
+    assert np.mean(every < 0.3) > 0.95, (
+        "px; a tag of 25 px at the border is outlined wrongly now and then"
+    )
 
 
 def test_the_plain_rule_asks_for_the_borders_where_markers_allow() -> None:
@@ -197,24 +246,42 @@ def test_the_plain_rule_asks_for_the_borders_where_markers_allow() -> None:
         said.append(hint.words)
         assert len(views) < 40
     for side in ("left", "right", "top", "bottom"):
-        assert sum("a part outside" in words and side in words.split(" (a")[0] for words in said) >= 2
+        assert (
+            sum("a part outside" in words and side in words.split(" (a")[0] for words in said) >= 2
+        )
     assert guide.progress(views).enough
     whole = [view for view in views if np.isfinite(view.corners).all()]
     assert whole
     assert not guide.progress(whole).enough
-    assert guide.progress(whole).image.min() < guide.progress(views).image.min(), "the outermost cells"
+    assert guide.progress(whole).image.min() < guide.progress(views).image.min(), (
+        "the outermost cells"
+    )
 
 
 def test_the_informed_guide_knows_views_of_a_part() -> None:
-    """Two poses at which half of the board is seen: what was seen at one tells of the other nothing."""
+    """Two poses at which half of the board is seen: what was seen at one tells of the other
+    nothing.
+    """
     found = bank(CODED, CAMERA, REACH)
-    left, right = (int(np.argmin(((found.poses[:, :3] ** 2).sum(1) > 0) + np.abs(found.poses[:, 3] - x))) for x in (-1, 1))
+    left, right = (
+        int(np.argmin(((found.poses[:, :3] ** 2).sum(1) > 0) + np.abs(found.poses[:, 3] - x)))
+        for x in (-1, 1)
+    )
     corners = found.corners[[left, right]]
     assert np.isnan(corners).any((1, 2)).all()
     glass = np.zeros((*CELLS, 2))
     spread = np.ones((*CELLS, 2, 2, 2))
     information = np.array([np.diag([50.0, 0.0]), np.diag([0.0, 50.0])])
-    design = Design(found.poses[[left, right]], corners, information, np.zeros((2, 2)), 0, spread, np.array([0.7]), glass)
+    design = Design(
+        found.poses[[left, right]],
+        corners,
+        information,
+        np.zeros((2, 2)),
+        0,
+        spread,
+        np.array([0.7]),
+        glass,
+    )
     guide = InformedGuide(CODED, CAMERA, REACH, design)
     first = SeenView(corners[0])
     hint = guide.next_pose([first])
@@ -248,7 +315,11 @@ def test_the_plain_rule_ends_and_repeats_no_view() -> None:
     assert not first.enough
     assert first.sigma_px is None
     while (hint := guide.next_pose(views)) is not None:
-        assert guide.progress(views).views_needed == first.views_needed - len(views) if first.views_needed else 0
+        assert (
+            guide.progress(views).views_needed == first.views_needed - len(views)
+            if first.views_needed
+            else 0
+        )
         views.append(SeenView(seen_bare(BOARD, CAMERA, hint.pose), hint.pose))
         assert len(views) < 40
     last = guide.progress(views)
@@ -261,7 +332,10 @@ def test_the_plain_rule_ends_and_repeats_no_view() -> None:
 def test_the_plain_rule_needs_no_poses() -> None:
     guide = PlainGuide(BOARD, CAMERA, REACH)
     found = bank(BOARD, CAMERA, REACH)
-    posed = [SeenView(corners, pose) for corners, pose in zip(found.corners[::40], found.poses[::40], strict=True)]
+    posed = [
+        SeenView(corners, pose)
+        for corners, pose in zip(found.corners[::40], found.poses[::40], strict=True)
+    ]
     unposed = [SeenView(view.corners) for view in posed]
     assert guide.progress(posed).views_needed == guide.progress(unposed).views_needed
 
@@ -277,19 +351,36 @@ def test_the_same_view_again_and_again_is_never_enough(pose: tuple[float, ...]) 
 
 
 def made_design(information: Array, spread: Array, views: int = 0) -> Design:
-    """Over a bank of this many poses, with the maps' derivatives at one depth, the same for both axes' pixels."""
+    """Over a bank of this many poses, with the maps' derivatives at one depth, the same for both
+    axes' pixels.
+    """
     found = bank(BOARD, CAMERA, REACH)
     chosen = np.linspace(0, len(found.poses) - 1, len(information)).astype(int)
     modes = information.shape[-1]
     at = np.zeros((*CELLS, 2, 2, modes))
     at[..., 0, 0, :] = spread
     glass = np.stack(np.meshgrid(*(np.linspace(0.2, 0.8, n) for n in CELLS), indexing="ij"), -1)
-    return Design(found.poses[chosen], found.corners[chosen], information, np.zeros((modes, modes)), views, at, np.array([0.7]), glass)
+    return Design(
+        found.poses[chosen],
+        found.corners[chosen],
+        information,
+        np.zeros((modes, modes)),
+        views,
+        at,
+        np.array([0.7]),
+        glass,
+    )
 
 
 def test_the_informed_guide_asks_for_what_the_maps_lack() -> None:
-    """Two modes: the first hardly moves the maps. One pose tells much of the first, another a little of the second."""
-    design = made_design(np.array([np.diag([1e4, 0.0]), np.diag([0.0, 10.0]), np.diag([0.0, 5.0])]), np.array([0.01, 1.0]))
+    """Two modes: the first hardly moves the maps.
+
+    One pose tells much of the first, another a little of the second.
+    """
+    design = made_design(
+        np.array([np.diag([1e4, 0.0]), np.diag([0.0, 10.0]), np.diag([0.0, 5.0])]),
+        np.array([0.01, 1.0]),
+    )
     guide = InformedGuide(BOARD, CAMERA, REACH, design)
     hint = guide.next_pose([])
     assert hint
@@ -326,9 +417,12 @@ def test_as_many_views_are_needed_as_are_then_taken() -> None:
 
 
 @pytest.mark.parametrize(
-    ("agree", "enough", "said"), [(None, False, "being computed"), (False, False, "do not agree"), (True, True, "Enough")]
+    ("agree", "enough", "said"),
+    [(None, False, "being computed"), (False, False, "do not agree"), (True, True, "Enough")],
 )
-def test_sure_maps_are_enough_only_where_folds_agree(agree: bool | None, enough: bool, said: str) -> None:
+def test_sure_maps_are_enough_only_where_folds_agree(
+    agree: bool | None, enough: bool, said: str
+) -> None:
     design = made_design(np.array([[[1.0]]]), np.array([0.05]))
     progress = InformedGuide(BOARD, CAMERA, REACH, design, folds_agree=agree).progress([])
     assert progress.enough is enough

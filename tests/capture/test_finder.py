@@ -1,4 +1,6 @@
-"""The live finder on rendered views: it agrees with the detector that calibrates, and looks at pictures of any kind without harm."""
+"""The live finder on rendered views: it agrees with the detector that calibrates, and looks at
+pictures of any kind without harm.
+"""
 
 from pathlib import Path
 
@@ -27,7 +29,9 @@ def look(pixels: NDArray[np.uint8], board: Board = BOARD) -> Sighting:
     return Finder(board).look(frame(pixels))
 
 
-@pytest.mark.parametrize("folder", ["clean/holdout/frames", "bumps/frames", "covered-bare/frames", "covered-bare/bare"])
+@pytest.mark.parametrize(
+    "folder", ["clean/holdout/frames", "bumps/frames", "covered-bare/frames", "covered-bare/bare"]
+)
 def test_corners_are_those_of_the_full_detector(folder: str) -> None:
     finder = Finder(BOARD)
     pictures = list_images(FIXTURES / folder)[::4]
@@ -41,12 +45,18 @@ def test_corners_are_those_of_the_full_detector(folder: str) -> None:
         assert sighting.corners is not None, path
         assert refined is not None, path
         assert rms(sighting.corners, whole.corners) < 0.2, path
-        assert rms(refined, refine(seen.pixels, whole.corners, BOARD)) < 0.02, path  # what a calibration's own measurement starts from
+        assert rms(refined, refine(seen.pixels, whole.corners, BOARD)) < 0.02, (
+            path
+        )  # what a calibration's own measurement starts from
         assert (sighting.width, sighting.height, sighting.time_s) == (*seen.size, 2.5)
 
 
 def test_every_rendered_board_is_found() -> None:
-    pictures = [path for folder in ("clean", "clean/holdout", "bumps/holdout") for path in list_images(FIXTURES / folder / "frames")]
+    pictures = [
+        path
+        for folder in ("clean", "clean/holdout", "bumps/holdout")
+        for path in list_images(FIXTURES / folder / "frames")
+    ]
     assert len(pictures) == 24 + 10 + 10
     for path in pictures:
         assert look(np.asarray(read_grey(path), np.uint8)).corners is not None, path
@@ -92,10 +102,14 @@ def test_pictures_of_nothing(shape: tuple[int, ...], level: int) -> None:
 
 
 def test_blur_is_measured_in_px() -> None:
-    """Oracle: normal blurs add their variances; the renderer's own is 0.6 px and the pixel's square."""
+    """Oracle: normal blurs add their variances; the renderer's own is 0.6 px and the pixel's
+    square.
+    """
     pixels = np.asarray(read_grey(FIXTURES / "clean/frames/0002.jpg"), np.uint8)
     for added in (0.0, 0.8, 1.6):
-        blurred = pixels if added == 0 else np.asarray(cv2.GaussianBlur(pixels, (0, 0), added), np.uint8)
+        blurred = (
+            pixels if added == 0 else np.asarray(cv2.GaussianBlur(pixels, (0, 0), added), np.uint8)
+        )
         blur = look(blurred).blur
         assert blur is not None
         assert blur.sigma == pytest.approx((0.6**2 + 1 / 12 + added**2) ** 0.5, abs=0.06)
@@ -105,9 +119,16 @@ def test_blur_is_measured_in_px() -> None:
 @pytest.mark.parametrize("angle", np.linspace(0, np.pi, 7)[:-1])
 def test_a_streak_is_measured_in_any_direction(angle: float) -> None:
     pixels = np.asarray(read_grey(FIXTURES / "clean/frames/0002.jpg"), np.uint8)
-    shifts = [5 * step * np.array([np.cos(angle), np.sin(angle)]) for step in np.linspace(-0.5, 0.5, 26)]
+    shifts = [
+        5 * step * np.array([np.cos(angle), np.sin(angle)]) for step in np.linspace(-0.5, 0.5, 26)
+    ]
     size = pixels.shape[::-1]
-    passing = [cv2.warpAffine(pixels, np.array([[1, 0, x], [0, 1, y]]), size, borderMode=cv2.BORDER_REPLICATE) for x, y in shifts]
+    passing = [
+        cv2.warpAffine(
+            pixels, np.array([[1, 0, x], [0, 1, y]]), size, borderMode=cv2.BORDER_REPLICATE
+        )
+        for x, y in shifts
+    ]
     blur = look(np.asarray(np.mean(passing, 0).round(), np.uint8)).blur
     assert blur is not None
     assert blur.streak == pytest.approx(5.0, abs=0.75)  # its spread is no normal blur's
@@ -115,7 +136,10 @@ def test_a_streak_is_measured_in_any_direction(angle: float) -> None:
 
 def test_exposure_is_measured_on_the_squares() -> None:
     pixels = np.asarray(read_grey(FIXTURES / "clean/frames/0002.jpg"), np.uint8)
-    plain, bright = look(pixels).exposure, look(np.asarray(np.minimum(pixels * 1.6, 255), np.uint8)).exposure
+    plain, bright = (
+        look(pixels).exposure,
+        look(np.asarray(np.minimum(pixels * 1.6, 255), np.uint8)).exposure,
+    )
     assert plain is not None
     assert bright is not None
     assert plain.clipped == 0

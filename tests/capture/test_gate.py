@@ -1,4 +1,6 @@
-"""Each check of the gate: on a rendered view in which only that is spoiled, and on sightings made by hand."""
+"""Each check of the gate: on a rendered view in which only that is spoiled, and on sightings made
+by hand.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,13 +16,32 @@ from calib.session.board import Board
 from capture.exposure import Exposure
 from capture.finder import Finder
 from capture.frames import Frame
-from capture.gate import CHECKS, DARK, FOUND, GLARE, GOOD, HIDDEN, KNOWN, MOVING, SOFT, STREAKED, WAIT, WRONG, judge
+from capture.gate import (
+    CHECKS,
+    DARK,
+    FOUND,
+    GLARE,
+    GOOD,
+    HIDDEN,
+    KNOWN,
+    MOVING,
+    SOFT,
+    STREAKED,
+    WAIT,
+    WRONG,
+    judge,
+)
 from capture.sharpness import Blur
 from capture.sighting import Sighting
 
 BOARD = Board(9, 9, 0.02)
 FIXTURES = Path(__file__).parents[2] / "fixtures"
-VIEWS = ("clean/frames/0002.jpg", "bumps/frames/0009.jpg", "clean/frames/0005.jpg", "bumps/holdout/frames/0006.jpg")
+VIEWS = (
+    "clean/frames/0002.jpg",
+    "bumps/frames/0009.jpg",
+    "clean/frames/0005.jpg",
+    "bumps/holdout/frames/0006.jpg",
+)
 
 Grey = NDArray[np.uint8]
 each_view = pytest.mark.parametrize("view", VIEWS)
@@ -40,13 +61,23 @@ def sentence(pixels: Grey, board: Board = BOARD) -> str:
 
 
 def moved(pixels: Grey, x: float, y: float) -> Grey:
-    return np.asarray(cv2.warpAffine(pixels, np.array([[1.0, 0, x], [0, 1.0, y]]), pixels.shape[::-1], borderMode=cv2.BORDER_REPLICATE))
+    return np.asarray(
+        cv2.warpAffine(
+            pixels,
+            np.array([[1.0, 0, x], [0, 1.0, y]]),
+            pixels.shape[::-1],
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+    )
 
 
 def streaked(pixels: Grey, length: int, angle: float) -> Grey:
     """The mean of what is seen on the way."""
     steps = np.linspace(-0.5, 0.5, 16) * length
-    return np.asarray(np.mean([moved(pixels, s * np.cos(angle), s * np.sin(angle)) for s in steps], 0).round(), np.uint8)
+    return np.asarray(
+        np.mean([moved(pixels, s * np.cos(angle), s * np.sin(angle)) for s in steps], 0).round(),
+        np.uint8,
+    )
 
 
 @each_view
@@ -60,7 +91,10 @@ def test_a_good_view_is_kept(view: str) -> None:
 
 def test_no_board_asks_for_one() -> None:
     noise = np.random.default_rng(0).integers(0, 255, (1232, 1640)).astype(np.uint8)
-    for pixels in (np.full((1232, 1640), 120, np.uint8), np.asarray(cv2.GaussianBlur(noise, (0, 0), 3), np.uint8)):
+    for pixels in (
+        np.full((1232, 1640), 120, np.uint8),
+        np.asarray(cv2.GaussianBlur(noise, (0, 0), 3), np.uint8),
+    ):
         assert sentence(pixels) == FOUND
     assert "hold the whole board" in FOUND
 
@@ -68,15 +102,28 @@ def test_no_board_asks_for_one() -> None:
 @each_view
 @pytest.mark.parametrize("squares", [-0.2, 0.5, 1.5], ids=lambda s: f"{s} squares")
 def test_a_cut_board_is_to_be_moved_from_that_border(view: str, squares: float) -> None:
-    """The border runs through the outermost corners' windows, or beyond the corners of one column, or two."""
+    """The border runs through the outermost corners' windows, or beyond the corners of one column,
+    or two.
+    """
     pixels = picture(view)
     whole = look(pixels)
     assert whole.corners is not None
-    low, high = whole.corners.min(0) + squares * whole.square, whole.corners.max(0) - squares * whole.square
+    low, high = (
+        whole.corners.min(0) + squares * whole.square,
+        whole.corners.max(0) - squares * whole.square,
+    )
     left, top, right, bottom = (int(v) for v in (*low, *high))
-    cuts = {"left": pixels[:, left:], "top": pixels[top:], "right": pixels[:, :right], "bottom": pixels[:bottom]}
+    cuts = {
+        "left": pixels[:, left:],
+        "top": pixels[top:],
+        "right": pixels[:, :right],
+        "bottom": pixels[:bottom],
+    }
     for side, cut in cuts.items():
-        assert sentence(np.ascontiguousarray(cut)) == f"The board is cut off at the {side}: move it away from the picture's {side} border."
+        assert (
+            sentence(np.ascontiguousarray(cut))
+            == f"The board is cut off at the {side}: move it away from the picture's {side} border."
+        )
 
 
 @each_view
@@ -99,13 +146,19 @@ def test_another_board_is_not_taken_for_a_part_of_it(view: str) -> None:
 
 @each_view
 def test_overexposed_white_asks_for_less_light(view: str) -> None:
-    assert sentence(np.asarray(np.minimum(picture(view).astype(np.float32) * 1.6, 255), np.uint8)) == GLARE
+    assert (
+        sentence(np.asarray(np.minimum(picture(view).astype(np.float32) * 1.6, 255), np.uint8))
+        == GLARE
+    )
     assert "lower exposure" in GLARE
 
 
 @each_view
 def test_white_that_ends_at_the_level_of_television_is_clipped(view: str) -> None:
-    assert sentence(np.asarray(np.minimum(picture(view).astype(np.float32) * 1.6, 235), np.uint8)) == GLARE
+    assert (
+        sentence(np.asarray(np.minimum(picture(view).astype(np.float32) * 1.6, 235), np.uint8))
+        == GLARE
+    )
 
 
 @each_view
@@ -134,8 +187,15 @@ def test_a_turn_about_the_boards_middle_is_motion(view: str) -> None:
     before = look(pixels, 0.9)
     assert before.corners is not None
     x, y = before.corners.mean(0)
-    turn = cv2.getRotationMatrix2D((float(x), float(y)), float(np.degrees(3 / np.ptp(before.corners, axis=0).min() * 2)), 1)
-    assert judge(look(np.asarray(cv2.warpAffine(pixels, turn, pixels.shape[::-1]))), before, ()).sentence == MOVING
+    turn = cv2.getRotationMatrix2D(
+        (float(x), float(y)), float(np.degrees(3 / np.ptp(before.corners, axis=0).min() * 2)), 1
+    )
+    assert (
+        judge(
+            look(np.asarray(cv2.warpAffine(pixels, turn, pixels.shape[::-1]))), before, ()
+        ).sentence
+        == MOVING
+    )
 
 
 @each_view
@@ -158,8 +218,13 @@ def test_a_sharp_scene_does_not_excuse_a_soft_board(view: str) -> None:
     corners = look(pixels).corners
     assert corners is not None
     hull = cv2.convexHull(corners.astype(np.float32)).astype(np.int32)
-    board = cv2.dilate(cv2.fillConvexPoly(np.zeros_like(pixels), hull, 1), np.ones((61, 61), np.uint8)) > 0
-    scene = np.kron(np.random.default_rng(0).integers(40, 200, (77, 103)), np.ones((16, 16))).astype(np.uint8)[:1232, :1640]
+    board = (
+        cv2.dilate(cv2.fillConvexPoly(np.zeros_like(pixels), hull, 1), np.ones((61, 61), np.uint8))
+        > 0
+    )
+    scene = np.kron(
+        np.random.default_rng(0).integers(40, 200, (77, 103)), np.ones((16, 16))
+    ).astype(np.uint8)[:1232, :1640]
     assert sentence(np.where(board, pixels, scene)) == GOOD
     assert sentence(np.where(board, cv2.GaussianBlur(pixels, (0, 0), 2.4), scene)) == SOFT
 
@@ -177,13 +242,25 @@ def test_a_view_that_the_session_has_is_not_new(view: str) -> None:
     assert "move the board elsewhere" in KNOWN
 
 
-def seen(tilt: float = 0.0, distance: float = 0.6, x: float = 820.0, time_s: float = 1.0) -> Sighting:
+def seen(
+    tilt: float = 0.0, distance: float = 0.6, x: float = 820.0, time_s: float = 1.0
+) -> Sighting:
     """A good sighting: 9x9 corners at f = 1280 px, tilted about the picture's vertical."""
     points = BOARD.points()
     depth = distance + points[:, 0] * np.sin(tilt)
-    corners = 1280 * np.stack([points[:, 0] * np.cos(tilt), points[:, 1]], -1) / depth[:, None] + (x, 616)
+    corners = 1280 * np.stack([points[:, 0] * np.cos(tilt), points[:, 1]], -1) / depth[:, None] + (
+        x,
+        616,
+    )
     return Sighting(
-        corners, 1640, 1232, time_s, square=1280 * 0.02 / distance, window=10, blur=Blur(0.7, 0.5), exposure=Exposure(0.0, 150.0)
+        corners,
+        1640,
+        1232,
+        time_s,
+        square=1280 * 0.02 / distance,
+        window=10,
+        blur=Blur(0.7, 0.5),
+        exposure=Exposure(0.0, 150.0),
     )
 
 
@@ -198,12 +275,18 @@ SPOILED: tuple[tuple[str, Sighting, str], ...] = (
     ("soft", replace(seen(), blur=Blur(2.1, 0.5)), SOFT),
     ("streaked", replace(seen(), blur=Blur(0.7, 2.1)), STREAKED),
     ("moving", seen(x=822.5), MOVING),
-    ("two things: light comes before motion", replace(seen(x=830.0), exposure=Exposure(0.0, 39.0)), DARK),
+    (
+        "two things: light comes before motion",
+        replace(seen(x=830.0), exposure=Exposure(0.0, 39.0)),
+        DARK,
+    ),
     ("two things: motion comes before blur", replace(seen(x=830.0), blur=Blur(0.7, 9.0)), MOVING),
 )
 
 
-@pytest.mark.parametrize(("now", "expected"), [case[1:] for case in SPOILED], ids=[case[0] for case in SPOILED])
+@pytest.mark.parametrize(
+    ("now", "expected"), [case[1:] for case in SPOILED], ids=[case[0] for case in SPOILED]
+)
 def test_what_is_spoiled_is_what_is_said(now: Sighting, expected: str) -> None:
     verdict = judge(now, BEFORE, ())
     assert not verdict.keep
@@ -214,7 +297,9 @@ def test_nothing_spoiled() -> None:
     assert judge(seen(), BEFORE, ()).keep
 
 
-@pytest.mark.parametrize("before", [None, replace(BEFORE, corners=None), seen(time_s=1.0), seen(time_s=-5.0)])
+@pytest.mark.parametrize(
+    "before", [None, replace(BEFORE, corners=None), seen(time_s=1.0), seen(time_s=-5.0)]
+)
 def test_without_a_frame_just_before_the_board_may_be_moving(before: Sighting | None) -> None:
     verdict = judge(seen(), before, ())
     assert not verdict.keep
@@ -224,16 +309,24 @@ def test_without_a_frame_just_before_the_board_may_be_moving(before: Sighting | 
 def test_a_photograph_by_itself_is_judged_without_the_one_before() -> None:
     for before in (None, seen(x=300.0, time_s=0.9)):
         assert judge(seen(), before, (), alone=True).keep
-        assert judge(replace(seen(), blur=Blur(0.7, 2.1)), before, (), alone=True).sentence == STREAKED
+        assert (
+            judge(replace(seen(), blur=Blur(0.7, 2.1)), before, (), alone=True).sentence == STREAKED
+        )
 
 
-@pytest.mark.parametrize("other", [seen(tilt=0.5), seen(distance=0.9), seen(x=900.0)], ids=["tilted", "farther", "aside"])
+@pytest.mark.parametrize(
+    "other", [seen(tilt=0.5), seen(distance=0.9), seen(x=900.0)], ids=["tilted", "farther", "aside"]
+)
 def test_what_adds_to_the_session(other: Sighting) -> None:
     assert other.corners is not None
     assert judge(seen(), BEFORE, [other.corners]).keep
 
 
-@pytest.mark.parametrize("other", [seen(), seen(tilt=0.05), seen(distance=0.62), seen(x=830.0)], ids=["same", "tilted", "farther", "aside"])
+@pytest.mark.parametrize(
+    "other",
+    [seen(), seen(tilt=0.05), seen(distance=0.62), seen(x=830.0)],
+    ids=["same", "tilted", "farther", "aside"],
+)
 def test_what_does_not(other: Sighting) -> None:
     assert other.corners is not None
     verdict = judge(seen(), BEFORE, [seen(x=1000.0).corners, other.corners])  # type: ignore[list-item]
@@ -245,13 +338,28 @@ def test_what_does_not(other: Sighting) -> None:
 def test_a_corner_whose_window_is_cut(side: str) -> None:
     corners: Callable[[], NDArray[np.float64]] = lambda: seen().corners.copy()  # type: ignore[union-attr]  # noqa: E731
     low, high = corners().min(0), corners().max(0)
-    shift = {"left": (9 - low[0], 0), "right": (1630 - high[0], 0), "top": (0, 9 - low[1]), "bottom": (0, 1222 - high[1])}[side]
+    shift = {
+        "left": (9 - low[0], 0),
+        "right": (1630 - high[0], 0),
+        "top": (0, 9 - low[1]),
+        "bottom": (0, 1222 - high[1]),
+    }[side]
     now, before = (replace(seen(time_s=time_s), corners=corners() + shift) for time_s in (1.0, 0.9))
-    assert judge(now, before, ()).sentence == f"The board is cut off at the {side}: move it away from the picture's {side} border."
+    assert (
+        judge(now, before, ()).sentence
+        == f"The board is cut off at the {side}: move it away from the picture's {side} border."
+    )
     inner = {"left": (2, 0), "right": (-2, 0), "top": (0, 2), "bottom": (0, -2)}[side]
     now, before = (replace(each, corners=each.corners + inner) for each in (now, before))  # type: ignore[operator]
     assert judge(now, before, ()).keep
 
 
 def test_the_registry_holds_the_checks_that_are_promised() -> None:
-    assert [check.__name__ for check in CHECKS] == ["board_found", "wholly_inside", "well_exposed", "new", "still", "sharp"]
+    assert [check.__name__ for check in CHECKS] == [
+        "board_found",
+        "wholly_inside",
+        "well_exposed",
+        "new",
+        "still",
+        "sharp",
+    ]

@@ -1,4 +1,6 @@
-"""A function in a process of its own: what it inherits, what nobody sees of it, and what is left when it has ended."""
+"""A function in a process of its own: what it inherits, what nobody sees of it, and what is left
+when it has ended.
+"""
 
 import os
 import signal
@@ -41,7 +43,11 @@ def linger(connection: Connection) -> None:
 
 def test_messages_go_both_ways() -> None:
     with Process(echo) as process:
-        for message in ("one", {"two": [2.0]}, b"3" * 10_000_000):  # the last is more than a pipe holds
+        for message in (
+            "one",
+            {"two": [2.0]},
+            b"3" * 10_000_000,
+        ):  # the last is more than a pipe holds
             process.send(message)
             assert process.receive() == message
 
@@ -131,7 +137,9 @@ def leave_one_behind() -> None:
 
 def test_the_end_of_the_program_is_its_end() -> None:
     code = f"from {__name__} import leave_one_behind; leave_one_behind()"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
     assert not runs(int(done.stdout))
 
 

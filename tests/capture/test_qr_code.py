@@ -1,4 +1,6 @@
-"""The code in the terminal, as a camera reads it: drawn by its letters and colours, and read by OpenCV."""
+"""The code in the terminal, as a camera reads it: drawn by its letters and colours, and read by
+OpenCV.
+"""
 
 import os
 import pty
@@ -23,14 +25,23 @@ MODULE = 8  # px
 
 
 def seen(lines: list[str]) -> NDArray[np.uint8]:
-    """What a terminal of any colours shows of these lines: their ink is black, their ground white."""
+    """What a terminal of any colours shows of these lines: their ink is black, their ground
+    white.
+    """
     assert all(line.startswith(INK) and line.endswith(PLAIN) for line in lines)
-    cells = np.array([[HALVES[letter] for letter in line.removeprefix(INK).removesuffix(PLAIN)] for line in lines])
+    cells = np.array(
+        [
+            [HALVES[letter] for letter in line.removeprefix(INK).removesuffix(PLAIN)]
+            for line in lines
+        ]
+    )
     modules = cells.transpose(0, 2, 1).reshape(2 * len(lines), -1)
     return np.asarray(255 * (1 - np.kron(modules, np.ones((MODULE, MODULE)))), np.uint8)
 
 
-@pytest.mark.parametrize("address", ["http://192.168.178.123:8000/?token=" + "aB3_" * 8, "http://[fe80::1]:99/"])
+@pytest.mark.parametrize(
+    "address", ["http://192.168.178.123:8000/?token=" + "aB3_" * 8, "http://[fe80::1]:99/"]
+)
 def test_a_camera_reads_the_address(address: str) -> None:
     picture = seen(qr_code(address).splitlines())
     assert cv2.QRCodeDetector().detectAndDecode(picture)[0] == address
@@ -40,9 +51,25 @@ def test_a_camera_reads_the_address(address: str) -> None:
 
 
 def test_serving_a_phone_shows_the_code_of_the_printed_address(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "capture", str(tmp_path / "session"), "--serve", "--host", "0.0.0.0", "--port", str(free_port())]
+    command = [
+        sys.executable,
+        "-m",
+        "capture",
+        str(tmp_path / "session"),
+        "--serve",
+        "--host",
+        "0.0.0.0",
+        "--port",
+        str(free_port()),
+    ]
     ours, theirs = pty.openpty()
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=theirs, text=True, env=os.environ | {"PYTHONUTF8": "1"}) as process:
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=theirs,
+        text=True,
+        env=os.environ | {"PYTHONUTF8": "1"},
+    ) as process:
         os.close(theirs)
         assert process.stdout
         address = process.stdout.readline().strip()

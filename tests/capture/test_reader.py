@@ -18,11 +18,14 @@ from tests.capture.recordings import noise, write_recording
 
 INTERVAL = 0.03  # s, of the recorded camera
 DETECTION = 0.01  # s, of a detector that keeps up
-SLACK = 0.15  # s, for a machine that does other things too; without the rule it is more than 1 s after 15 frames
+# s, for a machine that does other things too; without the rule it is more than 1 s after 15 frames
+SLACK = 0.15
 
 
 def worst_age(frames: Iterable[Frame], detection: float) -> float:
-    """s, by which the oldest picture exceeds one detection and one frame at the moment of its verdict."""
+    """s, by which the oldest picture exceeds one detection and one frame at the moment of its
+    verdict.
+    """
     worst = -np.inf
     for frame in frames:
         begun = time.monotonic()
@@ -38,7 +41,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("slower", [1, 10])
-def test_the_picture_judged_is_never_older_than_one_detection_plus_one_frame(recorded: Path, slower: int) -> None:
+def test_the_picture_judged_is_never_older_than_one_detection_plus_one_frame(
+    recorded: Path, slower: int
+) -> None:
     with Reader(FolderSource(recorded, 1.0)) as reader:
         assert worst_age(reader, slower * DETECTION) < SLACK
     assert reader.lost == 0
@@ -47,7 +52,10 @@ def test_the_picture_judged_is_never_older_than_one_detection_plus_one_frame(rec
 
 def test_without_the_reader_pictures_grow_old(recorded: Path) -> None:
     with FolderSource(recorded, 1.0) as source:
-        assert worst_age((frame for frame, _ in zip(source, range(15), strict=False)), 10 * DETECTION) > 5 * SLACK
+        assert (
+            worst_age((frame for frame, _ in zip(source, range(15), strict=False)), 10 * DETECTION)
+            > 5 * SLACK
+        )
 
 
 def test_a_recording_waits_for_its_reader(recorded: Path) -> None:
@@ -98,7 +106,9 @@ def test_who_waits_for_a_slow_camera_is_told_so(tmp_path: Path) -> None:
     assert min(told) < 2 * SILENT_S, "the seconds are counted from the last frame"
 
 
-def test_who_waits_for_a_camera_to_open_is_told_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_waits_for_a_camera_to_open_is_told_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     class Slow(FolderSource):
         def __enter__(self) -> Self:
             assert said.wait(60), "nothing was said"
@@ -119,12 +129,16 @@ def test_nothing_is_said_of_a_recording_that_waits_for_its_reader(tmp_path: Path
     assert told == []
 
 
-def test_the_console_says_a_silence_again_when_it_is_twice_as_long(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_console_says_a_silence_again_when_it_is_twice_as_long(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     waits = Waits()
     for seconds in (1.0, 1.1, 1.9, 1.2, 2.1, 3.0, 4.3):
         waits(seconds)
     lines = capsys.readouterr().err.splitlines()
-    assert lines == [f"No picture has come for {seconds} s: waiting for the next one." for seconds in (1, 2, 4)]
+    assert lines == [
+        f"No picture has come for {seconds} s: waiting for the next one." for seconds in (1, 2, 4)
+    ]
 
 
 def test_close_ends_the_iteration_from_another_thread(tmp_path: Path) -> None:

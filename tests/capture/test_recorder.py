@@ -1,4 +1,6 @@
-"""A recording loses nothing: not by a kill, not by a full disk, not by a second recorder, not by its camera changing."""
+"""A recording loses nothing: not by a kill, not by a full disk, not by a second recorder, not by
+its camera changing.
+"""
 
 import os
 import random
@@ -26,7 +28,15 @@ from capture.disk import append_durably, locked
 from capture.frames import Frame
 from capture.recorder import Recorder
 from capture.session_file import board_of, read_setup
-from tests.capture.recordings import BOARD, BOARD_FLAGS, FIXTURE, capture, noise, read_pictures, write_recording
+from tests.capture.recordings import (
+    BOARD,
+    BOARD_FLAGS,
+    FIXTURE,
+    capture,
+    noise,
+    read_pictures,
+    write_recording,
+)
 
 PICTURES = noise(8)
 
@@ -40,7 +50,9 @@ def keep(session: Path, pictures: list[NDArray[np.uint8]], **options: object) ->
 
 
 def same(ours: list[NDArray[np.uint8]], theirs: list[NDArray[np.uint8]]) -> bool:
-    return len(ours) == len(theirs) and all(np.array_equal(a, b) for a, b in zip(ours, theirs, strict=True))
+    return len(ours) == len(theirs) and all(
+        np.array_equal(a, b) for a, b in zip(ours, theirs, strict=True)
+    )
 
 
 def test_pictures_are_kept_bit_for_bit_and_calib_reads_the_session(tmp_path: Path) -> None:
@@ -54,7 +66,11 @@ def test_pictures_are_kept_bit_for_bit_and_calib_reads_the_session(tmp_path: Pat
     assert session.cover == Cover("none", {})
     rows = read_table(tmp_path / "frames.csv")
     assert [row["file"] for row in rows] == [frame.name for frame in session.frames]
-    assert [row["view"] for row in rows] == [row["sequence"] for row in rows] == [str(i) for i in range(9)]
+    assert (
+        [row["view"] for row in rows]
+        == [row["sequence"] for row in rows]
+        == [str(i) for i in range(9)]
+    )
     assert all(before - 1 < float(row["time_s"]) < time.time() + 1 for row in rows)
     assert {row["gain"] for row in rows} == {"2.0"}
     assert len(remarks) == 1
@@ -77,7 +93,11 @@ def test_numbers_go_on_after_pictures_of_any_kind_and_name(tmp_path: Path) -> No
     (tmp_path / "frames" / "0001.png").rename(tmp_path / "frames" / "0041.png")
     (tmp_path / "frames" / "0000.png").rename(tmp_path / "frames" / "by hand.png")
     keep(tmp_path, PICTURES[2:3])
-    assert [row["file"] for row in read_table(tmp_path / "frames.csv")] == ["0041.png", "by hand.png", "0042.png"]
+    assert [row["file"] for row in read_table(tmp_path / "frames.csv")] == [
+        "0041.png",
+        "by hand.png",
+        "0042.png",
+    ]
 
 
 def test_what_a_kill_leaves_is_mended(tmp_path: Path) -> None:
@@ -107,14 +127,20 @@ def test_a_table_by_hand_keeps_its_last_row(tmp_path: Path) -> None:
     write_recording(tmp_path, PICTURES[:2])
     (tmp_path / "frames.csv").write_text("file,time_s,gain\n0000.png,1.5,2\n0001.png,2.5,2")
     keep(tmp_path, PICTURES[2:3])
-    assert [(row["time_s"], row["gain"]) for row in read_table(tmp_path / "frames.csv")][:2] == [("1.5", "2"), ("2.5", "2")]
+    assert [(row["time_s"], row["gain"]) for row in read_table(tmp_path / "frames.csv")][:2] == [
+        ("1.5", "2"),
+        ("2.5", "2"),
+    ]
 
 
 def test_a_table_of_other_pictures_is_refused_not_emptied(tmp_path: Path) -> None:
     write_recording(tmp_path, PICTURES[:1])
     table = tmp_path / "frames.csv"
     table.write_text("file,time_s\nframes/0000.png,1.5\n")
-    with pytest.raises(InputError, match=r"tells of frames/0000\.png and of no picture in .*: write names such as 0000\.png"):
+    with pytest.raises(
+        InputError,
+        match=r"tells of frames/0000\.png and of no picture in .*: write names such as 0000\.png",
+    ):
         keep(tmp_path, PICTURES[1:2])
     assert table.read_text() == "file,time_s\nframes/0000.png,1.5\n"
 
@@ -137,18 +163,28 @@ def test_bare_pictures_go_to_their_folder(tmp_path: Path) -> None:
     assert session.bare
     assert [frame.name for frame in session.bare.frames] == ["0000.png", "0001.png"]
     assert same(read_pictures(tmp_path / "bare"), PICTURES[2:4])
-    assert len(read_table(tmp_path / "bare" / "frames.csv")) == len(read_table(tmp_path / "frames.csv")) == 2
+    assert (
+        len(read_table(tmp_path / "bare" / "frames.csv"))
+        == len(read_table(tmp_path / "frames.csv"))
+        == 2
+    )
 
 
 def test_bare_that_is_a_session_of_its_own_is_refused(tmp_path: Path) -> None:
     keep(tmp_path / "bare", PICTURES[:1])
-    with pytest.raises(InputError, match=r"is a session of its own: record into it by capture record .*/bare, without --bare"):
+    with pytest.raises(
+        InputError,
+        match=r"is a session of its own: record into it by capture record .*/bare, without --bare",
+    ):
         keep(tmp_path, PICTURES[1:2], bare=True)
 
 
 def test_another_size_is_refused(tmp_path: Path) -> None:
     keep(tmp_path, PICTURES[:1])
-    with pytest.raises(InputError, match=r"The picture is 160x60 px where .*session.yaml says 160x120: set .*\?size=160x120"):
+    with pytest.raises(
+        InputError,
+        match=r"The picture is 160x60 px where .*session.yaml says 160x120: set .*\?size=160x120",
+    ):
         keep(tmp_path, [PICTURES[1], PICTURES[2][:60]])
     assert same(read_pictures(tmp_path / "frames"), PICTURES[:2])
 
@@ -165,8 +201,8 @@ def test_a_changed_camera_is_reported_once_even_between_recordings(tmp_path: Pat
         recorder.keep(Frame(PICTURES[2], 2, 2.0, state(2.0, 8000)))
         recorder.keep(Frame(PICTURES[3], 3, 3.0, state(4.0, 8000)))
         assert recorder.remarks == [
-            "gain changed within the session, from 1.0 to 2.0 at 0000.png: a calibration is true for one state of the camera, so lock it "
-            "and record these pictures again."
+            "gain changed within the session, from 1.0 to 2.0 at 0000.png: a calibration is true"
+            " for one state of the camera, so lock it and record these pictures again."
         ]
 
 
@@ -185,32 +221,58 @@ def test_the_board_is_described_once(tmp_path: Path) -> None:
         board_of(tmp_path, None)
     keep(tmp_path, PICTURES[:1])
     assert board_of(tmp_path, None) == board_of(tmp_path, BOARD) == BOARD
-    with pytest.raises(InputError, match="describes a board of 9x9 corners and 20 mm where 9x6 corners and 25 mm were asked for"):
+    with pytest.raises(
+        InputError,
+        match=(
+            "describes a board of 9x9 corners and 20 mm where 9x6 corners and 25 mm were asked for"
+        ),
+    ):
         board_of(tmp_path, Board(9, 6, 0.025))
     file = tmp_path / "session.yaml"
     file.write_text(yaml.safe_dump({**yaml.safe_load(file.read_text()), "corners": "corners.vnl"}))
-    with pytest.raises(InputError, match="names a corners file, so calib would not look at new pictures"):
+    with pytest.raises(
+        InputError, match="names a corners file, so calib would not look at new pictures"
+    ):
         board_of(tmp_path, None)
 
 
 def test_a_board_with_markers_is_described_as_any_other(tmp_path: Path) -> None:
     grid = {"type": "aprilgrid", "columns": 6, "rows": 6, "tag_mm": 24.0, "spacing": 0.3}
-    described = {"format": 1, "board": grid, "camera": {"width": 800, "height": 600}, "cover": {"shape": "none"}}
+    described = {
+        "format": 1,
+        "board": grid,
+        "camera": {"width": 800, "height": 600},
+        "cover": {"shape": "none"},
+    }
     (tmp_path / "session.yaml").write_text(yaml.safe_dump(described))
     board = Board(12, 12, 0.024, coding=AprilGrid(0.3))
     assert board_of(tmp_path, None) == board_of(tmp_path, board) == board
     for other, words in (
         (Board(12, 12, 0.024), "12x12 corners and 24 mm"),
         (Board(12, 12, 0.024, coding=AprilGrid(0.2)), "6x6 AprilGrid, 24 mm, spacing 0.2"),
-        (Board(9, 6, 0.02, coding=Charuco(0.015, "DICT_4X4_250")), "9x6 ChArUco, 20 mm, with markers of 15 mm of DICT_4X4_250"),
+        (
+            Board(9, 6, 0.02, coding=Charuco(0.015, "DICT_4X4_250")),
+            "9x6 ChArUco, 20 mm, with markers of 15 mm of DICT_4X4_250",
+        ),
     ):
-        with pytest.raises(InputError, match=f"describes a board of 6x6 AprilGrid, 24 mm, spacing 0.3 where {words} were asked for"):
+        with pytest.raises(
+            InputError,
+            match=(
+                f"describes a board of 6x6 AprilGrid, 24 mm, spacing 0.3 where {words} were"
+                " asked for"
+            ),
+        ):
             board_of(tmp_path, other)
 
 
 def test_a_table_that_is_none_is_refused(tmp_path: Path) -> None:
     keep(tmp_path, PICTURES[:1])
-    for content in (b"\xff\xfe\n1\n", b"a,b\n1,2\n", b"file,time_s\n0000.png,1,2\n", b"file,time_s\n0000.png,1\n0001.png,1,2\n"):
+    for content in (
+        b"\xff\xfe\n1\n",
+        b"a,b\n1,2\n",
+        b"file,time_s\n0000.png,1,2\n",
+        b"file,time_s\n0000.png,1\n0001.png,1,2\n",
+    ):
         (tmp_path / "frames.csv").write_bytes(content)
         with pytest.raises(InputError, match=r"frames\.csv"):
             keep(tmp_path, PICTURES[1:2])
@@ -222,20 +284,27 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     """A real disk with room for three of the pictures."""
     disk = tmp_path / "disk"
     disk.mkdir()
-    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=100k", "none", disk], capture_output=True, check=False).returncode:
+    if subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=100k", "none", disk], capture_output=True, check=False
+    ).returncode:
         pytest.skip("mounting is not permitted here; the test with a limited file size stands in")
     yield disk
     subprocess.run(["umount", disk], check=True)
 
 
-def test_a_full_disk_ends_with_one_sentence_and_a_readable_session(tmp_path: Path, small_disk: Path) -> None:
+def test_a_full_disk_ends_with_one_sentence_and_a_readable_session(
+    tmp_path: Path, small_disk: Path
+) -> None:
     source = write_recording(tmp_path / "source", PICTURES)
     session = small_disk / "session"
     done = capture("record", session, "--source", f"folder:{source}", *BOARD_FLAGS, "--all")
     assert done.returncode == 4, done.stderr
     last = done.stderr.splitlines()[-1]
     assert last.startswith("capture: ")
-    assert last.endswith("cannot be written (No space left on device): free some space there, or choose another disk.")
+    assert last.endswith(
+        "cannot be written (No space left on device): free some space there, or choose another"
+        " disk."
+    )
     kept = read_pictures(session / "frames")
     assert 1 <= len(kept) < len(PICTURES)
     assert same(kept, PICTURES[: len(kept)])
@@ -245,12 +314,18 @@ def test_a_full_disk_ends_with_one_sentence_and_a_readable_session(tmp_path: Pat
     subprocess.run(["mount", "-o", "remount,size=1m", small_disk], check=True)
     done = capture("record", session, "--source", f"folder:{source}", "--all")
     assert done.returncode == 0, done.stderr
-    assert len(read_pictures(session / "frames")) == len(read_table(session / "frames.csv")) == len(kept) + len(PICTURES)
+    assert (
+        len(read_pictures(session / "frames"))
+        == len(read_table(session / "frames.csv"))
+        == len(kept) + len(PICTURES)
+    )
 
 
 @pytest.mark.parametrize("limit", [300, 15_000])
 def test_a_file_that_may_not_grow_leaves_what_was_whole(tmp_path: Path, limit: int) -> None:
-    """At 300 bytes frames.csv ends before its third row, at 15 kB the first picture does not fit."""
+    """At 300 bytes frames.csv ends before its third row, at 15 kB the first picture does not
+    fit.
+    """
     size = 8 if limit < 1000 else 160
     source = write_recording(tmp_path / "source", noise(30, size, size), 0.001, "1.0")
     session = tmp_path / "session"
@@ -259,7 +334,9 @@ def test_a_file_that_may_not_grow_leaves_what_was_whole(tmp_path: Path, limit: i
     def limited() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
-    done = capture("record", session, "--source", f"folder:{source}?speed=max", "--all", preexec_fn=limited)
+    done = capture(
+        "record", session, "--source", f"folder:{source}?speed=max", "--all", preexec_fn=limited
+    )
     assert done.returncode == 4, done.stderr
     assert "File too large" in done.stderr
     assert "Traceback" not in done.stderr
@@ -268,7 +345,11 @@ def test_a_file_that_may_not_grow_leaves_what_was_whole(tmp_path: Path, limit: i
     assert (session / "frames.csv").read_bytes().endswith(b"\n")
     assert kept - 1 <= len(rows) <= kept
     keep(session, noise(1, size, size))
-    assert len(read_table(session / "frames.csv")) == len(read_pictures(session / "frames")) == kept + 1
+    assert (
+        len(read_table(session / "frames.csv"))
+        == len(read_pictures(session / "frames"))
+        == kept + 1
+    )
 
 
 def test_kill_9_at_20_moments(tmp_path: Path) -> None:
@@ -299,19 +380,25 @@ for line in sys.stdin:
 
 
 def kill_and_continue(tmp_path: Path, times: int) -> None:
-    """Each killed recording has every picture that it reported, whole and exact, at most the row of the last one is missing, and it can
-    be continued."""
+    """Each killed recording has every picture that it reported, whole and exact, at most the row of
+    the last one is missing, and it can be continued.
+    """
     pictures = noise(150, 320, 240)
     source = write_recording(tmp_path / "source", pictures)
     rng = random.Random(5)
-    server = subprocess.Popen([sys.executable, "-c", SERVER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    server = subprocess.Popen(
+        [sys.executable, "-c", SERVER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
     assert server.stdin
     assert server.stdout
     cut_short = 0
     with server:
         for number in range(times):
             session, reported = tmp_path / f"session{number}", tmp_path / f"reported{number}"
-            command = f"{reported} record {session} --source folder:{source}?speed=max --board 9x9 --square-mm 20 --all"
+            command = (
+                f"{reported} record {session} --source folder:{source}?speed=max --board 9x9"
+                " --square-mm 20 --all"
+            )
             server.stdin.write(command + "\n")
             server.stdin.flush()
             child = int(server.stdout.readline())
@@ -354,8 +441,15 @@ def test_a_strangers_session_cannot_have_another_file_changed(link: str, tmp_pat
                 place.hardlink_to(victim)
             case "pipe":
                 os.mkfifo(place)
-        with pytest.raises(InputError, match="leads elsewhere: remove it, or record elsewhere"), ExitStack() as held:
-            held.enter_context(locked(place.parent)) if name == ".recording" else append_durably(place, "x")
+        with (
+            pytest.raises(InputError, match="leads elsewhere: remove it, or record elsewhere"),
+            ExitStack() as held,
+        ):
+            (
+                held.enter_context(locked(place.parent))
+                if name == ".recording"
+                else append_durably(place, "x")
+            )
         place.unlink()
     assert victim.read_text() == "precious"
 

@@ -17,8 +17,14 @@ from tests.capture.recordings import BOARD, FIXTURE
 def photographs(*names: str) -> list[Frame]:
     """Of the fixture; nothing is in `blank`."""
     blank = np.full((1232, 1640), 100, np.uint8)
-    read = [blank if name == "blank" else np.asarray(read_image(FIXTURE / "frames" / name), np.uint8) for name in names]
-    return [Frame(pixels, 0, 0.0, name=name, alone=True) for name, pixels in zip(names, read, strict=True)]
+    read = [
+        blank if name == "blank" else np.asarray(read_image(FIXTURE / "frames" / name), np.uint8)
+        for name in names
+    ]
+    return [
+        Frame(pixels, 0, 0.0, name=name, alone=True)
+        for name, pixels in zip(names, read, strict=True)
+    ]
 
 
 def test_a_press_takes_the_next_board_but_no_recorded_picture_twice(tmp_path: Path) -> None:
@@ -26,25 +32,41 @@ def test_a_press_takes_the_next_board_but_no_recorded_picture_twice(tmp_path: Pa
     shutter.automatic = False
     kept: list[np.ndarray] = []
     with Recorder(tmp_path, BOARD) as recorder:
-        for names, taken in ((("blank", "0000.jpg"), "0000.jpg"), (("0000.jpg", "0001.jpg"), "0001.jpg"), (("0000.jpg", "0001.jpg"), None)):
+        for names, taken in (
+            (("blank", "0000.jpg"), "0000.jpg"),
+            (("0000.jpg", "0001.jpg"), "0001.jpg"),
+            (("0000.jpg", "0001.jpg"), None),
+        ):
             shutter.press()
             steps = list(record(photographs(*names), finder, recorder, Plan(None), kept, shutter))
             assert [step.frame.name for step in steps if step.picture] == [taken] * bool(taken)
 
 
 def test_what_was_set_aside_is_not_taken_again_from_a_folder(tmp_path: Path) -> None:
-    """But from a camera, whose frames have no name: there a better picture of that view is wanted."""
+    """But from a camera, whose frames have no name: there a better picture of that view is
+    wanted.
+    """
     finder = finder_of(BOARD)
     with Recorder(tmp_path, BOARD) as recorder:
-        (taken,) = (step.picture for step in record(photographs("0000.jpg"), finder, recorder, Plan(None), []))
+        (taken,) = (
+            step.picture
+            for step in record(photographs("0000.jpg"), finder, recorder, Plan(None), [])
+        )
         assert taken
         drop(tmp_path, taken.name)
         shutter = Shutter()
         for press in (False, True):
             if press:
                 shutter.press()
-            steps = list(record(photographs("0000.jpg", "0001.jpg"), finder, recorder, Plan(None), [], shutter))
-            assert [(step.frame.name, bool(step.picture)) for step in steps] == [("0000.jpg", False), ("0001.jpg", True)]
+            steps = list(
+                record(
+                    photographs("0000.jpg", "0001.jpg"), finder, recorder, Plan(None), [], shutter
+                )
+            )
+            assert [(step.frame.name, bool(step.picture)) for step in steps] == [
+                ("0000.jpg", False),
+                ("0001.jpg", True),
+            ]
             assert "set aside" in steps[0].verdict.sentence
             assert "set aside" in refusal(steps[0])
         (frame,) = photographs("0000.jpg")

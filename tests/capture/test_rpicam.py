@@ -1,4 +1,6 @@
-"""The rpicam source against a program that speaks rpicam-vid's format: rows padded to 64 bytes, YUV420, remarks on stderr."""
+"""The rpicam source against a program that speaks rpicam-vid's format: rows padded to 64 bytes,
+YUV420, remarks on stderr.
+"""
 
 import sys
 import time
@@ -53,7 +55,7 @@ for word in script:
         sys.stdout.flush()
         time.sleep(60)
     sys.stdout.flush()
-"""
+"""  # noqa: E501
 """Does what its script says: sends pictures by number, half of one, fails, hangs."""
 
 WIDTH, HEIGHT = 100, 48
@@ -88,20 +90,39 @@ def frames_of(program: Path, script: str) -> list[Frame]:
 
 
 def same(frames: list[Frame], pictures: list[NDArray[np.uint8]]) -> bool:
-    return len(frames) == len(pictures) and all(np.array_equal(f.pixels, p) for f, p in zip(frames, pictures, strict=True))
+    return len(frames) == len(pictures) and all(
+        np.array_equal(f.pixels, p) for f, p in zip(frames, pictures, strict=True)
+    )
 
 
 def test_the_grey_plane_is_kept_without_its_padding(program: Path) -> None:
     frames = frames_of(program, "0 1 2")
     assert same(frames, PICTURES)
     assert [frame.sequence for frame in frames] == [0, 1, 2]
-    assert frames[-1].metadata == {"exposure_us": 7998.0, "gain": 1.12, "lens_position": 2.0, "awbgains": "1.8 1.6"}
+    assert frames[-1].metadata == {
+        "exposure_us": 7998.0,
+        "gain": 1.12,
+        "lens_position": 2.0,
+        "awbgains": "1.8 1.6",
+    }
     assert not np.shares_memory(frames[0].pixels, frames[1].pixels)
 
 
-def test_the_shutter_of_the_sensor_that_the_program_names_is_written(program: Path, tmp_path: Path) -> None:
+def test_the_shutter_of_the_sensor_that_the_program_names_is_written(
+    program: Path, tmp_path: Path
+) -> None:
     (program / "script").write_text("0 1 2")
-    done = capture("record", "--source", SOURCE, "--board", "9x9", "--square-mm", "20", "--all", tmp_path / "session")
+    done = capture(
+        "record",
+        "--source",
+        SOURCE,
+        "--board",
+        "9x9",
+        "--square-mm",
+        "20",
+        "--all",
+        tmp_path / "session",
+    )
     assert done.returncode == 0, done.stderr
     _, camera, _ = read_setup(tmp_path / "session" / "session.yaml")
     assert camera.shutter == Shutter(rolling=False)
@@ -114,7 +135,10 @@ def test_everything_is_locked_from_the_start(program: Path) -> None:
     for option in (
         "--nopreview --timeout 0 --camera 0 --codec yuv420 --flush",
         f"--width {WIDTH} --height {HEIGHT} --framerate 20",
-        "--autofocus-mode manual --lens-position 2 --shutter 8000 --gain 1 --awbgains 1.8,1.6 --denoise off --output -",
+        (
+            "--autofocus-mode manual --lens-position 2 --shutter 8000 --gain 1 --awbgains 1.8,1.6"
+            " --denoise off --output -"
+        ),
     ):
         assert option in said
     (program / "script").write_text("0")
@@ -130,14 +154,19 @@ def test_a_truncated_last_frame_is_dropped(program: Path) -> None:
 @pytest.mark.parametrize(
     ("script", "says"),
     [
-        ("fail", r"ended with exit code 255 \(it said: ERROR: \*\*\* no cameras available \*\*\*\)"),
+        (
+            "fail",
+            r"ended with exit code 255 \(it said: ERROR: \*\*\* no cameras available \*\*\*\)",
+        ),
         ("0 half fail", r"ended with exit code 255 in the middle of a picture \(it said: ERROR"),
         ("half", r"ended before its first picture \(it said: .*Selected sensor format"),
         ("0 hang", r"has sent nothing for 1\.6 s"),
         ("other 0", r"pictures of 96x48 px: write \?size=96x48"),
     ],
 )
-def test_what_goes_wrong_is_told_with_the_program_s_own_words(program: Path, script: str, says: str) -> None:
+def test_what_goes_wrong_is_told_with_the_program_s_own_words(
+    program: Path, script: str, says: str
+) -> None:
     begun = time.monotonic()
     with pytest.raises(CaptureError, match=says):
         frames_of(program, script)
@@ -157,7 +186,17 @@ def test_close_ends_the_program(program: Path, script: str) -> None:
 
 def test_a_recording_through_the_command(program: Path, tmp_path: Path) -> None:
     (program / "script").write_text("0 1 2 half fail")
-    done = capture("record", tmp_path / "session", "--source", SOURCE, "--board", "9x6", "--square-mm", "20", "--all")
+    done = capture(
+        "record",
+        tmp_path / "session",
+        "--source",
+        SOURCE,
+        "--board",
+        "9x6",
+        "--square-mm",
+        "20",
+        "--all",
+    )
     assert done.returncode == 4
     assert "no cameras available" in done.stderr.splitlines()[-1]
     kept = read_pictures(tmp_path / "session" / "frames")
@@ -177,7 +216,11 @@ def test_cameras_are_listed_with_their_modes(program: Path) -> None:
     (program / "rpicam-hello").chmod(0o755)
     backend = next(scheme for scheme in SCHEMES if scheme.name == "rpicam").backend()
     first, second = backend.inventory().cameras
-    assert (first.source, first.name, first.modes) == ("rpicam:0", "imx219", ("640x480 206.65 fps", "1640x1232 41.85 fps"))
+    assert (first.source, first.name, first.modes) == (
+        "rpicam:0",
+        "imx219",
+        ("640x480 206.65 fps", "1640x1232 41.85 fps"),
+    )
     assert (second.source, second.name) == ("rpicam:1", "imx708")
     (program / "rpicam-hello").write_text("#!/bin/sh\necho No cameras available!\n")
     assert "sees no camera: check its cable" in backend.inventory().missing

@@ -20,7 +20,13 @@ BOARD = Board(9, 9, 0.02)
     [
         ("/base/soc/i2c0mux/i2c@1/imx219@10", "imx219"),
         ("/base/axi/pcie@1000120000/rp1/i2c@88000/imx708_wide@1a", "imx708"),
-        ("INFO RPI pisp.cpp:1450 Sensor: /base/axi/pcie@120000/rp1/i2c@80000/imx477@1a - Selected sensor format: 2028x1520", "imx477"),
+        (
+            (
+                "INFO RPI pisp.cpp:1450 Sensor: /base/axi/pcie@120000/rp1/i2c@80000/imx477@1a -"
+                " Selected sensor format: 2028x1520"
+            ),
+            "imx477",
+        ),
         ("_SB_.PCI0.XHC_.RHUB.HS07-7:1.0-0408:a061", ""),
         ("Virtual0", ""),
     ],
@@ -58,9 +64,15 @@ def test_a_session_that_says_nothing_or_another_is_asked_to_be_corrected(tmp_pat
     """What a person has written is not rewritten."""
     recorded(tmp_path, None)
     (said,) = recorded(tmp_path, Shutter(rolling=True))
-    assert said.startswith("The camera's sensor has a rolling shutter: write camera.shutter: {type: rolling} in ")
+    assert said.startswith(
+        "The camera's sensor has a rolling shutter: write camera.shutter: {type: rolling} in "
+    )
     file = tmp_path / "session.yaml"
-    file.write_text(file.read_text().replace("height: 48", "height: 48\n  shutter: {type: rolling, readout_ms: 20}"))
+    file.write_text(
+        file.read_text().replace(
+            "height: 48", "height: 48\n  shutter: {type: rolling, readout_ms: 20}"
+        )
+    )
     assert recorded(tmp_path, Shutter(rolling=True)) == []
     (said,) = recorded(tmp_path, Shutter(rolling=False))
     assert said.endswith("(it says rolling).")

@@ -18,7 +18,13 @@ from tests.capture.recordings import FIXTURE, noise, write_recording
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "--source is empty: write one of v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH, video:FILE"),
+        (
+            "",
+            (
+                "--source is empty: write one of v4l2:/dev/video0, libcamera:0, rpicam:0,"
+                " folder:PATH, video:FILE"
+            ),
+        ),
         ("/dev/video0", "did you mean v4l2?"),
         ("vl42:/dev/video0", "did you mean v4l2?"),
         ("folders:x", "did you mean folder?"),
@@ -31,7 +37,10 @@ from tests.capture.recordings import FIXTURE, noise, write_recording
         ("folder:x?speed=1&speed=2", "is not an option"),
         ("folder:x?speed=", "is not an option"),
         ("video:x?speed=1", "a video has no options: leave out what follows the question mark"),
-        ("v4l2:/dev/video0?size=big", 'size is the text "big": write width and height in px, such as 1640x1232'),
+        (
+            "v4l2:/dev/video0?size=big",
+            'size is the text "big": write width and height in px, such as 1640x1232',
+        ),
         ("v4l2:/dev/video0?size=12", "size is 12"),
         ("v4l2:/dev/video0?format=YUV", "YUYV, or one of GREY"),
         ("rpicam:zero", "names no camera: write its number, such as rpicam:0"),
@@ -46,19 +55,28 @@ def test_a_source_that_is_written_wrongly_gets_its_sentence(text: str, says: str
     assert says in str(caught.value)
 
 
-def test_of_a_path_alone_its_kind_is_offered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_of_a_path_alone_its_kind_is_offered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "recorded" / "frames").mkdir(parents=True)
     (tmp_path / "film.mkv").touch()
-    for text, offered in (("recorded/frames", "folder:recorded/frames"), ("film.mkv", "video:film.mkv")):
-        with pytest.raises(InputError, match=rf"names no kind of source \(did you mean {offered}\?\)"):
+    for text, offered in (
+        ("recorded/frames", "folder:recorded/frames"),
+        ("film.mkv", "video:film.mkv"),
+    ):
+        with pytest.raises(
+            InputError, match=rf"names no kind of source \(did you mean {offered}\?\)"
+        ):
             open_source(text)
     for text in ("nowhere", "a\0b", "n" * 5000):
         with pytest.raises(InputError, match="names no kind of source: write one of"):
             open_source(text)
 
 
-@pytest.mark.parametrize("text", ["", "webcam:0", "folder:", "folder:x?sped=2", "folder:x?speed=", "video:x?speed=1"])
+@pytest.mark.parametrize(
+    "text", ["", "webcam:0", "folder:", "folder:x?sped=2", "folder:x?speed=", "video:x?speed=1"]
+)
 def test_a_field_is_called_by_its_own_name(text: str) -> None:
     with pytest.raises(InputError, match=r"^source ") as caught:
         open_source(text, "source")
@@ -96,8 +114,13 @@ def test_a_recorded_session_is_given_again_with_times_and_state(tmp_path: Path) 
             assert source.live
             frames = list(source)
         assert seconds < time.monotonic() - begun < seconds + 0.3
-        assert all(np.array_equal(frame.pixels, picture) for frame, picture in zip(frames, pictures, strict=True))
-        assert np.allclose(np.diff([frame.time_s for frame in frames]), 0.05)  # else a fast replay would be a board in fast motion
+        assert all(
+            np.array_equal(frame.pixels, picture)
+            for frame, picture in zip(frames, pictures, strict=True)
+        )
+        assert np.allclose(
+            np.diff([frame.time_s for frame in frames]), 0.05
+        )  # else a fast replay would be a board in fast motion
         assert begun <= frames[0].time_s <= time.monotonic()
     assert [frame.sequence for frame in frames] == [0, 1, 2, 3, 4]
     assert [frame.metadata for frame in frames] == [{"gain": 2.5}] * 5
@@ -146,7 +169,10 @@ def test_a_lossless_video_is_given_frame_by_frame(tmp_path: Path) -> None:
     with open_source(f"video:{file}") as source:
         assert not source.live
         frames = list(source)
-    assert all(np.array_equal(frame.pixels[..., 1], picture) for frame, picture in zip(frames, pictures, strict=True))
+    assert all(
+        np.array_equal(frame.pixels[..., 1], picture)
+        for frame, picture in zip(frames, pictures, strict=True)
+    )
     assert np.allclose(np.diff([frame.time_s for frame in frames]), 0.1)
 
 
@@ -177,10 +203,25 @@ def test_a_video_that_breaks_off_gives_what_is_whole_and_says_so(tmp_path: Path)
         ("v4l2:{}/video9", CaptureError, "video9 is not there: plug the camera in"),
         ("v4l2:{}/plain", CaptureError, "plain is not a device"),
         ("v4l2:{}", CaptureError, "is not a device"),
-        ("v4l2:/dev/null", CaptureError, "/dev/null is not a camera: `capture sources` lists those there are"),
+        (
+            "v4l2:/dev/null",
+            CaptureError,
+            "/dev/null is not a camera: `capture sources` lists those there are",
+        ),
         ("v4l2:{}/gone", CaptureError, "gone is not connected any more: plug the camera in again"),
-        ("rpicam:0", CaptureError, "rpicam-vid cannot be started (No such file or directory): on Raspberry Pi OS, run sudo apt install"),
-        ("libcamera:0", CaptureError, "The libcamera bindings are not installed: run sudo apt install -y python3-libcamera"),
+        (
+            "rpicam:0",
+            CaptureError,
+            (
+                "rpicam-vid cannot be started (No such file or directory): on Raspberry Pi OS, run"
+                " sudo apt install"
+            ),
+        ),
+        (
+            "libcamera:0",
+            CaptureError,
+            "The libcamera bindings are not installed: run sudo apt install -y python3-libcamera",
+        ),
     ],
 )
 def test_what_cannot_be_opened_gets_its_sentence(

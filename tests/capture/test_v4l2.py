@@ -28,19 +28,32 @@ CASES = [
 
 
 @pytest.mark.parametrize(("pixels", "row", "whole", "added"), CASES)
-def test_padded_rows_are_told_from_packed_ones(monkeypatch: pytest.MonkeyPatch, pixels: str, row: int, whole: int, added: int) -> None:
+def test_padded_rows_are_told_from_packed_ones(
+    monkeypatch: pytest.MonkeyPatch, pixels: str, row: int, whole: int, added: int
+) -> None:
     """Pictures of 322x250 px."""
 
     def ioctl(_handle: int, request: int, argument: bytes) -> bytes:
         assert request == device.G_FMT
         assert len(argument) == request >> 16 & 0x3FFF
-        return struct.pack("=I4x6I176x", device.CAPTURE, 322, 250, int.from_bytes(pixels.encode(), "little"), 1, row, whole)
+        return struct.pack(
+            "=I4x6I176x",
+            device.CAPTURE,
+            322,
+            250,
+            int.from_bytes(pixels.encode(), "little"),
+            1,
+            row,
+            whole,
+        )
 
     monkeypatch.setattr(device, "ioctl", ioctl)
     assert device.padding(3, *ROWS[pixels]) == added
 
 
-def test_a_driver_that_refuses_to_say_is_taken_to_pad_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_driver_that_refuses_to_say_is_taken_to_pad_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def ioctl(*_: object) -> bytes:
         raise OSError(errno.EINVAL, "Invalid argument")
 
@@ -53,7 +66,9 @@ def test_every_format_but_jpeg_has_rows() -> None:
 
 
 class Camera:
-    """A driver with one mode, 64x48 grey, and OpenCV's way of reading it: a wait that ends without a picture is no error."""
+    """A driver with one mode, 64x48 grey, and OpenCV's way of reading it: a wait that ends without
+    a picture is no error.
+    """
 
     def __init__(self, interval: float) -> None:
         self.interval = interval
@@ -66,7 +81,15 @@ class Camera:
         if not self.plugged_in:
             raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
         if request == device.QUERYCAP:
-            return struct.pack("=16s32s32sIII12x", b"fake", b"Fake", b"bus", 1, device.CAPTURE | device.STREAMING, 0)
+            return struct.pack(
+                "=16s32s32sIII12x",
+                b"fake",
+                b"Fake",
+                b"bus",
+                1,
+                device.CAPTURE | device.STREAMING,
+                0,
+            )
         if request == device.ENUM_FMT and index == 0:
             return struct.pack("=44x4s16x", b"GREY")
         if request == device.ENUM_FRAMESIZES and index == 0:

@@ -1,4 +1,6 @@
-"""The two changes that no diagnosis proposes: a cover turned about its own axis, and pictures of another mode."""
+"""The two changes that no diagnosis proposes: a cover turned about its own axis, and pictures of
+another mode.
+"""
 
 import numpy as np
 import pytest
@@ -18,19 +20,26 @@ def test_neutral_changes_nothing(cameras: Made) -> None:
         path, values = checker.calibration.model()
         before = path.trace(PIXELS, values)
         for change in checker.changes:
-            neutral = {u.param.name: torch.full(u.param.shape, u.neutral, dtype=torch.float64) for u in change.unknowns}
+            neutral = {
+                u.param.name: torch.full(u.param.shape, u.neutral, dtype=torch.float64)
+                for u in change.unknowns
+            }
             after = change.apply(path).trace(PIXELS, {**values, **neutral})
             for one, other in ((before.origin, after.origin), (before.direction, after.direction)):
                 assert (one.stacked() - other.stacked()).abs().max() < 1e-12, change.name
 
 
 def test_every_kind_can_happen_to_some_camera(cameras: Made) -> None:
-    names = {change.name for _, checker in cameras.values() for change in changes_of(checker.calibration)}
+    names = {
+        change.name for _, checker in cameras.values() for change in changes_of(checker.calibration)
+    }
     assert names == {kind.name for kind in KINDS}
 
 
 def test_a_spun_cone_carries_its_bumps_along() -> None:
-    """Oracle built without the change: the camera is turned about the cone's axis instead, with its pinhole on that axis."""
+    """Oracle built without the change: the camera is turned about the cone's axis instead, with its
+    pinhole on that axis.
+    """
     made = scene(1, 1)
     values = {
         **made.values,
@@ -40,9 +49,14 @@ def test_a_spun_cone_carries_its_bumps_along() -> None:
     angle = torch.tensor(0.05, dtype=torch.float64)
     spun = CoverSpin("y").apply(made.path).trace(PIXELS[1:2], {**values, "cover_spin.y": angle})
     cos, sin = float(angle.cos()), float(angle.sin())
-    turn = torch.tensor([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]], dtype=torch.float64)  # T_camera_cover
+    turn = torch.tensor(
+        [[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]], dtype=torch.float64
+    )  # T_camera_cover
     start = made.path.lens(PIXELS[1:2], values).direction.stacked() @ turn  # seen from the cover
-    f, c = (torch.tensor([float(values[f"camera.{a}{b}"]) for b in "xy"], dtype=torch.float64) for a in "fc")
+    f, c = (
+        torch.tensor([float(values[f"camera.{a}{b}"]) for b in "xy"], dtype=torch.float64)
+        for a in "fc"
+    )
     pixel = f * start[:, :2] / start[:, 2:] + c
     still = made.path.trace(pixel, values)
     assert (spun.direction.stacked() - still.direction.stacked() @ turn.T).abs().max() < 1e-12

@@ -19,8 +19,27 @@ from fixtures.synthetic import HEIGHT, WIDTH
 from tests.checking.conftest import Made
 
 KEYS = {
-    *("answer", "statistic", "degrees_of_freedom", "p_value", "false_alarm_rate", "error_px", "expected_px", "allowed_px", "added_px"),
-    *("noise_px", "views", "views_known", "frames_rejected", "changes", "lacking", "next", "written"),
+    *(
+        "answer",
+        "statistic",
+        "degrees_of_freedom",
+        "p_value",
+        "false_alarm_rate",
+        "error_px",
+        "expected_px",
+        "allowed_px",
+        "added_px",
+    ),
+    *(
+        "noise_px",
+        "views",
+        "views_known",
+        "frames_rejected",
+        "changes",
+        "lacking",
+        "next",
+        "written",
+    ),
 }
 
 
@@ -35,16 +54,24 @@ def saved(cameras: Made, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def session(folder: Path, calibration: Calibration, views: tuple[View, ...]) -> Path:
     """A session of these corners."""
     folder.mkdir()
-    said = {"format": 1, **session_to_yaml(calibration.board, calibration.camera, calibration.cover), "corners": "corners.vnl"}
+    said = {
+        "format": 1,
+        **session_to_yaml(calibration.board, calibration.camera, calibration.cover),
+        "corners": "corners.vnl",
+    }
     (folder / "session.yaml").write_text(yaml.safe_dump(said))
     lines = [f"{view.name} {x!r} {y!r} 0" for view in views for x, y in view.corners.tolist()]
     (folder / "corners.vnl").write_text("\n".join(["# filename x y level", *lines, ""]))
     return folder
 
 
-def test_valid_exits_with_0(cameras: Made, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_valid_exits_with_0(
+    cameras: Made, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     made, checker = cameras["flat"]
-    later = session(tmp_path / "later", checker.calibration, Later.drawn(made, None, 301, 3).views())
+    later = session(
+        tmp_path / "later", checker.calibration, Later.drawn(made, None, 301, 3).views()
+    )
     assert main(["check", str(saved), str(later)]) == 0
     said = capsys.readouterr().out
     assert said.startswith("The calibration is valid.\n- 0.1")
@@ -57,7 +84,9 @@ def test_not_valid_exits_with_5_and_says_what_changed(
 ) -> None:
     made, checker = cameras["flat"]
     change = next(change for change in checker.changes if change.name == "board_shape")
-    later = session(tmp_path / "later", checker.calibration, Later.drawn(made, change, 302, 3).views(10))
+    later = session(
+        tmp_path / "later", checker.calibration, Later.drawn(made, change, 302, 3).views(10)
+    )
     assert main(["check", str(saved), str(later), "--json"]) == 5
     said = json.loads(capsys.readouterr().out)
     assert set(said) == KEYS
@@ -75,10 +104,17 @@ def test_not_valid_exits_with_5_and_says_what_changed(
     assert not (tmp_path / "out" / "calibration.yaml").exists()
 
 
-def test_an_update_keeps_history_and_is_surer(cameras: Made, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_update_keeps_history_and_is_surer(
+    cameras: Made, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     made, checker = cameras["flat"]
-    later = session(tmp_path / "later", checker.calibration, Later.drawn(made, None, 303, 4).views())
-    assert main(["check", str(saved), str(later), "--update", "-o", str(tmp_path / "out"), "--json"]) == 0
+    later = session(
+        tmp_path / "later", checker.calibration, Later.drawn(made, None, 303, 4).views()
+    )
+    assert (
+        main(["check", str(saved), str(later), "--update", "-o", str(tmp_path / "out"), "--json"])
+        == 0
+    )
     said = json.loads(capsys.readouterr().out)
     assert said["written"] == [str(tmp_path / "out" / "calibration.yaml")]
     assert set(said) == KEYS | {"moved"}
@@ -100,7 +136,10 @@ def test_a_named_change_of_the_camera_is_carried_by_an_update(
     change = next(change for change in checker.changes if change.name == "focal")
     drawn = Later.drawn(made, change, 304, 4)
     later = session(tmp_path / "later", checker.calibration, drawn.views(10))
-    assert main(["check", str(saved), str(later), "--update", "-o", str(tmp_path / "out"), "--json"]) == 5
+    assert (
+        main(["check", str(saved), str(later), "--update", "-o", str(tmp_path / "out"), "--json"])
+        == 5
+    )
     assert json.loads(capsys.readouterr().out)["changes"][0]["name"] == "focal"
     updated = Calibration.load(tmp_path / "out")
     value, sigma = updated.effects[0].parameters["focal.change"]
@@ -108,18 +147,25 @@ def test_a_named_change_of_the_camera_is_carried_by_an_update(
     assert main(["check", str(tmp_path / "out"), str(later)]) == 0
 
 
-def test_pictures_of_another_size_come_from_another_mode(saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_pictures_of_another_size_come_from_another_mode(
+    saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     cv2.imwrite(str(tmp_path / "a.png"), np.full((600, 800), 128, np.uint8))
     assert main(["check", str(saved), str(tmp_path), "--json"]) == 5
     said = json.loads(capsys.readouterr().out)
     assert said["answer"] == "broken"
     assert said["changes"][0]["name"] == "other_mode"
-    assert said["changes"][0]["sentence"] == "the pictures come from another mode: 800x600 px where the calibration has 3280x2464"
+    assert (
+        said["changes"][0]["sentence"]
+        == "the pictures come from another mode: 800x600 px where the calibration has 3280x2464"
+    )
     assert said["p_value"] is None
 
 
 @pytest.mark.parametrize("damage", ["truncated", "blank", "none", "missing"])
-def test_what_cannot_be_checked_exits_with_2(saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], damage: str) -> None:
+def test_what_cannot_be_checked_exits_with_2(
+    saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], damage: str
+) -> None:
     picture = tmp_path / "pictures" / "a.png"
     picture.parent.mkdir()
     if damage in ("truncated", "blank"):
@@ -139,12 +185,16 @@ def test_what_cannot_be_checked_exits_with_2(saved: Path, tmp_path: Path, capsys
     assert "Traceback" not in said
 
 
-def test_an_output_without_an_update_is_refused(saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_output_without_an_update_is_refused(
+    saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["check", str(saved), str(tmp_path), "-o", str(tmp_path / "out")]) == 2
     assert "write --update with it" in capsys.readouterr().err
 
 
-def test_pictures_that_do_not_exist_are_refused(saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_pictures_that_do_not_exist_are_refused(
+    saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """A slip in a name is no damaged picture, which would be left out."""
     assert main(["check", str(saved), str(tmp_path / "a.png"), str(tmp_path / "b.png")]) == 2
     assert "a.png does not exist" in capsys.readouterr().err

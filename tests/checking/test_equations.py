@@ -1,4 +1,6 @@
-"""The inner products against dense algebra, and the statistics against draws of a known distribution."""
+"""The inner products against dense algebra, and the statistics against draws of a known
+distribution.
+"""
 
 from dataclasses import replace
 
@@ -28,7 +30,9 @@ def test_dense_algebra_says_the_same(cameras: Made) -> None:
     changes = checker.changes[:2]
     equations = Equations.of(known, changes, seen, poses)
     parameters, new = widened(known, changes)
-    views = list(view_equations(known.model.with_effects(new).path, parameters, seen, poses, known.sigma))
+    views = list(
+        view_equations(known.model.with_effects(new).path, parameters, seen, poses, known.sigma)
+    )
     still = block_diag(*(null_space(view.own.T).T for view in views))  # all that no pose does
     residual = still @ np.concatenate([view.residual for view in views])
     shared = still @ np.concatenate([view.shared for view in views])
@@ -40,7 +44,9 @@ def test_dense_algebra_says_the_same(cameras: Made) -> None:
     scale = np.sqrt(np.outer(dense.diagonal(), dense.diagonal()))
     assert np.abs((found - dense) / scale).max() < 1e-6  # the metric's condition is some 1e8
     assert equations.freedom.sum() == len(residual)
-    assert equations.log_determinant(np.arange(3)) == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-6)
+    assert equations.log_determinant(np.arange(3)) == pytest.approx(
+        np.linalg.slogdet(covariance)[1], rel=1e-6
+    )
 
 
 def test_a_view_is_left_out_as_a_fit_without_it_would() -> None:
@@ -56,9 +62,17 @@ def test_a_view_is_left_out_as_a_fit_without_it_would() -> None:
 
     covariance, estimate = fitted(list(range(views)))
     root = np.linalg.cholesky(covariance)
-    columns = [np.column_stack([data[v] - jacobian[v] @ estimate, jacobian[v] @ root, change[v]]) for v in range(views)]
+    columns = [
+        np.column_stack([data[v] - jacobian[v] @ estimate, jacobian[v] @ root, change[v]])
+        for v in range(views)
+    ]
     equations = Equations(
-        np.array([own.T @ own for own in columns]), np.full(views, float(rows)), count, {"it": slice(1 + count, 3 + count)}, {}, 1.0
+        np.array([own.T @ own for own in columns]),
+        np.full(views, float(rows)),
+        count,
+        {"it": slice(1 + count, 3 + count)},
+        {},
+        1.0,
     )
     for view in range(views):
         spread, without = fitted([v for v in range(views) if v != view])
@@ -75,21 +89,36 @@ def test_what_is_drawn_from_a_valid_calibration_gives_uniform_p_values(cameras: 
     seen = Observations.of(later.views(), made.board).timed(None, HEIGHT)
     known, changes = checker.known, checker.changes
     parameters, new = widened(known, changes)
-    views = list(view_equations(known.model.with_effects(new).path, parameters, seen, later.made.poses, known.sigma))
+    views = list(
+        view_equations(
+            known.model.with_effects(new).path, parameters, seen, later.made.poses, known.sigma
+        )
+    )
     equations = Equations.of(known, changes, seen, later.made.poses)
-    columns = np.concatenate([parameters.entries(u.param.name for u in change.unknowns) for change in changes])
+    columns = np.concatenate(
+        [parameters.entries(u.param.name for u in change.unknowns) for change in changes]
+    )
     bases = [null_space(view.own.T).T for view in views]
-    rows = [np.column_stack([view.shared[:, : len(known.root)] @ known.root, view.shared[:, columns]]) for view in views]
+    rows = [
+        np.column_stack([view.shared[:, : len(known.root)] @ known.root, view.shared[:, columns]])
+        for view in views
+    ]
     rows = [basis @ own for basis, own in zip(bases, rows, strict=True)]
     theory = Dispersion(
-        {c.name: 1.0 for c in changes}, {c.name: np.inf for c in changes}, {c.name: (0.0, 1.0) for c in changes}, np.zeros(0)
+        {c.name: 1.0 for c in changes},
+        {c.name: np.inf for c in changes},
+        {c.name: (0.0, 1.0) for c in changes},
+        np.zeros(0),
     )
     rng = np.random.default_rng(2)
     tails: dict[str, list[float]] = {change.name: [] for change in changes}
     answers = []
     for _ in range(DRAWS):
         wrong = rng.normal(size=equations.known)
-        drawn = [np.column_stack([rng.normal(size=len(own)) + own[:, : equations.known] @ wrong, own]) for own in rows]
+        drawn = [
+            np.column_stack([rng.normal(size=len(own)) + own[:, : equations.known] @ wrong, own])
+            for own in rows
+        ]
         one = replace(equations, products=np.array([own.T @ own for own in drawn]))
         together = one.predicted()
         for name, own in tails.items():
@@ -97,8 +126,12 @@ def test_what_is_drawn_from_a_valid_calibration_gives_uniform_p_values(cameras: 
             own.append(float(chi2.sf(square, directions)))
         answers.append(significance(one, theory, 1.0))
     for name, own in tails.items():
-        assert kstest(own, "uniform").pvalue > 1e-3, name  # one of some 14 is below 1e-3 in one of 70 runs; the draws are always the same
-    assert np.mean([answer.p_value < 0.1 for answer in answers]) < 0.1 + 3 * (0.1 * 0.9 / DRAWS) ** 0.5
+        assert kstest(own, "uniform").pvalue > 1e-3, (
+            name
+        )  # one of some 14 is below 1e-3 in one of 70 runs; the draws are always the same
+    assert (
+        np.mean([answer.p_value < 0.1 for answer in answers]) < 0.1 + 3 * (0.1 * 0.9 / DRAWS) ** 0.5
+    )
     assert np.mean([answer.statistic for answer in answers]) == pytest.approx(1.0, abs=0.02)
 
 
@@ -110,6 +143,11 @@ def test_a_change_is_measured_with_its_sign(cameras: Made) -> None:
     seen = Observations.of(later.views(1, noise=0.0), made.board).timed(None, HEIGHT)
     poses = later.made.poses
     equations = Equations.of(checker.known, (Focal(),), seen, poses)
-    before = Equations.of(checker.known, (Focal(),), Observations.of(later.views(0, noise=0.0), made.board).timed(None, HEIGHT), poses)
+    before = Equations.of(
+        checker.known,
+        (Focal(),),
+        Observations.of(later.views(0, noise=0.0), made.board).timed(None, HEIGHT),
+        poses,
+    )
     found, still = (one.predicted() for one in (equations, before))
     assert -(found[1, 0] - still[1, 0]) / found[1, 1] == pytest.approx(truth, rel=0.1)

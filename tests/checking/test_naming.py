@@ -1,4 +1,6 @@
-"""What changed is named, with its size, on simulated pictures; and what is no change of the camera is not taken for one."""
+"""What changed is named, with its size, on simulated pictures; and what is no change of the camera
+is not taken for one.
+"""
 
 import pytest
 
@@ -75,7 +77,9 @@ def test_a_bad_view_is_left_out_and_the_others_answer(cameras: Made) -> None:
 def test_noise_alone_is_no_change(cameras: Made) -> None:
     """Pictures in poor light: three times the noise, which is told."""
     made, checker = cameras["cone"]
-    answer = checker.check(Pictures(Later.drawn(made, None, 106, 4).views(noise=3 * NOISE), made.board))
+    answer = checker.check(
+        Pictures(Later.drawn(made, None, 106, 4).views(noise=3 * NOISE), made.board)
+    )
     assert answer.word is Word.VALID
     assert answer.louder == pytest.approx(3, rel=0.2)
 
@@ -83,6 +87,8 @@ def test_noise_alone_is_no_change(cameras: Made) -> None:
 def test_as_it_was(cameras: Made) -> None:
     for made, checker in cameras.values():
         for seed in range(3):
-            answer = checker.check(Pictures(Later.drawn(made, None, 200 + seed, 3).views(), made.board))
+            answer = checker.check(
+                Pictures(Later.drawn(made, None, 200 + seed, 3).views(), made.board)
+            )
             assert answer.word is Word.VALID
             assert answer.error_px < answer.allowed_px

@@ -1,4 +1,6 @@
-"""Calibrated dry, put under water, and confirmed there: three pictures say what the pictures in air could not."""
+"""Calibrated dry, put under water, and confirmed there: three pictures say what the pictures in air
+could not.
+"""
 
 from pathlib import Path
 
@@ -29,15 +31,24 @@ def pool(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_three_pictures_say_what_air_could_not(pool: Path) -> None:
-    """Corners have 0.02 px of noise: what three views leave is of that size, where a calliper left ten times as much."""
-    before, after = (map_error(Calibration.load(folder), POOL / "truth.npz", NEAR).by_depth for folder in (pool, pool / "updated"))
+    """Corners have 0.02 px of noise: what three views leave is of that size, where a calliper left
+    ten times as much.
+    """
+    before, after = (
+        map_error(Calibration.load(folder), POOL / "truth.npz", NEAR).by_depth
+        for folder in (pool, pool / "updated")
+    )
     assert min(before.values()) > 0.15
     assert max(after.values()) < 0.05
 
 
 def test_it_is_a_calibration_like_any_other(pool: Path, capsys: pytest.CaptureFixture[str]) -> None:
     updated = Calibration.load(pool / "updated")
-    assert [view.name for view in updated.views] == ["later-0000.jpg", "later-0001.jpg", "later-0002.jpg"]  # no pictures of the session
+    assert [view.name for view in updated.views] == [
+        "later-0000.jpg",
+        "later-0001.jpg",
+        "later-0002.jpg",
+    ]  # no pictures of the session
     assert [stage.name for stage in updated.stages] == ["pinhole", "cover", "cover+rbf"]
     assert updated.stages[0].rms_px > 1 > 0.05 > updated.stages[-1].rms_px
     assert main(["report", str(pool / "updated")]) == 0

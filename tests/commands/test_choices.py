@@ -1,4 +1,6 @@
-"""What the command lets a person choose of a fit: --free, --grid auto, --folds, --effects; and `calib diagnose`."""
+"""What the command lets a person choose of a fit: --free, --grid auto, --folds, --effects; and
+`calib diagnose`.
+"""
 
 import json
 import re
@@ -30,15 +32,27 @@ def fit(session: Path, out: Path, *options: str, capsys: pytest.CaptureFixture[s
 
 
 def estimated(said: str) -> list[str]:
-    return re.findall(r"^(?:Estimated|Corrected): (\S+) \S+ ± .*, declared as \S+ ± ", said, re.MULTILINE)
+    return re.findall(
+        r"^(?:Estimated|Corrected): (\S+) \S+ ± .*, declared as \S+ ± ", said, re.MULTILINE
+    )
 
 
-def test_free_estimates_numbers_near_what_the_session_states(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_free_estimates_numbers_near_what_the_session_states(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     said = fit(session, tmp_path / "out", "--free", "thickness,intrinsics", capsys=capsys)
-    assert estimated(said) == ["cover.thickness", "camera.fx", "camera.fy", "camera.cx", "camera.cy"]
+    assert estimated(said) == [
+        "cover.thickness",
+        "camera.fx",
+        "camera.fy",
+        "camera.cx",
+        "camera.cy",
+    ]
 
 
-def test_free_all_estimates_what_is_not_exact(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_free_all_estimates_what_is_not_exact(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Of the cone's nine numbers and the camera's four, the index outside has no tolerance."""
     copy = shutil.copytree(session, tmp_path / "s")
     every = estimated(fit(copy, tmp_path / "out", "--free", "all", capsys=capsys))
@@ -52,18 +66,30 @@ def test_free_all_estimates_what_is_not_exact(session: Path, tmp_path: Path, cap
     kept = Calibration.load(tmp_path / "out")
     assert kept.cover.parameters["thickness"] == kept.declared.cover.parameters["thickness"]
     assert kept.cover.parameters["thickness"].exact
-    assert "cover.thickness" in estimated(fit(copy, tmp_path / "out", "--free", "all,thickness", capsys=capsys))
+    assert "cover.thickness" in estimated(
+        fit(copy, tmp_path / "out", "--free", "all,thickness", capsys=capsys)
+    )
 
 
-def test_a_wrong_number_is_corrected_and_contradicted(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Three millimetres of glass, declared as 1 mm give or take 0.2: the views say otherwise, and so does the fit."""
+def test_a_wrong_number_is_corrected_and_contradicted(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Three millimetres of glass, declared as 1 mm give or take 0.2: the views say otherwise, and
+    so does the fit.
+    """
     copy = shutil.copytree(session, tmp_path / "s")
     described = (copy / "session.yaml").read_text()
-    (copy / "session.yaml").write_text(re.sub(r"thickness_mm: .*", "thickness_mm: {value: 1.0, sigma: 0.2}", described))
+    (copy / "session.yaml").write_text(
+        re.sub(r"thickness_mm: .*", "thickness_mm: {value: 1.0, sigma: 0.2}", described)
+    )
     said = fit(copy, tmp_path / "out", capsys=capsys)
-    value, sigma = re.findall(r"Corrected: cover.thickness ([\d.]+) ± ([\d.]+) mm, declared as 1 ± 0.2 mm", said)[0]
+    value, sigma = re.findall(
+        r"Corrected: cover.thickness ([\d.]+) ± ([\d.]+) mm, declared as 1 ± 0.2 mm", said
+    )[0]
     assert float(value) - 1 > 3 * float(sigma)
-    assert "standard deviations apart: measure it again, and correct session.yaml." in " ".join(said.split())
+    assert "standard deviations apart: measure it again, and correct session.yaml." in " ".join(
+        said.split()
+    )
     found = Calibration.load(tmp_path / "out")
     assert found.declared.cover.parameters["thickness"].value == pytest.approx(1e-3)
     assert found.cover.parameters["thickness"].value == pytest.approx(
@@ -71,16 +97,32 @@ def test_a_wrong_number_is_corrected_and_contradicted(session: Path, tmp_path: P
     )  # to the second digit of sigma
 
 
-def test_folds_are_said_and_in_the_json(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_folds_are_said_and_in_the_json(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     said = json.loads(fit(session, tmp_path / "out", "--folds", "3", "--json", capsys=capsys))
-    assert set(said["cross_validation"]) == {"folds", "held_out_px", "held_out_sigma_px", "fitted_px"}
+    assert set(said["cross_validation"]) == {
+        "folds",
+        "held_out_px",
+        "held_out_sigma_px",
+        "fitted_px",
+    }
     assert said["cross_validation"]["folds"] == 3
-    fitted, held_out = (said["cross_validation"][key] / (0.05 * 2**0.5) for key in ("fitted_px", "held_out_px"))
-    assert 0.95 < fitted < 1.03 < held_out < 1.1  # of the noise: 0.99 and 1.05; of 1944 coordinates, chance is 0.016
+    fitted, held_out = (
+        said["cross_validation"][key] / (0.05 * 2**0.5) for key in ("fitted_px", "held_out_px")
+    )
+    assert (
+        0.95 < fitted < 1.03 < held_out < 1.1
+    )  # of the noise: 0.99 and 1.05; of 1944 coordinates, chance is 0.016
 
 
-def test_grid_auto_keeps_the_coarsest_that_nothing_beats(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["fit", str(session), "-o", str(tmp_path / "out"), "--grid", "auto", "--free", "none"]) == 0
+def test_grid_auto_keeps_the_coarsest_that_nothing_beats(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert (
+        main(["fit", str(session), "-o", str(tmp_path / "out"), "--grid", "auto", "--free", "none"])
+        == 0
+    )
     capsys.readouterr()
     settings = Calibration.load(tmp_path / "out").settings
     tried = settings["grid_held_out_px"]
@@ -103,7 +145,11 @@ def test_grid_auto_keeps_the_coarsest_that_nothing_beats(session: Path, tmp_path
     ],
 )
 def test_a_wrong_choice_gets_a_sentence(
-    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], words: str
+    session: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    options: list[str],
+    words: str,
 ) -> None:
     try:
         code = main(["fit", str(session), "-o", str(tmp_path / "out"), "--grid", "5x4", *options])
@@ -115,29 +161,57 @@ def test_a_wrong_choice_gets_a_sentence(
     assert "Traceback" not in said
 
 
-def test_an_effect_that_cannot_be_is_refused_before_the_fit(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_effect_that_cannot_be_is_refused_before_the_fit(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Even its corners are not read, which would be refused."""
     copy = shutil.copytree(session, tmp_path / "s")
     (copy / "corners.vnl").write_text("nothing of this is read\n")
     assert main(["fit", str(copy), "--effects", "board_shape,flat_port"]) == 2
     said = capsys.readouterr().err
-    assert said == "calib: --effects flat_port: with cover.shape: cone there can be no flat_port: leave it out.\n"
+    assert (
+        said
+        == "calib: --effects flat_port: with cover.shape: cone there can be no flat_port: leave it"
+        " out.\n"
+    )
     assert not (copy / "calibration").exists()
     assert main(["fit", str(copy), "--effects", "board_shape"]) == 2
     assert "corners.vnl" in capsys.readouterr().err
 
 
 @pytest.mark.slow
-def test_effects_auto_and_diagnose_say_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_effects_auto_and_diagnose_say_the_same(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = write_session(tmp_path, hidden(BOW, TRUTH, views=12))
-    assert main(["fit", str(folder), "--grid", "8x8", "-o", str(tmp_path / "auto"), "--effects", "auto", "--json"]) == 0
+    assert (
+        main(
+            [
+                "fit",
+                str(folder),
+                "--grid",
+                "8x8",
+                "-o",
+                str(tmp_path / "auto"),
+                "--effects",
+                "auto",
+                "--json",
+            ]
+        )
+        == 0
+    )
     said = json.loads(capsys.readouterr().out)
     assert said["effects"] == ["board_shape"]
     assert said["stages"][-1]["name"] == "cover+rbf+effects"
     assert main(["fit", str(folder), "--grid", "8x8", "-o", str(tmp_path / "plain")]) == 0
-    assert main(["diagnose", str(tmp_path / "plain"), "-o", str(tmp_path / "better"), "--json"]) == 0
+    assert (
+        main(["diagnose", str(tmp_path / "plain"), "-o", str(tmp_path / "better"), "--json"]) == 0
+    )
     capsys.readouterr()
-    with np.load(tmp_path / "better" / "calibration.npz") as ours, np.load(tmp_path / "auto" / "calibration.npz") as theirs:
+    with (
+        np.load(tmp_path / "better" / "calibration.npz") as ours,
+        np.load(tmp_path / "auto" / "calibration.npz") as theirs,
+    ):
         assert np.allclose(ours["amplitudes"], theirs["amplitudes"], atol=1e-7)
     assert main(["diagnose", str(tmp_path / "plain"), "-o", str(tmp_path / "better")]) == 0
     printed = capsys.readouterr().out
@@ -145,11 +219,29 @@ def test_effects_auto_and_diagnose_say_the_same(tmp_path: Path, capsys: pytest.C
     assert "Wrote" in printed
 
 
-def test_effects_by_name_are_added_and_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_effects_by_name_are_added_and_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = write_session(tmp_path, hidden(BOW, TRUTH, views=6))
-    assert main(["fit", str(folder), "--grid", "4x4", "-o", str(tmp_path / "named"), "--effects", "board_shape"]) == 0
+    assert (
+        main(
+            [
+                "fit",
+                str(folder),
+                "--grid",
+                "4x4",
+                "-o",
+                str(tmp_path / "named"),
+                "--effects",
+                "board_shape",
+            ]
+        )
+        == 0
+    )
     printed = capsys.readouterr().out
     said = re.findall(r"Estimated: board_shape\.(?:xx|xy|yy) (-?[\d.]+) ± ([\d.]+) mm", printed)
     assert len(said) == 3
     for (value, sigma), true in zip(said, TRUTH.values(), strict=True):
-        assert abs(float(value) - 1e3 * true) < 4 * float(sigma) + 0.1  # mm; a relief of 4x4 does not follow this glass
+        assert (
+            abs(float(value) - 1e3 * true) < 4 * float(sigma) + 0.1
+        )  # mm; a relief of 4x4 does not follow this glass

@@ -1,4 +1,6 @@
-"""The command as a person runs it: names, exit codes, JSON keys, sentences, and no traceback ever."""
+"""The command as a person runs it: names, exit codes, JSON keys, sentences, and no traceback
+ever.
+"""
 
 import json
 import math
@@ -28,7 +30,21 @@ from tests.test_calibration import write_session
 def fitted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, object]]:
     """A small session fitted through the command, and the JSON that it printed."""
     folder = write_session(tmp_path_factory.mktemp("cli"), scene(8, views=6, noise=0.05))
-    command = [sys.executable, "-m", "calib", "fit", str(folder), "--grid", "5x4", "--steps", "40", "--depth", "1", "0.5", "--json"]
+    command = [
+        sys.executable,
+        "-m",
+        "calib",
+        "fit",
+        str(folder),
+        "--grid",
+        "5x4",
+        "--steps",
+        "40",
+        "--depth",
+        "1",
+        "0.5",
+        "--json",
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return folder, json.loads(done.stdout)
@@ -36,7 +52,17 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, ob
 
 def test_fit_json_keeps_the_contract(fitted: tuple[Path, dict[str, object]]) -> None:
     _, said = fitted
-    contract = {"frames_used", "frames_rejected", "corners", "noise_px", "seconds", "stages", "effects", "verdict", "written"}
+    contract = {
+        "frames_used",
+        "frames_rejected",
+        "corners",
+        "noise_px",
+        "seconds",
+        "stages",
+        "effects",
+        "verdict",
+        "written",
+    }
     assert set(said) == contract | {"second_look", "view_noise", "lens"}
     assert said["frames_used"] == 6
     assert said["frames_rejected"] == []
@@ -48,7 +74,9 @@ def test_fit_json_keeps_the_contract(fitted: tuple[Path, dict[str, object]]) -> 
     assert all(set(stage) == {"name", "rms_px", "rmse_cm"} for stage in stages)
 
 
-def test_fit_json_carries_the_verdict_and_what_was_written(fitted: tuple[Path, dict[str, object]]) -> None:
+def test_fit_json_carries_the_verdict_and_what_was_written(
+    fitted: tuple[Path, dict[str, object]],
+) -> None:
     folder, said = fitted
     out = folder / "calibration"
     names = ("calibration.yaml", "rays.npz", "map_1m.npz", "map_0.5m.npz", "report.html")
@@ -73,7 +101,9 @@ def test_the_last_lines_are_the_verdict_and_what_to_type(
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_a_fit_ends_with_what_to_do_next(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_fit_ends_with_what_to_do_next(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     session = Path(__file__).parents[2] / "fixtures" / "covered-bare"
     assert main(["fit", str(session), "--grid", "5x5", "-o", str(tmp_path)]) == 0
     said = capsys.readouterr().out
@@ -88,22 +118,30 @@ def test_a_fit_ends_with_what_to_do_next(tmp_path: Path, capsys: pytest.CaptureF
 
 
 @pytest.mark.parametrize("command", ["fit", "diagnose"])
-def test_the_help_lists_every_effect(command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_help_lists_every_effect(
+    command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """In a terminal of 80 columns a long line goes on below its second column."""
     monkeypatch.setenv("COLUMNS", "80")
     with pytest.raises(SystemExit):
         main([command, "--help"])
     said = capsys.readouterr().out
     assert max(map(len, said.splitlines())) <= 80
-    listed = re.findall(r"^  (\w+) +(\S.*(?:\n {20}\S.*)*)$", said.partition("\neffects:\n")[2], re.MULTILINE)
+    listed = re.findall(
+        r"^  (\w+) +(\S.*(?:\n {20}\S.*)*)$", said.partition("\neffects:\n")[2], re.MULTILINE
+    )
     assert [name for name, _ in listed] == list(NAMES)
     assert all(len(words.split()) > 2 for _, words in listed)
     assert any("\n" in words for _, words in listed)
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_a_trusted_fit_says_how_to_export_and_that_can_be_typed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = write_session(tmp_path / "my session", scene(11, views=24, noise=0.05, depths=(0.35, 1.2)))
+def test_a_trusted_fit_says_how_to_export_and_that_can_be_typed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_session(
+        tmp_path / "my session", scene(11, views=24, noise=0.05, depths=(0.35, 1.2))
+    )
     assert main(["fit", str(folder), "--grid", "5x5"]) == 0
     *_, word, last, _ = capsys.readouterr().out.splitlines()
     assert word == "To be trusted where it has corners."
@@ -113,7 +151,9 @@ def test_a_trusted_fit_says_how_to_export_and_that_can_be_typed(tmp_path: Path, 
     assert list((folder / "calibration" / "export").glob("map_*.npz"))
 
 
-def test_fit_leaves_calibration_field_and_a_map_for_every_depth(fitted: tuple[Path, dict[str, object]]) -> None:
+def test_fit_leaves_calibration_field_and_a_map_for_every_depth(
+    fitted: tuple[Path, dict[str, object]],
+) -> None:
     out = fitted[0] / "calibration"
     assert sorted(path.name for path in out.iterdir()) == [
         "calibration.npz",
@@ -130,7 +170,9 @@ def test_fit_leaves_calibration_field_and_a_map_for_every_depth(fitted: tuple[Pa
         assert file["depth_m"] == 1.0
 
 
-def test_export_gives_the_same_map_without_the_session(fitted: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
+def test_export_gives_the_same_map_without_the_session(
+    fitted: tuple[Path, dict[str, object]], tmp_path: Path
+) -> None:
     out = fitted[0] / "calibration"
     assert main(["export", str(out), "--format", "npz", "--depth", "0.5", "-o", str(tmp_path)]) == 0
     with np.load(out / "map_0.5m.npz") as ours, np.load(tmp_path / "map_0.5m.npz") as theirs:
@@ -147,14 +189,36 @@ def test_the_field_gives_any_other_depth(fitted: tuple[Path, dict[str, object]])
     assert np.abs(field.map_at(0.33).x - direct).max() < 1e-3
 
 
-@pytest.mark.parametrize(("depth", "colour"), [(np.uint8, False), (np.uint8, True), (np.uint16, False), (np.uint16, True)])
-def test_undistort_straightens_what_the_map_says(fitted: tuple[Path, dict[str, object]], tmp_path: Path, depth: type, colour: bool) -> None:
-    """A smooth ramp: every undistorted pixel holds its own distorted coordinate, so the map can be read off the picture."""
+@pytest.mark.parametrize(
+    ("depth", "colour"),
+    [(np.uint8, False), (np.uint8, True), (np.uint16, False), (np.uint16, True)],
+)
+def test_undistort_straightens_what_the_map_says(
+    fitted: tuple[Path, dict[str, object]], tmp_path: Path, depth: type, colour: bool
+) -> None:
+    """A smooth ramp: every undistorted pixel holds its own distorted coordinate, so the map can be
+    read off the picture.
+    """
     out = fitted[0] / "calibration"
     top = np.iinfo(depth).max
-    ramp: np.ndarray = np.broadcast_to(np.arange(3280) / 3280 * 0.8 * top, (2464, 3280)).astype(depth)
+    ramp: np.ndarray = np.broadcast_to(np.arange(3280) / 3280 * 0.8 * top, (2464, 3280)).astype(
+        depth
+    )
     cv2.imwrite(str(tmp_path / "ramp.png"), np.dstack([ramp] * 3) if colour else ramp)
-    assert main(["undistort", str(out), str(tmp_path / "ramp.png"), "--depth", "1", "-o", str(tmp_path / "flat")]) == 0
+    assert (
+        main(
+            [
+                "undistort",
+                str(out),
+                str(tmp_path / "ramp.png"),
+                "--depth",
+                "1",
+                "-o",
+                str(tmp_path / "flat"),
+            ]
+        )
+        == 0
+    )
     flat = cv2.imread(str(tmp_path / "flat" / "ramp.png"), cv2.IMREAD_UNCHANGED)
     assert flat is not None
     assert flat.dtype == depth
@@ -168,7 +232,9 @@ def test_undistort_straightens_what_the_map_says(fitted: tuple[Path, dict[str, o
 
 
 @pytest.mark.parametrize("case", MALFORMED, ids=lambda case: case.name)
-def test_malformed_sessions_get_their_sentence_and_exit_code(case: Malformed, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_malformed_sessions_get_their_sentence_and_exit_code(
+    case: Malformed, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     folder = write_good_session(tmp_path / "session")
     case.spoil(folder)
     code = main(["fit", str(folder), "--steps", "2", "--json"])
@@ -196,7 +262,9 @@ def test_malformed_sessions_get_their_sentence_and_exit_code(case: Malformed, tm
         ([], "COMMAND"),
     ],
 )
-def test_wrong_usage_exits_with_2(arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_usage_exits_with_2(
+    arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as stop:
         main(arguments)
     assert stop.value.code == 2
@@ -212,15 +280,27 @@ def test_undistort_refuses_what_would_overwrite_or_does_not_fit(
     (tmp_path / "loop.png").symlink_to(tmp_path / "loop.png")
     for arguments, says in (
         ([str(picture), "-o", str(tmp_path)], "would be overwritten"),
-        ([str(picture), "-o", str(tmp_path / "out")], "is 64x48 px where the calibration is for 3280x2464"),
+        (
+            [str(picture), "-o", str(tmp_path / "out")],
+            "is 64x48 px where the calibration is for 3280x2464",
+        ),
         ([str(tmp_path / "none.png"), "-o", str(tmp_path / "out")], "none.png"),
-        ([str(tmp_path / "empty"), "-o", str(tmp_path / "out")], "There are no pictures to undistort"),
+        (
+            [str(tmp_path / "empty"), "-o", str(tmp_path / "out")],
+            "There are no pictures to undistort",
+        ),
         ([str(tmp_path / f"{'x' * 300}.jpg"), "-o", str(tmp_path / "out")], "File name too long"),
         ([str(tmp_path / "loop.png"), "-o", str(tmp_path / "out")], "loop.png cannot be read"),
         ([str(picture), "-o", str(tmp_path / "loop.png")], "loop.png cannot be made"),
-        ([str(tmp_path / "noext"), "-o", str(tmp_path / "out")], "noext does not say what to write"),
+        (
+            [str(tmp_path / "noext"), "-o", str(tmp_path / "out")],
+            "noext does not say what to write",
+        ),
         ([str(tmp_path / "b.jpg.bak"), "-o", str(tmp_path / "out")], "one of .png, .jpg"),
-        ([str(tmp_path / "a.gif"), "-o", str(tmp_path / "out")], "a.gif does not say what to write"),
+        (
+            [str(tmp_path / "a.gif"), "-o", str(tmp_path / "out")],
+            "a.gif does not say what to write",
+        ),
     ):
         (tmp_path / "empty").mkdir(exist_ok=True)
         assert main(["undistort", out, *arguments, "--depth", "1"]) == 2
@@ -229,18 +309,30 @@ def test_undistort_refuses_what_would_overwrite_or_does_not_fit(
 
 @pytest.mark.parametrize("name", ["deep.jpg", "deep.BMP"])
 def test_sixteen_bits_are_not_clipped_into_eight(
-    fitted: tuple[Path, dict[str, object]], tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+    fitted: tuple[Path, dict[str, object]],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
 ) -> None:
     cv2.imwrite(str(tmp_path / "deep.png"), np.full((2464, 3280), 40000, np.uint16))
     (tmp_path / "deep.png").rename(tmp_path / name)
     out = str(fitted[0] / "calibration")
-    assert main(["undistort", out, str(tmp_path / name), "--depth", "1", "-o", str(tmp_path / "flat")]) == 2
-    assert f"{name} holds 16-bit pixels, which a {Path(name).suffix.lower()} cannot" in capsys.readouterr().err
+    assert (
+        main(["undistort", out, str(tmp_path / name), "--depth", "1", "-o", str(tmp_path / "flat")])
+        == 2
+    )
+    assert (
+        f"{name} holds 16-bit pixels, which a {Path(name).suffix.lower()} cannot"
+        in capsys.readouterr().err
+    )
     assert list((tmp_path / "flat").iterdir()) == []
 
 
 def test_unreadable_pictures_are_one_sentence(
-    fitted: tuple[Path, dict[str, object]], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    fitted: tuple[Path, dict[str, object]],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     is_dir = Path.is_dir
 
@@ -251,13 +343,29 @@ def test_unreadable_pictures_are_one_sentence(
 
     monkeypatch.setattr(Path, "is_dir", locked)
     picture = str(tmp_path / "locked" / "a.png")
-    assert main(["undistort", str(fitted[0] / "calibration"), picture, "--depth", "1", "-o", str(tmp_path / "out")]) == 2
+    assert (
+        main(
+            [
+                "undistort",
+                str(fitted[0] / "calibration"),
+                picture,
+                "--depth",
+                "1",
+                "-o",
+                str(tmp_path / "out"),
+            ]
+        )
+        == 2
+    )
     assert f"{picture} cannot be read (Permission denied)" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("failing", ["make", "write"])
 def test_an_output_folder_is_tried_before_the_fit(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, failing: str
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    failing: str,
 ) -> None:
     def late(*_: object) -> None:
         raise AssertionError("the fit began")
@@ -272,7 +380,11 @@ def test_an_output_folder_is_tried_before_the_fit(
     else:
         monkeypatch.setattr("calib.io.files.fsync", full)
     assert main(["fit", str(folder), "-o", str(tmp_path / "out")]) == 2
-    says = "out cannot be made" if failing == "make" else "out cannot be written (No space left on device): free some space there"
+    says = (
+        "out cannot be made"
+        if failing == "make"
+        else "out cannot be written (No space left on device): free some space there"
+    )
     assert says in capsys.readouterr().err
 
 
@@ -281,16 +393,35 @@ def test_a_trial_write_leaves_nothing(tmp_path: Path) -> None:
     assert list((tmp_path / "a" / "b").iterdir()) == []
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has a disk that is always full")
-def test_a_result_that_cannot_be_printed_is_one_sentence(fitted: tuple[Path, dict[str, object]], tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "calib", "export", str(fitted[0] / "calibration"), "--format", "npz", "-o", str(tmp_path)]
+@pytest.mark.skipif(
+    not Path("/dev/full").exists(), reason="only Linux has a disk that is always full"
+)
+def test_a_result_that_cannot_be_printed_is_one_sentence(
+    fitted: tuple[Path, dict[str, object]], tmp_path: Path
+) -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "calib",
+        "export",
+        str(fitted[0] / "calibration"),
+        "--format",
+        "npz",
+        "-o",
+        str(tmp_path),
+    ]
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 2
-    assert done.stderr.endswith("calib: the result cannot be printed (No space left on device): send stdout to another place.\n")
+    assert done.stderr.endswith(
+        "calib: the result cannot be printed (No space left on device): send stdout to another"
+        " place.\n"
+    )
 
 
-def test_interrupted_says_no_more_than_that(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_interrupted_says_no_more_than_that(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     def interrupt(_: Path) -> None:
         raise KeyboardInterrupt
 
@@ -301,17 +432,24 @@ def test_interrupted_says_no_more_than_that(monkeypatch: pytest.MonkeyPatch, cap
 
 def test_json_has_null_where_a_number_is_not_finite(capsys: pytest.CaptureFixture[str]) -> None:
     print_json({"a": math.nan, "b": [{"c": np.float64(np.inf), "d": 1.5}], "e": (1, "NaN", None)})
-    assert capsys.readouterr().out == '{"a": null, "b": [{"c": null, "d": 1.5}], "e": [1, "NaN", null]}\n'
+    assert (
+        capsys.readouterr().out
+        == '{"a": null, "b": [{"c": null, "d": 1.5}], "e": [1, "NaN", null]}\n'
+    )
 
 
-def test_results_that_cannot_be_written_are_one_sentence(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_results_that_cannot_be_written_are_one_sentence(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     folder = write_session(tmp_path / "s", scene(8, views=3))
     (tmp_path / "file").write_text("in the way")
     assert main(["fit", str(folder), "--steps", "1", "-o", str(tmp_path / "file")]) == 2
     assert "cannot be made" in capsys.readouterr().err
 
 
-def test_a_bug_is_one_sentence_and_exit_code_1(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_bug_is_one_sentence_and_exit_code_1(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     def broken(_: Path) -> None:
         raise ZeroDivisionError("by design")
 
@@ -325,9 +463,17 @@ def test_a_bug_is_one_sentence_and_exit_code_1(monkeypatch: pytest.MonkeyPatch, 
 def test_help_is_quick_and_needs_no_torch() -> None:
     env = {**os.environ, "PYTHONPROFILEIMPORTTIME": "1"}
     begun = time.monotonic()
-    done = subprocess.run([sys.executable, "-m", "calib", "--help"], capture_output=True, text=True, check=True, env=env)
+    done = subprocess.run(
+        [sys.executable, "-m", "calib", "--help"],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=env,
+    )
     took = time.monotonic() - begun
     assert all(command in done.stdout for command in ("fit", "evaluate", "undistort", "export"))
     imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
     assert not imported & {"torch", "cv2", "numpy", "rich", "scipy", "yaml"}
-    assert took < 5, "imports are what the bar of 0.5 s is about; this only catches a command that hangs"
+    assert took < 5, (
+        "imports are what the bar of 0.5 s is about; this only catches a command that hangs"
+    )

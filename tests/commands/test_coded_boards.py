@@ -1,4 +1,6 @@
-"""Sessions whose boards have markers, from pictures to a calibration and back: every command that knows a board knows these."""
+"""Sessions whose boards have markers, from pictures to a calibration and back: every command that
+knows a board knows these.
+"""
 
 import json
 from pathlib import Path
@@ -25,13 +27,20 @@ def write(folder: Path, kind: Kind, count: int, seed: int) -> Path:
     for number, pose in enumerate(poses(count, seed, 2 * max(kind.board.half))):
         cv2.imwrite(str(folder / "frames" / f"{number}.png"), kind.view(pose, seed=number).picture)
     camera = {"width": LENS.width, "height": LENS.height}
-    session = {"format": 1, "board": board_to_yaml(kind.board), "camera": camera, "cover": {"shape": "none"}}
+    session = {
+        "format": 1,
+        "board": board_to_yaml(kind.board),
+        "camera": camera,
+        "cover": {"shape": "none"},
+    }
     (folder / "session.yaml").write_text(yaml.safe_dump(session))
     return folder
 
 
 @pytest.fixture(scope="module", params=[CHARUCO, GRID], ids=["charuco", "aprilgrid"])
-def fitted(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Kind, Path]:
+def fitted(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Kind, Path]:
     kind = request.param
     folder = write(tmp_path_factory.mktemp("coded") / "session", kind, VIEWS, seed=11)
     assert main(["fit", str(folder), "--json"]) == 0
@@ -44,23 +53,31 @@ def said(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
 
 
 def test_the_calibration_is_the_camera(fitted: tuple[Kind, Path]) -> None:
-    """Rendered with a focal length of 480 px: corners of 0.01 px tell it to some hundredths of a pixel, half of them out of the picture."""
+    """Rendered with a focal length of 480 px: corners of 0.01 px tell it to some hundredths of a
+    pixel, half of them out of the picture.
+    """
     kind, folder = fitted
     calibration = Calibration.load(folder / "calibration")
     intrinsics = calibration.camera.intrinsics
     assert intrinsics
-    assert (intrinsics.fx.value, intrinsics.fy.value) == pytest.approx((LENS.focal, LENS.focal), abs=0.3)
+    assert (intrinsics.fx.value, intrinsics.fy.value) == pytest.approx(
+        (LENS.focal, LENS.focal), abs=0.3
+    )
     assert (intrinsics.cx.value, intrinsics.cy.value) == pytest.approx(LENS.matrix[:2, 2], abs=0.3)
     assert calibration.board == kind.board
     assert calibration.stages[-1].rms_px < 0.02
     assert calibration.noise_px < 0.02
     assert len(calibration.views) == VIEWS
-    assert any(view.count < kind.board.count for view in calibration.views), "some boards reach out of the picture"
+    assert any(view.count < kind.board.count for view in calibration.views), (
+        "some boards reach out of the picture"
+    )
     report = (folder / "calibration" / "report.html").read_text(encoding="utf-8")
     assert str(kind.board) in report
 
 
-def test_held_out_views(fitted: tuple[Kind, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_held_out_views(
+    fitted: tuple[Kind, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     kind, folder = fitted
     other = write(tmp_path / "other", kind, HELD_OUT, seed=12)
     assert main(["evaluate", str(folder / "calibration"), str(other), "--json"]) == 0
@@ -70,8 +87,12 @@ def test_held_out_views(fitted: tuple[Kind, Path], tmp_path: Path, capsys: pytes
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_corners_come_back_from_their_file(fitted: tuple[Kind, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """What was measured, as corners.vnl, with its gaps, gives the same calibration as the pictures."""
+def test_corners_come_back_from_their_file(
+    fitted: tuple[Kind, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What was measured, as corners.vnl, with its gaps, gives the same calibration as the
+    pictures.
+    """
     kind, folder = fitted
     before = Calibration.load(folder / "calibration")
     write_corners(tmp_path / "corners.vnl", before.views)
@@ -86,11 +107,17 @@ def test_corners_come_back_from_their_file(fitted: tuple[Kind, Path], tmp_path: 
     after = Calibration.load(tmp_path / "calibration")
     assert before.camera.intrinsics
     assert after.camera.intrinsics
-    assert after.camera.intrinsics.fx.value == pytest.approx(before.camera.intrinsics.fx.value, rel=1e-6)
+    assert after.camera.intrinsics.fx.value == pytest.approx(
+        before.camera.intrinsics.fx.value, rel=1e-6
+    )
 
 
-def test_a_point_on_a_board_that_is_partly_seen(fitted: tuple[Kind, Path], capsys: pytest.CaptureFixture[str]) -> None:
-    """A corner's own pixel is measured on the board's plane, as far from the camera as it was rendered: to a thousandth."""
+def test_a_point_on_a_board_that_is_partly_seen(
+    fitted: tuple[Kind, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A corner's own pixel is measured on the board's plane, as far from the camera as it was
+    rendered: to a thousandth.
+    """
     kind, folder = fitted
     pose = poses(VIEWS, 11, 2 * max(kind.board.half))[0]
     drawn = kind.view(pose, seed=0)
@@ -105,7 +132,9 @@ def test_a_point_on_a_board_that_is_partly_seen(fitted: tuple[Kind, Path], capsy
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_a_diagnosis_finds_nothing_where_nothing_is(fitted: tuple[Kind, Path], capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_diagnosis_finds_nothing_where_nothing_is(
+    fitted: tuple[Kind, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
     _, folder = fitted
     assert main(["diagnose", str(folder / "calibration"), "--json"]) == 0
     found = said(capsys)

@@ -29,13 +29,18 @@ printf '%s\\n' "${{COMPREPLY[@]}}"
 @pytest.fixture(scope="module")
 def printed() -> Printed:
     """The script of a program for a shell, printed once."""
-    pytest.importorskip("shtab", reason="shtab is not installed (pip install -e '.[completion]'): no script was written")
+    pytest.importorskip(
+        "shtab",
+        reason="shtab is not installed (pip install -e '.[completion]'): no script was written",
+    )
     kept: dict[tuple[str, str], str] = {}
 
     def script(program: str, shell: str) -> str:
         if (program, shell) not in kept:
             command = [sys.executable, "-m", program, "--print-completion", shell]
-            kept[program, shell] = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+            kept[program, shell] = subprocess.run(
+                command, capture_output=True, text=True, check=True
+            ).stdout
         return kept[program, shell]
 
     return script
@@ -51,16 +56,28 @@ def offered(printed: Printed, tmp_path: Path) -> Callable[..., set[str]]:
         (tmp_path / ".script").write_text(printed(program, "bash"))
         quoted = " ".join(f"'{word}'" for word in (program, *words))
         asked = ASK.format(script=".script", words=quoted, last=len(words), program=program)
-        done = subprocess.run(["bash", "-c", asked], cwd=tmp_path, capture_output=True, text=True, check=True)
+        done = subprocess.run(
+            ["bash", "-c", asked], cwd=tmp_path, capture_output=True, text=True, check=True
+        )
         assert done.stderr == ""
         return set(done.stdout.split())
 
     return ask
 
 
-@pytest.mark.parametrize(("program", "commands"), [("calib", cli.COMMANDS), ("capture", capture_cli.COMMANDS)])
-def test_every_command_is_offered(offered: Callable[..., set[str]], program: str, commands: tuple[object, ...]) -> None:
-    names = {str(getattr(command, "__name__", "")).rpartition(".")[2].removesuffix("_command").replace("_", "-") for command in commands}
+@pytest.mark.parametrize(
+    ("program", "commands"), [("calib", cli.COMMANDS), ("capture", capture_cli.COMMANDS)]
+)
+def test_every_command_is_offered(
+    offered: Callable[..., set[str]], program: str, commands: tuple[object, ...]
+) -> None:
+    names = {
+        str(getattr(command, "__name__", ""))
+        .rpartition(".")[2]
+        .removesuffix("_command")
+        .replace("_", "-")
+        for command in commands
+    }
     assert offered(program, "") == names
     assert offered(program, "--ver") == {"--version"}
 
@@ -81,7 +98,9 @@ def test_every_command_is_offered(offered: Callable[..., set[str]], program: str
     ],
     ids=lambda given: " ".join(given) if isinstance(given, tuple) else "",
 )
-def test_what_fits_is_offered(offered: Callable[..., set[str]], words: tuple[str, ...], expected: set[str]) -> None:
+def test_what_fits_is_offered(
+    offered: Callable[..., set[str]], words: tuple[str, ...], expected: set[str]
+) -> None:
     assert offered("calib", *words) == expected
 
 
@@ -104,14 +123,26 @@ def test_zsh_reads_its_script(printed: Printed, tmp_path: Path) -> None:
     if not shutil.which("zsh"):
         pytest.skip("zsh is not installed: its script was not read")
     (tmp_path / "_calib").write_text(printed("calib", "zsh"))
-    asked = "fpath=($PWD $fpath); autoload -Uz compinit; compinit -u -D; autoload +X _calib && print $_comps[calib]"
+    asked = (
+        "fpath=($PWD $fpath); autoload -Uz compinit; compinit -u -D; autoload +X _calib && print"
+        " $_comps[calib]"
+    )
     environment = {"PATH": os.environ["PATH"], "HOME": str(tmp_path)}
-    done = subprocess.run(["zsh", "-fc", asked], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        ["zsh", "-fc", asked],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert (done.stdout, done.stderr) == ("_calib\n", "")
 
 
 @pytest.mark.parametrize("program", ["calib", "capture"])
-def test_without_shtab_it_says_what_to_install(program: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_shtab_it_says_what_to_install(
+    program: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setitem(sys.modules, "shtab", None)
     with pytest.raises(SystemExit) as ended:
         import_module(f"{program}.cli").main(["--print-completion", SHELLS[0]])

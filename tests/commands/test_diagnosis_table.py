@@ -1,4 +1,6 @@
-"""All that a diagnosis considered fits into a terminal of 80 columns, with every figure and what became of each effect."""
+"""All that a diagnosis considered fits into a terminal of 80 columns, with every figure and what
+became of each effect.
+"""
 
 import re
 
@@ -11,13 +13,22 @@ from calib.effects.registry import KINDS
 from fixtures.known import known
 from fixtures.synthetic import HEIGHT, WIDTH, scene
 
-VERDICTS = ("absorbed", "not confirmed", "fails at other depths", "not asked for", "too many numbers for what it explains", "not finite")
+VERDICTS = (
+    "absorbed",
+    "not confirmed",
+    "fails at other depths",
+    "not asked for",
+    "too many numbers for what it explains",
+    "not finite",
+)
 
 
 def candidate(effect: str, verdict: str, *, fitted: bool) -> Candidate:
     before, after, gain = (10.252, 10.017, (-0.202, 12.265)) if fitted else (None, None, None)
     form = "water" if effect == "flat_port" else ""
-    return Candidate(effect, form, 123456.0, 144, 2e-10, 0.5, before, after, gain, {}, (), False, verdict)
+    return Candidate(
+        effect, form, 123456.0, 144, 2e-10, 0.5, before, after, gain, {}, (), False, verdict
+    )
 
 
 @pytest.fixture(scope="module")
@@ -29,11 +40,16 @@ def test_it_is_no_wider_and_every_effect_stands_under_what_became_of_it(
     plain: Calibration, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    every = tuple(candidate(kind.name, VERDICTS[i % len(VERDICTS)], fitted=i % 2 == 0) for i, kind in enumerate(KINDS))
+    every = tuple(
+        candidate(kind.name, VERDICTS[i % len(VERDICTS)], fitted=i % 2 == 0)
+        for i, kind in enumerate(KINDS)
+    )
     same = Quality(0.224, 0.0177, 0.282)
     print_diagnosis(Diagnosis(0.016, "", (), every, (), same, same, 0.0, "", ()), plain)
     lines = capsys.readouterr().out.splitlines()
-    table = lines[next(i for i, line in enumerate(lines) if line.startswith("What was considered")) :]
+    table = lines[
+        next(i for i, line in enumerate(lines) if line.startswith("What was considered")) :
+    ]
     assert max(map(len, table)) <= 80
     under, heading = {}, ""
     for line in table[2:]:
@@ -41,7 +57,16 @@ def test_it_is_no_wider_and_every_effect_stands_under_what_became_of_it(
             under[line.split()[0]] = (heading, line.rstrip())
         else:
             heading = line.rstrip(":")
-    assert {name: outcome for name, (outcome, _) in under.items()} == {one.effect: one.outcome for one in every}
+    assert {name: outcome for name, (outcome, _) in under.items()} == {
+        one.effect: one.outcome for one in every
+    }
     for one in every:
-        figures = ["123456/144", "2e-10", *(["10.252", "→", "10.017", "-0.202", "to", "12.265"] if one.held_out_px_after else [])]
-        assert re.split(r"\s+", under[one.effect][1].strip().removeprefix(one.title).strip()) == figures
+        figures = [
+            "123456/144",
+            "2e-10",
+            *(["10.252", "→", "10.017", "-0.202", "to", "12.265"] if one.held_out_px_after else []),
+        ]
+        assert (
+            re.split(r"\s+", under[one.effect][1].strip().removeprefix(one.title).strip())
+            == figures
+        )

@@ -1,4 +1,6 @@
-"""Every command takes every kind of calibration that another command writes, or says in one sentence why not."""
+"""Every command takes every kind of calibration that another command writes, or says in one
+sentence why not.
+"""
 
 from pathlib import Path
 
@@ -13,7 +15,16 @@ FORMATS = (
     *("npz", "opencv", "opencv-xml", "ros", "kalibr", "colmap", "mrcal"),
     *("windshield", "depthai", "generic", "calibmar", "ray-image", "stmap"),
 )
-KINDS = ("fitted", "paper", "flexing", "immersed", "immersed and updated", "immersed flexing and updated", "updated", "back in air")
+KINDS = (
+    "fitted",
+    "paper",
+    "flexing",
+    "immersed",
+    "immersed and updated",
+    "immersed flexing and updated",
+    "updated",
+    "back in air",
+)
 ALLOWED = {0, 2, 3, 5}
 """Done; wrong input; not enough good data; a calibration that is not valid any more. 1 is a bug."""
 
@@ -27,7 +38,9 @@ def calibrations(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """As commands write them."""
     folder = tmp_path_factory.mktemp("calibrations")
     places = {kind: folder / kind.replace(" ", "-") for kind in KINDS}
-    fitted, wet, pool = (str(places[kind]) for kind in ("fitted", "immersed", "immersed and updated"))
+    fitted, wet, pool = (
+        str(places[kind]) for kind in ("fitted", "immersed", "immersed and updated")
+    )
     for command in (
         ["fit", str(SESSION), "-o", fitted],
         ["fit", str(SESSION), "--method", "paper", "-o", str(places["paper"])],
@@ -36,8 +49,22 @@ def calibrations(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         ["check", wet, *pictures(POOL), "--update", "-o", pool],
         ["check", fitted, *pictures(SESSION), "--update", "-o", str(places["updated"])],
         ["immerse", wet, "--outside-index", "1", "-o", str(places["back in air"])],
-        ["immerse", str(places["flexing"]), "--outside-index", "1.34", "-o", str(folder / "wet-flexing")],
-        ["check", str(folder / "wet-flexing"), *pictures(POOL), "--update", "-o", str(places["immersed flexing and updated"])],
+        [
+            "immerse",
+            str(places["flexing"]),
+            "--outside-index",
+            "1.34",
+            "-o",
+            str(folder / "wet-flexing"),
+        ],
+        [
+            "check",
+            str(folder / "wet-flexing"),
+            *pictures(POOL),
+            "--update",
+            "-o",
+            str(places["immersed flexing and updated"]),
+        ],
     ):
         assert main(command) == 0, command
     return places
@@ -45,7 +72,9 @@ def calibrations(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_command_takes_it(calibrations: dict[str, Path], kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_command_takes_it(
+    calibrations: dict[str, Path], kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     it, session = str(calibrations[kind]), POOL if kind.startswith("immersed") else SESSION
     for number, command in enumerate(
         (
@@ -61,7 +90,11 @@ def test_every_command_takes_it(calibrations: dict[str, Path], kind: str, tmp_pa
             *(["export", it, "--format", form, "--depth", "0.5"] for form in FORMATS),
         )
     ):
-        writes = command[0] not in ("report", "evaluate") and "--json" not in command and (command[0] != "check" or "--update" in command)
+        writes = (
+            command[0] not in ("report", "evaluate")
+            and "--json" not in command
+            and (command[0] != "check" or "--update" in command)
+        )
         words = [*command, "-o", str(tmp_path / str(number))] if writes else command
         try:
             code = main(words)

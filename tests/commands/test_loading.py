@@ -1,4 +1,6 @@
-"""What a command leaves of torch is there as soon as it is asked for; in processes of their own, for here torch is loaded."""
+"""What a command leaves of torch is there as soon as it is asked for; in processes of their own,
+for here torch is loaded.
+"""
 
 import subprocess
 import sys
@@ -8,7 +10,9 @@ import pytest
 
 from calib.commands.loading import TRIED
 
-pytestmark = pytest.mark.skipif(not version("torch").startswith(TRIED), reason="this torch is loaded as it comes")
+pytestmark = pytest.mark.skipif(
+    not version("torch").startswith(TRIED), reason="this torch is loaded as it comes"
+)
 
 BEGIN = """
 import gc, sys
@@ -20,7 +24,9 @@ assert gc.isenabled() and gc.get_freeze_count() > 100_000
 
 
 def said(code: str) -> str:
-    return subprocess.run([sys.executable, "-c", BEGIN + code], capture_output=True, text=True, check=True).stdout
+    return subprocess.run(
+        [sys.executable, "-c", BEGIN + code], capture_output=True, text=True, check=True
+    ).stdout
 
 
 def test_what_is_left_is_not_read_by_computing_and_differentiating() -> None:

@@ -12,7 +12,9 @@ from calib.verdict.verdict import Reason, Verdict
 
 @pytest.fixture
 def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with both programs, of which this is one that was started there by its place; no other is found."""
+    """A folder with both programs, of which this is one that was started there by its place; no
+    other is found.
+    """
     folder = tmp_path / "an env" / "bin"
     folder.mkdir(parents=True)
     for name in ("calib", "capture"):
@@ -34,12 +36,16 @@ def test_the_place_is_as_it_was_typed(installed: Path, monkeypatch: pytest.Monke
     assert as_typed("calib fit s") == "bin/calib fit s"
 
 
-def test_one_that_it_finds_goes_by_its_name(installed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_that_it_finds_goes_by_its_name(
+    installed: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("PATH", str(installed))
     assert as_typed("calib fit s") == "calib fit s"
 
 
-def test_another_one_that_it_finds_is_not_meant(installed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_one_that_it_finds_is_not_meant(
+    installed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     other = tmp_path / "other" / "calib"
     other.parent.mkdir()
     other.write_text("#!/bin/sh\n")
@@ -48,7 +54,9 @@ def test_another_one_that_it_finds_is_not_meant(installed: Path, tmp_path: Path,
     assert as_typed("calib fit s") == f"'{installed}/calib' fit s"
 
 
-def test_by_python_m_the_program_is_the_interpreters(installed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_by_python_m_the_program_is_the_interpreters(
+    installed: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(sys, "argv", ["/somewhere/calib/__main__.py"])
     monkeypatch.setattr(sys, "executable", str(installed / "python"))
     assert as_typed("calib fit s") == f"'{installed}/calib' fit s"
@@ -56,8 +64,14 @@ def test_by_python_m_the_program_is_the_interpreters(installed: Path, monkeypatc
     assert as_typed("calib fit s") == "calib fit s", "nothing better is known"
 
 
-def test_every_command_after_a_verdict_is(installed: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    print_verdict(Verdict((Reason("why.", "calib diagnose it"),), ""), [], ["calib evaluate it", "calib undistort it"])
+def test_every_command_after_a_verdict_is(
+    installed: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    print_verdict(
+        Verdict((Reason("why.", "calib diagnose it"),), ""),
+        [],
+        ["calib evaluate it", "calib undistort it"],
+    )
     *_, following, then = capsys.readouterr().out.splitlines()
     own = f"'{installed}/calib'"
     assert following == f"Next: {own} diagnose it"

@@ -10,7 +10,9 @@ from fixtures.large import write_session
 
 
 @pytest.mark.slow
-def test_a_hundred_thousand_corners_are_fitted_and_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_hundred_thousand_corners_are_fitted_and_reported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """More than OpenCV's functions for pictures take at once: they count in 16 bits."""
     corners = write_session(tmp_path, 100_000, 10)
     assert main(["fit", str(tmp_path), "--json"]) == 0

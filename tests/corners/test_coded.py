@@ -34,7 +34,9 @@ def refused(picture: NDArray, board: Board) -> str:
 
 
 def inside(corners: NDArray, lens: Lens = LENS, margin: float = 6.0) -> NDArray[np.bool_]:
-    return np.asarray(((corners >= margin) & (corners <= np.array([lens.width, lens.height]) - 1 - margin)).all(1))
+    return np.asarray(
+        ((corners >= margin) & (corners <= np.array([lens.width, lens.height]) - 1 - margin)).all(1)
+    )
 
 
 @each_kind
@@ -46,12 +48,19 @@ def test_points_are_the_sheets_corners(kind: Kind) -> None:
 
 @each_kind
 def test_markers_are_where_the_board_says(kind: Kind) -> None:
-    """Oracle: OpenCV reads the rendered sheet, seen straight, 2 px to a mm. Its outlines are half a pixel inside."""
+    """Oracle: OpenCV reads the rendered sheet, seen straight, 2 px to a mm.
+
+    Its outlines are half a pixel inside.
+    """
     assert kind.board.coding
     size = int(2e3 * max(kind.board.half) * 2.8)
     lens = Lens(size, size, 400.0)
     drawn = kind.view(np.array([0, 0, 0, 0, 0, 0.2]), lens=lens)
-    read = read_markers(drawn.picture, kind.board.coding.dictionary, 1 if isinstance(kind.board.coding, Charuco) else 2)
+    read = read_markers(
+        drawn.picture,
+        kind.board.coding.dictionary,
+        1 if isinstance(kind.board.coding, Charuco) else 2,
+    )
     places = marker_places(kind.board)
     assert sorted(read.numbers.tolist()) == list(range(len(places)))
     off = read.corners - (places[read.numbers] * 2e3 + (size - 1) / 2)
@@ -61,7 +70,10 @@ def test_markers_are_where_the_board_says(kind: Kind) -> None:
 @each_kind
 @pytest.mark.parametrize("pose", [WHOLE, PARTIAL], ids=["whole", "partial"])
 def test_corners_are_measured_where_they_are(kind: Kind, pose: NDArray) -> None:
-    """At 1.5 grey levels of noise the bound of the pixels is some thousandths of a pixel. Nothing outside of the picture is made up."""
+    """At 1.5 grey levels of noise the bound of the pixels is some thousandths of a pixel.
+
+    Nothing outside of the picture is made up.
+    """
     drawn = kind.view(pose)
     found = found_in(drawn.picture, kind.board)
     seen = np.isfinite(found.corners[:, 0])
@@ -74,18 +86,24 @@ def test_corners_are_measured_where_they_are(kind: Kind, pose: NDArray) -> None:
     assert np.abs(off.mean(0)).max() < 0.005, "no bias"
     assert np.isfinite(found.covariances[seen]).all()
     scaled = np.einsum("ni,nij,nj->n", off, np.linalg.inv(found.covariances[seen]), off) / 2
-    assert 0.5 < np.median(scaled) / np.log(2) < 2.5, "the squared error over the variance that is said"
+    assert 0.5 < np.median(scaled) / np.log(2) < 2.5, (
+        "the squared error over the variance that is said"
+    )
 
 
 @each_kind
 def test_edges_bend_as_the_lens_bends_them(kind: Kind) -> None:
-    """The lattice's curvatures against those of the projected lines, by differences: a mistake of 1e-4 1/px moves a corner whose edges are
-    17 px long by 0.005 px. A fit of second order is off by 4e-5 to 6e-5 at a board's rim, this one by 0.9e-5 to 2.0e-5."""
+    """The lattice's curvatures against those of the projected lines, by differences: a mistake of
+    1e-4 1/px moves a corner whose edges are 17 px long by 0.005 px. A fit of second order is off by
+    4e-5 to 6e-5 at a board's rim, this one by 0.9e-5 to 2.0e-5.
+    """
     points = np.column_stack([kind.board.points(), np.zeros(kind.board.count)])
     size = 1e-3  # m
 
     def projected(shift: NDArray) -> NDArray:
-        moved = cv2.projectPoints(points + shift, WHOLE[:3], WHOLE[3:], LENS.matrix, np.array(LENS.distortion))[0]
+        moved = cv2.projectPoints(
+            points + shift, WHOLE[:3], WHOLE[3:], LENS.matrix, np.array(LENS.distortion)
+        )[0]
         return np.asarray(moved, np.float64).reshape(-1, 2)
 
     middle, found = projected(np.zeros(3)), Lattice.of(projected(np.zeros(3)), kind.board)
@@ -114,16 +132,23 @@ def test_a_hidden_part_is_not_made_up(kind: Kind) -> None:
 
 @pytest.mark.parametrize("kind", [CHARUCO, GRID], ids=["charuco", "aprilgrid"])
 def test_a_wrong_number_is_not_believed(kind: Kind) -> None:
-    """One marker is covered by a picture of another one of the board, itself covered: it is read, and no corner moves."""
+    """One marker is covered by a picture of another one of the board, itself covered: it is read,
+    and no corner moves.
+    """
     drawn = kind.view(WHOLE)
-    places = cv2.perspectiveTransform(marker_places(kind.board).reshape(-1, 1, 2), _homography(kind, drawn.corners)).reshape(-1, 4, 2)
+    places = cv2.perspectiveTransform(
+        marker_places(kind.board).reshape(-1, 1, 2), _homography(kind, drawn.corners)
+    ).reshape(-1, 4, 2)
     picture = drawn.picture.copy()
     count = len(places)
     taken, covered = count // 2, count // 2 + 2
     corners = places[[covered, taken]].astype(np.float32)
     onto = cv2.getPerspectiveTransform(corners[1], corners[0])
     copy = cv2.warpPerspective(drawn.picture, onto, picture.shape[::-1])
-    there, gone = (cv2.fillConvexPoly(np.zeros_like(picture), place.astype(np.int32), 1.0) > 0 for place in places[[covered, taken]])
+    there, gone = (
+        cv2.fillConvexPoly(np.zeros_like(picture), place.astype(np.int32), 1.0) > 0
+        for place in places[[covered, taken]]
+    )
     picture = np.where(gone, 120, np.where(there, copy, picture)).astype(np.uint8)
     assert kind.board.coding
     read = read_markers(picture, kind.board.coding.dictionary, 1 if kind is CHARUCO else 2)
@@ -149,28 +174,71 @@ def test_two_boards_and_a_marker_twice() -> None:
 
 
 MISTAKES: dict[str, tuple[Kind, Callable[[Board], Board], str]] = {
-    "too few rows": (CHARUCO, lambda board: replace(board, rows=4), "numbers up to 34 are seen, where a 9x4 ChArUco board has 0 to 24"),
-    "a row too few": (CHARUCO, lambda board: replace(board, rows=5), "5 markers are seen beyond the last row of the 9x5 ChArUco board"),
-    "a row of tags too few": (GRID, lambda board: replace(board, rows=10), "up to 35 are seen, where a 6x5 AprilGrid"),
-    "a row too few, legacy": (KINDS["legacy"], lambda board: replace(board, rows=6), "beyond the last row|lie not as on one 6x6"),
-    "columns": (CHARUCO, lambda board: replace(board, columns=8), "lie not as on one 8x6 ChArUco board|numbers up to 34"),
-    "tags": (GRID, lambda board: replace(board, columns=14), "lie not as on one 7x6 AprilGrid board"),
+    "too few rows": (
+        CHARUCO,
+        lambda board: replace(board, rows=4),
+        "numbers up to 34 are seen, where a 9x4 ChArUco board has 0 to 24",
+    ),
+    "a row too few": (
+        CHARUCO,
+        lambda board: replace(board, rows=5),
+        "5 markers are seen beyond the last row of the 9x5 ChArUco board",
+    ),
+    "a row of tags too few": (
+        GRID,
+        lambda board: replace(board, rows=10),
+        "up to 35 are seen, where a 6x5 AprilGrid",
+    ),
+    "a row too few, legacy": (
+        KINDS["legacy"],
+        lambda board: replace(board, rows=6),
+        "beyond the last row|lie not as on one 6x6",
+    ),
+    "columns": (
+        CHARUCO,
+        lambda board: replace(board, columns=8),
+        "lie not as on one 8x6 ChArUco board|numbers up to 34",
+    ),
+    "tags": (
+        GRID,
+        lambda board: replace(board, columns=14),
+        "lie not as on one 7x6 AprilGrid board",
+    ),
     "marker": (
         CHARUCO,
         lambda board: replace(board, coding=Charuco(0.012, "DICT_4X4_250")),
         "lie not as on one 9x6",
     ),
-    "marker a little": (CHARUCO, lambda board: replace(board, coding=Charuco(0.0125, "DICT_4X4_250")), "lie not|correct board.marker_mm"),
-    "spacing": (GRID, lambda _: GRID.with_coding(spacing=0.25), "0.30 of their side apart, where 0.25 is declared"),
-    "dictionary": (CHARUCO, lambda _: CHARUCO.with_coding(dictionary="DICT_6X6_250"), "no marker of the 9x6 ChArUco board"),
-    "legacy": (KINDS["legacy"], lambda _: KINDS["legacy"].with_coding(legacy_pattern=False), "lie not as on one 6x7 ChArUco"),
+    "marker a little": (
+        CHARUCO,
+        lambda board: replace(board, coding=Charuco(0.0125, "DICT_4X4_250")),
+        "lie not|correct board.marker_mm",
+    ),
+    "spacing": (
+        GRID,
+        lambda _: GRID.with_coding(spacing=0.25),
+        "0.30 of their side apart, where 0.25 is declared",
+    ),
+    "dictionary": (
+        CHARUCO,
+        lambda _: CHARUCO.with_coding(dictionary="DICT_6X6_250"),
+        "no marker of the 9x6 ChArUco board",
+    ),
+    "legacy": (
+        KINDS["legacy"],
+        lambda _: KINDS["legacy"].with_coding(legacy_pattern=False),
+        "lie not as on one 6x7 ChArUco",
+    ),
 }
 
 
-@pytest.mark.parametrize(("kind", "away"), [(GRID, 0.45), (CHARUCO, 0.5)], ids=["aprilgrid", "charuco"])
+@pytest.mark.parametrize(
+    ("kind", "away"), [(GRID, 0.45), (CHARUCO, 0.5)], ids=["aprilgrid", "charuco"]
+)
 def test_small_markers_are_read_in_the_enlarged_picture(kind: Kind, away: float) -> None:
-    """Cells of 2.4 and 2.1 px, and a blur of 1 px: 9 of 36 and 8 of 35 markers are read in the picture as it is, and with what is beside
-    them they tell 0.74 and 0.48 of the corners."""
+    """Cells of 2.4 and 2.1 px, and a blur of 1 px: 9 of 36 and 8 of 35 markers are read in the
+    picture as it is, and with what is beside them they tell 0.74 and 0.48 of the corners.
+    """
     drawn = kind.view(np.array([0.2, -0.3, 0.4, 0.0, 0.0, away]), blur=1.0)
     found = found_in(drawn.picture, kind.board)
     off = np.linalg.norm(found.corners - drawn.corners, axis=1)
@@ -179,7 +247,9 @@ def test_small_markers_are_read_in_the_enlarged_picture(kind: Kind, away: float)
 
 
 @pytest.mark.parametrize("mistake", MISTAKES.values(), ids=MISTAKES.keys())
-def test_a_board_that_is_not_the_declared_one_is_refused(mistake: tuple[Kind, Callable[[Board], Board], str]) -> None:
+def test_a_board_that_is_not_the_declared_one_is_refused(
+    mistake: tuple[Kind, Callable[[Board], Board], str],
+) -> None:
     kind, change, says = mistake
     reason = refused(kind.view(WHOLE).picture, change(kind.board))
     assert any(part in reason for part in says.split("|")), reason
@@ -188,7 +258,9 @@ def test_a_board_that_is_not_the_declared_one_is_refused(mistake: tuple[Kind, Ca
 def test_a_mirrored_picture_shows_no_marker() -> None:
     for kind in (CHARUCO, GRID):
         reason = refused(np.ascontiguousarray(kind.view(WHOLE).picture[:, ::-1]), kind.board)
-        assert "no marker of" in reason or "no two markers lie" in reason, "one or two may be read by accident"
+        assert "no marker of" in reason or "no two markers lie" in reason, (
+            "one or two may be read by accident"
+        )
 
 
 def test_sixteen_bits_are_measured_as_such() -> None:

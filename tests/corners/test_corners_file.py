@@ -21,7 +21,11 @@ def random_view(name: str, seed: int) -> View:
     rng = np.random.default_rng(seed)
     weight = 0.5 ** rng.integers(0, 4, BOARD.count).astype(float)
     weight[rng.permutation(BOARD.count)[: BOARD.count // 4]] = 0
-    return View(name, np.where(weight[:, None] > 0, rng.normal(size=(BOARD.count, 2)) * 1000, np.nan), weight)
+    return View(
+        name,
+        np.where(weight[:, None] > 0, rng.normal(size=(BOARD.count, 2)) * 1000, np.nan),
+        weight,
+    )
 
 
 def test_written_views_read_as_the_same_numbers(tmp_path: Path) -> None:
@@ -56,9 +60,29 @@ def test_what_is_no_covariance_is_refused(wrong: str, tmp_path: Path) -> None:
 
 
 def test_mrcal_s_own_notation(tmp_path: Path) -> None:
-    """Comments, another order of columns, an extra one, levels, and each way to say that a corner was not seen."""
-    rows = ["1 1.5 a 10 20", "1 0 a 11 21", "1 -1 a 12 22", "1 - a 13 23", "- 0 a - -", *(f"- 2 a {i} 0" for i in range(7)), "- - b - -"]
-    text = "\n".join(["#!/usr/bin/mrgingham", "## made by hand", "# y_sigma level filename x y", "", *rows[:6], "# between", *rows[6:]])
+    """Comments, another order of columns, an extra one, levels, and each way to say that a corner
+    was not seen.
+    """
+    rows = [
+        "1 1.5 a 10 20",
+        "1 0 a 11 21",
+        "1 -1 a 12 22",
+        "1 - a 13 23",
+        "- 0 a - -",
+        *(f"- 2 a {i} 0" for i in range(7)),
+        "- - b - -",
+    ]
+    text = "\n".join(
+        [
+            "#!/usr/bin/mrgingham",
+            "## made by hand",
+            "# y_sigma level filename x y",
+            "",
+            *rows[:6],
+            "# between",
+            *rows[6:],
+        ]
+    )
     (tmp_path / "c.vnl").write_text(text + "\n")
     (view,) = read_corners(tmp_path / "c.vnl", BOARD)
     assert view.name == "a"
@@ -89,16 +113,27 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("corners") / "c.vnl"
 
 
-names = st.text(min_size=1, max_size=12).filter(lambda name: name.split() == [name] and not name.startswith("#"))
+names = st.text(min_size=1, max_size=12).filter(
+    lambda name: name.split() == [name] and not name.startswith("#")
+)
 pixel = st.floats(allow_nan=False, allow_infinity=False)
 levels = st.one_of(st.none(), st.integers(0, HIGHEST_LEVEL))
 
 
 @given(
-    st.dictionaries(names, st.lists(st.tuples(pixel, pixel, levels), min_size=BOARD.count, max_size=BOARD.count), min_size=1, max_size=3)
+    st.dictionaries(
+        names,
+        st.lists(st.tuples(pixel, pixel, levels), min_size=BOARD.count, max_size=BOARD.count),
+        min_size=1,
+        max_size=3,
+    )
 )
-def test_any_views_read_as_they_were_written(file: Path, made: dict[str, list[tuple[float, float, int | None]]]) -> None:
-    """To the last bit, with weights that are whole levels; a view without a corner is left out, as it shows no board."""
+def test_any_views_read_as_they_were_written(
+    file: Path, made: dict[str, list[tuple[float, float, int | None]]]
+) -> None:
+    """To the last bit, with weights that are whole levels; a view without a corner is left out, as
+    it shows no board.
+    """
     views = [
         View(
             name,
@@ -122,7 +157,9 @@ def test_any_views_read_as_they_were_written(file: Path, made: dict[str, list[tu
 
 @given(st.floats(0.5**HIGHEST_LEVEL, 1))
 def test_any_weight_comes_back_to_what_its_level_can_say(file: Path, weight: float) -> None:
-    """A level of up to 100 has its last bit at 1.4e-14: half of it, times log 2, is the weight's."""
+    """A level of up to 100 has its last bit at 1.4e-14: half of it, times log 2, is the
+    weight's.
+    """
     write_corners(file, [View("a", np.zeros((BOARD.count, 2)), np.full(BOARD.count, weight))])
     assert read_corners(file, BOARD)[0].weight == pytest.approx(weight, rel=5e-15)
 
@@ -131,11 +168,28 @@ def test_a_corner_below_the_highest_level_is_none(tmp_path: Path) -> None:
     weight = np.full(BOARD.count, 1.0)
     weight[0] = 0.5 ** (HIGHEST_LEVEL + 1)
     write_corners(tmp_path / "c.vnl", [View("a", np.zeros((BOARD.count, 2)), weight)])
-    assert read_corners(tmp_path / "c.vnl", BOARD)[0].weight.tolist() == [0.0] + [1.0] * (BOARD.count - 1)
+    assert read_corners(tmp_path / "c.vnl", BOARD)[0].weight.tolist() == [0.0] + [1.0] * (
+        BOARD.count - 1
+    )
 
 
 fields = st.one_of(
-    st.sampled_from(["-", "a", "b.png", "0", "1.5", "-1", "1e999", "nan", "1_0", "#", "# filename x y level", "# x filename y x"]),
+    st.sampled_from(
+        [
+            "-",
+            "a",
+            "b.png",
+            "0",
+            "1.5",
+            "-1",
+            "1e999",
+            "nan",
+            "1_0",
+            "#",
+            "# filename x y level",
+            "# x filename y x",
+        ]
+    ),
     st.floats().map(repr),
     st.text(max_size=6),
 )
@@ -146,7 +200,10 @@ changes = st.lists(st.tuples(st.integers(0, 10), st.integers(0, 3), fields), max
 @st.composite
 def near_misses(draw: st.DrawFn) -> str:
     """A good file with a few of its fields changed, or a line too many or too few."""
-    table = [["a", "1.5", "2.5", "0"] for _ in range(BOARD.count + draw(st.sampled_from([0, 0, 0, 1, -1])))]
+    table = [
+        ["a", "1.5", "2.5", "0"]
+        for _ in range(BOARD.count + draw(st.sampled_from([0, 0, 0, 1, -1])))
+    ]
     for row, column, field in draw(changes):
         table[row][column] = field
     return "\n".join(["# filename x y level", *map(" ".join, table)])
@@ -169,7 +226,9 @@ def read_or_refused(file: Path, text: str) -> None:
 
 
 @given(near_misses())
-def test_a_file_with_a_few_wrong_fields_is_read_or_refused_in_a_sentence(file: Path, text: str) -> None:
+def test_a_file_with_a_few_wrong_fields_is_read_or_refused_in_a_sentence(
+    file: Path, text: str
+) -> None:
     read_or_refused(file, text)
 
 

@@ -1,4 +1,6 @@
-"""One picture -> corners, on drawn boards whose corners are known; and the drawing, which the neighbouring tests use as well."""
+"""One picture -> corners, on drawn boards whose corners are known; and the drawing, which the
+neighbouring tests use as well.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,7 +11,14 @@ import pytest
 from numpy.typing import NDArray
 
 from calib.corners import detect
-from calib.corners.detect import eight_bits, find_corners, half_window, is_regular, largest_grid, refine
+from calib.corners.detect import (
+    eight_bits,
+    find_corners,
+    half_window,
+    is_regular,
+    largest_grid,
+    refine,
+)
 from calib.session.board import Board
 
 BOARD = Board(9, 6, 0.025)
@@ -32,25 +41,42 @@ class Scene:
     seed: int = 0
 
     def draw(self) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
-        """The (H, W) picture, and the (count, 2) px corners, the first one's outward square black."""
+        """The (H, W) picture, and the (count, 2) px corners, the first one's outward square
+        black.
+        """
         columns, rows, texel = self.board.columns, self.board.rows, 24
         border = round(self.margin * texel)
         squares = np.add.outer(np.arange(rows + 1), np.arange(columns + 1)) % 2
         print_ = np.kron(np.where(squares == 0, 20, 235), np.ones((texel, texel))).astype(np.uint8)
         print_ = np.pad(print_, border, constant_values=235)
         rotation = cv2.Rodrigues(np.array([0, 0, self.roll]))[0]
-        rotation = rotation @ cv2.Rodrigues(np.array([self.tilt[0], 0, 0]))[0] @ cv2.Rodrigues(np.array([0, self.tilt[1], 0]))[0]
+        rotation = (
+            rotation
+            @ cv2.Rodrigues(np.array([self.tilt[0], 0, 0]))[0]
+            @ cv2.Rodrigues(np.array([0, self.tilt[1], 0]))[0]
+        )
         width, height = self.size
-        camera = np.array([[self.focal, 0, (width - 1) / 2], [0, self.focal, (height - 1) / 2], [0, 0, 1]])
+        camera = np.array(
+            [[self.focal, 0, (width - 1) / 2], [0, self.focal, (height - 1) / 2], [0, 0, 1]]
+        )
         px_from_squares = camera @ np.column_stack([rotation[:, :2], (0, 0, self.distance)])
         middle = (0.5 - border) / texel - np.array([columns + 1, rows + 1]) / 2
-        squares_from_texels = np.array([[1 / texel, 0, middle[0]], [0, 1 / texel, middle[1]], [0, 0, 1]])
+        squares_from_texels = np.array(
+            [[1 / texel, 0, middle[0]], [0, 1 / texel, middle[1]], [0, 0, 1]]
+        )
         fine_from_px = np.array([[FINE, 0, (FINE - 1) / 2], [0, FINE, (FINE - 1) / 2], [0, 0, 1]])
         mapping = fine_from_px @ px_from_squares @ squares_from_texels
-        fine = cv2.warpPerspective(print_, mapping, (FINE * width, FINE * height), borderValue=self.ground)
+        fine = cv2.warpPerspective(
+            print_, mapping, (FINE * width, FINE * height), borderValue=self.ground
+        )
         light = cv2.resize(fine, self.size, interpolation=cv2.INTER_AREA).astype(np.float32)
-        light = cv2.GaussianBlur(light, (0, 0), 0.7) + np.random.default_rng(self.seed).normal(0, self.noise, light.shape)
-        points = np.column_stack([self.board.points() / self.board.square, np.ones(self.board.count)]) @ px_from_squares.T
+        light = cv2.GaussianBlur(light, (0, 0), 0.7) + np.random.default_rng(self.seed).normal(
+            0, self.noise, light.shape
+        )
+        points = (
+            np.column_stack([self.board.points() / self.board.square, np.ones(self.board.count)])
+            @ px_from_squares.T
+        )
         return np.clip(np.rint(light), 0, 255).astype(np.uint8), points[:, :2] / points[:, 2:]
 
 
@@ -64,7 +90,9 @@ SCENES = {
     "far": Scene(distance=30.0),
     "near and tilted": Scene(distance=14.0, tilt=(0.9, 0.2), focal=400.0),
     "large": Scene(size=(1640, 1232), focal=1279.0, distance=24.0),
-    "fills eight megapixels": Scene(size=(3280, 2464), focal=2558.0, distance=10.0, tilt=(0.2, -0.3)),
+    "fills eight megapixels": Scene(
+        size=(3280, 2464), focal=2558.0, distance=10.0, tilt=(0.2, -0.3)
+    ),
     "on a dark ground": Scene(ground=10),
     "dim and noisy": Scene(noise=6.0),
 }
@@ -109,11 +137,15 @@ def test_a_board_whose_saddles_are_no_grid_is_left_to_the_sector_detector(no_sad
     assert rms(found.corners, truth) < 0.08
 
 
-def test_a_board_that_the_sector_detector_misses_is_left_to_the_classic_one(monkeypatch: pytest.MonkeyPatch, no_saddles: None) -> None:
+def test_a_board_that_the_sector_detector_misses_is_left_to_the_classic_one(
+    monkeypatch: pytest.MonkeyPatch, no_saddles: None
+) -> None:
     del no_saddles
     picture, truth = Scene().draw()
     monkeypatch.setattr(cv2, "findChessboardCornersSB", lambda *_, **__: (False, None))
-    monkeypatch.setattr(cv2, "findChessboardCornersSBWithMeta", lambda *_, **__: (False, None, None))
+    monkeypatch.setattr(
+        cv2, "findChessboardCornersSBWithMeta", lambda *_, **__: (False, None, None)
+    )
     found = find_corners(picture, BOARD)
     assert found is not None
     assert found.detector == "classic"
@@ -128,7 +160,9 @@ def test_a_board_without_a_white_margin_is_found(ground: int) -> None:
     assert rms(found.corners, truth) < 0.08
 
 
-def test_wrong_corners_of_the_sector_detector_are_replaced(monkeypatch: pytest.MonkeyPatch, no_saddles: None) -> None:
+def test_wrong_corners_of_the_sector_detector_are_replaced(
+    monkeypatch: pytest.MonkeyPatch, no_saddles: None
+) -> None:
     del no_saddles
     picture, truth = Scene().draw()
 
@@ -165,7 +199,9 @@ def test_wrong_corners_of_the_saddles_are_replaced(monkeypatch: pytest.MonkeyPat
     assert rms(found.corners, truth) < 0.08
 
 
-def test_corners_that_are_found_some_pixels_off_are_mended(monkeypatch: pytest.MonkeyPatch, no_saddles: None) -> None:
+def test_corners_that_are_found_some_pixels_off_are_mended(
+    monkeypatch: pytest.MonkeyPatch, no_saddles: None
+) -> None:
     """SB does so where the board is strongly tilted."""
     del no_saddles
     picture, truth = Scene().draw()
@@ -173,7 +209,11 @@ def test_corners_that_are_found_some_pixels_off_are_mended(monkeypatch: pytest.M
 
     def vague(*args: object) -> tuple:
         found, corners, meta = search(*args)  # type: ignore[call-overload]
-        return found, corners + np.random.default_rng(0).uniform(-4, 4, corners.shape).astype(np.float32), meta
+        return (
+            found,
+            corners + np.random.default_rng(0).uniform(-4, 4, corners.shape).astype(np.float32),
+            meta,
+        )
 
     monkeypatch.setattr(cv2, "findChessboardCornersSBWithMeta", vague)
     found = find_corners(picture, BOARD)
@@ -199,7 +239,9 @@ def test_the_grid_check_passes_strong_perspective_and_a_barrel() -> None:
     truth = scene.draw()[1]
     assert is_regular(truth, BOARD, (480, 640))
     off = (truth - (320, 240)) / 300
-    barrel = off * (1 - 0.3 * (off**2).sum(1, keepdims=True) + 0.08 * (off**2).sum(1, keepdims=True) ** 2) * 300 + (320, 240)
+    barrel = off * (
+        1 - 0.3 * (off**2).sum(1, keepdims=True) + 0.08 * (off**2).sum(1, keepdims=True) ** 2
+    ) * 300 + (320, 240)
     assert is_regular(barrel, BOARD, (480, 640))
 
 
@@ -211,7 +253,9 @@ def flat() -> NDArray[np.float64]:
 
 @pytest.mark.parametrize("where", [(0, 0), (0, 4), (5, 8), (2, 3), (4, 7)], ids=str)
 @pytest.mark.parametrize("shift", [(15, 0), (0, -15), (9, 9)], ids=str)
-def test_the_grid_check_catches_one_corner_moved_by_half_a_square(where: tuple[int, int], shift: tuple[int, int]) -> None:
+def test_the_grid_check_catches_one_corner_moved_by_half_a_square(
+    where: tuple[int, int], shift: tuple[int, int]
+) -> None:
     grid = flat()
     assert is_regular(grid.reshape(-1, 2), BOARD, (480, 640))
     grid[where] += shift
@@ -247,7 +291,9 @@ def test_the_refining_window_ends_before_the_neighbouring_corner(square: float, 
     corners = Board(9, 6, square).points()
     assert half_window(corners, BOARD) == half
     assert half * np.sqrt(2) < square
-    sheared = corners @ np.array([[1.0, 0.0], [0.8, 0.6]])  # rows of the same spacing, but one diagonal shorter
+    sheared = corners @ np.array(
+        [[1.0, 0.0], [0.8, 0.6]]
+    )  # rows of the same spacing, but one diagonal shorter
     assert half_window(sheared, BOARD) <= half
 
 

@@ -1,4 +1,6 @@
-"""A whole session's corners: threads, what is kept, and the advice when the board is another one."""
+"""A whole session's corners: threads, what is kept, and the advice when the board is another
+one.
+"""
 
 import json
 import shutil
@@ -30,7 +32,9 @@ def write(folder: Path, scenes: list[Scene | None]) -> list[Path]:
 
 
 def views(count: int, board: Board = BOARD) -> list[Scene | None]:
-    return [Scene(board=board, roll=0.1 * k, tilt=(0.4 - 0.1 * k, 0.3), seed=k) for k in range(count)]
+    return [
+        Scene(board=board, roll=0.1 * k, tilt=(0.4 - 0.1 * k, 0.3), seed=k) for k in range(count)
+    ]
 
 
 @pytest.fixture
@@ -61,9 +65,13 @@ def test_every_picture_is_found_or_rejected_in_order(tmp_path: Path) -> None:
     scenes = views(4)
     scenes.insert(1, None)
     reported: list[tuple[int, int]] = []
-    result = detect(write(tmp_path, scenes), BOARD, lambda done, hits: reported.append((done, hits)))
+    result = detect(
+        write(tmp_path, scenes), BOARD, lambda done, hits: reported.append((done, hits))
+    )
     assert [view.name for view in result.views] == ["0000.png", "0002.png", "0003.png", "0004.png"]
-    assert [(r.name, r.reason.split(":")[0]) for r in result.rejected] == [("0001.png", "no 9x6 board found")]
+    assert [(r.name, r.reason.split(":")[0]) for r in result.rejected] == [
+        ("0001.png", "no 9x6 board found")
+    ]
     assert [done for done, _ in reported] == [1, 2, 3, 4, 5]
     assert reported[-1] == (5, 4)
     for view, scene in zip(result.views, (s for s in scenes if s is not None), strict=True):
@@ -81,7 +89,9 @@ def test_a_second_run_looks_at_nothing_and_says_the_same(tmp_path: Path, looks: 
     assert len(looks) == 4
 
 
-def test_the_order_of_the_pictures_and_the_number_of_threads_change_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_order_of_the_pictures_and_the_number_of_threads_change_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     paths = write(tmp_path, views(4))
     first = detect(paths, BOARD)
     (tmp_path / KEPT).unlink()
@@ -115,7 +125,9 @@ def test_only_a_changed_picture_is_looked_at_again(tmp_path: Path, looks: list[i
 
 
 @pytest.mark.parametrize("change", ["board", "detector", "opencv"])
-def test_changed_settings_look_again(tmp_path: Path, looks: list[int], monkeypatch: pytest.MonkeyPatch, change: str) -> None:
+def test_changed_settings_look_again(
+    tmp_path: Path, looks: list[int], monkeypatch: pytest.MonkeyPatch, change: str
+) -> None:
     paths = write(tmp_path, views(3))
     detect(paths, BOARD)
     board = Board(6, 9, BOARD.square) if change == "board" else BOARD
@@ -127,7 +139,9 @@ def test_changed_settings_look_again(tmp_path: Path, looks: list[int], monkeypat
     assert len(looks) == 6
 
 
-def test_the_size_of_a_square_does_not_matter_to_what_is_kept(tmp_path: Path, looks: list[int]) -> None:
+def test_the_size_of_a_square_does_not_matter_to_what_is_kept(
+    tmp_path: Path, looks: list[int]
+) -> None:
     paths = write(tmp_path, views(3))
     detect(paths, BOARD)
     detect(paths, Board(BOARD.columns, BOARD.rows, 0.1))
@@ -141,18 +155,30 @@ CORRUPTIONS: dict[str, Callable[[bytes], bytes]] = {
     "a list": lambda _: b"[]",
     "deep": lambda _: b"[" * 100_000,
     "no files": lambda data: data.replace(b'"files"', b'"flies"'),
-    "entries of another kind": lambda data: json.dumps({**json.loads(data), "files": {f"{k:04}.png": 7 for k in range(3)}}).encode(),
-    "short corners": lambda data: data.replace(b'"corners": [', b'"corners": [[1.0, 2.0]], "rest": ['),
+    "entries of another kind": (
+        lambda data: json.dumps(
+            {**json.loads(data), "files": {f"{k:04}.png": 7 for k in range(3)}}
+        ).encode()
+    ),
+    "short corners": lambda data: data.replace(
+        b'"corners": [', b'"corners": [[1.0, 2.0]], "rest": ['
+    ),
     "undefined corners": lambda data: data.replace(b'"corners": [[', b'"corners": [[NaN, 1.0], ['),
-    "an endless number": lambda data: data.replace(b'"corners": [[', b'"corners": [[1' + b"0" * 400 + b", 1.0], ["),
+    "an endless number": lambda data: data.replace(
+        b'"corners": [[', b'"corners": [[1' + b"0" * 400 + b", 1.0], ["
+    ),
     "no covariances": lambda data: data.replace(b'"covariances"', b'"variances"'),
-    "undefined covariances": lambda data: data.replace(b'"covariances": [[', b'"covariances": [[NaN, '),
+    "undefined covariances": lambda data: data.replace(
+        b'"covariances": [[', b'"covariances": [[NaN, '
+    ),
     "no detector": lambda data: data.replace(b'"saddles"', b'"guess"'),
 }
 
 
 @pytest.mark.parametrize("corrupt", CORRUPTIONS.values(), ids=CORRUPTIONS.keys())
-def test_a_corrupt_store_is_ignored_and_written_anew(tmp_path: Path, looks: list[int], corrupt: Callable[[bytes], bytes]) -> None:
+def test_a_corrupt_store_is_ignored_and_written_anew(
+    tmp_path: Path, looks: list[int], corrupt: Callable[[bytes], bytes]
+) -> None:
     paths = write(tmp_path, views(3))
     first = detect(paths, BOARD)
     kept = tmp_path / KEPT
@@ -173,7 +199,9 @@ def test_a_folder_that_cannot_be_written_does_without(tmp_path: Path, looks: lis
     assert sorted(p.name for p in tmp_path.iterdir()) == [KEPT, "0000.png", "0001.png", "0002.png"]
 
 
-def test_a_damaged_picture_is_named_and_the_others_are_kept(tmp_path: Path, looks: list[int]) -> None:
+def test_a_damaged_picture_is_named_and_the_others_are_kept(
+    tmp_path: Path, looks: list[int]
+) -> None:
     paths = write(tmp_path, views(4))
     paths[3].write_bytes(paths[3].read_bytes()[:2000])
     with pytest.raises(InputError, match=r"0003\.png is truncated"):
@@ -186,13 +214,20 @@ def test_a_damaged_picture_is_named_and_the_others_are_kept(tmp_path: Path, look
 @pytest.mark.parametrize("declared", [Board(8, 5, 1.0), Board(10, 7, 1.0)], ids=str)
 def test_a_wrongly_declared_board_is_named(tmp_path: Path, declared: Board) -> None:
     with pytest.raises(
-        NotEnoughDataError, match=r"board of 9x6 .* fits 4 of the 4 .* declared .*columns: 9, board.rows: 6 in session.yaml"
+        NotEnoughDataError,
+        match=(
+            r"board of 9x6 .* fits 4 of the 4 .* declared .*columns: 9, board.rows: 6 in"
+            r" session.yaml"
+        ),
     ):
         detect(write(tmp_path, views(4)), declared)
 
 
 def test_pictures_without_a_board_say_what_to_check(tmp_path: Path) -> None:
-    with pytest.raises(NotEnoughDataError, match="9x6 board was found in 0 of 3 pictures: show the whole board with its white margin"):
+    with pytest.raises(
+        NotEnoughDataError,
+        match="9x6 board was found in 0 of 3 pictures: show the whole board with its white margin",
+    ):
         detect(write(tmp_path, [None] * 3), BOARD)
 
 
@@ -212,10 +247,17 @@ def test_no_picture_at_all_is_said() -> None:
         detect([], BOARD)
 
 
-@pytest.mark.parametrize(("session", "board", "least"), [("pi-wide", BOARD, 47), ("blind-c", Board(9, 9, 0.02), 20)])
+@pytest.mark.parametrize(
+    ("session", "board", "least"), [("pi-wide", BOARD, 47), ("blind-c", Board(9, 9, 0.02), 20)]
+)
 def test_recorded_boards_are_found(tmp_path: Path, session: str, board: Board, least: int) -> None:
     source = MEASURED / session / "frames"
     if not source.is_dir():
         pytest.skip(f"{source} is not here: the recorded pictures are no part of the project.")
     frames = Path(shutil.copytree(source, tmp_path / "frames", ignore=shutil.ignore_patterns(KEPT)))
-    assert len(detect(sorted(p for p in frames.iterdir() if p.suffix in (".png", ".jpg")), board).views) >= least
+    assert (
+        len(
+            detect(sorted(p for p in frames.iterdir() if p.suffix in (".png", ".jpg")), board).views
+        )
+        >= least
+    )

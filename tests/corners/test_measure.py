@@ -1,4 +1,6 @@
-"""Corners by the fit of their patches, on drawn pictures of known truth: against the Cramer-Rao bound, and what the fit expects."""
+"""Corners by the fit of their patches, on drawn pictures of known truth: against the Cramer-Rao
+bound, and what the fit expects.
+"""
 
 from dataclasses import replace
 
@@ -27,12 +29,16 @@ CASES: dict[str, tuple[Scene, float]] = {
     "sharpened": (replace(REFERENCE, sharpening=1.5), 1.6),
     "JPEG": (replace(REFERENCE, jpeg=92), 1.6),
 }
-"""Scenes and how far above the bound; the bound knows nothing of sharpening and JPEG, which cost 1.3 and 1.4."""
+"""Scenes and how far above the bound; the bound knows nothing of sharpening and JPEG, which cost
+1.3 and 1.4.
+"""
 
 
 @pytest.mark.parametrize(("scene", "over"), CASES.values(), ids=CASES.keys())
 def test_errors_are_the_bound_s_and_the_covariances_true(scene: Scene, over: float) -> None:
-    """420 corners: a ratio of variances strays by 0.05, a mean by 0.05 of a corner's error; 1.05 to 1.24 times the bound was measured."""
+    """420 corners: a ratio of variances strays by 0.05, a mean by 0.05 of a corner's error; 1.05 to
+    1.24 times the bound was measured.
+    """
     score = ours(scene, drawn(scene, 10, 1))
     print(score)
     assert score.over_bound < over
@@ -42,7 +48,9 @@ def test_errors_are_the_bound_s_and_the_covariances_true(scene: Scene, over: flo
 
 @pytest.mark.slow
 def test_few_corners_of_large_squares_are_as_sure_as_they_say() -> None:
-    """160 corners, whose own errors would come back to them in the bends of straight edges: 1.4 times as large as predicted, then."""
+    """160 corners, whose own errors would come back to them in the bends of straight edges: 1.4
+    times as large as predicted, then.
+    """
     scene = replace(REFERENCE, square=80.0, board=Board(4, 4, 1.0))
     score = ours(scene, drawn(scene, 10, 1))
     print(score)
@@ -51,12 +59,16 @@ def test_few_corners_of_large_squares_are_as_sure_as_they_say() -> None:
 
 
 def test_derivatives_are_central_differences() -> None:
-    """On edges that are perpendicular: the derivatives of a slant corner leave out its own higher orders."""
+    """On edges that are perpendicular: the derivatives of a slant corner leave out its own higher
+    orders.
+    """
     rng = np.random.default_rng(0)
     board = Board(3, 3, 1.0)
     lattice = Lattice.of(board.points() * 20 + 60 + rng.uniform(-0.3, 0.3, 2), board)
     patches = patches_of(np.zeros((120, 120), np.uint8), lattice, 3, 96)
-    parameters = np.tile([0.1, -0.2, 0.1, np.pi / 2 + 0.1, -0.2, 0.1, 120, 60, 0.05, -0.1, 0.3], (18, 1))
+    parameters = np.tile(
+        [0.1, -0.2, 0.1, np.pi / 2 + 0.1, -0.2, 0.1, 120, 60, 0.05, -0.1, 0.3], (18, 1)
+    )
     parameters[9:, ANGLES] = np.pi / 2 + 0.1, 0.1  # a row has its own edge first
     curvatures = np.full((18, 2), 1e-3)
     analytic = np.empty((len(PARAMETERS), *patches.light.shape), np.float32)
@@ -74,16 +86,21 @@ def test_derivatives_are_central_differences() -> None:
         numeric = (ends[1] - ends[0]) / (2 * step) * patches.used
         size = float(np.abs(numeric).max())
         assert size > 0, PARAMETERS[index]
-        # an edge's bend turns with it, a part of 1e-3 * 10 px that the derivatives by the place and the angles leave out
+        # an edge's bend turns with it, a part of 1e-3 * 10 px that the derivatives by the place and
+        # the angles leave out
         assert np.abs(numeric - analytic[index]).max() < 0.03 * size, PARAMETERS[index]
 
 
 def test_blurred_edges_are_error_functions() -> None:
-    """And a corner is the product of two; what hyperbolic tangents make of both is off by twice 3e-4 of the contrast."""
+    """And a corner is the product of two; what hyperbolic tangents make of both is off by twice
+    3e-4 of the contrast.
+    """
     board = Board(3, 3, 1.0)
     lattice = Lattice.of(board.points() * 40 + 100, board)
     patches = patches_of(np.zeros((200, 200), np.uint8), lattice, 3, 96)
-    parameters = np.tile([0.0, 0, 0, np.pi / 2, np.log(0.8), np.log(0.8), 120, 90, 0, 0, 0], (18, 1))
+    parameters = np.tile(
+        [0.0, 0, 0, np.pi / 2, np.log(0.8), np.log(0.8), 120, 90, 0, 0, 0], (18, 1)
+    )
     parameters[9:, ANGLES] = np.pi / 2, 0
     light = Expected.of(parameters, patches, np.zeros((18, 2))).light[4].astype(float)
     x, y = (20 * form[4].astype(float) for form in patches.forms[1:3])
@@ -93,7 +110,9 @@ def test_blurred_edges_are_error_functions() -> None:
 
 
 def test_saturated_white_and_black_do_not_move_corners() -> None:
-    """Three grey levels in four are cut off: only the edges are left, and what they tell is as sure as it says."""
+    """Three grey levels in four are cut off: only the edges are left, and what they tell is as sure
+    as it says.
+    """
     scene, errors, squared = replace(REFERENCE, contrast=175.0), [], []
     for seed in range(3, 7):
         made = draw(scene, np.random.default_rng(seed))
@@ -110,7 +129,9 @@ def test_saturated_white_and_black_do_not_move_corners() -> None:
 
 
 def test_a_lens_that_bends_edges_leaves_no_bias() -> None:
-    """Edges of 32 px that sag by 0.5 px: straight ones would put corners 0.05 px to a side and more."""
+    """Edges of 32 px that sag by 0.5 px: straight ones would put corners 0.05 px to a side and
+    more.
+    """
     scene = replace(REFERENCE, square=32.0, tilt=0.0, noise=0.5)
     made = draw(scene, np.random.default_rng(5))
     height, width = made.picture.shape
@@ -126,7 +147,9 @@ def test_a_lens_that_bends_edges_leaves_no_bias() -> None:
     assert np.abs(off.mean(0)).max() < 0.005
 
 
-def _bent(places: NDArray[np.float64], middle: NDArray[np.float64], strength: float) -> NDArray[np.float64]:
+def _bent(
+    places: NDArray[np.float64], middle: NDArray[np.float64], strength: float
+) -> NDArray[np.float64]:
     away = places - middle
     return np.asarray(middle + away * (1 + strength * (away**2).sum(-1, keepdims=True)))
 

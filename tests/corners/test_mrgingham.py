@@ -14,9 +14,14 @@ LEGEND = "# filename x y level\n"
 
 
 def test_a_board_is_read_as_it_is_printed(tmp_path: Path) -> None:
-    """Corners of a coarser level are corners, too; its rows, as it goes through the board, are kept."""
+    """Corners of a coarser level are corners, too; its rows, as it goes through the board, are
+    kept.
+    """
     places = np.stack(np.meshgrid([10.5, 30.25, 50.0], [5.0, 25.0, 45.125]), -1).reshape(-1, 2)
-    rows = [f"/a/picture.png {x:.6f} {y:.6f} {level}" for (x, y), level in zip(places, (0, 0, 1, 0, 2, 0, 0, 0, 0), strict=True)]
+    rows = [
+        f"/a/picture.png {x:.6f} {y:.6f} {level}"
+        for (x, y), level in zip(places, (0, 0, 1, 0, 2, 0, 0, 0, 0), strict=True)
+    ]
     (tmp_path / "corners.vnl").write_text(LEGEND + "\n".join(rows) + "\n")
     found = read(tmp_path / "corners.vnl", BOARD)
     assert found is not None
@@ -33,7 +38,10 @@ def test_only_square_boards_are_asked_of_it() -> None:
     assert not can_find(Board(9, 6, 0.025))
 
 
-@pytest.mark.skipif(not can_find(BOARD), reason="mrgingham is not installed (apt-get install mrgingham): its own output was not read")
+@pytest.mark.skipif(
+    not can_find(BOARD),
+    reason="mrgingham is not installed (apt-get install mrgingham): its own output was not read",
+)
 @pytest.mark.parametrize("way", WAYS)
 def test_its_corners_are_the_drawn_ones(way: str) -> None:
     scene = Scene(board=Board(7, 7, 1.0), tilt=20.0, noise=0.5)

@@ -57,7 +57,9 @@ def test_colours_are_told_under_a_lamp_at_one_side_and_a_highlight() -> None:
     picture, truth = Scene(board=board).draw()
     lamp = np.linspace(0.1, 1.0, picture.shape[1])
     dim = np.rint(picture * lamp).astype(np.uint8)
-    cv2.circle(dim, (int(truth[0, 0]), int(truth[0, 1])), 30, 255, -1)  # over the squares at corner 0
+    cv2.circle(
+        dim, (int(truth[0, 0]), int(truth[0, 1])), 30, 255, -1
+    )  # over the squares at corner 0
     for reading in readings(truth, board):
         np.testing.assert_array_equal(canonical_order(dim, reading, board), truth)
 
@@ -65,7 +67,9 @@ def test_colours_are_told_under_a_lamp_at_one_side_and_a_highlight() -> None:
 def test_sixteen_bits_are_ordered_alike() -> None:
     board = Board(9, 6, 1.0)
     picture, truth = Scene(board=board).draw()
-    np.testing.assert_array_equal(canonical_order(picture.astype(np.uint16) * 200, truth[::-1], board), truth)
+    np.testing.assert_array_equal(
+        canonical_order(picture.astype(np.uint16) * 200, truth[::-1], board), truth
+    )
 
 
 @pytest.mark.parametrize("roll", QUARTERS)

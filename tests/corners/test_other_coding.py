@@ -1,4 +1,6 @@
-"""A session whose board with markers is not the declared one: the sentence says what the pictures show."""
+"""A session whose board with markers is not the declared one: the sentence says what the pictures
+show.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -31,37 +33,67 @@ def write(folder: Path, shown: list[NDArray[np.uint8]]) -> list[Path]:
 
 
 DECLARED: dict[str, tuple[str, Kind, Callable[[Board], Board], str]] = {
-    "dictionary": ("charuco", CHARUCO, lambda _: CHARUCO.with_coding(dictionary="DICT_6X6_250"), "markers of DICT_4X4_50 with .* one cell"),
-    "legacy": ("legacy", LEGACY, lambda _: LEGACY.with_coding(legacy_pattern=False), "write board.legacy_pattern: true"),
+    "dictionary": (
+        "charuco",
+        CHARUCO,
+        lambda _: CHARUCO.with_coding(dictionary="DICT_6X6_250"),
+        "markers of DICT_4X4_50 with .* one cell",
+    ),
+    "legacy": (
+        "legacy",
+        LEGACY,
+        lambda _: LEGACY.with_coding(legacy_pattern=False),
+        "write board.legacy_pattern: true",
+    ),
     "columns": (
         "charuco",
         CHARUCO,
         lambda board: replace(board, columns=10),
         "with 9 columns, .* write board.columns: 9",
     ),
-    "marker": ("charuco", CHARUCO, lambda _: CHARUCO.with_coding(marker=0.01), "correct board.marker_mm"),
+    "marker": (
+        "charuco",
+        CHARUCO,
+        lambda _: CHARUCO.with_coding(marker=0.01),
+        "correct board.marker_mm",
+    ),
     "tags": (
         "aprilgrid",
         GRID,
         lambda board: replace(board, columns=10),
         "with 6 columns, .* write board.columns: 6",
     ),
-    "spacing": ("aprilgrid", GRID, lambda _: GRID.with_coding(spacing=0.2), "0.30 of their side apart, where 0.2 is declared"),
+    "spacing": (
+        "aprilgrid",
+        GRID,
+        lambda _: GRID.with_coding(spacing=0.2),
+        "0.30 of their side apart, where 0.2 is declared",
+    ),
     "charuco for aprilgrid": (
         "aprilgrid",
         GRID,
         lambda _: Board(9, 6, 0.02, coding=Charuco(0.015, "DICT_5X5_100")),
         "markers of DICT_APRILTAG_36h11 with a black border of two cells",
     ),
-    "aprilgrid for charuco": ("charuco", CHARUCO, lambda _: Board(12, 12, 0.02, coding=AprilGrid(0.3)), "markers of DICT_4X4_50"),
+    "aprilgrid for charuco": (
+        "charuco",
+        CHARUCO,
+        lambda _: Board(12, 12, 0.02, coding=AprilGrid(0.3)),
+        "markers of DICT_4X4_50",
+    ),
 }
 
 
-CASES = [pytest.param(case, id=name, marks=[pytest.mark.slow] * (name == "aprilgrid for charuco")) for name, case in DECLARED.items()]
+CASES = [
+    pytest.param(case, id=name, marks=[pytest.mark.slow] * (name == "aprilgrid for charuco"))
+    for name, case in DECLARED.items()
+]
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_what_the_pictures_show_is_said(case: tuple[str, Kind, Callable[[Board], Board], str], tmp_path: Path) -> None:
+def test_what_the_pictures_show_is_said(
+    case: tuple[str, Kind, Callable[[Board], Board], str], tmp_path: Path
+) -> None:
     name, kind, change, says = case
     with pytest.raises(NotEnoughDataError, match=says):
         detect(write(tmp_path, pictures(name)), change(kind.board))
@@ -70,18 +102,25 @@ def test_what_the_pictures_show_is_said(case: tuple[str, Kind, Callable[[Board],
 @pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
 def test_mirrored_pictures_are_told(name: str, tmp_path: Path) -> None:
     flipped = [np.ascontiguousarray(picture[:, ::-1]) for picture in pictures(name)]
-    with pytest.raises(NotEnoughDataError, match="can be read in a mirror alone: turn the pictures' mirroring off"):
+    with pytest.raises(
+        NotEnoughDataError, match="can be read in a mirror alone: turn the pictures' mirroring off"
+    ):
         detect(write(tmp_path, flipped), (CHARUCO if name == "charuco" else GRID).board)
 
 
 def test_pictures_without_any_board(tmp_path: Path) -> None:
     wall = [np.full((120, 160), 120, np.uint8)] * 3
-    with pytest.raises(NotEnoughDataError, match="found in 0 of 3 pictures: no marker of the 9x6 ChArUco board found"):
+    with pytest.raises(
+        NotEnoughDataError,
+        match="found in 0 of 3 pictures: no marker of the 9x6 ChArUco board found",
+    ):
         detect(write(tmp_path, wall), CHARUCO.board)
 
 
 def test_a_refused_picture_is_listed_with_its_reason_and_both_are_kept(tmp_path: Path) -> None:
-    """The second run reads no picture: what was found, and why not, is in the store; another board's is not taken."""
+    """The second run reads no picture: what was found, and why not, is in the store; another
+    board's is not taken.
+    """
     shown = [*pictures("charuco"), np.hstack([pictures("charuco")[0][:, :240]] * 2)]
     paths = write(tmp_path, shown)
     found = detect(paths, CHARUCO.board)

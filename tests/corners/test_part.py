@@ -1,4 +1,6 @@
-"""Checkerboards that are partly hidden: which corners are seen is told by the board's outline, or not at all."""
+"""Checkerboards that are partly hidden: which corners are seen is told by the board's outline, or
+not at all.
+"""
 
 import cv2
 import numpy as np
@@ -16,7 +18,9 @@ SCENE = Scene(size=(960, 720), focal=750.0)
 FEWEST = 12
 
 
-def covered(picture: NDArray[np.uint8], truth: NDArray[np.float64], corners: list[int], light: int = 120) -> NDArray[np.uint8]:
+def covered(
+    picture: NDArray[np.uint8], truth: NDArray[np.float64], corners: list[int], light: int = 120
+) -> NDArray[np.uint8]:
     """The corners in the hull of some are hidden."""
     hull = cv2.convexHull(np.rint(truth[corners]).astype(np.int32))
     return np.asarray(cv2.fillPoly(picture.copy(), [hull], light), np.uint8)
@@ -24,7 +28,9 @@ def covered(picture: NDArray[np.uint8], truth: NDArray[np.float64], corners: lis
 
 def off(found: Detection, truth: NDArray[np.float64]) -> NDArray[np.float64]:
     """px, of the corners that were found."""
-    return np.asarray(np.linalg.norm(found.corners - truth, axis=1)[np.isfinite(found.corners[:, 0])])
+    return np.asarray(
+        np.linalg.norm(found.corners - truth, axis=1)[np.isfinite(found.corners[:, 0])]
+    )
 
 
 @pytest.mark.slow
@@ -34,21 +40,29 @@ def test_a_covered_corner_in_the_middle_leaves_a_part_that_is_known() -> None:
     for roll in (0.2, 1.0, -1.2):
         for light in (40, 120, 255):
             picture, truth = Scene(size=(960, 720), focal=750.0, roll=roll).draw()
-            hidden = cv2.circle(picture, tuple(np.rint(truth[31]).astype(int).tolist()), 40, light, -1)
+            hidden = cv2.circle(
+                picture, tuple(np.rint(truth[31]).astype(int).tolist()), 40, light, -1
+            )
             found = find_board(np.asarray(hidden, np.uint8), BOARD)
             if isinstance(found, Detection):
                 parts += 1
                 assert found.detector == "part"
                 errors = off(found, truth)
                 assert len(errors) >= 30
-                assert np.sqrt((errors**2).mean()) < 0.05  # a drawn corner's is 0.02, and one may be touched
+                assert (
+                    np.sqrt((errors**2).mean()) < 0.05
+                )  # a drawn corner's is 0.02, and one may be touched
     assert parts >= 5
 
 
 def test_what_is_found_does_not_hang_on_what_was_looked_for_before() -> None:
-    """OpenCV's detector draws random numbers, which go on from picture to picture; with this picture it shows."""
+    """OpenCV's detector draws random numbers, which go on from picture to picture; with this
+    picture it shows.
+    """
     picture, truth = Scene(size=(960, 720), focal=750.0, roll=1.0).draw()
-    hidden = np.asarray(cv2.circle(picture, tuple(np.rint(truth[31]).astype(int).tolist()), 40, 120, -1), np.uint8)
+    hidden = np.asarray(
+        cv2.circle(picture, tuple(np.rint(truth[31]).astype(int).tolist()), 40, 120, -1), np.uint8
+    )
 
     def found(seed: int) -> NDArray[np.float64]:
         cv2.setRNGSeed(seed)
@@ -71,17 +85,27 @@ def test_a_picture_that_cuts_off_one_end_leaves_a_part_that_is_known() -> None:
 
 def test_two_sides_tell_a_square_board_and_not_another() -> None:
     for board, told in ((SQUARE, True), (Board(9, 7, 0.02), False)):
-        picture, truth = Scene(board=board, size=(960, 720), focal=750.0, tilt=(0.2, 0.1), roll=0.1).draw()
+        picture, truth = Scene(
+            board=board, size=(960, 720), focal=750.0, tilt=(0.2, 0.1), roll=0.1
+        ).draw()
         grid = truth.reshape(board.rows, board.columns, 2)
         far = grid[-1, -1] + (grid[-1, -1] - grid[0, 0])
-        outside = [grid[0, 5] * 2 - grid[1, 5], far, grid[5, 0] * 2 - grid[5, 1], grid[5, 5]]  # all but the upper left, in two strips
+        outside = [
+            grid[0, 5] * 2 - grid[1, 5],
+            far,
+            grid[5, 0] * 2 - grid[5, 1],
+            grid[5, 5],
+        ]  # all but the upper left, in two strips
         hidden = picture.copy()
         above = 2 * grid[0, 5] - grid[2, 5]
         before = 2 * grid[5, 0] - grid[5, 2]
         right = 2 * grid[0, -1] - grid[2, -1] + 3 * (grid[0, -1] - grid[0, -2])
         down = 2 * grid[-1, 0] - grid[-1, 2] + 3 * (grid[-1, 0] - grid[-2, 0])
         end = outside[1]
-        for corners in ([above, right, end, grid[-1, 5] + 3 * (grid[-1, 5] - grid[-2, 5])], [before, down, end, grid[5, -1]]):
+        for corners in (
+            [above, right, end, grid[-1, 5] + 3 * (grid[-1, 5] - grid[-2, 5])],
+            [before, down, end, grid[5, -1]],
+        ):
             cv2.fillPoly(hidden, [np.rint(corners).astype(np.int32)], 120)
         found = find_board(hidden, board)
         if told:
@@ -93,9 +117,13 @@ def test_two_sides_tell_a_square_board_and_not_another() -> None:
 
 
 def test_a_part_without_an_outline_is_refused_with_the_reason() -> None:
-    picture, truth = Scene(board=SQUARE, size=(960, 720), focal=750.0, tilt=(0.1, 0.1), roll=0.0, distance=12.0).draw()
+    picture, truth = Scene(
+        board=SQUARE, size=(960, 720), focal=750.0, tilt=(0.1, 0.1), roll=0.0, distance=12.0
+    ).draw()
     (x, y), (right, below) = np.rint(truth[[20, 60]]).astype(int).tolist()
-    found = find_board(np.ascontiguousarray(picture[y - 40 : below + 40, x - 40 : right + 40]), SQUARE)
+    found = find_board(
+        np.ascontiguousarray(picture[y - 40 : below + 40, x - 40 : right + 40]), SQUARE
+    )
     assert isinstance(found, NotFound)
     assert "and not which" in found.reason
 
@@ -109,7 +137,9 @@ def test_a_whole_board_of_another_size_is_no_part() -> None:
 def test_a_larger_board_is_no_part_either() -> None:
     board = Board(11, 8, 0.025)
     picture, truth = Scene(board=board, size=(960, 720), focal=750.0, distance=18.0).draw()
-    hidden = np.asarray(cv2.circle(picture, tuple(np.rint(truth[38]).astype(int).tolist()), 30, 120, -1), np.uint8)
+    hidden = np.asarray(
+        cv2.circle(picture, tuple(np.rint(truth[38]).astype(int).tolist()), 30, 120, -1), np.uint8
+    )
     assert isinstance(find_board(hidden, board), Detection)
     assert isinstance(find_board(hidden, BOARD), NotFound)
 
@@ -122,21 +152,42 @@ def test_whatever_is_covered_no_corner_is_taken_for_another() -> None:
     parts = 0
     for trial in range(30):
         board = (BOARD, SQUARE, Board(8, 6, 0.025))[trial % 3]
-        scene = Scene(board=board, focal=480.0, tilt=tuple(rng.uniform(-0.5, 0.5, 2)), roll=rng.uniform(-0.6, 0.6), seed=trial)
+        scene = Scene(
+            board=board,
+            focal=480.0,
+            tilt=tuple(rng.uniform(-0.5, 0.5, 2)),
+            roll=rng.uniform(-0.6, 0.6),
+            seed=trial,
+        )
         picture, truth = scene.draw()
         grid = truth.reshape(board.rows, board.columns, 2)
         light = int(rng.choice([20, 120, 235, 255]))
         if trial % 2:
-            cv2.circle(picture, tuple(np.rint(truth[rng.integers(board.count)]).astype(int).tolist()), int(rng.uniform(15, 80)), light, -1)
+            cv2.circle(
+                picture,
+                tuple(np.rint(truth[rng.integers(board.count)]).astype(int).tolist()),
+                int(rng.uniform(15, 80)),
+                light,
+                -1,
+            )
         else:  # from somewhere between two columns to beyond the board's end, along its squares
             first = rng.integers(1, board.columns - 3)
             start = grid[:, first] + rng.uniform(0.2, 0.8) * (grid[:, first + 1] - grid[:, first])
             down = 3 * (start[-1] - start[-2])
             across = 2 * (grid[0, -1] - grid[0, 0])
-            band = [start[0] - down, start[-1] + down, start[-1] + down + across, start[0] - down + across]
+            band = [
+                start[0] - down,
+                start[-1] + down,
+                start[-1] + down + across,
+                start[0] - down + across,
+            ]
             cv2.fillPoly(picture, [np.rint(band).astype(np.int32)], light)
         found = find_board(picture, board)
         if isinstance(found, Detection):
             parts += found.detector == "part"
-            assert off(found, truth).max() < 2, f"trial {trial}"  # a corner at a cover's edge may be moved; a square is 15 px and more
+            assert (
+                off(found, truth).max() < 2
+            ), (  # a corner at a cover's edge may be moved; a square is 15 px and more
+                f"trial {trial}"
+            )
     assert parts >= 7

@@ -49,7 +49,10 @@ def test_a_stray_saddle_at_the_rim_is_not_a_larger_board_and_a_line_of_them_is()
     assert not list(grid.whole(Board(9, 5, 0.025)))
     assert not list(grid.whole(Board(10, 6, 0.025)))  # a line fewer
     stray = np.full((7, 9, 2), np.nan)
-    stray[:6], stray[6, 3] = grid.points if grid.points.shape[:2] == (6, 9) else grid.points.swapaxes(0, 1), (1.0, 1.0)
+    stray[:6], stray[6, 3] = (
+        (grid.points if grid.points.shape[:2] == (6, 9) else grid.points.swapaxes(0, 1)),
+        (1.0, 1.0),
+    )
     (whole,) = type(grid)(stray).whole(BOARD)
     assert np.array_equal(whole.reshape(6, 9, 2), stray[:6])
 
@@ -63,7 +66,9 @@ def beside(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def test_two_boards_in_one_picture_are_told() -> None:
-    """By both finders, and neither another board beside it nor half of a second one is taken for two."""
+    """By both finders, and neither another board beside it nor half of a second one is taken for
+    two.
+    """
     one, _ = Scene().draw()
     both = beside(one, np.ascontiguousarray(one[::-1, ::-1]))
     found = find_board(both, BOARD)

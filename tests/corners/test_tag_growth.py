@@ -21,7 +21,9 @@ CORNERS = EDGE - 0.5 + 8 * CELL * np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
 
 def drawn(number: int, grown: int, noise: float = 2.0) -> NDArray[np.uint8]:
     """A tag whose black is wider by so many eighths of a pixel at every edge."""
-    fine = np.kron(np.pad(black_cells(DICTIONARY, number, 1), 1), np.ones((CELL * STRATA, CELL * STRATA), bool))
+    fine = np.kron(
+        np.pad(black_cells(DICTIONARY, number, 1), 1), np.ones((CELL * STRATA, CELL * STRATA), bool)
+    )
     whole = np.pad(fine, (EDGE - CELL) * STRATA)
     cross = np.ones((3, 3), bool)
     if grown:
@@ -47,7 +49,9 @@ def test_growth_is_found_and_taken_off(grown: int) -> None:
 
 
 def test_a_turned_tag_tells_the_same() -> None:
-    """Each edge is looked at from its own black to its own white, whichever way the tag lies in the picture."""
+    """Each edge is looked at from its own black to its own white, whichever way the tag lies in the
+    picture.
+    """
     black = black_cells(DICTIONARY, 9, 1)
     picture = drawn(9, 2)
     for quarter in range(4):

@@ -1,4 +1,6 @@
-"""A tag's corners where its edges meet: against squares that are drawn by counting which points lie within."""
+"""A tag's corners where its edges meet: against squares that are drawn by counting which points lie
+within.
+"""
 
 from functools import lru_cache
 
@@ -20,7 +22,9 @@ CELLS = 8
 
 @lru_cache
 def light(bends: tuple[float, ...], blur: float) -> Array:
-    """Grey levels of a square that is black within four edges, each bent outwards by so many px at its middle, as a parabola."""
+    """Grey levels of a square that is black within four edges, each bent outwards by so many px at
+    its middle, as a parabola.
+    """
     at = (np.arange(SIZE * STRATA) + 0.5) / STRATA - 0.5
     x, y = np.meshgrid(at, at)
     inside = np.ones(x.shape, bool)
@@ -31,23 +35,36 @@ def light(bends: tuple[float, ...], blur: float) -> Array:
         beyond = ((x - corner[0]) * step[1] - (y - corner[1]) * step[0]) / length
         inside &= beyond <= 4 * bend * share * (1 - share)
     sharp = np.where(inside, 25.0, 190.0)
-    return np.asarray(gaussian_filter(sharp, blur * STRATA, mode="nearest").reshape(SIZE, STRATA, SIZE, STRATA).mean((1, 3)))
+    return np.asarray(
+        gaussian_filter(sharp, blur * STRATA, mode="nearest")
+        .reshape(SIZE, STRATA, SIZE, STRATA)
+        .mean((1, 3))
+    )
 
 
-def drawn(bends: tuple[float, ...] = (0, 0, 0, 0), blur: float = 0.6, noise: float = 0.0, seed: int = 1) -> NDArray[np.uint8]:
+def drawn(
+    bends: tuple[float, ...] = (0, 0, 0, 0), blur: float = 0.6, noise: float = 0.0, seed: int = 1
+) -> NDArray[np.uint8]:
     uneven = light(bends, blur) * (1 + 0.05 * np.linspace(-1, 1, SIZE))
-    return np.clip(np.rint(uneven + np.random.default_rng(seed).normal(0, noise, uneven.shape)), 0, 255).astype(np.uint8)
+    return np.clip(
+        np.rint(uneven + np.random.default_rng(seed).normal(0, noise, uneven.shape)), 0, 255
+    ).astype(np.uint8)
 
 
 @pytest.mark.parametrize("blur", [0.4, 0.6, 1.5])
 def test_corners_are_where_the_edges_meet(blur: float) -> None:
     found = measure_outlines(drawn(blur=blur), (CORNERS + ROUGH)[None], CELLS)
-    assert np.abs(found.corners[0] - CORNERS).max() < 0.012  # rounding, and the sampling of 16 points across a pixel
+    assert (
+        np.abs(found.corners[0] - CORNERS).max() < 0.012
+    )  # rounding, and the sampling of 16 points across a pixel
 
 
 def test_16_bits_say_the_same() -> None:
     picture = drawn()
-    few, many = (measure_outlines(one, (CORNERS + ROUGH)[None], CELLS) for one in (picture, picture.astype(np.uint16) * 257))
+    few, many = (
+        measure_outlines(one, (CORNERS + ROUGH)[None], CELLS)
+        for one in (picture, picture.astype(np.uint16) * 257)
+    )
     assert np.allclose(few.corners, many.corners, atol=1e-9)
     assert np.allclose(few.covariances, many.covariances, rtol=1e-6)
 
@@ -55,9 +72,14 @@ def test_16_bits_say_the_same() -> None:
 def test_a_bend_that_is_known_does_no_harm_and_one_that_is_not_does() -> None:
     bends = (0.3, -0.2, 0.25, 0.3)
     picture = drawn(bends)
-    known, unknown = (measure_outlines(picture, (CORNERS + ROUGH)[None], CELLS, told) for told in (np.array([bends]), None))
+    known, unknown = (
+        measure_outlines(picture, (CORNERS + ROUGH)[None], CELLS, told)
+        for told in (np.array([bends]), None)
+    )
     assert np.abs(known.corners[0] - CORNERS).max() < 0.012
-    assert 0.1 < np.abs(unknown.corners[0] - CORNERS).max() < 0.4  # about two thirds of the bend, of each edge
+    assert (
+        0.1 < np.abs(unknown.corners[0] - CORNERS).max() < 0.4
+    )  # about two thirds of the bend, of each edge
 
 
 def test_covariance_is_what_repeated_noise_shows() -> None:
@@ -68,7 +90,9 @@ def test_covariance_is_what_repeated_noise_shows() -> None:
     predicted = np.mean([one.covariances[0] for one in found], 0)
     chi2 = np.mean(np.einsum("ni,ij,nj->n", off, np.linalg.inv(predicted), off)) / 8 * 60 / 59
     assert 0.7 < chi2 < 1.3  # 480 numbers scatter by 7 %; the noise itself is estimated
-    along_one_edge = np.corrcoef(off[:, 1], off[:, 3])[0, 1]  # y of the two ends of the upper edge: an extrapolated line
+    along_one_edge = np.corrcoef(off[:, 1], off[:, 3])[
+        0, 1
+    ]  # y of the two ends of the upper edge: an extrapolated line
     expected = predicted[1, 3] / np.sqrt(predicted[1, 1] * predicted[3, 3])
     assert abs(along_one_edge - expected) < 0.3
 

@@ -1,4 +1,6 @@
-"""What views say of each other: which show one pose of the board, and in which order they were taken."""
+"""What views say of each other: which show one pose of the board, and in which order they were
+taken.
+"""
 
 import numpy as np
 
@@ -6,11 +8,16 @@ from calib.corners.view import View, are_timed, board_poses, capture_times
 
 
 def views(*said: tuple[float | None, str | None]) -> list[View]:
-    return [View(f"{index}.png", np.zeros((4, 2)), np.ones(4), time_s, pose) for index, (time_s, pose) in enumerate(said)]
+    return [
+        View(f"{index}.png", np.zeros((4, 2)), np.ones(4), time_s, pose)
+        for index, (time_s, pose) in enumerate(said)
+    ]
 
 
 def test_views_of_a_burst_share_a_pose_and_others_have_their_own() -> None:
-    assert board_poses(views((None, "7"), (None, None), (None, "7"), (None, "2"), (None, None))).tolist() == [0, 1, 0, 2, 3]
+    assert board_poses(
+        views((None, "7"), (None, None), (None, "7"), (None, "2"), (None, None))
+    ).tolist() == [0, 1, 0, 2, 3]
     assert board_poses([]).tolist() == []
 
 

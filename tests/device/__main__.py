@@ -1,8 +1,10 @@
-"""Real devices in a small virtual machine: `python -m tests.device [loopback] [vivid] [libcamera]`, by default all of them.
+"""Real devices in a small virtual machine: `python -m tests.device [loopback] [vivid] [libcamera]`,
+by default all of them.
 
-Fetches what the guests need into ~/.cache/refracal-device (or $REFRACAL_DEVICE_CACHE), and says at the end how many checks of each group
-ran. Exit code 1: a check failed, or none of a group ran although all that it needs is there. 77: this machine cannot get what some of the
-groups need; those were skipped, and the others passed.
+Fetches what the guests need into ~/.cache/refracal-device (or $REFRACAL_DEVICE_CACHE), and says at
+the end how many checks of each group ran. Exit code 1: a check failed, or none of a group ran
+although all that it needs is there. 77: this machine cannot get what some of the groups need; those
+were skipped, and the others passed.
 """
 
 import sys
@@ -22,12 +24,18 @@ CHECKS: Mapping[str, Sequence[Callable[[], object]]] = {
     "vivid": (prepare, kernel_6_1),
     "libcamera": (prepare, kernel_6_12, libcamera_root, capture_wheels),
 }
-"""What each needs to be fetched. The checks are pytest's, in check_NAME.py, so that `python -m tests` does not find them."""
+"""What each needs to be fetched.
+
+The checks are pytest's, in check_NAME.py, so that `python -m tests` does not find them.
+"""
 
 
 def main(names: list[str]) -> int:
     if unknown := set(names) - set(CHECKS):
-        print(f"There is no check {', '.join(sorted(unknown))}: choose from {', '.join(CHECKS)}.", file=sys.stderr)
+        print(
+            f"There is no check {', '.join(sorted(unknown))}: choose from {', '.join(CHECKS)}.",
+            file=sys.stderr,
+        )
         return 2
     tally = Tally(tuple(dict.fromkeys(names)) or tuple(CHECKS))
     files = []
@@ -39,7 +47,11 @@ def main(names: list[str]) -> int:
             tally.missing[name] = str(error)
         else:
             files.append(str(Path(__file__).with_name(f"check_{name}.py")))
-    failed = int(pytest.main(["-v", "--durations=0", "--durations-min=1", *files], plugins=[tally])) if files else 0
+    failed = (
+        int(pytest.main(["-v", "--durations=0", "--durations-min=1", *files], plugins=[tally]))
+        if files
+        else 0
+    )
     print(tally, flush=True)
     return failed or tally.code
 

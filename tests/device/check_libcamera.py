@@ -1,4 +1,6 @@
-"""libcamera's own stack, with a virtual camera that shows a fixture: what its source streams is the fixture."""
+"""libcamera's own stack, with a virtual camera that shows a fixture: what its source streams is the
+fixture.
+"""
 
 import json
 from pathlib import Path
@@ -15,7 +17,9 @@ from tests.device.wheels import capture_wheels
 FIXTURE = PROJECT / "fixtures" / "bumps"
 pytestmark = pytest.mark.slow
 DECODED = 8
-"""Grey levels: libcamera decodes and scales the fixture's JPEGs by other code than OpenCV's, which differs by 5 at the most."""
+"""Grey levels: libcamera decodes and scales the fixture's JPEGs by other code than OpenCV's, which
+differs by 5 at the most.
+"""
 PER_PICTURE = 4
 """Frames for which the virtual camera shows one picture: as many as there are buffers."""
 
@@ -26,7 +30,15 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("libcamera")
     imports = f"/host{PROJECT}:/host{capture_wheels()}"
     guest = Guest(kernel_6_12(), {}, root=libcamera_root())
-    guest.run(folder, "python3", "-m", "tests.device.inside.libcamera", f"/host{FIXTURE}", "/shared", PYTHONPATH=imports)
+    guest.run(
+        folder,
+        "python3",
+        "-m",
+        "tests.device.inside.libcamera",
+        f"/host{FIXTURE}",
+        "/shared",
+        PYTHONPATH=imports,
+    )
     return folder
 
 

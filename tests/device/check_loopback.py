@@ -1,4 +1,6 @@
-"""A camera that shows a fixture: what `capture record` keeps of it is the fixture, bit for bit, and calibrates like it."""
+"""A camera that shows a fixture: what `capture record` keeps of it is the fixture, bit for bit, and
+calibrates like it.
+"""
 
 import json
 import shutil
@@ -24,8 +26,18 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("loopback")
     kernel = kernel_6_1()
     guest = Guest(kernel, {"v4l2loopback": ""}, (v4l2loopback(kernel),))
-    patient = {"OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT": "10"}  # s: the next frame comes when this one is recorded, however slow the guest
-    guest.run(folder, sys.executable, "-m", "tests.device.inside.loopback", str(FIXTURE), "/shared", **patient)
+    patient = {
+        "OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT": "10"
+    }  # s: the next frame comes when this one is recorded, however slow the guest
+    guest.run(
+        folder,
+        sys.executable,
+        "-m",
+        "tests.device.inside.loopback",
+        str(FIXTURE),
+        "/shared",
+        **patient,
+    )
     return folder
 
 
@@ -40,7 +52,9 @@ def test_every_view_is_kept_bit_for_bit(shared: Path) -> None:
     recorded, shown = (list_images(session / "frames") for session in (shared / "session", FIXTURE))
     assert len(recorded) == len(shown)
     for ours, theirs in zip(recorded, shown, strict=True):
-        np.testing.assert_array_equal(read_grey(ours), read_grey(theirs), err_msg=f"{ours.name} is not {theirs.name}")
+        np.testing.assert_array_equal(
+            read_grey(ours), read_grey(theirs), err_msg=f"{ours.name} is not {theirs.name}"
+        )
 
 
 def test_a_camera_slower_than_a_frame_a_second_is_waited_for(shared: Path) -> None:
@@ -53,7 +67,9 @@ def test_a_camera_slower_than_a_frame_a_second_is_waited_for(shared: Path) -> No
 def test_the_recording_calibrates_to_the_same_numbers(shared: Path, tmp_path: Path) -> None:
     shutil.copytree(FIXTURE / "frames", tmp_path / "fixture" / "frames")
     shutil.copy(FIXTURE / "session.yaml", tmp_path / "fixture")
-    assert _fit(shared / "session", tmp_path / "recorded") == _fit(tmp_path / "fixture", tmp_path / "shown")
+    assert _fit(shared / "session", tmp_path / "recorded") == _fit(
+        tmp_path / "fixture", tmp_path / "shown"
+    )
 
 
 def _fit(session: Path, output: Path) -> dict[str, Any]:

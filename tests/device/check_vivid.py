@@ -1,4 +1,6 @@
-"""A camera that fails: each fault is told in a sentence, with exit code 4, and costs nothing that was recorded."""
+"""A camera that fails: each fault is told in a sentence, with exit code 4, and costs nothing that
+was recorded.
+"""
 
 import json
 import sys
@@ -19,7 +21,9 @@ ONE_WEBCAM = "n_devs=1 node_types=0x1 num_inputs=1 input_types=0"
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the guest leaves: result.json, and the sessions that it recorded."""
     folder = tmp_path_factory.mktemp("vivid")
-    Guest(kernel_6_1(), {"vivid": ONE_WEBCAM}).run(folder, sys.executable, "-m", "tests.device.inside.vivid", "/shared")
+    Guest(kernel_6_1(), {"vivid": ONE_WEBCAM}).run(
+        folder, sys.executable, "-m", "tests.device.inside.vivid", "/shared"
+    )
     return folder
 
 
@@ -32,7 +36,10 @@ def steps(shared: Path) -> dict[str, Any]:
 def test_unplugging_is_told_within_two_seconds(steps: dict[str, Any]) -> None:
     step = steps["unplugged"]
     assert step["code"] == 4
-    assert "/dev/video0 was unplugged: plug the camera in again, and run the same command to continue." in step["stderr"]
+    assert (
+        "/dev/video0 was unplugged: plug the camera in again, and run the same command to continue."
+        in step["stderr"]
+    )
     assert step["seconds"] < 2
 
 
@@ -43,21 +50,33 @@ def test_a_camera_that_is_still_unplugged_is_refused(steps: dict[str, Any]) -> N
     assert step["pictures"] == steps["unplugged"]["pictures"]
 
 
-def test_plugging_in_again_continues_and_every_frame_is_intact(steps: dict[str, Any], shared: Path) -> None:
+def test_plugging_in_again_continues_and_every_frame_is_intact(
+    steps: dict[str, Any], shared: Path
+) -> None:
     """Digests of the pictures: those from before the fault are still the same files."""
-    before, at_the_end, step = steps["unplugged"]["before"], steps["unplugged"]["pictures"], steps["plugged_in_again"]
+    before, at_the_end, step = (
+        steps["unplugged"]["before"],
+        steps["unplugged"]["pictures"],
+        steps["plugged_in_again"],
+    )
     assert step["code"] == 0, step["stderr"]
     assert len(before) >= 5
     assert before.items() <= at_the_end.items() <= step["pictures"].items()
     assert len(step["pictures"]) == len(at_the_end) + 3
     session = shared / "sessions" / "unplugged"
     names = [picture.name for picture in list_images(session / "frames")]
-    assert [row["file"] for row in read_table(session / "frames.csv")] == names == list(step["pictures"])
+    assert (
+        [row["file"] for row in read_table(session / "frames.csv")]
+        == names
+        == list(step["pictures"])
+    )
     assert {read_grey(session / "frames" / name).shape for name in names} == {(180, 320)}
 
 
 def test_dropped_buffers_show_as_gaps(steps: dict[str, Any], shared: Path) -> None:
-    """The driver drops half of them; the same camera without that loses at most what a busy machine costs."""
+    """The driver drops half of them; the same camera without that loses at most what a busy machine
+    costs.
+    """
     for name in ("dropped", "whole"):
         assert steps[name]["code"] == 0, steps[name]["stderr"]
     dropped, whole = (steps[name]["summary"]["frames_lost"] for name in ("dropped", "whole"))
@@ -72,12 +91,23 @@ def test_dropped_buffers_show_as_gaps(steps: dict[str, Any], shared: Path) -> No
 @pytest.mark.parametrize(
     ("fault", "reason"),
     [
-        ("silent", "can be opened but sends no pictures: plug the camera in again, into a port of its own"),
-        ("refusing", "opens but does not stream (Invalid argument): plug the camera in again, or choose another mode"),
+        (
+            "silent",
+            "can be opened but sends no pictures: plug the camera in again, into a port of its own",
+        ),
+        (
+            "refusing",
+            (
+                "opens but does not stream (Invalid argument): plug the camera in again, or choose"
+                " another mode"
+            ),
+        ),
     ],
     ids=("silent", "refusing"),
 )
-def test_a_camera_that_opens_but_does_not_stream_is_refused(steps: dict[str, Any], fault: str, reason: str) -> None:
+def test_a_camera_that_opens_but_does_not_stream_is_refused(
+    steps: dict[str, Any], fault: str, reason: str
+) -> None:
     assert steps[fault]["code"] == 4
     assert f"capture: /dev/video0 {reason}" in steps[fault]["stderr"]
     assert steps[fault]["pictures"] == {}

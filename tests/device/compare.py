@@ -1,4 +1,6 @@
-"""Whether two folders with what `capture record --json` and `calib fit --json` printed agree: python -m tests.device.compare A B."""
+"""Whether two folders with what `capture record --json` and `calib fit --json` printed agree:
+python -m tests.device.compare A B.
+"""
 
 import json
 import sys
@@ -10,11 +12,23 @@ CLOSE = 5e-3
 
 kept, errors = [], []
 for folder in map(Path, sys.argv[1:]):
-    recorded, fitted = (json.loads((folder / name).read_text()) for name in ("record.json", "fit.json"))
+    recorded, fitted = (
+        json.loads((folder / name).read_text()) for name in ("record.json", "fit.json")
+    )
     stages: list[dict[str, Any]] = fitted["stages"]
-    kept.append([recorded["pictures"], recorded["frames_judged"], fitted["frames_used"], fitted["corners"]])
-    errors.append({"noise": fitted["noise_px"], **{stage["name"]: stage["rms_px"] for stage in stages}})
-    print(f"{folder.name}: {recorded['views']} views kept of {recorded['frames_judged']}, fitted in {fitted['seconds']:.1f} s;", errors[-1])
+    kept.append(
+        [recorded["pictures"], recorded["frames_judged"], fitted["frames_used"], fitted["corners"]]
+    )
+    errors.append(
+        {"noise": fitted["noise_px"], **{stage["name"]: stage["rms_px"] for stage in stages}}
+    )
+    print(
+        f"{folder.name}: {recorded['views']} views kept of {recorded['frames_judged']}, fitted in"
+        f" {fitted['seconds']:.1f} s;",
+        errors[-1],
+    )
 same = kept[0] == kept[1] and errors[0].keys() == errors[1].keys()
-if not same or any(abs(errors[0][name] - errors[1][name]) > CLOSE * errors[1][name] for name in errors[0]):
+if not same or any(
+    abs(errors[0][name] - errors[1][name]) > CLOSE * errors[1][name] for name in errors[0]
+):
     sys.exit("They differ.")

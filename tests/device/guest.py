@@ -15,8 +15,13 @@ from tests.device.packages import MissingError
 
 PROJECT = Path(__file__).resolve().parents[2]
 FILE_SYSTEMS = ("virtio_pci", "virtio_rng", "9pnet_virtio", "9p", "overlay")
-ARGUMENTS = "console=ttyS0 quiet panic=-1 mitigations=off nokaslr random.trust_cpu=on no_timer_check tsc=unstable clocksource=acpi_pm"
-"""The clock is one whose rate is fixed: the processor's own is measured at the boot, and on a busy machine came out ten times too fast."""
+ARGUMENTS = (
+    "console=ttyS0 quiet panic=-1 mitigations=off nokaslr random.trust_cpu=on no_timer_check"
+    " tsc=unstable clocksource=acpi_pm"
+)
+"""The clock is one whose rate is fixed: the processor's own is measured at the boot, and on a busy
+machine came out ten times too fast.
+"""
 ENVIRONMENT = {
     "PATH": "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin",
     "HOME": "/root",
@@ -49,25 +54,46 @@ class Guest:
     root: Path = Path("/")
     """The folder of this machine that the guest sees as its root, and cannot change."""
     silence: float = 600.0
-    """Seconds without a word on its console, after which it is stopped: it may be slow on a busy machine, but not stand still."""
+    """Seconds without a word on its console, after which it is stopped: it may be slow on a busy
+    machine, but not stand still.
+    """
 
     def run(self, shared: Path, *command: str, **environment: str) -> None:
-        """Boot, run a command in a guest that has `shared` as /shared and this machine's root as /host, and halt."""
-        variables = [f"export {name}={shlex.quote(value)}" for name, value in {**ENVIRONMENT, **environment}.items()]
+        """Boot, run a command in a guest that has `shared` as /shared and this machine's root as
+        /host, and halt.
+        """
+        variables = [
+            f"export {name}={shlex.quote(value)}"
+            for name, value in {**ENVIRONMENT, **environment}.items()
+        ]
         (shared / "job").write_text("\n".join([*variables, f"exec {shlex.join(command)}", ""]))
         archive = shared / "initramfs"
         modules = {**dict.fromkeys(FILE_SYSTEMS, ""), **self.modules}
-        archive.write_bytes(initramfs(_busybox(), self.kernel.modules, modules, root=self.root, built=self.built))
+        archive.write_bytes(
+            initramfs(_busybox(), self.kernel.modules, modules, root=self.root, built=self.built)
+        )
         log = shared / "console"
-        if not any(self._ends([*_qemu(), *self._machine(shared, archive)], log) for _ in range(BOOTS)):
-            raise GuestError(f"The guest did not boot within {BOOT_S:.0f} s, {BOOTS} times:\n{_tail(log)}")
+        if not any(
+            self._ends([*_qemu(), *self._machine(shared, archive)], log) for _ in range(BOOTS)
+        ):
+            raise GuestError(
+                f"The guest did not boot within {BOOT_S:.0f} s, {BOOTS} times:\n{_tail(log)}"
+            )
         code = shared / "code"
         if not code.exists() or code.read_text().strip() != "0":
             raise GuestError(f"The guest's command failed:\n{_tail(log)}")
 
     def _ends(self, command: Sequence[str], log: Path) -> bool:
-        """Whether it booted; then it has also ended. A boot now and then hangs before its first process, emulated as it is."""
-        with log.open("wb") as console, subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=console, stderr=console) as process:
+        """Whether it booted; then it has also ended.
+
+        A boot now and then hangs before its first process, emulated as it is.
+        """
+        with (
+            log.open("wb") as console,
+            subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=console, stderr=console
+            ) as process,
+        ):
             try:
                 until = time.monotonic() + BOOT_S
                 while process.poll() is None and BOOTED not in log.read_bytes():
@@ -91,7 +117,17 @@ class Guest:
     def _machine(self, shared: Path, archive: Path) -> list[str]:
         return [
             *("-accel", "tcg,thread=multi", "-cpu", "max", "-smp", "2", "-m", "2048"),
-            *("-nodefaults", "-nographic", "-no-reboot", "-serial", "stdio", "-nic", "none", "-device", "virtio-rng-pci"),
+            *(
+                "-nodefaults",
+                "-nographic",
+                "-no-reboot",
+                "-serial",
+                "stdio",
+                "-nic",
+                "none",
+                "-device",
+                "virtio-rng-pci",
+            ),
             *("-kernel", str(self.kernel.image), "-initrd", str(archive), "-append", ARGUMENTS),
             *("-fsdev", "local,id=host,path=/,security_model=none,readonly=on,multidevs=remap"),
             *("-device", "virtio-9p-pci,fsdev=host,mount_tag=host"),
@@ -103,7 +139,10 @@ class Guest:
 def prepare() -> None:
     """Fetch what every guest needs beside its kernel."""
     if platform.machine() != "x86_64":
-        raise MissingError(f"This machine is {platform.machine()}: guests run its own programs, and are made for x86_64.")
+        raise MissingError(
+            f"This machine is {platform.machine()}: guests run its own programs, and are made for"
+            " x86_64."
+        )
     _busybox()
     _qemu()
 
@@ -113,14 +152,24 @@ def _busybox() -> Path:
 
 
 def _qemu() -> list[str]:
-    """This machine's QEMU, or Debian's started by the loader and with the libraries that belong to it."""
+    """This machine's QEMU, or Debian's started by the loader and with the libraries that belong to
+    it.
+    """
     if installed := shutil.which("qemu-system-x86_64"):
         return [installed]
     tree = BOOKWORM.unpacked("qemu", ("qemu-system-x86",))
     libraries = tree / "usr/lib/x86_64-linux-gnu"
-    data = [word for folder in ("qemu", "seabios") for word in ("-L", str(tree / "usr/share" / folder))]
+    data = [
+        word for folder in ("qemu", "seabios") for word in ("-L", str(tree / "usr/share" / folder))
+    ]
     loader = [str(libraries / "ld-linux-x86-64.so.2"), "--library-path", str(libraries)]
-    return ["env", f"QEMU_MODULE_DIR={libraries / 'qemu'}", *loader, str(tree / "usr/bin/qemu-system-x86_64"), *data]
+    return [
+        "env",
+        f"QEMU_MODULE_DIR={libraries / 'qemu'}",
+        *loader,
+        str(tree / "usr/bin/qemu-system-x86_64"),
+        *data,
+    ]
 
 
 def _tail(log: Path) -> str:

@@ -1,4 +1,6 @@
-"""The guest's first file system: busybox, init.sh and the kernel modules that it loads, as one archive."""
+"""The guest's first file system: busybox, init.sh and the kernel modules that it loads, as one
+archive.
+"""
 
 import gzip
 import lzma
@@ -10,7 +12,14 @@ FOLDERS = ("bin", "modules", "proc", "sys", "dev", "host", "memory", "root")
 DEPENDS = re.compile(rb"\0depends=([^\0]*)\0")
 
 
-def initramfs(busybox: Path, kernel_modules: Path, modules: Mapping[str, str], *, root: Path, built: Sequence[Path] = ()) -> bytes:
+def initramfs(
+    busybox: Path,
+    kernel_modules: Path,
+    modules: Mapping[str, str],
+    *,
+    root: Path,
+    built: Sequence[Path] = (),
+) -> bytes:
     """A compressed cpio archive.
 
     Args:
@@ -29,10 +38,16 @@ def initramfs(busybox: Path, kernel_modules: Path, modules: Mapping[str, str], *
     entries += [
         ("bin/busybox", 0o100755, busybox.read_bytes()),
         ("init", 0o100755, Path(__file__).with_name("init.sh").read_bytes()),
-        ("modules.list", 0o100644, "".join(f"{name}.ko {modules.get(name, '')}\n" for name in loaded).encode()),
+        (
+            "modules.list",
+            0o100644,
+            "".join(f"{name}.ko {modules.get(name, '')}\n" for name in loaded).encode(),
+        ),
         ("root.path", 0o100644, str(root).encode()),
     ]
-    return gzip.compress(b"".join(_member(*entry) for entry in (*entries, ("TRAILER!!!", 0, b""))), compresslevel=1)
+    return gzip.compress(
+        b"".join(_member(*entry) for entry in (*entries, ("TRAILER!!!", 0, b""))), compresslevel=1
+    )
 
 
 def _add(name: str, found: Mapping[str, Path], loaded: dict[str, bytes]) -> None:

@@ -27,9 +27,15 @@ class Kernel:
 
 
 def kernel_6_1() -> Kernel:
-    """Debian bookworm's, which has vivid, with the headers and sources that v4l2loopback is built from."""
+    """Debian bookworm's, which has vivid, with the headers and sources that v4l2loopback is built
+    from.
+    """
     release = BOOKWORM.newest(r"^linux-image-6\.1\.0-[0-9]+-amd64$").removeprefix("linux-image-")
-    headers = (f"linux-headers-{release}", f"linux-headers-{release.removesuffix('-amd64')}-common", "linux-kbuild-6.1")
+    headers = (
+        f"linux-headers-{release}",
+        f"linux-headers-{release.removesuffix('-amd64')}-common",
+        "linux-kbuild-6.1",
+    )
     packages = (f"linux-image-{release}", *headers, "v4l2loopback-dkms")
     return Kernel(BOOKWORM.unpacked(f"kernel-{release}", alone=packages), release)
 
@@ -49,18 +55,32 @@ def v4l2loopback(kernel: Kernel) -> Path:
         return module
     for program in ("gcc", "make"):
         if not shutil.which(program):
-            raise MissingError(f"{program} is missing: building v4l2loopback needs it, so run sudo apt install {program}.")
+            raise MissingError(
+                f"{program} is missing: building v4l2loopback needs it, so run sudo apt install"
+                f" {program}."
+            )
     shutil.rmtree(built, ignore_errors=True)
     shutil.copytree(next((kernel.tree / "usr/src").glob("v4l2loopback-*")), built)
     headers = kernel.tree / "usr/src" / f"linux-headers-{kernel.release}"
     makefile = headers / "Makefile"  # includes the common one from where it would be installed
-    makefile.write_text(makefile.read_text().replace("include /usr/src/", f"include {kernel.tree}/usr/src/"))
-    made = subprocess.run(["make", "-C", headers, f"M={built}", "CC=gcc", "modules"], capture_output=True, text=True, check=False)
+    makefile.write_text(
+        makefile.read_text().replace("include /usr/src/", f"include {kernel.tree}/usr/src/")
+    )
+    made = subprocess.run(
+        ["make", "-C", headers, f"M={built}", "CC=gcc", "modules"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     if made.returncode:
-        raise RuntimeError(f"v4l2loopback does not build for Linux {kernel.release}:\n{made.stdout}{made.stderr}")
+        raise RuntimeError(
+            f"v4l2loopback does not build for Linux {kernel.release}:\n{made.stdout}{made.stderr}"
+        )
     return module
 
 
 def libcamera_root() -> Path:
-    """Debian trixie, as far as libcamera's Python bindings need it: the first release whose libcamera has a virtual camera."""
+    """Debian trixie, as far as libcamera's Python bindings need it: the first release whose
+    libcamera has a virtual camera.
+    """
     return TRIXIE.unpacked("libcamera", ("base-files", "dash", "python3", "python3-libcamera"))

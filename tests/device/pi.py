@@ -1,4 +1,5 @@
-"""What an emulated Pi needs: prints a root of Debian's arm64, a folder of aarch64 wheels, and an emulator, each made or found once.
+"""What an emulated Pi needs: prints a root of Debian's arm64, a folder of aarch64 wheels, and an
+emulator, each made or found once.
 
 `root`, `wheels` and `emulator` as arguments choose, in the order in which they are printed.
 """
@@ -16,8 +17,29 @@ from tests.device.skipped import SKIPPED
 from tests.device.wheels import wheels
 
 INDIRECT = (
-    *("filelock", "fsspec", "jinja2", "markdown-it-py", "markupsafe", "mdurl", "mpmath", "networkx", "pygments", "sympy"),
-    *("contourpy", "cycler", "fonttools", "kiwisolver", "packaging", "pillow", "pyparsing", "python-dateutil", "six"),
+    *(
+        "filelock",
+        "fsspec",
+        "jinja2",
+        "markdown-it-py",
+        "markupsafe",
+        "mdurl",
+        "mpmath",
+        "networkx",
+        "pygments",
+        "sympy",
+    ),
+    *(
+        "contourpy",
+        "cycler",
+        "fonttools",
+        "kiwisolver",
+        "packaging",
+        "pillow",
+        "pyparsing",
+        "python-dateutil",
+        "six",
+    ),
 )
 """What torch, rich and matplotlib depend on."""
 
@@ -26,18 +48,33 @@ def requirements() -> list[str]:
     """The project's own, as they are for aarch64."""
     written = tomllib.loads((PROJECT / "pyproject.toml").read_text())["project"]["dependencies"]
     parts = [requirement.partition(";") for requirement in written]
-    return [wanted.strip() for wanted, _, marker in parts if "!= 'aarch64'" not in marker and ">= '3.15'" not in marker]
+    return [
+        wanted.strip()
+        for wanted, _, marker in parts
+        if "!= 'aarch64'" not in marker and ">= '3.15'" not in marker
+    ]
 
 
 def emulator() -> Path:
     """This machine's own, or Debian's."""
     installed = shutil.which("qemu-aarch64-static") or shutil.which("qemu-aarch64")
-    return Path(installed) if installed else BOOKWORM.unpacked("qemu-user", alone=("qemu-user-static",)) / "usr/bin/qemu-aarch64-static"
+    return (
+        Path(installed)
+        if installed
+        else BOOKWORM.unpacked("qemu-user", alone=("qemu-user-static",))
+        / "usr/bin/qemu-aarch64-static"
+    )
 
 
 PARTS: dict[str, Callable[[], Path]] = {
-    "root": lambda: Apt("trixie", "arm64").unpacked("arm64", ("base-files", "python3", "python3-venv", "python3-libcamera", "libstdc++6")),
-    "wheels": lambda: wheels("wheels-aarch64", "aarch64", (*requirements(), *INDIRECT, "typing-extensions")),
+    "root": (
+        lambda: Apt("trixie", "arm64").unpacked(
+            "arm64", ("base-files", "python3", "python3-venv", "python3-libcamera", "libstdc++6")
+        )
+    ),
+    "wheels": lambda: wheels(
+        "wheels-aarch64", "aarch64", (*requirements(), *INDIRECT, "typing-extensions")
+    ),
     "emulator": emulator,
 }
 

@@ -1,4 +1,6 @@
-"""Which checks on devices ran, and which did not: a group that silently ran nothing must not look like one that passed."""
+"""Which checks on devices ran, and which did not: a group that silently ran nothing must not look
+like one that passed.
+"""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -29,7 +31,9 @@ class Tally:
     @property
     def code(self) -> int:
         """The exit code."""
-        if any(self.failed.values()) or any(not self.ran[group] for group in self.groups if group not in self.missing):
+        if any(self.failed.values()) or any(
+            not self.ran[group] for group in self.groups if group not in self.missing
+        ):
             return 1
         return SKIPPED if self.missing else 0
 
@@ -40,5 +44,11 @@ class Tally:
     def _line(self, group: str) -> str:
         if group in self.missing:
             return f"SKIPPED: {self.missing[group]}"
-        counts = f"{self.ran[group]} ran, {self.failed[group]} failed, {self.skipped[group]} skipped"
-        return counts if self.ran[group] else f"{counts}; FAILED, as this machine has all that they need"
+        counts = (
+            f"{self.ran[group]} ran, {self.failed[group]} failed, {self.skipped[group]} skipped"
+        )
+        return (
+            counts
+            if self.ran[group]
+            else f"{counts}; FAILED, as this machine has all that they need"
+        )

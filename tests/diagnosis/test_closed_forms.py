@@ -16,7 +16,10 @@ NOISE = 1e-5
 
 FIELDS = {
     "a wave of 75 mm along y": (np.zeros_like(X), np.sin(2 * np.pi * Y / 0.075 + 0.4)),
-    "a wave of 60 mm at 30 degrees to x": (np.cos(2 * np.pi / 0.060 * (X * np.cos(np.pi / 6) + Y * np.sin(np.pi / 6))), np.zeros_like(X)),
+    "a wave of 60 mm at 30 degrees to x": (
+        np.cos(2 * np.pi / 0.060 * (X * np.cos(np.pi / 6) + Y * np.sin(np.pi / 6))),
+        np.zeros_like(X),
+    ),
     "a step across x, +10 mm from the middle": (np.zeros_like(X), (X > 0.005).astype(float)),
     "a cusp across y, -10 mm from the middle": (np.abs(Y + 0.01) / 0.05, np.zeros_like(X)),
     "a polynomial of degree 2": ((X / 0.08) ** 2, X * Y / 0.005),
@@ -29,7 +32,11 @@ def test_a_field_of_one_formula_is_told_by_it(words: str) -> None:
     noise = np.random.default_rng(0).normal(0, NOISE, POINTS.shape)
     best, *others = closed_forms(POINTS, SIZE * np.column_stack(FIELDS[words]) + noise, SPACING)
     assert best.words == words
-    assert best.explains > 0.9  # noise is (1e-5 / 1.4e-4)^2, below 1 %, of a wave, and up to 10 % of what a pose leaves of the others
+    assert (
+        best.explains > 0.9
+        # noise is (1e-5 / 1.4e-4)^2, below 1 %, of a wave, and up to 10 % of what a pose leaves of
+        # the others
+    )
     assert all(other.explains < best.explains for other in others)
 
 
@@ -43,6 +50,13 @@ def test_what_a_pose_does_is_no_formula_s() -> None:
 
 
 def test_noise_is_no_formula() -> None:
-    """158 free values; a form chosen of some hundred explains a tenth of them at most by chance, nine times of ten."""
-    best = [closed_forms(POINTS, np.random.default_rng(seed).normal(0, SIZE, POINTS.shape), SPACING)[0].explains for seed in range(10)]
+    """158 free values; a form chosen of some hundred explains a tenth of them at most by chance,
+    nine times of ten.
+    """
+    best = [
+        closed_forms(POINTS, np.random.default_rng(seed).normal(0, SIZE, POINTS.shape), SPACING)[
+            0
+        ].explains
+        for seed in range(10)
+    ]
     assert np.median(best) < 0.2

@@ -55,7 +55,9 @@ def test_a_bowed_board_is_named_with_its_parameters(found: tuple[Calibration, Di
     assert own.gain_ci95
     assert own.gain_ci95[0] > 0
     assert own.depth_bands_px
-    assert own.depth_bands_px[1] < 0.5 * own.depth_bands_px[0]  # it helps near with what is learnt far away, and the other way round
+    assert (
+        own.depth_bands_px[1] < 0.5 * own.depth_bands_px[0]
+    )  # it helps near with what is learnt far away, and the other way round
     assert finding.after.held_out_px < 0.2 < finding.before.held_out_px
     assert finding.residual[0].fraction > 2 * finding.residual[0].chance
     assert finding.unexplained < 0.2
@@ -66,11 +68,23 @@ def test_the_command_s_json_carries_the_verdict(
     found: tuple[Calibration, Diagnosis], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     better, finding = found
-    better = replace(better, settings=better.settings | {"method": "joint", "grid": [], "free": [], "steps": 1000, "exact_hit": True})
+    better = replace(
+        better,
+        settings=better.settings
+        | {
+            "method": "joint",
+            "grid": [],
+            "free": [],
+            "steps": 1000,
+            "exact_hit": True,
+        },
+    )
     assert main(["diagnose", str(better.save(tmp_path)), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert set(said) == {*finding.as_json(), "verdict", "written"}
-    assert said["written"] == [str(tmp_path / "diagnosed" / name) for name in ("calibration.yaml", "report.html")]
+    assert said["written"] == [
+        str(tmp_path / "diagnosed" / name) for name in ("calibration.yaml", "report.html")
+    ]
     assert list(said["verdict"]) == ["word", "reasons", "suspects", "next"]
 
 
@@ -78,12 +92,24 @@ def test_the_contract_s_json_has_its_keys(found: tuple[Calibration, Diagnosis]) 
     said = found[1].as_json()
     assert {"residual", "candidates", "accepted", "before", "after", "unexplained"} <= set(said)
     assert set(said["before"]) == {"rms_px", "rmse_cm", "held_out_px"}
-    keys = {"effect", "chi2", "dof", "p_value", "held_out_px_before", "held_out_px_after", "gain_ci95", "parameters", "confounded_with"}
+    keys = {
+        "effect",
+        "chi2",
+        "dof",
+        "p_value",
+        "held_out_px_before",
+        "held_out_px_after",
+        "gain_ci95",
+        "parameters",
+        "confounded_with",
+    }
     assert all(keys <= set(candidate) for candidate in said["candidates"])
     assert set(said["unexplained"]) == {"fraction", "organised_by"}
 
 
-def test_the_diagnosed_calibration_is_kept_and_can_be_diagnosed_again(found: tuple[Calibration, Diagnosis], tmp_path: Path) -> None:
+def test_the_diagnosed_calibration_is_kept_and_can_be_diagnosed_again(
+    found: tuple[Calibration, Diagnosis], tmp_path: Path
+) -> None:
     better, finding = found
     better.save(tmp_path)
     again = Calibration.load(tmp_path)
@@ -128,7 +154,10 @@ def test_too_few_views_are_refused_in_a_sentence() -> None:
         diagnose(fitted(hidden(None, {}, views=4)), Silent())
 
 
-@pytest.mark.parametrize(("effect", "parameters", "said"), [(BOW, TRUTH, "board_shape (error down by up to "), (None, {}, "No effect's")])
+@pytest.mark.parametrize(
+    ("effect", "parameters", "said"),
+    [(BOW, TRUTH, "board_shape (error down by up to "), (None, {}, "No effect's")],
+)
 def test_with_few_views_the_scores_speak_and_nothing_is_accepted(
     effect: BoardShape | None, parameters: dict[str, float], said: str
 ) -> None:
@@ -136,7 +165,9 @@ def test_with_few_views_the_scores_speak_and_nothing_is_accepted(
     better, finding = diagnose(calibration, Silent())
     assert finding.accepted == ()
     assert not better.model()[0].target.bends
-    assert finding.remarks[0].startswith("With 7 views nothing can be confirmed on held-out ones: take 10 or more. ")
+    assert finding.remarks[0].startswith(
+        "With 7 views nothing can be confirmed on held-out ones: take 10 or more. "
+    )
     assert said in finding.remarks[0]
 
 
@@ -162,7 +193,9 @@ def test_a_gain_is_tested_over_views() -> None:
 
 
 def test_that_an_effect_is_there_is_told_before_its_gain_is() -> None:
-    """Twelve views of an effect of 0.3 sigma; what others say of it is off by as much as it is large, so half of the views lose by it."""
+    """Twelve views of an effect of 0.3 sigma; what others say of it is off by as much as it is
+    large, so half of the views lose by it.
+    """
     rng = np.random.default_rng(2)
     true = rng.normal(0, 0.3, (80, 2))
     said = true + rng.normal(0, 0.3, (12, 80, 2))
@@ -174,11 +207,15 @@ def test_that_an_effect_is_there_is_told_before_its_gain_is() -> None:
 
 
 def test_an_effect_that_is_not_there_is_present_by_chance_alone() -> None:
-    """What the views of a fold are said to show is independent of them. 9 % of 300 are three standard deviations from 5 %."""
+    """What the views of a fold are said to show is independent of them. 9 % of 300 are three
+    standard deviations from 5 %.
+    """
     rng = np.random.default_rng(4)
     by_chance = 0
     for _ in range(300):
-        said = np.repeat(rng.normal(0, 0.3, (4, 80, 2)), 3, axis=0)  # of the views of a fold, the same
+        said = np.repeat(
+            rng.normal(0, 0.3, (4, 80, 2)), 3, axis=0
+        )  # of the views of a fold, the same
         views = rng.normal(0, 1, (12, 80, 2))
         by_chance += gain(held(views), held(views - said)).presence < 0.05
     assert by_chance <= 27
@@ -207,16 +244,25 @@ def test_what_the_evidence_is_sure_of_is_asked_for_less() -> None:
     assert Trial(test, among=20, odds=6.1, gain=few).passes
     assert not Trial(test, among=20, odds=6.1, gain=replace(few, presence=0.06)).passes
     by_halves = Gain(0.2, 0.18, (0.001, 0.04), 0.02, 1.0)
-    assert Trial(test, among=20, odds=6.1, gain=by_halves).passes, "where halves of views are scored, its gain alone is asked for"
+    assert Trial(test, among=20, odds=6.1, gain=by_halves).passes, (
+        "where halves of views are scored, its gain alone is asked for"
+    )
     assert not Trial(test, among=20, odds=5.9, gain=by_halves).passes
-    assert not Trial(test, among=20, odds=6.1, gain=replace(few, after=0.1999)).passes, "it is there, and takes nothing"
-    by_chance, harm = Gain(0.2, 0.21, (-0.03, 0.01), 0.6, 0.6), Gain(0.2, 0.21, (-0.03, -0.01), 1.0, 1.0)
+    assert not Trial(test, among=20, odds=6.1, gain=replace(few, after=0.1999)).passes, (
+        "it is there, and takes nothing"
+    )
+    by_chance, harm = (
+        Gain(0.2, 0.21, (-0.03, 0.01), 0.6, 0.6),
+        Gain(0.2, 0.21, (-0.03, -0.01), 1.0, 1.0),
+    )
     assert Trial(test, among=20, odds=6.1, gain=few, bands=by_chance).passes
     assert not Trial(test, among=20, odds=6.1, gain=few, bands=harm).passes
 
 
 def test_what_corners_may_be_off_by_is_no_effect() -> None:
-    """1 % of 0.013 px is the root of two times that squared, 0.0019 px; the same share of 0.13 px is an effect."""
+    """1 % of 0.013 px is the root of two times that squared, 0.0019 px; the same share of 0.13 px
+    is an effect.
+    """
     test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
     assert not Trial(test, gain=Gain(0.0133, 0.01315, (1e-4, 2e-4), 1e-4, 1e-4)).passes
     assert Trial(test, gain=Gain(0.133, 0.1315, (1e-3, 2e-3), 1e-4, 1e-4)).passes
@@ -226,14 +272,30 @@ def test_what_corners_may_be_off_by_is_no_effect() -> None:
 def test_a_candidate_whose_fit_is_not_finite_is_not_taken() -> None:
     test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
     nothing = torch.zeros(0, 0, dtype=torch.float64)
-    joint = JointFit({}, nothing, nothing, 0.0, 0.1, None, Parameters.none({}), Outcome.NOT_FINITE, 1, -np.inf, -np.inf)
+    joint = JointFit(
+        {},
+        nothing,
+        nothing,
+        0.0,
+        0.1,
+        None,
+        Parameters.none({}),
+        Outcome.NOT_FINITE,
+        1,
+        -np.inf,
+        -np.inf,
+    )
     trial = Trial(test, Fit(CameraModel(path.Path(LensModel(0)), {}, NONE), joint))
     assert not trial.passes
     assert verdict(trial, taken=False) == "not finite"
 
 
-def test_maps_of_a_diagnosed_calibration_carry_their_sigma(found: tuple[Calibration, Diagnosis]) -> None:
-    """What bends the board moves no ray, but the fit is less sure of the glass for it: a little larger, not smaller."""
+def test_maps_of_a_diagnosed_calibration_carry_their_sigma(
+    found: tuple[Calibration, Diagnosis],
+) -> None:
+    """What bends the board moves no ray, but the fit is less sure of the glass for it: a little
+    larger, not smaller.
+    """
     better, _ = found
     field = predicted_sigma(better)
     assert field

@@ -1,4 +1,6 @@
-"""Every name has rivals: a twisted board is no moving one, and what views cannot tell is a family."""
+"""Every name has rivals: a twisted board is no moving one, and what views cannot tell is a
+family.
+"""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -26,9 +28,17 @@ def window() -> Diagnosis:
 
 
 def test_a_twisted_board_is_not_a_moving_one() -> None:
-    """0.7 mm of twist and nothing else, behind glass: a motion of every view was found here, alone."""
+    """0.7 mm of twist and nothing else, behind glass: a motion of every view was found here,
+    alone.
+    """
     _, finding = diagnose(
-        fitted(hidden(BoardShape(0.08, 0.08), {"board_shape.xx": 0.0, "board_shape.xy": 7e-4, "board_shape.yy": 0.0})), Silent()
+        fitted(
+            hidden(
+                BoardShape(0.08, 0.08),
+                {"board_shape.xx": 0.0, "board_shape.xy": 7e-4, "board_shape.yy": 0.0},
+            )
+        ),
+        Silent(),
     )
     assert finding.accepted == ("board_shape",)
     assert not finding.families
@@ -39,7 +49,9 @@ def test_a_twisted_board_is_not_a_moving_one() -> None:
 
 
 def test_a_window_and_a_moving_pupil_are_a_family(window: Diagnosis) -> None:
-    """Both move rays along the axis: whichever is named, the truth is in the family, and the experiment is said."""
+    """Both move rays along the axis: whichever is named, the truth is in the family, and the
+    experiment is said.
+    """
     (name,) = window.accepted
     (family,) = window.families
     assert next(iter(family.members)) == name
@@ -53,25 +65,35 @@ def test_a_window_and_a_moving_pupil_are_a_family(window: Diagnosis) -> None:
     assert [one.keys() for one in said] == [{"name", "members", "experiment"}]
 
 
-@pytest.mark.parametrize(("odds", "chances"), [(0.09, (0.991, 0.009)), (1.0, (0.909, 0.091)), (0.04, None)])
+@pytest.mark.parametrize(
+    ("odds", "chances"), [(0.09, (0.991, 0.009)), (1.0, (0.909, 0.091)), (0.04, None)]
+)
 def test_odds_beforehand_order_a_family_and_name_nothing_alone(
     monkeypatch: pytest.MonkeyPatch, odds: float, chances: tuple[float, float] | None
 ) -> None:
     """A window that the views alone find one time in twelve is named, however rare windows are."""
     pupil, window = EntrancePupil(), FlatPort("air")
     ahead, behind = (SimpleNamespace(log_marginal=value) for value in (1.0, 0.0))
-    rival = SimpleNamespace(test=SimpleNamespace(effect=window), without=None, model=None, joint=behind)
+    rival = SimpleNamespace(
+        test=SimpleNamespace(effect=window), without=None, model=None, joint=behind
+    )
     monkeypatch.setattr(families, "_rivals", lambda *_: [rival])
     monkeypatch.setattr(families, "_odds", lambda fit, *_: 1.0 if fit.joint is ahead else odds)
     monkeypatch.setattr(families, "separation", lambda *_: "To separate them, look.")
-    name, family = families._family(cast(Loop, SimpleNamespace(model=None, joint=ahead, observations=None)), pupil)
+    name, family = families._family(
+        cast(Loop, SimpleNamespace(model=None, joint=ahead, observations=None)), pupil
+    )
     assert name == "entrance_pupil"
-    assert (family and tuple(family.members.values())) == (chances and pytest.approx(chances, abs=1e-3))
+    assert (family and tuple(family.members.values())) == (
+        chances and pytest.approx(chances, abs=1e-3)
+    )
 
 
 @pytest.mark.slow
 def test_a_pupil_that_moves_far_is_named_alone() -> None:
-    """10 mm times the angle squared, with a fourth power of the other sign, as no plate of glass does."""
+    """10 mm times the angle squared, with a fourth power of the other sign, as no plate of glass
+    does.
+    """
     moved = {"entrance_pupil.e2": 10e-3, "entrance_pupil.e4": -20e-3}
     _, finding = diagnose(without_cover(EntrancePupil(), moved, 0.03), Silent())
     assert finding.accepted == ("entrance_pupil",)
@@ -79,7 +101,9 @@ def test_a_pupil_that_moves_far_is_named_alone() -> None:
 
 
 def test_structure_of_no_cause_gets_no_name() -> None:
-    """In each view another smooth wave over the board: a motion or a board that flexes follows it, and neither is what it is."""
+    """In each view another smooth wave over the board: a motion or a board that flexes follows it,
+    and neither is what it is.
+    """
     made = hidden(None, {})
     rng = np.random.default_rng(4)
     u = made.board.points()[:, :2] / np.abs(made.board.points()[:, :2]).max(0)

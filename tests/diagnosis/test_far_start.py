@@ -1,4 +1,6 @@
-"""A port under water is begun where it can be: poses and focal length have made up for it, and some boards lie on the wrong side."""
+"""A port under water is begun where it can be: poses and focal length have made up for it, and some
+boards lie on the wrong side.
+"""
 
 from dataclasses import replace
 
@@ -39,11 +41,15 @@ def test_poses_are_begun_anew_behind_a_port(fitted: Fitted) -> None:
     found = wider.fitted(observations, start.poses, start.start, ROUNDS)
     assert found.sigma == pytest.approx(NOISE, rel=0.05)
     assert abs(float(found.values["flat_port.outside_index"]) - WATER) < 0.002
-    assert refit_poses(wider.path, start.values, observations, joint.poses)[1].rms_px > 1, "the control: they lead into another valley"
+    assert refit_poses(wider.path, start.values, observations, joint.poses)[1].rms_px > 1, (
+        "the control: they lead into another valley"
+    )
 
 
 def test_a_focal_length_that_made_up_for_water_is_begun_near_its_own() -> None:
-    """From where the fit without a port left it, the window ends without thickness and the error ten times as large."""
+    """From where the fit without a port left it, the window ends without thickness and the error
+    ten times as large.
+    """
     port = FlatPort("water")
     calibration = without_cover(port, {u.param.name: u.begin for u in port.unknowns}, NOISE, seed=3)
     observations, known = calibration.observations, model_of(calibration)

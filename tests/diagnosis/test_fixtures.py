@@ -1,4 +1,6 @@
-"""The rendered sessions: what each of them hides is found first, with its numbers, and nothing else is."""
+"""The rendered sessions: what each of them hides is found first, with its numbers, and nothing else
+is.
+"""
 
 import shutil
 from pathlib import Path
@@ -48,11 +50,16 @@ def detector_error(name: str, folder: Path) -> float:
 
 
 @pytest.mark.slow
-def test_what_is_hidden_is_found(finding: tuple[str, Calibration, Diagnosis], tmp_path: Path) -> None:
-    """Held out, the error ends within a twentieth of the detector's own, against the true corners of the same pictures: 0.98 to 1.03 times
-    it was measured (0.91 of bump, whose detector's error is partly the same in all views), as six numbers of a pose take up 2 % of it and
-    what the fit does not know adds a little more. Of a moving board, half of the corners tell twelve numbers for the other half: 1.05 was
-    measured (0.017 px), and as noise explains 7 %, as much again is allowed."""
+def test_what_is_hidden_is_found(
+    finding: tuple[str, Calibration, Diagnosis], tmp_path: Path
+) -> None:
+    """Held out, the error ends within a twentieth of the detector's own, against the true corners
+    of the same pictures: 0.98 to 1.03 times it was measured (0.91 of bump, whose detector's error
+    is partly the same in all views), as six numbers of a pose take up 2 % of it and what the fit
+    does not know adds a little more. Of a moving board, half of the corners tell twelve numbers for
+    the other half: 1.05 was measured (0.017 px), and as noise explains 7 %, as much again is
+    allowed.
+    """
     name, better, said = finding
     print(name, said.accepted, said.before.held_out_px, said.after.held_out_px)
     assert said.accepted == HIDDEN[name]
@@ -65,14 +72,20 @@ def test_what_is_hidden_is_found(finding: tuple[str, Calibration, Diagnosis], tm
             assert abs(float(value) - true) < 3 * float(sigma)
     if "board_scale" in HIDDEN[name]:
         value, sigma = parameters["board_scale.x_over_y"]
-        assert abs(float(value) - truth_of["print_stretch"]) < 3 * float(sigma) + 2e-5  # its square: that is a ratio, ours a difference
-    assert said.after.held_out_px < (1.12 if name == "shutter" else 1.05) * detector_error(name, tmp_path)
+        assert (
+            abs(float(value) - truth_of["print_stretch"]) < 3 * float(sigma) + 2e-5
+        )  # its square: that is a ratio, ours a difference
+    assert said.after.held_out_px < (1.12 if name == "shutter" else 1.05) * detector_error(
+        name, tmp_path
+    )
     if name == "tilted":  # absorbed by the relief: nothing to find, and the maps are right
         error = map_error(better, FIXTURES / name / "truth.npz", near=40.0)
         print(error.by_depth)
         assert max(error.by_depth.values()) < 0.15
     if name == "wave":
-        assert said.formulas[0].words == f"a wave of {1e3 * truth_of['print_wave'][1]:.0f} mm along x"
+        assert (
+            said.formulas[0].words == f"a wave of {1e3 * truth_of['print_wave'][1]:.0f} mm along x"
+        )
         assert said.formulas[0].explains > 0.95
     if HIDDEN[name]:
         assert said.after.held_out_px < 0.6 * said.before.held_out_px

@@ -41,7 +41,9 @@ def test_a_part_is_scored_by_a_fit_that_did_not_see_it() -> None:
     rest = model.fitted(seen.without(out), joint.poses[~out], joint.start)
     missed = refit_poses(model.path, rest.values, seen.without(~out), joint.poses[out])[1]
     scored = held.squares[out[seen.view].numpy()]
-    assert np.sqrt(scored.mean()) == pytest.approx(missed.rms_px, rel=0.01)  # the two ways to fit a pose weigh corners differently
+    assert np.sqrt(scored.mean()) == pytest.approx(
+        missed.rms_px, rel=0.01
+    )  # the two ways to fit a pose weigh corners differently
     assert held.rms > 1.01 * joint.sigma * 2**0.5
 
 
@@ -53,7 +55,9 @@ def test_a_burst_counts_as_one_view() -> None:
 
 
 def test_what_the_fit_hardly_predicts_counts_as_much_less() -> None:
-    """Corners that the folds' fits extrapolate to are off by more than the noise, by as much as their weights say."""
+    """Corners that the folds' fits extrapolate to are off by more than the noise, by as much as
+    their weights say.
+    """
     made = fitted(hidden(None, {}, seed=3, views=15))
     model, seen = base_model(made), made.observations
     joint = model.fitted(seen, torch.from_numpy(made.poses))
@@ -63,4 +67,6 @@ def test_what_the_fit_hardly_predicts_counts_as_much_less() -> None:
     assert held.weight[unsure].mean() < 0.8 * held.weight[~unsure].mean()
     for group in (unsure, ~unsure):
         weighed = held.squares[group] * held.weight[group]
-        assert weighed.mean() == pytest.approx(noise, rel=0.3)  # what is extrapolated is a few places, whose errors go together
+        assert weighed.mean() == pytest.approx(
+            noise, rel=0.3
+        )  # what is extrapolated is a few places, whose errors go together

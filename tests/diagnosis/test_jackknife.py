@@ -8,17 +8,26 @@ VIEWS, ROWS, PARAMETERS = 12, 80, 3
 
 
 def _p_value(size: float, seed: int, *, silent: int = 0, bad: int = 0) -> float:
-    """Of an effect that shifts a view's rows by `size` sigma and more; the first views do not show it, the last are noise of five sigma."""
+    """Of an effect that shifts a view's rows by `size` sigma and more; the first views do not show
+    it, the last are noise of five sigma.
+    """
     rng = np.random.default_rng(seed)
-    rows = [rng.normal(0, 0.0 if view < silent else 1.0, (ROWS, PARAMETERS)) for view in range(VIEWS)]
+    rows = [
+        rng.normal(0, 0.0 if view < silent else 1.0, (ROWS, PARAMETERS)) for view in range(VIEWS)
+    ]
     sigmas = [5.0 if view >= VIEWS - bad else 1.0 for view in range(VIEWS)]
-    residuals = [own @ np.full(PARAMETERS, size) + rng.normal(0, sigma, ROWS) for own, sigma in zip(rows, sigmas, strict=True)]
+    residuals = [
+        own @ np.full(PARAMETERS, size) + rng.normal(0, sigma, ROWS)
+        for own, sigma in zip(rows, sigmas, strict=True)
+    ]
     score = sum(own.T @ residual for own, residual in zip(rows, residuals, strict=True))
     return jackknife(residuals, rows, score, sum(own.T @ own for own in rows) + np.eye(PARAMETERS))
 
 
 def test_it_is_seen_though_some_views_say_nothing_and_some_are_bad() -> None:
-    """Nine or ten views of twelve agree: flips of their signs alone are as one-sided once in 2^9 times, twice that for two tests."""
+    """Nine or ten views of twelve agree: flips of their signs alone are as one-sided once in 2^9
+    times, twice that for two tests.
+    """
     assert _p_value(1.0, 0) < 1e-3
     assert _p_value(1.0, 0, silent=2) < 0.01
     assert _p_value(1.0, 0, bad=2) < 0.01

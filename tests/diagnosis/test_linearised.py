@@ -1,4 +1,6 @@
-"""The corners' probability around a fit, for other priors than the fit had, against fits that had them."""
+"""The corners' probability around a fit, for other priors than the fit had, against fits that had
+them.
+"""
 
 from dataclasses import replace
 
@@ -16,7 +18,9 @@ from fixtures.synthetic import scene
 
 
 def test_sizes_of_what_views_have_for_themselves_are_as_probable_as_fits_say() -> None:
-    """Boards that bend by 0.2 mm in each view, in a curve that is no parabola: every size from one fit, and from each of them."""
+    """Boards that bend by 0.2 mm in each view, in a curve that is no parabola: every size from one
+    fit, and from each of them.
+    """
     made = scene(5, views=12, grid=(4, 4), noise=0.1)
     corners, view = made.observations.corners.numpy(), made.observations.view.numpy()
     u = corners / np.abs(corners).max(0)
@@ -32,6 +36,8 @@ def test_sizes_of_what_views_have_for_themselves_are_as_probable_as_fits_say() -
     for form, fit in zip(forms, fits, strict=True):
         around = Linearised.around(Optimum(form, seen, fit))
         found = np.array([around.best(view_precision(other.path, fit.poses)) for other in forms])
-        assert np.abs((found - found.max()) - (told - told.max())).max() < 0.05 * np.ptp(told)  # a fit chooses the prior of the glass anew
+        assert np.abs((found - found.max()) - (told - told.max())).max() < 0.05 * np.ptp(
+            told
+        )  # a fit chooses the prior of the glass anew
     best, _ = with_most_probable(model, flex, seen, begin)
     assert best.effects == forms[int(np.argmax(told))].effects

@@ -10,17 +10,28 @@ from tests.diagnosis.hide import without_cover
 
 
 @pytest.mark.parametrize(("third", "degree"), [(0.0, 2), (5e-5, 3)])
-def test_one_fit_says_how_probable_the_forms_with_fewer_parameters_are(third: float, degree: int) -> None:
-    """Against the evidence of fits of their own: to a unit of the logarithm or a fifth of it, as these estimate the noise anew."""
+def test_one_fit_says_how_probable_the_forms_with_fewer_parameters_are(
+    third: float, degree: int
+) -> None:
+    """Against the evidence of fits of their own: to a unit of the logarithm or a fifth of it, as
+    these estimate the noise anew.
+    """
     hidden = BoardShape(0.08, 0.08, 3)
-    sizes = {unknown.param.name: 0.0 for unknown in hidden.unknowns} | {"board_shape.xx": 5e-4, "board_shape.xxy": third}
+    sizes = {unknown.param.name: 0.0 for unknown in hidden.unknowns} | {
+        "board_shape.xx": 5e-4,
+        "board_shape.xxy": third,
+    }
     calibration = without_cover(hidden, sizes, 0.1)
     observations, model = calibration.observations, model_of(calibration)
     begin = model.fitted(observations, torch.from_numpy(calibration.poses))
     forms = [model.with_effect(form) for form in hidden.alternatives()]
-    fits = [form.fitted(observations, begin.poses, begin.start, (1e-3, 1e-4, 1e-6)) for form in forms]
+    fits = [
+        form.fitted(observations, begin.poses, begin.start, (1e-3, 1e-4, 1e-6)) for form in forms
+    ]
     for form, fit in zip(forms, fits, strict=True):
-        assert odds_of(form, forms[-1], fits[-1]) == pytest.approx(fit.log_evidence - fits[-1].log_evidence, abs=1.0, rel=0.2)
+        assert odds_of(form, forms[-1], fits[-1]) == pytest.approx(
+            fit.log_evidence - fits[-1].log_evidence, abs=1.0, rel=0.2
+        )
     chosen, joint = with_most_probable(model, hidden, observations, begin)
     assert chosen.effects[-1] == BoardShape(0.08, 0.08, degree)
     assert joint.log_evidence == pytest.approx(max(fit.log_evidence for fit in fits), abs=0.1)

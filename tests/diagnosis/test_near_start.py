@@ -1,4 +1,6 @@
-"""Where a fit without an effect begins: near where it ends, by what the fit with the effect says."""
+"""Where a fit without an effect begins: near where it ends, by what the fit with the effect
+says.
+"""
 
 import pytest
 import torch
@@ -11,8 +13,10 @@ from tests.diagnosis.hide import without_cover
 
 
 def test_what_stays_starts_where_a_fit_without_the_effect_ends() -> None:
-    """A pupil beside a lens, each of which does much of what the other does: without the pupil the lens's first coefficient is another by
-    many of its sigmas, and nine tenths of that are there from the start."""
+    """A pupil beside a lens, each of which does much of what the other does: without the pupil the
+    lens's first coefficient is another by many of its sigmas, and nine tenths of that are there
+    from the start.
+    """
     lens, pupil = Lens(), EntrancePupil()
     calibration = without_cover(pupil, {"entrance_pupil.e2": 3e-3, "entrance_pupil.e4": 0.0}, 0.1)
     observations, model = calibration.observations, model_of(calibration)
@@ -28,4 +32,6 @@ def test_what_stays_starts_where_a_fit_without_the_effect_ends() -> None:
     assert float(start.values[name] - joint.values[name]) == pytest.approx(moved, rel=0.1)
     again = alone.fitted(observations, joint.poses, start)
     assert again.iterations <= end.iterations
-    assert float(again.values[name]) == pytest.approx(float(end.values[name]), abs=0.2 * float(end.sigma_of(name)))
+    assert float(again.values[name]) == pytest.approx(
+        float(end.values[name]), abs=0.2 * float(end.sigma_of(name))
+    )

@@ -13,33 +13,69 @@ from calib.session.session import Session, session_from_mapping
 
 HELD = Settings(free=("none",))
 CONE = {
-    **{"shape": "cone", "inner_radius_mm": 41.95, "radius_slope": -0.105, "axis_offset_mm": [0.0, -30.0]},
+    **{
+        "shape": "cone",
+        "inner_radius_mm": 41.95,
+        "radius_slope": -0.105,
+        "axis_offset_mm": [0.0, -30.0],
+    },
     **{"thickness_mm": {"value": 3.0, "sigma": 0.1}, "refractive_index": 1.5},
 }
-DOME = {"shape": "dome", "inner_radius_mm": 50.0, "centre_mm": [0.0, 0.0, 0.0], "thickness_mm": 3.0, "refractive_index": 1.5}
+DOME = {
+    "shape": "dome",
+    "inner_radius_mm": 50.0,
+    "centre_mm": [0.0, 0.0, 0.0],
+    "thickness_mm": 3.0,
+    "refractive_index": 1.5,
+}
 BARE = {"shape": "none"}
 LENS = {"fx": 1279.0, "fy": 1279.0, "cx": 832.0, "cy": 636.0}
 
 
 def session(cover: Mapping[str, object], **camera: object) -> Session:
     board = {"columns": 9, "rows": 9, "square_mm": 20.0}
-    read = session_from_mapping({"board": board, "camera": {"width": 1640, "height": 1232, **camera}, "cover": cover}, "here")
+    read = session_from_mapping(
+        {"board": board, "camera": {"width": 1640, "height": 1232, **camera}, "cover": cover},
+        "here",
+    )
     return Session(Path("s"), *read, frames=(), corners=None, bare=None)
 
 
 @pytest.mark.parametrize(
     ("cover", "camera", "names", "words"),
     [
-        (CONE, {"intrinsics": LENS}, "flat_port", "with cover.shape: cone there can be no flat_port"),
-        (DOME, {"intrinsics": LENS}, "board_shape,cover_tilt", "with cover.shape: dome there can be no cover_tilt"),
-        (BARE, {"intrinsics": LENS}, "thickness", "with cover.shape: none there can be no thickness"),
+        (
+            CONE,
+            {"intrinsics": LENS},
+            "flat_port",
+            "with cover.shape: cone there can be no flat_port",
+        ),
+        (
+            DOME,
+            {"intrinsics": LENS},
+            "board_shape,cover_tilt",
+            "with cover.shape: dome there can be no cover_tilt",
+        ),
+        (
+            BARE,
+            {"intrinsics": LENS},
+            "thickness",
+            "with cover.shape: none there can be no thickness",
+        ),
         (BARE, {"intrinsics": LENS}, "fine_surface", "can be no fine_surface"),
-        (CONE, {"intrinsics": LENS, "shutter": {"type": "global"}}, "rolling_shutter", "cone and a global shutter there can be no"),
+        (
+            CONE,
+            {"intrinsics": LENS, "shutter": {"type": "global"}},
+            "rolling_shutter",
+            "cone and a global shutter there can be no",
+        ),
         (CONE, {"intrinsics": LENS}, "thickness", "the fit estimates what thickness would change"),
         (CONE, {}, "focal", "the fit estimates what focal would change"),
     ],
 )
-def test_what_this_session_cannot_have_is_refused(cover: Mapping[str, object], camera: dict[str, object], names: str, words: str) -> None:
+def test_what_this_session_cannot_have_is_refused(
+    cover: Mapping[str, object], camera: dict[str, object], names: str, words: str
+) -> None:
     with pytest.raises(InputError, match=words) as refused:
         check_possible(session(cover, **camera), HELD, names.split(","))
     assert "\n" not in str(refused.value)

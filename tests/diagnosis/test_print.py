@@ -1,4 +1,6 @@
-"""A print that OpenCV shows longer one way, sheared, or drawn out unevenly: it is found, and has the terms that it needs, not more."""
+"""A print that OpenCV shows longer one way, sheared, or drawn out unevenly: it is found, and has
+the terms that it needs, not more.
+"""
 
 from dataclasses import replace
 
@@ -18,13 +20,21 @@ from tests.effects.rays import camera_matrix
 
 
 def diagnosed(points: NDArray[np.float64]) -> tuple[Calibration, Diagnosis]:
-    """Of fifteen views of a board whose corners are printed there, (K, 2) m, with 0.1 px of noise."""
+    """Of fifteen views of a board whose corners are printed there, (K, 2) m, with 0.1 px of
+    noise.
+    """
     made = scene(3, views=15)
     rng = np.random.default_rng(1)
     solid = np.column_stack([points, np.zeros(made.board.count)])
     matrix = camera_matrix()
-    seen = [cv2.projectPoints(solid, pose[:3], pose[3:], matrix, np.zeros(4))[0].reshape(-1, 2) for pose in made.poses.numpy()]
-    views = tuple(View(f"{i}.png", pixels + rng.normal(0, 0.1, pixels.shape), np.ones(made.board.count)) for i, pixels in enumerate(seen))
+    seen = [
+        cv2.projectPoints(solid, pose[:3], pose[3:], matrix, np.zeros(4))[0].reshape(-1, 2)
+        for pose in made.poses.numpy()
+    ]
+    views = tuple(
+        View(f"{i}.png", pixels + rng.normal(0, 0.1, pixels.shape), np.ones(made.board.count))
+        for i, pixels in enumerate(seen)
+    )
     known = lens_alone(made, 3280, 2464, matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])
     return diagnose(replace(known, views=views, poses=made.poses.numpy()), Silent())
 
@@ -37,20 +47,32 @@ def compare(found: Calibration, truth: dict[str, float]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("stretch", "shear"), [(0.0, 4e-3), pytest.param(4e-3, 0.0, marks=pytest.mark.slow), pytest.param(-3e-3, 3e-3, marks=pytest.mark.slow)]
+    ("stretch", "shear"),
+    [
+        (0.0, 4e-3),
+        pytest.param(4e-3, 0.0, marks=pytest.mark.slow),
+        pytest.param(-3e-3, 3e-3, marks=pytest.mark.slow),
+    ],
 )
 def test_whether_a_print_is_sheared_the_evidence_chooses(stretch: float, shear: float) -> None:
-    points = scene(3, views=15).board.points() @ [[1 + stretch / 2, shear / 2], [shear / 2, 1 - stretch / 2]]
+    points = scene(3, views=15).board.points() @ [
+        [1 + stretch / 2, shear / 2],
+        [shear / 2, 1 - stretch / 2],
+    ]
     found, finding = diagnosed(points)
     assert finding.accepted == ("board_scale",)
     (added,) = found.effects
-    assert set(added.parameters) == {"board_scale.x_over_y"} | ({"board_scale.shear"} if shear else set())
+    assert set(added.parameters) == {"board_scale.x_over_y"} | (
+        {"board_scale.shear"} if shear else set()
+    )
     compare(found, {"board_scale.x_over_y": stretch, "board_scale.shear": shear})
 
 
 @pytest.mark.slow
 def test_a_print_that_is_drawn_out_more_and_more_down_the_sheet_has_its_terms() -> None:
-    """Rows grow longer by 0.3 % from the middle to the last, and lie a tenth of a millimetre too low there."""
+    """Rows grow longer by 0.3 % from the middle to the last, and lie a tenth of a millimetre too
+    low there.
+    """
     board = scene(3, views=15).board
     points = board.points()
     u, v = (points / board.half).T
@@ -60,4 +82,7 @@ def test_a_print_that_is_drawn_out_more_and_more_down_the_sheet_has_its_terms() 
     (added,) = found.effects
     assert len(added.parameters) == 2 + 6
     compare(found, {"board_scale.x.xy": 2.4e-4, "board_scale.y.yy": 1e-4})
-    assert max(float(sigma) for name, (_, sigma) in added.parameters.items() if name.count(".") == 2) < 1e-5
+    assert (
+        max(float(sigma) for name, (_, sigma) in added.parameters.items() if name.count(".") == 2)
+        < 1e-5
+    )

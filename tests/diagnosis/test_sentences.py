@@ -1,4 +1,6 @@
-"""What is said of effects that were asked about while a window was in the model, and not since it was dropped."""
+"""What is said of effects that were asked about while a window was in the model, and not since it
+was dropped.
+"""
 
 import numpy as np
 import torch
@@ -29,7 +31,18 @@ def loop_without_window() -> Loop:
     model = base.with_effects([DetectorBias(), *FreeField.propose(there)])
     seen = made.observations
     joint = model.fitted(seen, torch.from_numpy(made.poses))
-    loop = Loop(made.board, made.camera, seen, folds(range(20)), None, base, model, joint, lambda *_: None, lambda *_: False)
+    loop = Loop(
+        made.board,
+        made.camera,
+        seen,
+        folds(range(20)),
+        None,
+        base,
+        model,
+        joint,
+        lambda *_: None,
+        lambda *_: False,
+    )
     scored = ScoreTest(TILT, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
     loop.trials["cover_tilt", ""] = Trial(scored)
     loop.confounded["detector_bias"] = {"cover_tilt"}
@@ -37,7 +50,9 @@ def loop_without_window() -> Loop:
 
 
 def test_an_effect_on_a_window_that_was_dropped_is_not_asked_about() -> None:
-    """Its parameters are read by nothing: the information on them has fewer rows than their prior, and no sentence can be true."""
+    """Its parameters are read by nothing: the information on them has fewer rows than their prior,
+    and no sentence can be true.
+    """
     said = tuple(remarks(loop_without_window(), (), (), (), timed=True))
     assert len(said) == 1
     assert said[0].startswith("free_field has no name")
@@ -46,7 +61,10 @@ def test_an_effect_on_a_window_that_was_dropped_is_not_asked_about() -> None:
 
 def test_a_window_takes_what_is_on_it_along() -> None:
     base = loop_without_window().base
-    assert [e.name for e in base.with_effects([FlatPort("air"), TILT]).effects] == ["flat_port", "cover_tilt"]
+    assert [e.name for e in base.with_effects([FlatPort("air"), TILT]).effects] == [
+        "flat_port",
+        "cover_tilt",
+    ]
     assert base.with_effects([TILT]).effects == ()
 
 

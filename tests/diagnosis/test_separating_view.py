@@ -42,18 +42,28 @@ def test_the_view_that_is_asked_for_shrinks_the_sigma_as_it_says(calibration: Ca
     at = optimum(model, calibration.observations, calibration.poses)
     view = separating_view(at, calibration.board, CAMERA, stretch, (focal,))
     assert view
-    points = at.model.path.place(torch.from_numpy(calibration.board.points()), at.joint.values, torch.from_numpy(view.pose))
+    points = at.model.path.place(
+        torch.from_numpy(calibration.board.points()), at.joint.values, torch.from_numpy(view.pose)
+    )
     seen = project(at.model.path, at.joint.values, points)
     assert np.allclose(seen.numpy(), view.corners)
     both = model.with_effect(focal)
     more = View("more", view.corners, np.ones(calibration.board.count))
-    taken = (calibration.views, calibration.poses), ((*calibration.views, more), np.vstack([calibration.poses, view.pose]))
+    taken = (
+        (calibration.views, calibration.poses),
+        (
+            (*calibration.views, more),
+            np.vstack([calibration.poses, view.pose]),
+        ),
+    )
     sigmas = []
     for views, poses in taken:
         found = optimum(both, Observations.of(views, calibration.board), poses).joint
         sigmas.append(float(found.sigma_of("board_scale.x_over_y") / found.sigma))
     assert view.shrinks > 1.05
-    assert sigmas[0] / sigmas[1] == pytest.approx(view.shrinks, rel=0.1)  # noise, prior and weights are estimated anew
+    assert sigmas[0] / sigmas[1] == pytest.approx(
+        view.shrinks, rel=0.1
+    )  # noise, prior and weights are estimated anew
 
 
 def test_the_name_that_a_field_should_have_had_is_near_it() -> None:

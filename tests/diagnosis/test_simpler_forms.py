@@ -13,16 +13,24 @@ from tests.diagnosis.hide import without_cover
 
 @pytest.mark.parametrize("third", [0.0, 1e-4])
 def test_effects_are_left_in_the_simplest_form_that_the_corners_ask_for(third: float) -> None:
-    """A print and a board of more terms than they have, but for those of degree 3 of the one board that has such a term."""
+    """A print and a board of more terms than they have, but for those of degree 3 of the one board
+    that has such a term.
+    """
     hidden = BoardShape(0.08, 0.08, 3)
-    sizes = {unknown.param.name: 0.0 for unknown in hidden.unknowns} | {"board_shape.xx": 5e-4, "board_shape.xxy": third}
+    sizes = {unknown.param.name: 0.0 for unknown in hidden.unknowns} | {
+        "board_shape.xx": 5e-4,
+        "board_shape.xxy": third,
+    }
     calibration = without_cover(hidden, sizes, 0.1)
     observations, base = calibration.observations, base_model(calibration)
     begin = model_of(calibration).fitted(observations, torch.from_numpy(calibration.poses))
     most = base.with_effects([BoardScale(True, 3, (0.08, 0.08)), BoardShape(0.08, 0.08, 4)])
     joint = most.fitted(observations, begin.poses, begin.start, (1e-3, 1e-4))
     found = simplified(Fit(most, joint), base, observations)
-    assert found.model.effects == (BoardScale(half=(0.08, 0.08)), BoardShape(0.08, 0.08, 3 if third else 2))
+    assert found.model.effects == (
+        BoardScale(half=(0.08, 0.08)),
+        BoardShape(0.08, 0.08, 3 if third else 2),
+    )
     assert found.joint.log_marginal > joint.log_marginal
     again = simplified(found, base, observations)
     assert again.model is found.model

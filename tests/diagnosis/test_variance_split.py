@@ -40,7 +40,14 @@ def unmoved() -> Scene:
     views = tuple(View(f"{v}.png", at, np.ones(BOARD.count)) for v, at in enumerate(pixels))
     x, y = (np.concatenate(pixels) - [WIDTH / 2, HEIGHT / 2]).T / WIDTH
     observations = Observations.of(views, BOARD)
-    return Scene(observations, np.zeros((VIEWS * BOARD.count, 2)), np.concatenate(depths), 1 / np.hypot(1, np.hypot(x, y)), WIDTH, HEIGHT)
+    return Scene(
+        observations,
+        np.zeros((VIEWS * BOARD.count, 2)),
+        np.concatenate(depths),
+        1 / np.hypot(1, np.hypot(x, y)),
+        WIDTH,
+        HEIGHT,
+    )
 
 
 def with_residual(residual: Array) -> Scene:
@@ -51,7 +58,10 @@ def with_residual(residual: Array) -> Scene:
 def noise(seed: int) -> Array:
     """(M, 2) px; some views are three times as noisy as others."""
     rng = np.random.default_rng(seed)
-    return np.asarray(rng.normal(0, SIGMA, (VIEWS * BOARD.count, 2)) * rng.uniform(0.5, 1.5, VIEWS).repeat(BOARD.count)[:, None])
+    return np.asarray(
+        rng.normal(0, SIGMA, (VIEWS * BOARD.count, 2))
+        * rng.uniform(0.5, 1.5, VIEWS).repeat(BOARD.count)[:, None]
+    )
 
 
 def by_name(shares: list[Share]) -> dict[str, Share]:
@@ -61,7 +71,9 @@ def by_name(shares: list[Share]) -> dict[str, Share]:
 def glass() -> Array:
     """A texture of some 200 px."""
     x, y = unmoved().observations.pixels.numpy().T
-    return np.stack([np.sin(2 * np.pi * x / 410) * np.cos(2 * np.pi * y / 410), np.cos(2 * np.pi * x / 410)], -1)
+    return np.stack(
+        [np.sin(2 * np.pi * x / 410) * np.cos(2 * np.pi * y / 410), np.cos(2 * np.pi * x / 410)], -1
+    )
 
 
 def print_() -> Array:
@@ -80,7 +92,9 @@ def shutter() -> Array:
 def drift() -> Array:
     """The focal length grows steadily."""
     when = np.linspace(-0.5, 0.5, VIEWS).repeat(BOARD.count)[:, None]
-    return np.asarray(when * (unmoved().observations.pixels.numpy() - [WIDTH / 2, HEIGHT / 2]) / WIDTH)
+    return np.asarray(
+        when * (unmoved().observations.pixels.numpy() - [WIDTH / 2, HEIGHT / 2]) / WIDTH
+    )
 
 
 def parallax() -> Array:
@@ -104,8 +118,9 @@ PLANTED: dict[str, tuple[Callable[[], Array], float]] = {
     "incidence x depth": (parallax, 0.25),
     "sub-pixel phase": (detector, 0.45),
 }
-"""Fields, and what is explained of their half of the variance at least: the image's cells are half a wave of the texture, and a view that
-an effect makes worse weighs less."""
+"""Fields, and what is explained of their half of the variance at least: the image's cells are half
+a wave of the texture, and a view that an effect makes worse weighs less.
+"""
 UNTOUCHED: dict[str, set[str]] = {
     "image": {"board", "sub-pixel phase"},
     "board": set(ORGANISERS) - {"board"},
@@ -137,28 +152,43 @@ def test_what_is_planted_is_named_first_and_what_is_not_is_not(name: str) -> Non
 
 
 def test_a_board_s_share_is_the_field_s_part_of_the_variance() -> None:
-    """Equal parts, of views that scatter alike: the board explains its half, and of the noise what chance gives."""
+    """Equal parts, of views that scatter alike: the board explains its half, and of the noise what
+    chance gives.
+    """
     field = print_()
     even = np.random.default_rng(3).normal(0, 1, field.shape)
     with single_thread():
-        share = by_name(with_residual(even / np.sqrt((even**2).mean()) + field / np.sqrt((field**2).mean())).split())["board"]
+        share = by_name(
+            with_residual(
+                even / np.sqrt((even**2).mean()) + field / np.sqrt((field**2).mean())
+            ).split()
+        )["board"]
     assert share.chance == pytest.approx(1 / VIEWS)
-    assert share.fraction == pytest.approx(1 / 2 + share.chance / 2, abs=0.03)  # of 2520 entries: 0.02 is a standard deviation
+    assert share.fraction == pytest.approx(
+        1 / 2 + share.chance / 2, abs=0.03
+    )  # of 2520 entries: 0.02 is a standard deviation
 
 
 def test_p_values_of_noise_are_uniform() -> None:
-    """Sixty residuals of noise, whose views scatter differently: as often as six independent tests of a thousandth fail by chance."""
+    """Sixty residuals of noise, whose views scatter differently: as often as six independent tests
+    of a thousandth fail by chance.
+    """
     with single_thread():
         splits = [by_name(with_residual(noise(seed)).split()) for seed in range(60)]
     for name in ORGANISERS:
         p_values = [found[name].p_value for found in splits]
         assert stats.kstest(p_values, "uniform").pvalue > 1e-3, (name, p_values)
         excess = np.mean([found[name].fraction - found[name].chance for found in splits])
-        assert abs(excess) < 0.005, name  # of fractions that scatter by 0.01 at most: four standard deviations of a mean of sixty
+        assert (
+            abs(excess) < 0.005
+            # of fractions that scatter by 0.01 at most: four standard deviations of a mean of sixty
+        ), name
 
 
 def test_noisy_views_do_not_outweigh_the_others() -> None:
-    """A print that is off, and two views with fifty times the noise: weighed by their own scatter, they hide nothing."""
+    """A print that is off, and two views with fifty times the noise: weighed by their own scatter,
+    they hide nothing.
+    """
     field = print_()
     residual = noise(6) + field * SIGMA / np.sqrt((field**2).mean())
     residual[: 2 * BOARD.count] *= 50

@@ -1,4 +1,6 @@
-"""Every effect in every form that it takes: behind each cover of tests.optics.shapes, off-centre and under water, and without a cover."""
+"""Every effect in every form that it takes: behind each cover of tests.optics.shapes, off-centre
+and under water, and without a cover.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,13 @@ from tests.optics.shapes import EXAMPLES
 
 BOARD = Board(5, 4, 0.03)
 GRID = (5, 6)
-LENS = Intrinsics(Number(2558.36), Number(2571.0), Number(1666.03), Number(1273.65), tuple(map(Number, (-0.1, 0.05, 1e-3, -2e-3, 0.01))))
+LENS = Intrinsics(
+    Number(2558.36),
+    Number(2571.0),
+    Number(1666.03),
+    Number(1273.65),
+    tuple(map(Number, (-0.1, 0.05, 1e-3, -2e-3, 0.01))),
+)
 TIMES = (0.0, 1.0, 5.0, 6.0)
 """s, of the views."""
 
@@ -56,7 +64,9 @@ class Situation:
     @property
     def values(self) -> dict[str, Tensor]:
         _, values = covered_path(self.intrinsics, self.cover)
-        return values | ({"relief.amplitudes": torch.from_numpy(self.amplitudes)} if self.relief else {})
+        return values | (
+            {"relief.amplitudes": torch.from_numpy(self.amplitudes)} if self.relief else {}
+        )
 
     @property
     def observations(self) -> Observations:
@@ -67,10 +77,27 @@ class Situation:
         return CameraModel(self.path, self.values, NONE)
 
     def surroundings(self, estimated: Sequence[str] = (), placed: bool = True) -> Surroundings:
-        place = torch.tensor([sum(ends) / 2 for ends in zip(self.relief.low, self.relief.high, strict=True)]) if self.relief else None
-        return Surroundings(BOARD, WIDTH, HEIGHT, self.path, self.values, frozenset(estimated), None, place if placed else None)
+        place = (
+            torch.tensor(
+                [sum(ends) / 2 for ends in zip(self.relief.low, self.relief.high, strict=True)]
+            )
+            if self.relief
+            else None
+        )
+        return Surroundings(
+            BOARD,
+            WIDTH,
+            HEIGHT,
+            self.path,
+            self.values,
+            frozenset(estimated),
+            None,
+            place if placed else None,
+        )
 
-    def calibration(self, effects: Sequence[AddedEffect] = (), poses: Tensor | None = None) -> Calibration:
+    def calibration(
+        self, effects: Sequence[AddedEffect] = (), poses: Tensor | None = None
+    ) -> Calibration:
         return Calibration(
             board=BOARD,
             camera=Camera(WIDTH, HEIGHT, intrinsics=self.intrinsics),
@@ -95,7 +122,9 @@ def situation(cover: Cover, intrinsics: Intrinsics, relief: Relief | None) -> Si
     amplitudes = rng.normal(0, 2e-5, GRID) if relief else NOTHING
     depth = rng.uniform(0.5, 1.0, len(TIMES))
     across = rng.uniform(-0.4, 0.4, (2, len(TIMES))) * depth
-    poses = torch.from_numpy(np.column_stack([*rng.uniform(-0.6, 0.6, (3, len(TIMES))), *across, depth]))
+    poses = torch.from_numpy(
+        np.column_stack([*rng.uniform(-0.6, 0.6, (3, len(TIMES))), *across, depth])
+    )
     path, values = covered_path(intrinsics, cover)
     views = []
     for view, pose in enumerate(poses):
@@ -108,7 +137,10 @@ def situation(cover: Cover, intrinsics: Intrinsics, relief: Relief | None) -> Si
 
 SITUATIONS = (
     situation(Cover("none", {}), LENS, None),
-    *(situation(example.changed(example.moved), INTRINSICS, Relief(*example.patch, GRID)) for example in EXAMPLES),
+    *(
+        situation(example.changed(example.moved), INTRINSICS, Relief(*example.patch, GRID))
+        for example in EXAMPLES
+    ),
 )
 
 
@@ -128,8 +160,12 @@ class Form:
         rng = np.random.default_rng(5)
         values = dict(self.model.means)
         for unknown in self.effect.unknowns:
-            off = rng.uniform(0.3, 0.6, unknown.param.shape) * rng.choice([-1.0, 1.0], unknown.param.shape)
-            values[unknown.param.name] = values[unknown.param.name] + unknown.param.scale * torch.from_numpy(np.asarray(off))
+            off = rng.uniform(0.3, 0.6, unknown.param.shape) * rng.choice(
+                [-1.0, 1.0], unknown.param.shape
+            )
+            values[unknown.param.name] = values[
+                unknown.param.name
+            ] + unknown.param.scale * torch.from_numpy(np.asarray(off))
         poses = self.model.padded(self.there.poses)
         size = 1e-3 if self.effect.per_view == FLEX else 0.01
         own = torch.from_numpy(rng.uniform(-size, size, (len(poses), poses.shape[1] - 6)))
@@ -140,6 +176,11 @@ class Form:
         return "-".join(filter(None, (self.effect.name, self.there.cover.shape, choice)))
 
 
-FORMS = tuple(Form(effect, there) for kind in KINDS for there in SITUATIONS for effect in kind.propose(there.surroundings()))
+FORMS = tuple(
+    Form(effect, there)
+    for kind in KINDS
+    for there in SITUATIONS
+    for effect in kind.propose(there.surroundings())
+)
 
 each_form = pytest.mark.parametrize("form", FORMS, ids=str)

@@ -1,4 +1,6 @@
-"""Rays through uneven, turned and shifted covers, and where they land: numpy and bisection, sharing nothing with calib.optics."""
+"""Rays through uneven, turned and shifted covers, and where they land: numpy and bisection, sharing
+nothing with calib.optics.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -34,8 +36,12 @@ class Glass:
     wedge: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Rotation vector of the outer surface's frame against the inner one's, rad."""
 
-    def rays(self, pixels: Array, origin: Array | None = None, turn: Array | None = None) -> tuple[Array, Array]:
-        """(N, 2) px to (N, 3) origins and directions behind it, of a camera at an origin, turned."""
+    def rays(
+        self, pixels: Array, origin: Array | None = None, turn: Array | None = None
+    ) -> tuple[Array, Array]:
+        """(N, 2) px to (N, 3) origins and directions behind it, of a camera at an origin,
+        turned.
+        """
         origin = np.zeros(3) if origin is None else origin
         glass, outside = self.parameters["refractive_index"], self.parameters["outside_index"]
         surfaces = [(self._inner, 1.0, glass), (self._outer, glass, outside)]
@@ -44,7 +50,9 @@ class Glass:
         return np.array([o for o, _ in found]), np.array([d for _, d in found])
 
     def _own(self, point: Array) -> Array:
-        tilt = Rotation.from_rotvec([self.parameters.get(f"tilt.{axis}", 0.0) for axis in "xyz"]).as_matrix()
+        tilt = Rotation.from_rotvec(
+            [self.parameters.get(f"tilt.{axis}", 0.0) for axis in "xyz"]
+        ).as_matrix()
         return np.asarray((point - self.example.origin(self.parameters)) @ tilt)
 
     def _inner(self, point: Array) -> float:
@@ -53,12 +61,19 @@ class Glass:
 
     def _outer(self, point: Array) -> float:
         own = self._own(point) @ Rotation.from_rotvec(self.wedge).as_matrix()
-        return self.example.height(own, self.parameters) - self.parameters["thickness"] - self.outer(*self.example.chart(own))
+        return (
+            self.example.height(own, self.parameters)
+            - self.parameters["thickness"]
+            - self.outer(*self.example.chart(own))
+        )
 
 
 def pinhole(pixels: Array) -> Array:
     """(N, 2) px to (N, 3) unit, without a lens."""
-    away = (pixels - [INTRINSICS.cx.value, INTRINSICS.cy.value]) / [INTRINSICS.fx.value, INTRINSICS.fy.value]
+    away = (pixels - [INTRINSICS.cx.value, INTRINSICS.cy.value]) / [
+        INTRINSICS.fx.value,
+        INTRINSICS.fy.value,
+    ]
     directions = np.column_stack([away, np.ones(len(away))])
     return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
@@ -75,19 +90,35 @@ def camera_matrix() -> Array:
 
 def projected(points: Array, pose: Array, matrix: Array | None = None) -> Array:
     """(N, 3) m on a board at a pose (6,) to (N, 2) px, by OpenCV, without a lens."""
-    found = cv2.projectPoints(points, pose[:3], pose[3:6], camera_matrix() if matrix is None else matrix, np.zeros(4))[0]
+    found = cv2.projectPoints(
+        points, pose[:3], pose[3:6], camera_matrix() if matrix is None else matrix, np.zeros(4)
+    )[0]
     return np.asarray(found, dtype=np.float64).reshape(-1, 2)
 
 
-def centres(low: tuple[float, float], high: tuple[float, float], grid: tuple[int, int]) -> tuple[Array, tuple[float, float]]:
+def centres(
+    low: tuple[float, float], high: tuple[float, float], grid: tuple[int, int]
+) -> tuple[Array, tuple[float, float]]:
     """(n, 2) chart coordinates row by row, and their spacing."""
     rows, columns = (np.linspace(a, b, n) for a, b, n in zip(low, high, grid, strict=True))
-    return np.array([(first, second) for first in rows for second in columns]), (rows[1] - rows[0], columns[1] - columns[0])
+    return np.array([(first, second) for first in rows for second in columns]), (
+        rows[1] - rows[0],
+        columns[1] - columns[0],
+    )
 
 
 def waves(parameters: Array) -> Array:
-    """(9, 9): a free field's displacement in the middles of 9 x 9 parts, from its (81,) numbers: scipy's DCT of type 3, which counts each
-    wave but the constant one twice. Wave (m, n) counts 1 / (1 + (m^2 + n^2) / 4)."""
+    """(9, 9): a free field's displacement in the middles of 9 x 9 parts, from its (81,) numbers:
+    scipy's DCT of type 3, which counts each wave but the constant one twice. Wave (m, n) counts 1 /
+    (1 + (m^2 + n^2) / 4).
+    """
     order = np.arange(9)
     once = np.where(order > 0, 0.5, 1.0)
-    return np.asarray(dctn(parameters.reshape(9, 9) / (1 + (order[:, None] ** 2 + order**2) / 4) * np.outer(once, once), type=3))
+    return np.asarray(
+        dctn(
+            parameters.reshape(9, 9)
+            / (1 + (order[:, None] ** 2 + order**2) / 4)
+            * np.outer(once, once),
+            type=3,
+        )
+    )

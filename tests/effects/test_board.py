@@ -30,18 +30,29 @@ def land(effect: Effect, pixels: Array, parameters: dict[str, float | Array]) ->
     """(N, 2) m where pixels land on the board at POSE."""
     path, values = pinhole_path(INTRINSICS)
     model = CameraModel(path, values, NONE).with_effect(effect)
-    given = {name: torch.as_tensor(value, dtype=torch.float64) for name, value in parameters.items()}
+    given = {
+        name: torch.as_tensor(value, dtype=torch.float64) for name, value in parameters.items()
+    }
     assert given.keys() <= model.means.keys()
-    landed, failure = model.path.land(torch.from_numpy(pixels), {**model.means, **given}, torch.from_numpy(POSE).expand(len(pixels), 6))
+    landed, failure = model.path.land(
+        torch.from_numpy(pixels),
+        {**model.means, **given},
+        torch.from_numpy(POSE).expand(len(pixels), 6),
+    )
     assert not failure.any()
     return landed.numpy()
 
 
 def test_board_shape_is_where_rays_meet_the_surface() -> None:
-    """Oracle: bisection along each ray for the height above xx (1 - u^2) + xy u v + yy (1 - v^2) and numpy's Legendre series in u and v."""
+    """Oracle: bisection along each ray for the height above xx (1 - u^2) + xy u v + yy (1 - v^2)
+    and numpy's Legendre series in u and v.
+    """
     rng = np.random.default_rng(6)
     effect = proposed(BoardShape)
-    sizes = {unknown.param.name.removeprefix("board_shape."): float(rng.normal(0, 2e-4)) for unknown in effect.unknowns}
+    sizes = {
+        unknown.param.name.removeprefix("board_shape."): float(rng.normal(0, 2e-4))
+        for unknown in effect.unknowns
+    }
     assert len(sizes) == 12
     series = np.zeros((5, 5))
     for term, size in sizes.items():
@@ -87,7 +98,9 @@ def test_a_positive_bow_takes_the_middle_away_from_the_camera() -> None:
         "board_shape.xx": torch.tensor(1e-3, dtype=torch.float64),
         "board_shape.yy": torch.tensor(2e-3, dtype=torch.float64),
     }
-    assert np.allclose(model.path.place(corner, bowed, pose)[:, 2].numpy(), [0.503, 0.5], rtol=0, atol=1e-15)
+    assert np.allclose(
+        model.path.place(corner, bowed, pose)[:, 2].numpy(), [0.503, 0.5], rtol=0, atol=1e-15
+    )
 
 
 def test_board_flex_is_a_shape_that_one_view_has_for_itself() -> None:
@@ -100,7 +113,9 @@ def test_board_flex_is_a_shape_that_one_view_has_for_itself() -> None:
         own = torch.cat([torch.from_numpy(POSE), shape]).expand(len(pixels), 9)
         landed, failure = flexed.land(torch.from_numpy(pixels), values, own)
         assert not failure.any()
-        shared = dict(zip(("board_shape.xx", "board_shape.xy", "board_shape.yy"), shape.tolist(), strict=True))
+        shared = dict(
+            zip(("board_shape.xx", "board_shape.xy", "board_shape.yy"), shape.tolist(), strict=True)
+        )
         assert np.abs(landed.numpy() - land(BoardShape(*BOARD.half), pixels, shared)).max() < 1e-13
 
 
@@ -117,10 +132,16 @@ def test_a_sheared_print_is_opencv_s_view_of_sheared_points() -> None:
     stretch, shear = 4e-3, 6e-3
     points = BOARD.points() @ [[1 + stretch / 2, shear / 2], [shear / 2, 1 - stretch / 2]]
     pixels = projected(np.column_stack([points, np.zeros(BOARD.count)]), POSE)
-    numbers: dict[str, float | Array] = {"board_scale.x_over_y": stretch, "board_scale.shear": shear}
+    numbers: dict[str, float | Array] = {
+        "board_scale.x_over_y": stretch,
+        "board_scale.shear": shear,
+    }
     found = land(BoardScale(sheared=True), pixels, numbers)
     assert np.abs(found - BOARD.points()).max() < 1e-13
-    assert np.abs(land(BoardScale(), pixels, {"board_scale.x_over_y": stretch}) - BOARD.points()).max() > 1e-4
+    assert (
+        np.abs(land(BoardScale(), pixels, {"board_scale.x_over_y": stretch}) - BOARD.points()).max()
+        > 1e-4
+    )
 
 
 def test_an_uneven_print_is_opencv_s_view_of_points_moved_by_legendre_series() -> None:
@@ -140,7 +161,9 @@ def test_an_uneven_print_is_opencv_s_view_of_points_moved_by_legendre_series() -
     moved = points @ [[1 + stretch, shear], [shear, 1 - stretch]]
     moved = moved + np.column_stack([np.polynomial.legendre.legval2d(u, v, one) for one in series])
     pixels = projected(np.column_stack([moved, np.zeros(BOARD.count)]), POSE)
-    assert np.abs(land(effect, pixels, dict(sizes)) - points).max() < 1e-12  # two of Newton's steps back
+    assert (
+        np.abs(land(effect, pixels, dict(sizes)) - points).max() < 1e-12
+    )  # two of Newton's steps back
     assert np.abs(land(effect, pixels, {**sizes, "board_scale.y.xxy": 0.0}) - points).max() > 1e-6
 
 
@@ -153,7 +176,9 @@ def test_board_scale_takes_the_form_that_made_the_residual() -> None:
     columns = rng.normal(0, 100.0, (400, len(spread)))
     for form in effect.alternatives():
         count = len(form.unknowns)
-        residual = columns[:, :count] @ rng.normal(0, 0.3 * spread[:count]) + rng.standard_normal(400)
+        residual = columns[:, :count] @ rng.normal(0, 0.3 * spread[:count]) + rng.standard_normal(
+            400
+        )
         assert effect.tuned(columns.T @ columns, columns.T @ residual) == form
 
 
@@ -162,8 +187,13 @@ def test_free_field_over_the_board_is_a_cosine_transform_of_shifts() -> None:
     effect = proposed(FreeField)
     assert isinstance(effect, FreeField)
     rng = np.random.default_rng(2)
-    parameters: dict[str, float | Array] = {f"free_field.board.{axis}": rng.normal(0, 1e-5, 81) for axis in "xy"}
-    x, y = ((np.arange(9) + 0.5) / 9 * count * BOARD.square - count / 2 * BOARD.square for count in (BOARD.columns, BOARD.rows))
+    parameters: dict[str, float | Array] = {
+        f"free_field.board.{axis}": rng.normal(0, 1e-5, 81) for axis in "xy"
+    }
+    x, y = (
+        (np.arange(9) + 0.5) / 9 * count * BOARD.square - count / 2 * BOARD.square
+        for count in (BOARD.columns, BOARD.rows)
+    )
     points = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
     shifts = np.column_stack([waves(np.asarray(n)).ravel() for n in parameters.values()])
     pixels = projected(np.column_stack([points + shifts, np.zeros(81)]), POSE)

@@ -27,70 +27,132 @@ from tests.effects.rays import Array, camera_matrix, projected, waves
 
 BOARD = Board(9, 7, 0.02)
 SOLID = np.column_stack([BOARD.points(), np.zeros(BOARD.count)])
-POSES = np.array([[0.3, -0.4, 0.2, -0.05, 0.04, 0.5], [-0.5, 0.1, 0.0, 0.08, -0.03, 0.7], [0.1, 0.5, -0.3, 0.0, 0.02, 0.6]])
+POSES = np.array(
+    [
+        [0.3, -0.4, 0.2, -0.05, 0.04, 0.5],
+        [-0.5, 0.1, 0.0, 0.08, -0.03, 0.7],
+        [0.1, 0.5, -0.3, 0.0, 0.02, 0.6],
+    ]
+)
 PIXELS = np.random.default_rng(0).uniform([0, 0], [WIDTH - 1, HEIGHT - 1], (200, 2))
 
 
-def directions(effect: Effect | None, intrinsics: Intrinsics, pixels: Array, **parameters: float) -> Array:
+def directions(
+    effect: Effect | None, intrinsics: Intrinsics, pixels: Array, **parameters: float
+) -> Array:
     """(N, 2) x / z and y / z of the rays."""
     path, values = pinhole_path(intrinsics)
     base = CameraModel(path, values, NONE)
     model = base.with_effect(effect) if effect else base
-    given = {name.replace("__", "."): torch.tensor(value, dtype=torch.float64) for name, value in parameters.items()}
+    given = {
+        name.replace("__", "."): torch.tensor(value, dtype=torch.float64)
+        for name, value in parameters.items()
+    }
     assert given.keys() <= model.means.keys()
     rays = model.path.trace(torch.from_numpy(pixels), {**model.means, **given})
     assert not rays.failure.any()
-    return torch.stack([rays.direction.x / rays.direction.z, rays.direction.y / rays.direction.z], -1).numpy()
+    return torch.stack(
+        [rays.direction.x / rays.direction.z, rays.direction.y / rays.direction.z], -1
+    ).numpy()
 
 
-def landed(effect: Effect, seen: list[Array], poses: Array, times: list[float], **parameters: float) -> Array:
+def landed(
+    effect: Effect, seen: list[Array], poses: Array, times: list[float], **parameters: float
+) -> Array:
     """(V, N, 2) m: where the pixels of each view land, less where its corners are."""
     path, values = pinhole_path(INTRINSICS)
     model = CameraModel(path, values, NONE).with_effect(effect)
     views = [View(f"{view}.png", pixels, np.ones(BOARD.count)) for view, pixels in enumerate(seen)]
     observations = Observations.of(views, BOARD).timed(times, HEIGHT)
-    given = {name.replace("__", "."): torch.tensor(value, dtype=torch.float64) for name, value in parameters.items()}
+    given = {
+        name.replace("__", "."): torch.tensor(value, dtype=torch.float64)
+        for name, value in parameters.items()
+    }
     timed = observations.with_times({**model.means, **given})
-    found, failure = model.path.land(observations.pixels, timed, torch.from_numpy(poses)[observations.view])
+    found, failure = model.path.land(
+        observations.pixels, timed, torch.from_numpy(poses)[observations.view]
+    )
     assert not failure.any()
     return (found - observations.corners).reshape(len(seen), BOARD.count, 2).numpy()
 
 
 def test_lens_is_opencv_s_distortion_from_the_distorted_to_the_undistorted_pixel() -> None:
     k1, k2, k3, p1, p2 = parameters = (-0.02, 0.013, -0.004, 1.5e-3, -8e-4)
-    given = dict(zip(("lens__k1", "lens__k2", "lens__k3", "lens__p1", "lens__p2"), parameters, strict=True))
-    solid = np.column_stack([(PIXELS - camera_matrix()[:2, 2]) / camera_matrix()[0, 0], np.ones(len(PIXELS))])
-    expected = cv2.projectPoints(solid, np.zeros(3), np.zeros(3), np.eye(3), np.array([k1, k2, p1, p2, k3]))[0].reshape(-1, 2)
+    given = dict(
+        zip(("lens__k1", "lens__k2", "lens__k3", "lens__p1", "lens__p2"), parameters, strict=True)
+    )
+    solid = np.column_stack(
+        [(PIXELS - camera_matrix()[:2, 2]) / camera_matrix()[0, 0], np.ones(len(PIXELS))]
+    )
+    expected = cv2.projectPoints(
+        solid, np.zeros(3), np.zeros(3), np.eye(3), np.array([k1, k2, p1, p2, k3])
+    )[0].reshape(-1, 2)
     assert np.abs(directions(Lens(), INTRINSICS, PIXELS, **given) - expected).max() < 1e-14
     assert np.abs(expected - solid[:, :2]).max() > 1e-3
 
 
 def test_lens_comes_before_the_lens_that_is_stated() -> None:
     k1 = 0.02
-    matrix = np.array([[LENS.fx.value, 0, LENS.cx.value], [0, LENS.fy.value, LENS.cy.value], [0, 0, 1]])
-    solid = np.column_stack([(PIXELS - matrix[:2, 2]) / matrix.diagonal()[:2], np.ones(len(PIXELS))])
-    moved = cv2.projectPoints(solid, np.zeros(3), np.zeros(3), matrix, np.array([k1, 0, 0, 0.0]))[0].reshape(-1, 2)
+    matrix = np.array(
+        [[LENS.fx.value, 0, LENS.cx.value], [0, LENS.fy.value, LENS.cy.value], [0, 0, 1]]
+    )
+    solid = np.column_stack(
+        [(PIXELS - matrix[:2, 2]) / matrix.diagonal()[:2], np.ones(len(PIXELS))]
+    )
+    moved = cv2.projectPoints(solid, np.zeros(3), np.zeros(3), matrix, np.array([k1, 0, 0, 0.0]))[
+        0
+    ].reshape(-1, 2)
     stated = np.array([number.value for number in LENS.distortion])
     found = np.column_stack([directions(Lens(), LENS, PIXELS, lens__k1=k1), np.ones(len(PIXELS))])
-    assert np.abs(cv2.projectPoints(found, np.zeros(3), np.zeros(3), matrix, stated)[0].reshape(-1, 2) - moved).max() < 1e-9  # px
+    assert (
+        np.abs(
+            cv2.projectPoints(found, np.zeros(3), np.zeros(3), matrix, stated)[0].reshape(-1, 2)
+            - moved
+        ).max()
+        < 1e-9
+    )  # px
     assert np.abs(moved - PIXELS).max() > 1.0
 
 
 def test_principal_point_is_a_camera_that_has_it_elsewhere() -> None:
     x, y = 3.5, -2.25
     expected = directions(None, INTRINSICS, PIXELS - [x, y])
-    assert np.abs(directions(PrincipalPoint(), INTRINSICS, PIXELS, principal_point__x=x, principal_point__y=y) - expected).max() < 1e-15
+    assert (
+        np.abs(
+            directions(
+                PrincipalPoint(), INTRINSICS, PIXELS, principal_point__x=x, principal_point__y=y
+            )
+            - expected
+        ).max()
+        < 1e-15
+    )
 
 
 def test_focal_is_a_camera_with_longer_ones() -> None:
     change = 4e-3
-    longer = Intrinsics(Number(LENS.fx.value * 1.004), Number(LENS.fy.value * 1.004), LENS.cx, LENS.cy, LENS.distortion)
-    assert np.abs(directions(Focal(), LENS, PIXELS, focal__change=change) - directions(None, longer, PIXELS)).max() < 1e-15
+    longer = Intrinsics(
+        Number(LENS.fx.value * 1.004),
+        Number(LENS.fy.value * 1.004),
+        LENS.cx,
+        LENS.cy,
+        LENS.distortion,
+    )
+    assert (
+        np.abs(
+            directions(Focal(), LENS, PIXELS, focal__change=change)
+            - directions(None, longer, PIXELS)
+        ).max()
+        < 1e-15
+    )
 
 
-@pytest.mark.parametrize("times", [[0.0, 1.0, 4.0], [7.0, 3.0, 2.0]], ids=["in order", "last first"])
+@pytest.mark.parametrize(
+    "times", [[0.0, 1.0, 4.0], [7.0, 3.0, 2.0]], ids=["in order", "last first"]
+)
 def test_focal_drift_is_a_camera_for_each_view(times: list[float]) -> None:
-    """Its focal length is as stated at half of the session's time, and the drift is from the first picture to the last."""
+    """Its focal length is as stated at half of the session's time, and the drift is from the first
+    picture to the last.
+    """
     drift = 5e-3
     middle, span = (min(times) + max(times)) / 2, max(times) - min(times)
     seen = []
@@ -98,33 +160,55 @@ def test_focal_drift_is_a_camera_for_each_view(times: list[float]) -> None:
         matrix = camera_matrix()
         matrix[[0, 1], [0, 1]] *= 1 + drift * (time - middle) / span
         seen.append(projected(SOLID, pose, matrix))
-    assert np.abs(landed(FocalDrift(), seen, POSES, times, focal_drift__over_session=drift)).max() < 1e-14
+    assert (
+        np.abs(landed(FocalDrift(), seen, POSES, times, focal_drift__over_session=drift)).max()
+        < 1e-14
+    )
     assert np.abs(landed(FocalDrift(), seen, POSES, times)).max() > 1e-5
 
 
 def test_rolling_shutter_sees_each_corner_where_it_is_when_its_row_is_read() -> None:
-    """Each row has its own pose: from the middle one half of the motion back at the top edge, half of it on at the bottom edge."""
-    motions = np.array([[0.02, -0.01, 0.03, 0.004, -0.003, 0.005], [0, 0, -0.05, 0.01, 0, 0], [0.01, 0.02, 0, 0, 0.006, -0.004]])
+    """Each row has its own pose: from the middle one half of the motion back at the top edge, half
+    of it on at the bottom edge.
+    """
+    motions = np.array(
+        [
+            [0.02, -0.01, 0.03, 0.004, -0.003, 0.005],
+            [0, 0, -0.05, 0.01, 0, 0],
+            [0.01, 0.02, 0, 0, 0.006, -0.004],
+        ]
+    )
     seen = []
     for pose, motion in zip(POSES, motions, strict=True):
         pixels = projected(SOLID, pose)
         for _ in range(30):  # a corner's row says when it was read, and that says where it was
             lines = (pixels[:, 1] + 0.5) / HEIGHT - 0.5
-            pixels = np.concatenate([_at(point, pose, motion * line) for point, line in zip(SOLID, lines, strict=True)])
+            pixels = np.concatenate(
+                [_at(point, pose, motion * line) for point, line in zip(SOLID, lines, strict=True)]
+            )
         seen.append(pixels)
     poses = np.column_stack([POSES, motions])
     assert np.abs(landed(RollingShutter(), seen, poses, [0.0, 1.0, 2.0])).max() < 1e-13
-    assert np.abs(landed(RollingShutter(), seen, np.column_stack([POSES, 0 * motions]), [0.0, 1.0, 2.0])).max() > 1e-4
+    assert (
+        np.abs(
+            landed(RollingShutter(), seen, np.column_stack([POSES, 0 * motions]), [0.0, 1.0, 2.0])
+        ).max()
+        > 1e-4
+    )
 
 
 def _at(point: Array, pose: Array, moved: Array) -> Array:
-    """(1, 2) px of a board's point after a rotation about the board's origin and a shift, both in the camera's axes."""
+    """(1, 2) px of a board's point after a rotation about the board's origin and a shift, both in
+    the camera's axes.
+    """
     rotvec, _, *_ = cv2.composeRT(pose[:3], np.zeros(3), moved[:3], np.zeros(3))
     return projected(point[None], np.concatenate([rotvec.ravel(), pose[3:] + moved[3:]]))
 
 
 def test_a_detector_with_a_positive_bias_draws_corners_to_the_middle_of_a_pixel() -> None:
-    """Oracle: find what would be detected, seen = true - bias sin(2 pi seen), by bisection, and undo it by the effect."""
+    """Oracle: find what would be detected, seen = true - bias sin(2 pi seen), by bisection, and
+    undo it by the effect.
+    """
     biases = np.array([0.05, 0.02])
     low, high = np.floor(PIXELS + 0.5) - 0.5, np.floor(PIXELS + 0.5) + 0.5  # the edges of its pixel
     for _ in range(60):
@@ -134,7 +218,9 @@ def test_a_detector_with_a_positive_bias_draws_corners_to_the_middle_of_a_pixel(
     centre = np.floor(PIXELS + 0.5)
     assert (np.abs(low - centre) <= np.abs(PIXELS - centre)).all()
     assert np.abs(low - PIXELS).max() > 0.04
-    seen = directions(DetectorBias(), INTRINSICS, low, detector_bias__x=biases[0], detector_bias__y=biases[1])
+    seen = directions(
+        DetectorBias(), INTRINSICS, low, detector_bias__x=biases[0], detector_bias__y=biases[1]
+    )
     assert np.abs(seen - directions(None, INTRINSICS, PIXELS)).max() < 1e-14
 
 
@@ -143,11 +229,18 @@ def test_lens_field_is_a_cosine_transform_of_shifts() -> None:
     path, values = pinhole_path(INTRINSICS)
     rng = np.random.default_rng(1)
     parameters = {f"lens_field.{axis}": rng.normal(0, 0.3, 81) for axis in "xy"}
-    model = CameraModel(path, values, NONE).with_effect(LensField((-0.5, -0.5), (WIDTH - 0.5, HEIGHT - 0.5), 0.5, 2.0))
+    model = CameraModel(path, values, NONE).with_effect(
+        LensField((-0.5, -0.5), (WIDTH - 0.5, HEIGHT - 0.5), 0.5, 2.0)
+    )
     columns, rows = ((np.arange(9) + 0.5) / 9 * size - 0.5 for size in (WIDTH, HEIGHT))
     pixels = np.stack(np.meshgrid(columns, rows, indexing="ij"), -1).reshape(-1, 2)
     shifts = np.column_stack([waves(parameters[f"lens_field.{axis}"]).ravel() for axis in "xy"])
-    rays = model.path.trace(torch.from_numpy(pixels), {**model.means, **{name: torch.from_numpy(n) for name, n in parameters.items()}})
-    found = torch.stack([rays.direction.x / rays.direction.z, rays.direction.y / rays.direction.z], -1).numpy()
+    rays = model.path.trace(
+        torch.from_numpy(pixels),
+        {**model.means, **{name: torch.from_numpy(n) for name, n in parameters.items()}},
+    )
+    found = torch.stack(
+        [rays.direction.x / rays.direction.z, rays.direction.y / rays.direction.z], -1
+    ).numpy()
     assert np.abs(found - directions(None, INTRINSICS, pixels + shifts)).max() < 1e-14
     assert np.abs(shifts).max() > 0.3

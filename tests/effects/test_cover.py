@@ -30,23 +30,38 @@ from tests.optics.shapes import CONE, CYLINDER, DOME, EXAMPLES, FLAT, Example, e
 PIXELS = np.random.default_rng(0).uniform([0, 0], [WIDTH - 1, HEIGHT - 1], (16, 2))
 GRID = (5, 6)
 AMPLITUDES = np.random.default_rng(3).normal(0, 2e-5, GRID)
-RISES = {"axis_offset.x": 1e-3, "axis_offset.z": -7e-4, "centre.x": 1e-3, "centre.y": -5e-4, "centre.z": 8e-4, "distance": -1e-3}
+RISES = {
+    "axis_offset.x": 1e-3,
+    "axis_offset.z": -7e-4,
+    "centre.x": 1e-3,
+    "centre.y": -5e-4,
+    "centre.z": 8e-4,
+    "distance": -1e-3,
+}
 
 
 def model(example: Example) -> CameraModel:
     """Off-centre, tilted, under water and uneven outside."""
     path, values = covered_path(INTRINSICS, example.changed(example.moved))
     relief = Relief(*example.patch, GRID)
-    return CameraModel(with_relief(path, relief), values | {"relief.amplitudes": torch.from_numpy(AMPLITUDES)}, NONE)
+    return CameraModel(
+        with_relief(path, relief),
+        values | {"relief.amplitudes": torch.from_numpy(AMPLITUDES)},
+        NONE,
+    )
 
 
 def proposed(kind: type[Effect], model: CameraModel, place: Tensor | None = None) -> Effect:
-    (effect,) = kind.propose(Surroundings(Board(9, 9, 0.02), WIDTH, HEIGHT, model.path, model.means, place=place))
+    (effect,) = kind.propose(
+        Surroundings(Board(9, 9, 0.02), WIDTH, HEIGHT, model.path, model.means, place=place)
+    )
     return effect
 
 
 def parameters_of(example: Example, **changed: float) -> dict[str, float]:
-    stated = {name: number.value for name, number in example.changed(example.moved).parameters.items()}
+    stated = {
+        name: number.value for name, number in example.changed(example.moved).parameters.items()
+    }
     return stated | {name: stated[name] + change for name, change in changed.items()}
 
 
@@ -56,16 +71,27 @@ def outer(example: Example) -> Height:
 
 
 def agrees(
-    effect: Effect, base: CameraModel, parameters: Mapping[str, float | Array], expected: tuple[Array, Array], *, moves: float
+    effect: Effect,
+    base: CameraModel,
+    parameters: Mapping[str, float | Array],
+    expected: tuple[Array, Array],
+    *,
+    moves: float,
 ) -> None:
     """The effect with its numbers gives the expected rays, and without it they are others."""
     wider = base.with_effect(effect)
-    given = {name: torch.as_tensor(value, dtype=torch.float64) for name, value in parameters.items()}
+    given = {
+        name: torch.as_tensor(value, dtype=torch.float64) for name, value in parameters.items()
+    }
     assert given.keys() <= wider.means.keys()
     pixels = torch.from_numpy(PIXELS)
-    rays, before = wider.path.trace(pixels, {**wider.means, **given}), base.path.trace(pixels, base.means)
+    rays, before = (
+        wider.path.trace(pixels, {**wider.means, **given}),
+        base.path.trace(pixels, base.means),
+    )
     assert not rays.failure.any()
-    # The oracle's normals come from differences of step 1e-5 m: 1e-11 or so of rounding; the bisection stops at 1e-17 m.
+    # The oracle's normals come from differences of step 1e-5 m: 1e-11 or so of rounding; the
+    # bisection stops at 1e-17 m.
     assert np.abs(rays.origin.stacked().numpy() - expected[0]).max() < 1e-13
     assert np.abs(rays.direction.stacked().numpy() - expected[1]).max() < 1e-9
     depth = torch.tensor(1.0, dtype=torch.float64)
@@ -80,7 +106,9 @@ def test_cover_offset_is_a_camera_moved_the_other_way(example: Example) -> None:
     shift = np.zeros(3)
     for name, rise in moved.items():
         shift["xyz".index("z" if name == "distance" else name[-1])] = rise
-    origins, directions = Glass(example, parameters_of(example), outer=outer(example)).rays(PIXELS, origin=-shift)
+    origins, directions = Glass(example, parameters_of(example), outer=outer(example)).rays(
+        PIXELS, origin=-shift
+    )
     given = {f"cover_offset.{name}": rise for name, rise in moved.items()}
     assert given.keys() == {u.param.name for u in effect.unknowns}
     agrees(effect, base, given, (origins + shift, directions), moves=1e-5)
@@ -97,9 +125,17 @@ def test_cover_tilt_is_a_camera_turned_the_other_way(example: Example) -> None:
     stated = turned(**{axis: parameters.get(f"tilt.{axis}", 0.0) for axis in "xyz"})
     turn = stated @ turned(**angles) @ stated.T  # in the camera's axes
     middle = example.origin(parameters)
-    origins, directions = Glass(example, parameters, outer=outer(example)).rays(PIXELS, origin=middle - turn.T @ middle, turn=turn.T)
+    origins, directions = Glass(example, parameters, outer=outer(example)).rays(
+        PIXELS, origin=middle - turn.T @ middle, turn=turn.T
+    )
     back = (origins - middle) @ turn.T + middle, directions @ turn.T
-    agrees(effect, base, {f"cover_tilt.{axis}": angle for axis, angle in angles.items()}, back, moves=1e-5)
+    agrees(
+        effect,
+        base,
+        {f"cover_tilt.{axis}": angle for axis, angle in angles.items()},
+        back,
+        moves=1e-5,
+    )
 
 
 @pytest.mark.parametrize("example", [CONE, CYLINDER, FLAT], ids=lambda example: example.cover.shape)
@@ -107,7 +143,12 @@ def test_wedge_is_two_surfaces_each_turned_by_itself(example: Example) -> None:
     base = model(example)
     axes = "xy" if example is FLAT else "xz"
     angles = dict(zip(axes, (0.003, -0.005), strict=True))
-    glass = Glass(example, parameters_of(example), outer=outer(example), wedge=(angles["x"], angles.get("y", 0.0), angles.get("z", 0.0)))
+    glass = Glass(
+        example,
+        parameters_of(example),
+        outer=outer(example),
+        wedge=(angles["x"], angles.get("y", 0.0), angles.get("z", 0.0)),
+    )
     given = {f"wedge.{axis}": angle for axis, angle in angles.items()}
     agrees(proposed(Wedge, base), base, given, glass.rays(PIXELS), moves=1e-4)
 
@@ -119,8 +160,12 @@ def test_a_wedge_in_a_window_turns_light_towards_its_thick_side() -> None:
     wider = base.with_effect(proposed(Wedge, base))
     axis = torch.tensor([[INTRINSICS.cx.value, INTRINSICS.cy.value]], dtype=torch.float64)
     angle = 1e-3
-    rays = wider.path.trace(axis, {**wider.means, "wedge.x": torch.tensor(angle, dtype=torch.float64)})
-    assert float(rays.direction.y / rays.direction.z) == pytest.approx(0.5 * angle, rel=1e-5)  # +y is away, so thick
+    rays = wider.path.trace(
+        axis, {**wider.means, "wedge.x": torch.tensor(angle, dtype=torch.float64)}
+    )
+    assert float(rays.direction.y / rays.direction.z) == pytest.approx(
+        0.5 * angle, rel=1e-5
+    )  # +y is away, so thick
 
 
 @pytest.mark.parametrize("example", [CONE, CYLINDER, DOME], ids=lambda example: example.cover.shape)
@@ -140,16 +185,27 @@ def test_cover_radius_is_another_cover(example: Example) -> None:
 def test_a_cylinder_that_tapers_is_a_cone() -> None:
     path, values = covered_path(INTRINSICS, CYLINDER.cover)
     base = CameraModel(path, values, NONE)
-    parameters = {name: number.value for name, number in CYLINDER.cover.parameters.items()} | {"radius_slope": -0.03}
+    parameters = {name: number.value for name, number in CYLINDER.cover.parameters.items()} | {
+        "radius_slope": -0.03
+    }
     given = {"cover_radius.radius_slope": -0.03}
-    agrees(proposed(CoverRadius, base), base, given, Glass(CONE, parameters).rays(PIXELS), moves=1e-5)
+    agrees(
+        proposed(CoverRadius, base), base, given, Glass(CONE, parameters).rays(PIXELS), moves=1e-5
+    )
 
 
 @each_shape
-@pytest.mark.parametrize(("kind", "number", "rise"), [(Thickness, "thickness", -2e-4), (RefractiveIndex, "refractive_index", 0.02)])
-def test_other_glass_is_another_cover(example: Example, kind: type[Effect], number: str, rise: float) -> None:
+@pytest.mark.parametrize(
+    ("kind", "number", "rise"),
+    [(Thickness, "thickness", -2e-4), (RefractiveIndex, "refractive_index", 0.02)],
+)
+def test_other_glass_is_another_cover(
+    example: Example, kind: type[Effect], number: str, rise: float
+) -> None:
     base = model(example)
-    expected = Glass(example, parameters_of(example, **{number: rise}), outer=outer(example)).rays(PIXELS)
+    expected = Glass(example, parameters_of(example, **{number: rise}), outer=outer(example)).rays(
+        PIXELS
+    )
     agrees(proposed(kind, base), base, {f"{kind.name}.{number}": rise}, expected, moves=1e-6)
 
 
@@ -159,7 +215,12 @@ def test_inner_surface_is_a_sum_of_gaussians_on_the_inside(example: Example) -> 
     effect = proposed(InnerSurface, base)
     amplitudes = np.random.default_rng(8).normal(0, 1e-5, (6, 6))
     at, widths = centres(*example.patch, (6, 6))
-    glass = Glass(example, parameters_of(example), inner=oracle.bumps(at, amplitudes.ravel(), widths), outer=outer(example))
+    glass = Glass(
+        example,
+        parameters_of(example),
+        inner=oracle.bumps(at, amplitudes.ravel(), widths),
+        outer=outer(example),
+    )
     agrees(effect, base, {"inner_surface.amplitudes": amplitudes}, glass.rays(PIXELS), moves=1e-3)
 
 
@@ -174,13 +235,19 @@ def test_fine_surface_adds_narrower_gaussians_outside(example: Example) -> None:
     at = np.array([place + np.array([i, j]) * steps for i in range(-5, 6) for j in range(-5, 6)])
     amplitudes = np.random.default_rng(9).normal(0, 5e-6, (11, 11))
     fine, coarse = oracle.bumps(at, amplitudes.ravel(), (steps[0], steps[1])), outer(example)
-    glass = Glass(example, parameters_of(example), outer=lambda first, second: coarse(first, second) + fine(first, second))
+    glass = Glass(
+        example,
+        parameters_of(example),
+        outer=lambda first, second: coarse(first, second) + fine(first, second),
+    )
     agrees(effect, base, {"fine_surface.amplitudes": amplitudes}, glass.rays(PIXELS), moves=1e-4)
 
 
 @pytest.mark.parametrize(("behind", "outside"), [("air", 1.0), ("water", 1.333)])
 def test_flat_port_is_snell_through_parallel_plates(behind: str, outside: float) -> None:
-    """In closed form: along the normal by distance over cosine in air, then in the wall; tangential sines keep their product."""
+    """In closed form: along the normal by distance over cosine in air, then in the wall; tangential
+    sines keep their product.
+    """
     path, values = pinhole_path(INTRINSICS)
     base = CameraModel(path, values, NONE)
     there = Surroundings(Board(9, 9, 0.02), WIDTH, HEIGHT, path, values)
@@ -191,23 +258,44 @@ def test_flat_port_is_snell_through_parallel_plates(behind: str, outside: float)
     across = launched - (launched @ normal)[:, None] * normal
     inside, outgoing = across / WALL_INDEX, across / outside
     depth = distance * normal[2]  # the window passes the optical axis at its distance
-    origins = depth * launched / (launched @ normal)[:, None] + wall * (inside / np.sqrt(1 - (inside**2).sum(-1, keepdims=True)) + normal)
+    origins = depth * launched / (launched @ normal)[:, None] + wall * (
+        inside / np.sqrt(1 - (inside**2).sum(-1, keepdims=True)) + normal
+    )
     directions = outgoing + np.sqrt(1 - (outgoing**2).sum(-1, keepdims=True)) * normal
     given = {"thickness": wall, **{f"tilt.{axis}": angle for axis, angle in tilt.items()}}
     if behind == "water":
         given |= {"outside_index": outside, "distance": distance}
-    agrees(effect, base, {f"flat_port.{name}": value for name, value in given.items()}, (origins, directions), moves=1e-4)
+    agrees(
+        effect,
+        base,
+        {f"flat_port.{name}": value for name, value in given.items()},
+        (origins, directions),
+        moves=1e-4,
+    )
 
 
 def test_what_cannot_be_is_not_proposed() -> None:
-    covers: tuple[type[Effect], ...] = (CoverTilt, CoverOffset, CoverRadius, Thickness, RefractiveIndex, Wedge, InnerSurface, FineSurface)
+    covers: tuple[type[Effect], ...] = (
+        CoverTilt,
+        CoverOffset,
+        CoverRadius,
+        Thickness,
+        RefractiveIndex,
+        Wedge,
+        InnerSurface,
+        FineSurface,
+    )
     path, values = pinhole_path(INTRINSICS)
     bare = Surroundings(Board(9, 9, 0.02), WIDTH, HEIGHT, path, values, place=torch.zeros(2))
     assert not [effect for kind in covers for effect in kind.propose(bare)]
     for example in EXAMPLES:
         path, values = covered_path(INTRINSICS, example.cover)
         smooth = Surroundings(Board(9, 9, 0.02), WIDTH, HEIGHT, path, values, place=torch.zeros(2))
-        assert not [effect for kind in (FlatPort, InnerSurface, FineSurface) for effect in kind.propose(smooth)]
+        assert not [
+            effect
+            for kind in (FlatPort, InnerSurface, FineSurface)
+            for effect in kind.propose(smooth)
+        ]
         if example is DOME:  # turned, it is the same dome
             assert not [effect for kind in (CoverTilt, Wedge) for effect in kind.propose(smooth)]
         if example is FLAT:

@@ -1,4 +1,7 @@
-"""What holds for every effect, whatever it does. Being in the registry is what gets an effect tested here."""
+"""What holds for every effect, whatever it does.
+
+Being in the registry is what gets an effect tested here.
+"""
 
 from pathlib import Path
 
@@ -27,7 +30,8 @@ from tests.effects.forms import FORMS, SITUATIONS, Form, Situation, each_form
 SMALLEST = 1e-9
 """m, on the board: what a change of one scale moves at least somewhere."""
 MOST = 12
-"""Numbers of one effect that meet central differences; of reliefs and fields, evenly chosen ones."""
+"""Numbers of one effect that meet central differences; of reliefs and fields, evenly chosen ones.
+"""
 
 each_kind = pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 each_situation = pytest.mark.parametrize("there", SITUATIONS, ids=lambda there: there.cover.shape)
@@ -42,7 +46,9 @@ def land(form: Form, values: dict[str, Tensor], poses: Tensor) -> Tensor:
 
 def land_without(there: Situation) -> Tensor:
     seen = there.observations
-    landed, failure = there.path.land(seen.pixels, seen.with_times(there.values), there.poses[seen.view])
+    landed, failure = there.path.land(
+        seen.pixels, seen.with_times(there.values), there.poses[seen.view]
+    )
     assert not failure.any()
     return landed
 
@@ -56,7 +62,9 @@ def test_every_effect_is_possible_somewhere(kind: type[Effect]) -> None:
 def test_neutral_parameters_change_no_landing(form: Form) -> None:
     model = form.model
     neutral = {**form.there.values, **model.neutral(form.effect)}
-    assert (land(form, neutral, model.padded(form.there.poses)) - land_without(form.there)).abs().max() < 1e-14  # m
+    assert (
+        land(form, neutral, model.padded(form.there.poses)) - land_without(form.there)
+    ).abs().max() < 1e-14  # m
 
 
 @each_form
@@ -72,8 +80,10 @@ def test_its_parameters_are_read_by_the_path(form: Form) -> None:
 
 @each_form
 def test_increments_do_what_the_declared_numbers_would(form: Form) -> None:
-    """What is shown as declared + increment is what the path takes. Turns about different axes add up to first order only: the largest
-    stated tilt, some hundredths of a radian, bounds what is left of them."""
+    """What is shown as declared + increment is what the path takes. Turns about different axes add
+    up to first order only: the largest stated tilt, some hundredths of a radian, bounds what is
+    left of them.
+    """
     values, poses = form.present()
     for unknown in form.effect.unknowns:
         if unknown.shifts:
@@ -81,33 +91,65 @@ def test_increments_do_what_the_declared_numbers_would(form: Form) -> None:
             other = {**form.there.values, **form.model.neutral(form.effect)}
             by_effect = land(form, {**other, name: values[name]}, poses)
             change = values[name]
-            moved = {s: other[s] * (1 + change) if unknown.relative else other[s] + change for s in unknown.shifts}
+            moved = {
+                s: other[s] * (1 + change) if unknown.relative else other[s] + change
+                for s in unknown.shifts
+            }
             declared = land(form, {**other, **moved}, poses)
             size = (by_effect - land(form, other, poses)).abs().max()
             assert size > SMALLEST
-            assert (by_effect - declared).abs().max() < (0.1 * size if form.effect.name == "cover_tilt" else 1e-12), name
+            assert (by_effect - declared).abs().max() < (
+                0.1 * size if form.effect.name == "cover_tilt" else 1e-12
+            ), name
 
 
 def test_the_effects_on_declared_numbers_say_so() -> None:
-    saying = {form.effect.name for form in FORMS for unknown in form.effect.unknowns if unknown.shifts}
-    assert saying == {"principal_point", "focal", "cover_tilt", "cover_offset", "cover_radius", "thickness", "refractive_index"}
+    saying = {
+        form.effect.name for form in FORMS for unknown in form.effect.unknowns if unknown.shifts
+    }
+    assert saying == {
+        "principal_point",
+        "focal",
+        "cover_tilt",
+        "cover_offset",
+        "cover_radius",
+        "thickness",
+        "refractive_index",
+    }
 
 
 @each_form
 def test_derivatives_agree_with_central_differences(form: Form) -> None:
-    """As a fit sees them, by every number of the effect and of the views; and every one of them moves some landing."""
+    """As a fit sees them, by every number of the effect and of the views; and every one of them
+    moves some landing.
+    """
     values, poses = form.present()
     landing = _landing(form, values, poses)
-    scales = [(u.param.name, u.param.scale, entry) for u in form.effect.unknowns for entry in np.ndindex(u.param.shape)]
+    scales = [
+        (u.param.name, u.param.scale, entry)
+        for u in form.effect.unknowns
+        for entry in np.ndindex(u.param.shape)
+    ]
     at = landing.linearise(values, poses)
-    assert (at.residual - _residual(landing, values, poses)[0]).abs().max() < 1e-15  # m; sums in another order
+    assert (
+        at.residual - _residual(landing, values, poses)[0]
+    ).abs().max() < 1e-15  # m; sums in another order
     moved = at.jacobian_shared.abs().amax((0, 1))
-    idle = [f"{name}{list(entry)}" for (name, _, entry), size in zip(scales, moved, strict=True) if size < SMALLEST]
+    idle = [
+        f"{name}{list(entry)}"
+        for (name, _, entry), size in zip(scales, moved, strict=True)
+        if size < SMALLEST
+    ]
     assert len(idle) <= 0.1 * len(scales), idle  # of a patch of glass, corners may miss the rim
-    for column, (name, scale, entry) in [one for one in enumerate(scales) if moved[one[0]] >= SMALLEST][:: len(scales) // MOST + 1]:
+    for column, (name, scale, entry) in [
+        one for one in enumerate(scales) if moved[one[0]] >= SMALLEST
+    ][:: len(scales) // MOST + 1]:
         step = torch.zeros_like(values[name])
         step[entry] = 1e-3 * scale
-        up, down = (_residual(landing, {**values, name: values[name] + sign * step}, poses)[0] for sign in (1, -1))
+        up, down = (
+            _residual(landing, {**values, name: values[name] + sign * step}, poses)[0]
+            for sign in (1, -1)
+        )
         _compare(at.jacobian_shared[..., column], (up - down) / 2e-3, f"{name}{list(entry)}")
     for column in range(poses.shape[1]):
         step = torch.zeros_like(poses)
@@ -124,12 +166,22 @@ def test_the_relief_s_derivatives_hold_beside_it(form: Form) -> None:
     values, poses = form.present()
     landing = _landing(form, values, poses, relief_moves=True)
     at = landing.linearise(values, poses)
-    direction = torch.from_numpy(np.random.default_rng(6).normal(0, 1, values["relief.amplitudes"].shape))
+    direction = torch.from_numpy(
+        np.random.default_rng(6).normal(0, 1, values["relief.amplitudes"].shape)
+    )
     up, down = (
-        _residual(landing, {**values, "relief.amplitudes": values["relief.amplitudes"] + sign * 1e-8 * direction}, poses)[0]
+        _residual(
+            landing,
+            {**values, "relief.amplitudes": values["relief.amplitudes"] + sign * 1e-8 * direction},
+            poses,
+        )[0]
         for sign in (1, -1)
     )
-    _compare(at.jacobian_shared[..., : direction.numel()] @ direction.flatten(), (up - down) / 2e-8, "relief")
+    _compare(
+        at.jacobian_shared[..., : direction.numel()] @ direction.flatten(),
+        (up - down) / 2e-8,
+        "relief",
+    )
 
 
 @each_form
@@ -141,7 +193,9 @@ def test_written_and_read_again(form: Form) -> None:
     assert effect == form.effect
     assert again.keys() == parameters.keys()
     for name, parts in parameters.items():
-        assert all(np.array_equal(one, other) for one, other in zip(parts, again[name], strict=True))
+        assert all(
+            np.array_equal(one, other) for one, other in zip(parts, again[name], strict=True)
+        )
 
 
 @each_form
@@ -150,10 +204,14 @@ def test_a_calibration_keeps_it(form: Form, tmp_path: Path) -> None:
     made = form.there.calibration([AddedEffect(form.effect, _estimated(form, values))], poses)
     again = Calibration.load(made.save(tmp_path))
     seen = again.observations
-    for one, other in zip(made.rays(seen.pixels.numpy()), again.rays(seen.pixels.numpy()), strict=True):
+    for one, other in zip(
+        made.rays(seen.pixels.numpy()), again.rays(seen.pixels.numpy()), strict=True
+    ):
         assert np.array_equal(one, other)
     path, read = again.model()
-    landed, _ = path.land(seen.pixels, seen.with_times(read), torch.from_numpy(again.poses)[seen.view])
+    landed, _ = path.land(
+        seen.pixels, seen.with_times(read), torch.from_numpy(again.poses)[seen.view]
+    )
     assert torch.equal(landed, land(form, values, poses))
     assert (landed - land_without(form.there)).abs().max() > 1e-7, "it is there"
 
@@ -181,7 +239,14 @@ def test_finer_glass_needs_a_place_that_asks_for_it(there: Situation) -> None:
         ({"name": "phlogiston"}, "phlogiston"),
         ({"form": {"high": 1}}, "form.high of free_field is not one"),
         ({"parameters": {}}, "free_field.board.x"),
-        ({"parameters": {f"free_field.board.{axis}": {"value": [1.0], "sigma": [1.0]} for axis in "xy"}}, "is not a number of its shape"),
+        (
+            {
+                "parameters": {
+                    f"free_field.board.{axis}": {"value": [1.0], "sigma": [1.0]} for axis in "xy"
+                }
+            },
+            "is not a number of its shape",
+        ),
     ],
     ids=["unknown name", "wrong form", "missing number", "wrong shape"],
 )
@@ -192,7 +257,9 @@ def test_a_file_that_tells_of_no_effect_is_refused(change: dict[str, object], re
         effect_from_yaml(said | change)
 
 
-def _landing(form: Form, values: dict[str, Tensor], poses: Tensor, *, relief_moves: bool = False) -> Landing:
+def _landing(
+    form: Form, values: dict[str, Tensor], poses: Tensor, *, relief_moves: bool = False
+) -> Landing:
     seen = form.there.observations
     weights = torch.eye(2, dtype=torch.float64).expand(len(seen.pixels), 2, 2)
     relief = form.model.path.relief if relief_moves else None
@@ -211,7 +278,10 @@ def _compare(analytic: Tensor, numeric: Tensor, name: str) -> None:
 
 
 def _estimated(form: Form, values: dict[str, Tensor]) -> Estimated:
-    return {u.param.name: (values[u.param.name].numpy(), np.full(u.param.shape, u.sigma)) for u in form.effect.unknowns}
+    return {
+        u.param.name: (values[u.param.name].numpy(), np.full(u.param.shape, u.sigma))
+        for u in form.effect.unknowns
+    }
 
 
 def _residual(landing: Landing, values: Values, poses: Tensor) -> tuple[Tensor, Tensor]:

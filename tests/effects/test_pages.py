@@ -1,4 +1,6 @@
-"""The pages of docs/effects: there is one for each effect, and the steps for a new one work as they are written."""
+"""The pages of docs/effects: there is one for each effect, and the steps for a new one work as they
+are written.
+"""
 
 import os
 import re
@@ -41,7 +43,7 @@ matrix = camera_matrix()
 known = lens_alone(made, 3280, 2464, matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])
 _, finding = diagnose(replace(known, views=tuple(views), poses=poses), Silent())
 print(finding.accepted, [c.parameters["board_fold.angle"].value for c in finding.candidates if c.accepted])
-"""
+"""  # noqa: E501
 """A board that OpenCV shows folded by 0.03 rad; prints what is found."""
 
 
@@ -61,10 +63,15 @@ def test_there_are_no_pages_of_effects_that_do_not_exist() -> None:
 
 @pytest.mark.slow
 def test_the_steps_for_a_new_effect_work_as_written(tmp_path: Path) -> None:
-    """One file and one line, pasted from the page into a copy of the project: the laws hold, and a diagnosis finds it."""
+    """One file and one line, pasted from the page into a copy of the project: the laws hold, and a
+    diagnosis finds it.
+    """
     steps = (PAGES / "README.md").read_text(encoding="utf-8")
     code, line = re.findall(r"```python\n(.*?)```", steps, re.DOTALL)
-    place, kind = re.search(r"\*\*One file\*\*, `(.*?)`", steps), re.search(r"class (\w+)\(Effect\)", code)
+    place, kind = (
+        re.search(r"\*\*One file\*\*, `(.*?)`", steps),
+        re.search(r"class (\w+)\(Effect\)", code),
+    )
     assert place
     assert kind
     for folder in ("calib", "tests", "fixtures"):
@@ -76,7 +83,17 @@ def test_the_steps_for_a_new_effect_work_as_written(tmp_path: Path) -> None:
     listed = re.sub(r"(    BoardScale,\n)", rf"\1{line}", registry.read_text(encoding="utf-8"))
     registry.write_text(f"from {module} import {kind[1]}\n{listed}", encoding="utf-8")
 
-    laws = _run(tmp_path, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/effects/test_laws.py", "-k", "board_fold")
+    laws = _run(
+        tmp_path,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "tests/effects/test_laws.py",
+        "-k",
+        "board_fold",
+    )
     assert re.search(r"\n\d\d passed", laws), laws
     found = _run(tmp_path, "-c", FINDS_IT)
     accepted = re.match(r"\('board_fold',\) \[(.*)\]", found)
@@ -87,6 +104,13 @@ def test_the_steps_for_a_new_effect_work_as_written(tmp_path: Path) -> None:
 def _run(folder: Path, *words: str) -> str:
     """What Python prints in the copy."""
     environment = os.environ | {"PYTHONPATH": str(folder)}
-    done = subprocess.run([sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, *words],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout

@@ -14,7 +14,9 @@ from fixtures.synthetic import INTRINSICS, Scene, scene
 
 @pytest.mark.parametrize("noise", [0.1, 1.0, 10.0])
 def test_distances_are_in_their_own_standard_deviations(noise: float) -> None:
-    """Of numbers that are drawn from their tolerance and measured once: the posterior mean, and the measurement alone."""
+    """Of numbers that are drawn from their tolerance and measured once: the posterior mean, and the
+    measurement alone.
+    """
     rng = np.random.default_rng(0)
     tolerance, draws = 2.0, 4000
     true = rng.normal(0, tolerance, draws)
@@ -23,7 +25,9 @@ def test_distances_are_in_their_own_standard_deviations(noise: float) -> None:
     ours = [apart(mean, tolerance, variance**0.5) for mean in measured * variance / noise**2]
     theirs = [apart_without(mean, tolerance, noise) for mean in measured]
     for distances in (ours, theirs):
-        assert np.mean(np.square(distances)) == pytest.approx(1.0, abs=3 * (2 / draws) ** 0.5)  # a chi-square's own scatter
+        assert np.mean(np.square(distances)) == pytest.approx(
+            1.0, abs=3 * (2 / draws) ** 0.5
+        )  # a chi-square's own scatter
     assert ours == pytest.approx(theirs), "it is the same thing, known from both ends"
 
 
@@ -40,7 +44,9 @@ def test_a_number_that_is_told_wrong_is_found(made: Scene) -> None:
     wrong = replace(made.cover, parameters={**made.cover.parameters, "thickness": Number(0.006)})
     found = tolerant(made, Setup(made.board, CAMERA, INTRINSICS, wrong), Settings(grid=(6, 6)))
     assert found.declared.doubted == ("cover.thickness",)
-    assert found.declared.cover.parameters["thickness"] == Number(0.006, 5e-4), "what was declared is kept"
+    assert found.declared.cover.parameters["thickness"] == Number(0.006, 5e-4), (
+        "what was declared is kept"
+    )
     estimate = found.cover.parameters["thickness"]
     assert abs(estimate.value - 0.003) < 3 * estimate.sigma
     assert estimate.sigma < 5e-4, "it is the views that tell"

@@ -26,17 +26,23 @@ from fixtures.synthetic import HEIGHT, INTRINSICS, PATCH, WIDTH, Scene, paper_co
 
 NOISE = 0.1
 FLOOR = NOISE * 2**0.5
-"""px: the two-dimensional error that noise alone leaves on held-out views, but for six numbers a view."""
+"""px: the two-dimensional error that noise alone leaves on held-out views, but for six numbers a
+view.
+"""
 
 
 THIN = paper_cone(thickness=0.00115)
 """The glass that reproduces the paper's Fig. 8."""
 
 
-def start(made: Scene, grid: tuple[int, int] = (8, 8)) -> tuple[Path, dict[str, torch.Tensor], torch.Tensor]:
+def start(
+    made: Scene, grid: tuple[int, int] = (8, 8)
+) -> tuple[Path, dict[str, torch.Tensor], torch.Tensor]:
     """A smooth cover's poses, and a flat relief."""
     smooth, values = covered_path(INTRINSICS, THIN)
-    poses = refine_poses(smooth, values, made.observations, pinhole_poses(made.observations, values)).blocks
+    poses = refine_poses(
+        smooth, values, made.observations, pinhole_poses(made.observations, values)
+    ).blocks
     path = with_relief(smooth, Relief(*footprint(smooth, values, WIDTH, HEIGHT), grid))
     return path, {**values, "relief.amplitudes": torch.zeros(grid, dtype=torch.float64)}, poses
 
@@ -63,12 +69,20 @@ def held_out(path: Path, values: dict[str, torch.Tensor], other: Scene) -> float
 
 def test_derivatives_agree_with_central_differences() -> None:
     made = scene(1, views=3, grid=(4, 5), amplitude=2e-5, noise=0.1)
-    names = ("cover.thickness", "cover.refractive_index", "cover.axis_offset.z", "camera.fx", "camera.cy")
+    names = (
+        "cover.thickness",
+        "cover.refractive_index",
+        "cover.axis_offset.z",
+        "camera.fx",
+        "camera.cy",
+    )
     parameters = Parameters.of(made.path, made.values, Priors(dict.fromkeys(names, 1.0)))
     weights = pixel_weights(made.path, made.values, made.observations, made.poses, 1.0)
     views = tuple(landings(made.path, parameters, made.observations, weights))
     nothing = torch.zeros(parameters.count, parameters.count, dtype=torch.float64)
-    problem = LandingProblem(parameters, views, nothing, view_precision(made.path, made.poses), huber=torch.inf)
+    problem = LandingProblem(
+        parameters, views, nothing, view_precision(made.path, made.poses), huber=torch.inf
+    )
     here = torch.zeros(parameters.count, dtype=torch.float64)
 
     def rows(amount: torch.Tensor, poses: torch.Tensor) -> torch.Tensor:
@@ -79,21 +93,31 @@ def test_derivatives_agree_with_central_differences() -> None:
     for column in range(parameters.count):
         step = torch.zeros(parameters.count, dtype=torch.float64)
         step[column] = 1e-8 if column < parameters.amplitudes else 1e-4
-        numeric = (rows(here + step, made.poses) - rows(here - step, made.poses)) / (2 * step[column])
-        assert (at.jacobian_shared[..., column] - numeric).abs().max() < 1e-6 * numeric.abs().max(), column
+        numeric = (rows(here + step, made.poses) - rows(here - step, made.poses)) / (
+            2 * step[column]
+        )
+        assert (
+            at.jacobian_shared[..., column] - numeric
+        ).abs().max() < 1e-6 * numeric.abs().max(), column
     for column in range(6):
         step = torch.zeros_like(made.poses)
         step[:, column] = 1e-7
         numeric = (rows(here, made.poses + step) - rows(here, made.poses - step)) / 2e-7
-        assert (at.jacobian_block[..., column] - numeric).abs().max() < 1e-6 * numeric.abs().max(), column
+        assert (
+            at.jacobian_block[..., column] - numeric
+        ).abs().max() < 1e-6 * numeric.abs().max(), column
 
 
 @pytest.mark.parametrize("huber", [torch.inf, 3.0])
 def test_views_settle_where_a_fit_of_each_by_itself_ends(huber: float) -> None:
-    """The shared parameters moved, by sixty pixels of focal length, and the poses not: rows and priors as `cost` has them, one view
-    after the other. A step that would raise a view's cost is not taken."""
+    """The shared parameters moved, by sixty pixels of focal length, and the poses not: rows and
+    priors as `cost` has them, one view after the other. A step that would raise a view's cost is
+    not taken.
+    """
     made = scene(1, views=3, grid=(4, 5), amplitude=2e-5, noise=0.1)
-    parameters = Parameters.of(made.path, made.values, Priors({"camera.fx": 1.0, "cover.thickness": 1.0}))
+    parameters = Parameters.of(
+        made.path, made.values, Priors({"camera.fx": 1.0, "cover.thickness": 1.0})
+    )
     weights = pixel_weights(made.path, made.values, made.observations, made.poses, 1.0)
     views = tuple(landings(made.path, parameters, made.observations, weights))
     nothing = torch.zeros(parameters.count, parameters.count, dtype=torch.float64)
@@ -113,7 +137,13 @@ def test_views_settle_where_a_fit_of_each_by_itself_ends(huber: float) -> None:
         poses = settled
         found.append(whole(poses))
     rows = Parameters.none(parameters.values(moved))
-    alone = LandingProblem(rows, tuple(landings(made.path, rows, made.observations, weights)), torch.zeros(0, 0).double(), own, huber)
+    alone = LandingProblem(
+        rows,
+        tuple(landings(made.path, rows, made.observations, weights)),
+        torch.zeros(0, 0).double(),
+        own,
+        huber,
+    )
     least = minimise(alone, torch.zeros(0).double(), made.poses, tolerance=1e-14).cost
     assert found[0] - least < 0.02 * (whole(made.poses) - least), "one step is nearly all"
     assert found[-1] == pytest.approx(least, rel=1e-6)
@@ -125,32 +155,52 @@ def test_views_settle_where_a_fit_of_each_by_itself_ends(huber: float) -> None:
 
 @pytest.mark.parametrize("huber", [torch.inf, 1e-3])
 def test_bends_agree_with_central_differences(huber: float) -> None:
-    """The residuals' second derivative along a move of everything, weighted as the rows are. So short a move has no third derivative."""
+    """The residuals' second derivative along a move of everything, weighted as the rows are.
+
+    So short a move has no third derivative.
+    """
     made = scene(1, views=3, grid=(4, 5), amplitude=2e-5, noise=0.1)
-    parameters = Parameters.of(made.path, made.values, Priors({"camera.fx": 1.0, "cover.thickness": 1.0}))
+    parameters = Parameters.of(
+        made.path, made.values, Priors({"camera.fx": 1.0, "cover.thickness": 1.0})
+    )
     weights = pixel_weights(made.path, made.values, made.observations, made.poses, 1.0)
     views = tuple(landings(made.path, parameters, made.observations, weights))
     nothing = torch.zeros(parameters.count, parameters.count, dtype=torch.float64)
     problem, smooth = (
-        LandingProblem(parameters, views, nothing, view_precision(made.path, made.poses), huber=limit) for limit in (huber, torch.inf)
+        LandingProblem(
+            parameters, views, nothing, view_precision(made.path, made.poses), huber=limit
+        )
+        for limit in (huber, torch.inf)
     )
     rng = torch.Generator().manual_seed(0)
     scale = torch.where(torch.arange(parameters.count) < parameters.amplitudes, 1e-6, 1e-2)
-    move = scale * torch.randn(parameters.count, generator=rng, dtype=torch.float64), 1e-3 * torch.randn(3, 6, generator=rng).double()
+    move = (
+        scale * torch.randn(parameters.count, generator=rng, dtype=torch.float64),
+        1e-3 * torch.randn(3, 6, generator=rng).double(),
+    )
     here = torch.zeros(parameters.count, dtype=torch.float64)
 
     def rows(way: float) -> torch.Tensor:
-        return torch.cat([at.residual for at in smooth.linearise(here + way * move[0], made.poses + way * move[1])])
+        return torch.cat(
+            [
+                at.residual
+                for at in smooth.linearise(here + way * move[0], made.poses + way * move[1])
+            ]
+        )
 
     pieces = list(problem.linearise(here, made.poses))
     bend = torch.cat(list(problem.bent(pieces, here, made.poses, move)))
     weight = torch.cat([at.residual for at in pieces]).norm(dim=-1) / rows(0.0).norm(dim=-1)
     near = 0.05
     numeric = weight[:, None] * (rows(near) - 2 * rows(0.0) + rows(-near)) / near**2
-    assert (bend - numeric).abs().max() < 0.02 * numeric.abs().max()  # a tenth of the move ahead and none behind
+    assert (
+        bend - numeric
+    ).abs().max() < 0.02 * numeric.abs().max()  # a tenth of the move ahead and none behind
 
 
-def test_a_run_of_views_at_a_time_gives_the_same_fit(made: Scene, fitted: tuple[Path, JointFit], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_of_views_at_a_time_gives_the_same_fit(
+    made: Scene, fitted: tuple[Path, JointFit], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("calib.estimation.residual_blocks.ROWS", 700)
     path, values, poses = start(made)
     joint = fit_joint(path, values, made.observations, poses)
@@ -158,16 +208,22 @@ def test_a_run_of_views_at_a_time_gives_the_same_fit(made: Scene, fitted: tuple[
 
 
 def test_pixel_weights_make_the_reprojection_error_to_first_order() -> None:
-    """Against the forward projection: of errors of 0.1 px the second order leaves about a thousandth."""
+    """Against the forward projection: of errors of 0.1 px the second order leaves about a
+    thousandth.
+    """
     made = scene(2, views=3, noise=0.1)
     weights = pixel_weights(made.path, made.values, made.observations, made.poses, 0.5)
-    landed, _ = made.path.land(made.observations.pixels, made.values, made.poses[made.observations.view])
+    landed, _ = made.path.land(
+        made.observations.pixels, made.values, made.poses[made.observations.view]
+    )
     whitened = (weights @ (landed - made.observations.corners).unsqueeze(-1)).squeeze(-1)
     exact = residuals(made.path, made.values, made.observations, made.poses).image / 0.5
     assert (whitened - exact).abs().max() < 2e-3 * exact.abs().max()
 
 
-def test_converges_in_few_steps_to_the_noise_floor(made: Scene, fitted: tuple[Path, JointFit]) -> None:
+def test_converges_in_few_steps_to_the_noise_floor(
+    made: Scene, fitted: tuple[Path, JointFit]
+) -> None:
     path, joint = fitted
     assert joint.outcome is Outcome.CONVERGED
     assert joint.iterations < 40
@@ -182,13 +238,17 @@ def test_held_out_views_are_at_the_floor(fitted: tuple[Path, JointFit]) -> None:
     assert held_out(path, joint.values, other) < 1.05 * truth
 
 
-def test_nearer_than_any_training_view_it_stays_within_30_percent_of_the_floor(fitted: tuple[Path, JointFit]) -> None:
+def test_nearer_than_any_training_view_it_stays_within_30_percent_of_the_floor(
+    fitted: tuple[Path, JointFit],
+) -> None:
     path, joint = fitted
     near = others((0.17, 0.3))
     assert held_out(path, joint.values, near) < 1.3 * held_out(near.path, near.values, near)
 
 
-def test_beats_the_paper_s_procedure_on_the_same_corners(made: Scene, fitted: tuple[Path, JointFit]) -> None:
+def test_beats_the_paper_s_procedure_on_the_same_corners(
+    made: Scene, fitted: tuple[Path, JointFit]
+) -> None:
     path, values, poses = start(made)
     values["relief.amplitudes"] = descend(path, values, made.observations, poses, steps=200)
     near = others((0.17, 0.3))
@@ -227,35 +287,55 @@ def test_single_bad_corners_do_not_pull(made: Scene) -> None:
 
 
 def test_a_freed_focal_length_mends_what_a_wrong_one_spoils(made: Scene) -> None:
-    """The number itself is hardly told apart from a lens-shaped relief, so it is the held-out error that counts."""
+    """The number itself is hardly told apart from a lens-shaped relief, so it is the held-out error
+    that counts.
+    """
     path, values, poses = start(made)
-    wrong = {**values, "camera.fx": values["camera.fx"] * 1.01, "camera.fy": values["camera.fy"] * 0.99}
+    wrong = {
+        **values,
+        "camera.fx": values["camera.fx"] * 1.01,
+        "camera.fy": values["camera.fy"] * 0.99,
+    }
     held = fit_joint(path, wrong, made.observations, poses)
-    freed = fit_joint(path, wrong, made.observations, poses, priors=Priors({"camera.fx": 30.0, "camera.fy": 30.0}))
+    freed = fit_joint(
+        path, wrong, made.observations, poses, priors=Priors({"camera.fx": 30.0, "camera.fy": 30.0})
+    )
     near = others((0.17, 0.3))
     assert set(freed.estimates()) == {"camera.fx", "camera.fy"}
-    assert all(0 < number.sigma < 30 for number in freed.estimates().values()), "the corners say more than the prior"
+    assert all(0 < number.sigma < 30 for number in freed.estimates().values()), (
+        "the corners say more than the prior"
+    )
     assert held_out(path, freed.values, near) < 0.8 * held_out(path, held.values, near)
 
 
 def test_evidence_is_the_marginal_likelihood() -> None:
-    """Brute force: with amplitudes and two correlated numbers integrated out, the residuals are normal with covariance
-    sigma^2 I + J P^-1 J^T."""
+    """Brute force: with amplitudes and two correlated numbers integrated out, the residuals are
+    normal with covariance sigma^2 I + J P^-1 J^T.
+    """
     relief = Relief(*PATCH, (3, 4))
     rng = np.random.default_rng(0)
     jacobian = rng.normal(size=(40, 14)) * np.array([1e5] * 12 + [0.7, 2.0])
     residual = rng.normal(size=40)
     here = rng.normal(size=14) * np.array([1e-6] * 12 + [0.5, 0.3])
     of_two = np.array([[0.25, -0.14], [-0.14, 0.09]])  # correlated by -0.93
-    quadratic = Quadratic.around(jacobian.T @ jacobian, jacobian.T @ residual, float(residual @ residual), 40, here)
+    quadratic = Quadratic.around(
+        jacobian.T @ jacobian, jacobian.T @ residual, float(residual @ residual), 40, here
+    )
     at_zero = residual - jacobian @ here  # linear: the residuals of the flat relief
     assert quadratic.cost == pytest.approx(at_zero @ at_zero)
     evidence = MarginalLikelihood(quadratic, relief, np.linalg.cholesky(of_two))
     together = MarginalLikelihood(
-        quadratic, relief, np.linalg.cholesky(of_two), lambda smoothness: block_diag(smoothness.root(relief), np.linalg.cholesky(of_two))
+        quadratic,
+        relief,
+        np.linalg.cholesky(of_two),
+        lambda smoothness: block_diag(smoothness.root(relief), np.linalg.cholesky(of_two)),
     )
     ours, theirs = [], []
-    for sigma, smoothness in ((0.5, Smoothness(1e-5, 0.4)), (1.3, Smoothness(3e-6, 0.2)), (1.0, Smoothness(4e-5, 1.0))):
+    for sigma, smoothness in (
+        (0.5, Smoothness(1e-5, 0.4)),
+        (1.3, Smoothness(3e-6, 0.2)),
+        (1.0, Smoothness(4e-5, 1.0)),
+    ):
         ours.append(evidence.log(sigma, smoothness))
         assert together.log(sigma, smoothness) == pytest.approx(ours[-1], rel=1e-9)
         spread = block_diag(np.linalg.inv(smoothness.precision(relief)), of_two)
@@ -267,26 +347,43 @@ def test_evidence_is_the_marginal_likelihood() -> None:
 def test_the_prior_s_heights_have_the_stated_spread() -> None:
     relief = Relief(*PATCH, (6, 5))
     smoothness = Smoothness(2e-5, 0.5)
-    rows, columns = (torch.linspace(low, high, n, dtype=torch.float64) for low, high, n in zip(*PATCH, (6, 5), strict=True))
+    rows, columns = (
+        torch.linspace(low, high, n, dtype=torch.float64)
+        for low, high, n in zip(*PATCH, (6, 5), strict=True)
+    )
     at = torch.cartesian_prod(rows, columns)
     level = torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64).expand(30, 1, 3)
     heights = torch.empty(30, 1, 30, dtype=torch.float64)
     relief.spread(level, (at[:, 0], at[:, 1]), heights)
-    spread = heights[:, 0].numpy() @ np.linalg.inv(smoothness.precision(relief)) @ heights[:, 0].numpy().T
+    spread = (
+        heights[:, 0].numpy()
+        @ np.linalg.inv(smoothness.precision(relief))
+        @ heights[:, 0].numpy().T
+    )
 
     def figure(one: tuple[float, float], two: tuple[float, float]) -> float:
         def term(i: int, k: int) -> float:
-            return float(np.prod([eval_legendre(i, p[0]) * eval_legendre(k, p[1]) for p in (one, two)]))
+            return float(
+                np.prod([eval_legendre(i, p[0]) * eval_legendre(k, p[1]) for p in (one, two)])
+            )
 
-        return sum((3e-4 * 0.2 ** max(0, i + k - 4)) ** 2 * term(i, k) for i in range(11) for k in range(11 - i))
+        return sum(
+            (3e-4 * 0.2 ** max(0, i + k - 4)) ** 2 * term(i, k)
+            for i in range(11)
+            for k in range(11 - i)
+        )
 
     corner, neighbour = (-1.0, -1.0), (-1.0, -0.5)
     assert spread[0, 0] == pytest.approx(4e-10 + figure(corner, corner), rel=1e-4)
-    assert spread[0, 1] == pytest.approx(4e-10 * np.exp(-((1 / 4) ** 2) / (2 * 0.25)) + figure(corner, neighbour), rel=1e-4)
+    assert spread[0, 1] == pytest.approx(
+        4e-10 * np.exp(-((1 / 4) ** 2) / (2 * 0.25)) + figure(corner, neighbour), rel=1e-4
+    )
 
 
 def test_a_covariance_is_the_inverse_whatever_the_units() -> None:
-    """Of parameters in units from nanometres to thousands of pixels, held against integers; symmetric to the last bit."""
+    """Of parameters in units from nanometres to thousands of pixels, held against integers;
+    symmetric to the last bit.
+    """
     rng = np.random.default_rng(0)
     lower = np.tril(rng.integers(-1, 2, (12, 12)), -1) + np.eye(12)
     back = np.round(np.linalg.inv(lower))
@@ -295,13 +392,19 @@ def test_a_covariance_is_the_inverse_whatever_the_units() -> None:
     scale = np.logspace(-9, 4, 12)
     found = inverse(torch.from_numpy(lower @ lower.T / np.outer(scale, scale))).numpy()
     sigmas = scale * np.sqrt(exact.diagonal())
-    assert np.abs((found - exact * np.outer(scale, scale)) / np.outer(sigmas, sigmas)).max() < 1e-9  # of a condition number of 1e5
+    assert (
+        np.abs((found - exact * np.outer(scale, scale)) / np.outer(sigmas, sigmas)).max() < 1e-9
+    )  # of a condition number of 1e5
     assert (found == found.T).all()
 
 
 def test_what_rounding_alone_tells_is_open() -> None:
-    """Two parameters that do the same: their sum is known, their difference is not, and no variance is negative."""
-    precision = torch.tensor([[4.0, 4e6, 0.0], [4e6, 4e12, 0.0], [0.0, 0.0, 9.0]], dtype=torch.float64)
+    """Two parameters that do the same: their sum is known, their difference is not, and no variance
+    is negative.
+    """
+    precision = torch.tensor(
+        [[4.0, 4e6, 0.0], [4e6, 4e12, 0.0], [0.0, 0.0, 9.0]], dtype=torch.float64
+    )
     precision[0, 0] *= 1 - 1e-15  # as rounding leaves it
     found = inverse(precision)
     assert (found == found.mT).all()

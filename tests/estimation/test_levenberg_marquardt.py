@@ -10,22 +10,40 @@ from scipy.optimize import least_squares
 from torch import Tensor
 
 from calib.estimation import levenberg_marquardt
-from calib.estimation.levenberg_marquardt import TRIES, Linearised, Outcome, minimise, normal_equations
+from calib.estimation.levenberg_marquardt import (
+    TRIES,
+    Linearised,
+    Outcome,
+    minimise,
+    normal_equations,
+)
 
 
 class Settling:
-    """A problem whose blocks settle by a Gauss-Newton step each, and stay where that does not lower the cost of all, and whose rows bend as
-    differences of its residuals say."""
+    """A problem whose blocks settle by a Gauss-Newton step each, and stay where that does not lower
+    the cost of all, and whose rows bend as differences of its residuals say.
+    """
 
     block_precision: Tensor
 
     def residual(self, shared: Tensor, blocks: Tensor) -> Tensor:
         raise NotImplementedError
 
-    def bent(self, pieces: Iterable[Linearised], shared: Tensor, blocks: Tensor, move: tuple[Tensor, Tensor]) -> list[Tensor]:
+    def bent(
+        self,
+        pieces: Iterable[Linearised],
+        shared: Tensor,
+        blocks: Tensor,
+        move: tuple[Tensor, Tensor],
+    ) -> list[Tensor]:
         near, size = 1e-3, [len(at.residual) for at in pieces]
-        ahead, here, behind = (self.residual(shared + way * move[0], blocks + way * move[1]) for way in (near, 0.0, -near))
-        return list(torch.split(((ahead - 2 * here + behind) / near**2).reshape(sum(size), -1), size))
+        ahead, here, behind = (
+            self.residual(shared + way * move[0], blocks + way * move[1])
+            for way in (near, 0.0, -near)
+        )
+        return list(
+            torch.split(((ahead - 2 * here + behind) / near**2).reshape(sum(size), -1), size)
+        )
 
     def cost(self, shared: Tensor, blocks: Tensor) -> float:
         raise NotImplementedError
@@ -36,8 +54,14 @@ class Settling:
     def settled(self, shared: Tensor, blocks: Tensor) -> tuple[Tensor, float]:
         rows, own = normal_equations(self.linearise(shared, blocks)), self.block_precision
         gradient = rows.gradient_block + own * blocks
-        moved = blocks - (torch.linalg.pinv(rows.hessian_block + own.diag()) @ gradient[..., None])[..., 0]
-        best = min((blocks, moved), key=lambda there: self.cost(shared, there) + float((there**2 @ own).sum()))
+        moved = (
+            blocks
+            - (torch.linalg.pinv(rows.hessian_block + own.diag()) @ gradient[..., None])[..., 0]
+        )
+        best = min(
+            (blocks, moved),
+            key=lambda there: self.cost(shared, there) + float((there**2 @ own).sum()),
+        )
         return best, self.cost(shared, best)
 
 
@@ -53,7 +77,9 @@ class Curves(Settling):
         self.x = torch.from_numpy(rng.uniform(0, 2, 12 * blocks))
         self.precision = torch.zeros(1, 1, dtype=torch.float64)
         self.block_precision = torch.zeros(2, dtype=torch.float64)
-        self.y = self.curve(self.k, self.own) + noise * torch.from_numpy(rng.normal(size=12 * blocks))
+        self.y = self.curve(self.k, self.own) + noise * torch.from_numpy(
+            rng.normal(size=12 * blocks)
+        )
 
     def curve(self, shared: Tensor, blocks: Tensor) -> Tensor:
         a, c = blocks[self.block].unbind(-1)
@@ -74,7 +100,8 @@ class Curves(Settling):
         starts = self.starts[: half + 1], self.starts[half:] - 12 * half
         residual = self.residual(shared, blocks)
         return [
-            Linearised(first, residual[some], jacobian_block[some], jacobian_shared[some]) for first, some in zip(starts, rows, strict=True)
+            Linearised(first, residual[some], jacobian_block[some], jacobian_shared[some])
+            for first, some in zip(starts, rows, strict=True)
         ]
 
 
@@ -101,7 +128,9 @@ def test_agrees_with_a_dense_solver_that_knows_no_blocks() -> None:
         parameters = torch.from_numpy(z)
         return problem.residual(parameters[:1], parameters[1:].reshape(-1, 2)).ravel().numpy()
 
-    dense = least_squares(flat, np.concatenate([[0.3], np.ones(10)]), xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    dense = least_squares(
+        flat, np.concatenate([[0.3], np.ones(10)]), xtol=1e-14, ftol=1e-14, gtol=1e-14
+    )
     ours = np.concatenate([solution.shared.numpy(), solution.blocks.numpy().ravel()])
     assert solution.cost == pytest.approx(2 * dense.cost, rel=1e-9)
     assert np.abs(ours - dense.x).max() < 1e-4  # where the cost is flat to 1e-10
@@ -124,7 +153,10 @@ def test_works_without_shared_parameters() -> None:
             return problem.cost(held, blocks)
 
         def linearise(self, shared: Tensor, blocks: Tensor) -> list[Linearised]:
-            return [replace(at, jacobian_shared=at.jacobian_shared[..., : len(shared)]) for at in problem.linearise(held, blocks)]
+            return [
+                replace(at, jacobian_shared=at.jacobian_shared[..., : len(shared)])
+                for at in problem.linearise(held, blocks)
+            ]
 
     solution = minimise(Own(), torch.zeros(0, dtype=torch.float64), torch.ones_like(problem.own))
     assert solution.outcome is Outcome.CONVERGED
@@ -158,7 +190,9 @@ def test_a_start_whose_cost_is_not_a_number_is_refused() -> None:
 
 
 def test_a_prior_pulls_as_its_precision_says() -> None:
-    """One shared number seen once at 1 with unit noise, prior precision 3 around 0: the answer is 1 / (1 + 3)."""
+    """One shared number seen once at 1 with unit noise, prior precision 3 around 0: the answer is 1
+    / (1 + 3).
+    """
 
     class Seen(Settling):
         precision = torch.tensor([[3.0]], dtype=torch.float64)
@@ -174,9 +208,18 @@ def test_a_prior_pulls_as_its_precision_says() -> None:
         def linearise(self, shared: Tensor, blocks: Tensor) -> list[Linearised]:
             del blocks
             one = torch.ones(1, 1, 1, dtype=torch.float64)
-            return [Linearised(torch.tensor([0, 1]), (shared - 1).reshape(1, 1), torch.zeros(1, 1, 0, dtype=torch.float64), one)]
+            return [
+                Linearised(
+                    torch.tensor([0, 1]),
+                    (shared - 1).reshape(1, 1),
+                    torch.zeros(1, 1, 0, dtype=torch.float64),
+                    one,
+                )
+            ]
 
-    solution = minimise(Seen(), torch.zeros(1, dtype=torch.float64), torch.zeros(1, 0, dtype=torch.float64))
+    solution = minimise(
+        Seen(), torch.zeros(1, dtype=torch.float64), torch.zeros(1, 0, dtype=torch.float64)
+    )
     assert solution.shared.item() == pytest.approx(0.25, abs=1e-9)
 
 
@@ -187,7 +230,9 @@ def test_a_prior_on_blocks_pulls_each_of_them() -> None:
 
     def rows(x: np.ndarray) -> np.ndarray:
         shared, own = torch.from_numpy(x[:1]), torch.from_numpy(x[1:]).reshape(-1, 2)
-        return np.concatenate([problem.residual(shared, own).numpy().ravel(), 5**0.5 * own[:, 1].numpy()])
+        return np.concatenate(
+            [problem.residual(shared, own).numpy().ravel(), 5**0.5 * own[:, 1].numpy()]
+        )
 
     begin = [part.numpy().ravel() for part in start(problem)]
     oracle = least_squares(rows, np.concatenate(begin), xtol=1e-14, ftol=1e-14, gtol=1e-14).x
@@ -200,11 +245,15 @@ def test_the_schur_complement_is_the_dense_one() -> None:
     problem = Curves(3, blocks=4, noise=0.1)
     pieces = problem.linearise(*start(problem))
     hessian, gradient = normal_equations(pieces).schur_complement()
-    jacobian_block, residual = (torch.cat([getattr(at, name) for at in pieces]) for name in ("jacobian_block", "residual"))
+    jacobian_block, residual = (
+        torch.cat([getattr(at, name) for at in pieces]) for name in ("jacobian_block", "residual")
+    )
     dense = torch.zeros(48, 9, dtype=torch.float64)
     dense[:, 0] = torch.cat([at.jacobian_shared for at in pieces])[:, 0, 0]
     for block in range(4):
-        dense[12 * block : 12 * block + 12, 1 + 2 * block : 3 + 2 * block] = jacobian_block[12 * block : 12 * block + 12, 0]
+        dense[12 * block : 12 * block + 12, 1 + 2 * block : 3 + 2 * block] = jacobian_block[
+            12 * block : 12 * block + 12, 0
+        ]
     own = dense[:, 1:]
     keep = torch.eye(48, dtype=torch.float64) - own @ torch.linalg.pinv(own)
     assert hessian.item() == pytest.approx(float(dense[:, 0] @ keep @ dense[:, 0]), rel=1e-6)
@@ -212,7 +261,9 @@ def test_the_schur_complement_is_the_dense_one() -> None:
 
 
 class Ruined(Curves):
-    """Curves whose Jacobian stops being finite after some linearisations, and that count how often they are asked."""
+    """Curves whose Jacobian stops being finite after some linearisations, and that count how often
+    they are asked.
+    """
 
     def __init__(self, sound: int) -> None:
         super().__init__(0, blocks=3, noise=0.0)
@@ -266,8 +317,9 @@ def test_a_cost_that_is_infinite_everywhere_is_not_called_converged() -> None:
 
 
 class Valley(Settling):
-    """H. H. Rosenbrock's, An automatic method for finding the greatest or least value of a function (1960): 100 (y - x^2)^2 + (1 - x)^2, y
-    of the one block and x shared."""
+    """H. H. Rosenbrock's, An automatic method for finding the greatest or least value of a function
+    (1960): 100 (y - x^2)^2 + (1 - x)^2, y of the one block and x shared.
+    """
 
     precision = torch.zeros(1, 1, dtype=torch.float64)
     block_precision = torch.zeros(1, dtype=torch.float64)
@@ -281,11 +333,15 @@ class Valley(Settling):
     def linearise(self, shared: Tensor, blocks: Tensor) -> list[Linearised]:
         by_block = torch.tensor([[[10.0], [0.0]]], dtype=torch.float64)
         by_shared = torch.stack([-20 * shared, -torch.ones_like(shared)], -1).reshape(1, 2, 1)
-        return [Linearised(torch.tensor([0, 1]), self.residual(shared, blocks), by_block, by_shared)]
+        return [
+            Linearised(torch.tensor([0, 1]), self.residual(shared, blocks), by_block, by_shared)
+        ]
 
 
 def test_a_curved_valley_is_followed() -> None:
-    """The first step alone lands where the cost is a hundred times as high; the block once settled, at the minimum."""
+    """The first step alone lands where the cost is a hundred times as high; the block once settled,
+    at the minimum.
+    """
     begin = torch.tensor([-1.2], dtype=torch.float64), torch.tensor([[1.0]], dtype=torch.float64)
     there = torch.tensor([1.0], dtype=torch.float64), torch.tensor([[-3.84]], dtype=torch.float64)
     assert Valley().cost(*there) > 90 * Valley().cost(*begin)
@@ -327,7 +383,11 @@ class Straight(Curves):
         self.jacobians = jacobian_block, jacobian_shared
 
     def curve(self, shared: Tensor, blocks: Tensor) -> Tensor:
-        block, whole = self.jacobians if hasattr(self, "jacobians") else (torch.ones(36, 2, dtype=torch.float64),) * 2
+        block, whole = (
+            self.jacobians
+            if hasattr(self, "jacobians")
+            else (torch.ones(36, 2, dtype=torch.float64),) * 2
+        )
         return (block * blocks[self.block]).sum(-1) + whole[:, 0] * shared
 
     def linearise(self, shared: Tensor, blocks: Tensor) -> list[Linearised]:
@@ -336,7 +396,9 @@ class Straight(Curves):
 
 
 def test_singular_blocks_are_fitted_as_far_as_the_rows_say() -> None:
-    """One block's two parameters do the same, another's do nothing: the oracle is the least-norm solution of the dense equations."""
+    """One block's two parameters do the same, another's do nothing: the oracle is the least-norm
+    solution of the dense equations.
+    """
     rng = torch.Generator().manual_seed(0)
     block = torch.rand(36, 2, generator=rng, dtype=torch.float64)
     block[:12, 1] = block[:12, 0]
@@ -344,25 +406,44 @@ def test_singular_blocks_are_fitted_as_far_as_the_rows_say() -> None:
     shared = torch.rand(36, 1, generator=rng, dtype=torch.float64)
     problem = Straight(block, shared)
     solution = minimise(problem, *start(problem))
-    dense = torch.cat([shared, *(torch.where((problem.block == v)[:, None], block, 0.0) for v in range(3))], 1)
+    dense = torch.cat(
+        [shared, *(torch.where((problem.block == v)[:, None], block, 0.0) for v in range(3))], 1
+    )
     least = np.linalg.lstsq(dense.numpy(), problem.y.numpy(), rcond=None)[0]
     left = dense.numpy() @ least - problem.y.numpy()
     assert solution.outcome is Outcome.CONVERGED
     assert solution.cost == pytest.approx(float(left @ left), rel=1e-9)
-    assert torch.equal(solution.blocks[1], torch.ones(2, dtype=torch.float64)), "nothing moves what nothing sees"
+    assert torch.equal(solution.blocks[1], torch.ones(2, dtype=torch.float64)), (
+        "nothing moves what nothing sees"
+    )
     assert all(part.isfinite().all() for part in solution.equations.schur_complement())
 
 
 def test_equations_that_overflow_end_in_an_outcome() -> None:
     """Finite rows whose squares are not."""
-    problem = Straight(torch.full((36, 2), 1e200, dtype=torch.float64), torch.ones(36, 1, dtype=torch.float64))
-    assert minimise(problem, torch.zeros(1, dtype=torch.float64), torch.zeros(3, 2, dtype=torch.float64)).outcome is Outcome.NOT_FINITE
+    problem = Straight(
+        torch.full((36, 2), 1e200, dtype=torch.float64), torch.ones(36, 1, dtype=torch.float64)
+    )
+    assert (
+        minimise(
+            problem, torch.zeros(1, dtype=torch.float64), torch.zeros(3, 2, dtype=torch.float64)
+        ).outcome
+        is Outcome.NOT_FINITE
+    )
 
 
 def test_equations_that_stay_singular_end_in_an_outcome(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No damping helps where the damped matrix is singular to rounding: the tries end, and no LinAlgError is raised."""
-    monkeypatch.setattr(levenberg_marquardt, "_diagonal", lambda matrix: torch.zeros_like(matrix.diagonal(dim1=-2, dim2=-1)))
-    problem = Straight(torch.ones(36, 2, dtype=torch.float64), torch.ones(36, 1, dtype=torch.float64))
+    """No damping helps where the damped matrix is singular to rounding: the tries end, and no
+    LinAlgError is raised.
+    """
+    monkeypatch.setattr(
+        levenberg_marquardt,
+        "_diagonal",
+        lambda matrix: torch.zeros_like(matrix.diagonal(dim1=-2, dim2=-1)),
+    )
+    problem = Straight(
+        torch.ones(36, 2, dtype=torch.float64), torch.ones(36, 1, dtype=torch.float64)
+    )
     solution = minimise(problem, *start(problem))
     assert solution.outcome is Outcome.NOT_FINITE
     assert solution.iterations == 1

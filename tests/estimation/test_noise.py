@@ -14,11 +14,15 @@ SIGMA = 0.1
 
 
 def smooth(views: int, board: Board = BOARD) -> np.ndarray:
-    """(V, N, 2) px: an error over the board, other in every view: far above the noise, but it bends by less from corner to corner."""
+    """(V, N, 2) px: an error over the board, other in every view: far above the noise, but it bends
+    by less from corner to corner.
+    """
     at = board.points()[:, :2] / 0.08
     rng = np.random.default_rng(2)
     terms = np.stack([np.ones(len(at)), at[:, 0], at[:, 1], at[:, 0] ** 2, at[:, 0] * at[:, 1]], -1)
-    return np.asarray(np.einsum("nk,vkc->vnc", terms * [1, 1, 1, 0.1, 0.1], rng.normal(0, 1.0, (views, 5, 2))))
+    return np.asarray(
+        np.einsum("nk,vkc->vnc", terms * [1, 1, 1, 0.1, 0.1], rng.normal(0, 1.0, (views, 5, 2)))
+    )
 
 
 def noise(views: int, board: Board = BOARD) -> np.ndarray:
@@ -28,11 +32,15 @@ def noise(views: int, board: Board = BOARD) -> np.ndarray:
 @pytest.mark.parametrize("board", [BOARD, GRID], ids=str)
 def test_the_short_scale_part_is_the_noise_whatever_is_smooth(board: Board) -> None:
     found = short_scale_noise(smooth(20, board) + noise(20, board), board)
-    assert found == pytest.approx(2**0.5 * SIGMA, rel=0.06)  # three sigma of what 2000 differences tell
+    assert found == pytest.approx(
+        2**0.5 * SIGMA, rel=0.06
+    )  # three sigma of what 2000 differences tell
 
 
 def test_what_differs_within_a_burst_is_the_noise_whatever_the_model_leaves() -> None:
-    """Half of the corners are off by 1 px, as of a bad print, alike in all pictures of a burst; some were not seen in one of them."""
+    """Half of the corners are off by 1 px, as of a bad print, alike in all pictures of a burst;
+    some were not seen in one of them.
+    """
     pattern = np.where(np.arange(BOARD.count) % 2, 1.0, -1.0)[None, :, None] + smooth(5)
     residuals = np.repeat(pattern, 4, axis=0) + noise(20)
     residuals[3, :5] = np.nan

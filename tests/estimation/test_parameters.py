@@ -15,7 +15,11 @@ from fixtures.synthetic import scene
 SMOOTH = Smoothness(2e-5, 0.4)
 NAMES = ("cover.thickness", "camera.fx", "camera.cy", "camera.fy")
 SIGMAS = np.array([2e-4, 3.0, 0.5, 7.0])
-CORRELATIONS = {("camera.fy", "camera.fx"): 0.99, ("camera.cy", "camera.fx"): -0.3, ("camera.fy", "camera.cy"): -0.2}
+CORRELATIONS = {
+    ("camera.fy", "camera.fx"): 0.99,
+    ("camera.cy", "camera.fx"): -0.3,
+    ("camera.fy", "camera.cy"): -0.2,
+}
 
 
 @pytest.fixture(scope="module")
@@ -35,20 +39,30 @@ def covariance_of(parameters: Parameters) -> np.ndarray:
     return correlation[np.ix_(order, order)] * np.outer(spread, spread)
 
 
-@pytest.mark.parametrize("names", [NAMES, NAMES[:2], NAMES[1:], ("camera.fy", "camera.fx")], ids=len)
-def test_the_precision_is_the_inverse_of_the_covariance(model: tuple[Path, Values], names: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    "names", [NAMES, NAMES[:2], NAMES[1:], ("camera.fy", "camera.fx")], ids=len
+)
+def test_the_precision_is_the_inverse_of_the_covariance(
+    model: tuple[Path, Values], names: tuple[str, ...]
+) -> None:
     """Pairs of which one is held say nothing of the other."""
-    sigmas = {name: float(sigma) for name, sigma in zip(NAMES, SIGMAS, strict=True) if name in names}
+    sigmas = {
+        name: float(sigma) for name, sigma in zip(NAMES, SIGMAS, strict=True) if name in names
+    }
     parameters = Parameters.of(*model, Priors(sigmas, CORRELATIONS))
     covariance = covariance_of(parameters)
     free = parameters.amplitudes
     precision, root = parameters.prior_precision(SMOOTH), parameters.prior_root(SMOOTH)
     assert {param.name for param in parameters.free} == set(names)
-    assert np.abs(precision[free:, free:] @ covariance - np.eye(len(names))).max() < 1e-10  # of a condition number of 1e4
+    assert (
+        np.abs(precision[free:, free:] @ covariance - np.eye(len(names))).max() < 1e-10
+    )  # of a condition number of 1e4
     assert not precision[free:, :free].any()
     assert np.allclose(root[free:, free:] @ root[free:, free:].T, covariance, rtol=1e-12)
     relief = root[:free, :free] @ root[:free, :free].T @ precision[:free, :free]
-    assert np.abs(relief - np.eye(free)).max() < 1e-3, "heights of 1e-4 m with 1e-9 m of their own lose ten digits"
+    assert np.abs(relief - np.eye(free)).max() < 1e-3, (
+        "heights of 1e-4 m with 1e-9 m of their own lose ten digits"
+    )
 
 
 def known_glass(path: Path) -> Glass:
@@ -56,22 +70,40 @@ def known_glass(path: Path) -> Glass:
     assert path.relief
     spread = np.diag([3e-6, 2e-6, 1e-6]) ** 2 + 1e-13
     beside = np.stack([0.5 * SIGMAS[1] * np.array([1e-6, -1e-6, 0.0]), np.full(3, 1e-9)], 1)
-    return Glass(path.relief.low, path.relief.high, 1, np.array([1e-5, 0.0, 2e-6]), spread, ("camera.fx", "cover.inner_radius"), beside)
+    return Glass(
+        path.relief.low,
+        path.relief.high,
+        1,
+        np.array([1e-5, 0.0, 2e-6]),
+        spread,
+        ("camera.fx", "cover.inner_radius"),
+        beside,
+    )
 
 
 def test_a_figure_that_is_known_goes_with_the_numbers(model: tuple[Path, Values]) -> None:
-    """Oracle: heights drawn from texture, what is finer than the figure, and the figure, whose coefficients go with the focal length."""
+    """Oracle: heights drawn from texture, what is finer than the figure, and the figure, whose
+    coefficients go with the focal length.
+    """
     path, _ = model
     assert path.relief
     glass = known_glass(path)
     sigmas = {name: float(sigma) for name, sigma in zip(NAMES, SIGMAS, strict=True)}
     parameters = Parameters.of(*model, Priors(sigmas, CORRELATIONS, glass=glass))
     heights, free = parameters.amplitudes, [param.name for param in parameters.free]
-    y, x = (c.ravel() for c in np.meshgrid(*(np.linspace(-1, 1, n) for n in path.relief.grid), indexing="ij"))
+    y, x = (
+        c.ravel()
+        for c in np.meshgrid(*(np.linspace(-1, 1, n) for n in path.relief.grid), indexing="ij")
+    )
     waves = np.stack([np.ones_like(x), x, y], 1)
     root = parameters.joint_root(SMOOTH, glass)
     found = root @ root.T
-    own = SMOOTH.covariance(path.relief) - figure(path.relief.grid) + figure(path.relief.grid, 1) + waves @ glass.covariance @ waves.T
+    own = (
+        SMOOTH.covariance(path.relief)
+        - figure(path.relief.grid)
+        + figure(path.relief.grid, 1)
+        + waves @ glass.covariance @ waves.T
+    )
     assert found[:heights, :heights] == pytest.approx(own, rel=1e-9)
     place = free.index("camera.fx")
     beside = waves @ glass.beside[:, 0] / parameters.free[place].scale
@@ -105,9 +137,16 @@ def test_entries_that_are_correlated_among_themselves(model: tuple[Path, Values]
     root = np.array([[2.0, 0.0, 0.0], [1.0, 3.0, 0.0], [0.5, -1.0, 0.7]])
     priors = Priors({**sigmas, "more": 1.0}, CORRELATIONS, {"more": root})
     alone = Parameters.of(path, values, Priors(sigmas, CORRELATIONS))
-    parameters = Parameters({**values, "more": torch.zeros(3)}, None, (Param("more", "", 0.5, (3,)), *alone.free), priors)
+    parameters = Parameters(
+        {**values, "more": torch.zeros(3)},
+        None,
+        (Param("more", "", 0.5, (3,)), *alone.free),
+        priors,
+    )
     precision = parameters.prior_precision(None)
     assert np.allclose(precision[:3, :3] @ (root @ root.T) / 0.5**2, np.eye(3), rtol=0, atol=1e-12)
     assert not precision[:3, 3:].any()
-    assert np.allclose(precision[3:, 3:] @ covariance_of(alone), np.eye(len(NAMES)), rtol=0, atol=1e-9)
+    assert np.allclose(
+        precision[3:, 3:] @ covariance_of(alone), np.eye(len(NAMES)), rtol=0, atol=1e-9
+    )
     assert np.allclose(Priors(roots={"more": root}).beside({"other": 1.0}).roots["more"], root)

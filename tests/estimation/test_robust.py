@@ -31,8 +31,12 @@ def test_views_that_agree_allow_four_times_their_median(error: float, out: bool)
 
 @pytest.mark.parametrize(("error", "out"), [(6.8, False), (7.1, True)])
 def test_views_that_scatter_allow_eight_standard_deviations(error: float, out: bool) -> None:
-    """The median is 1 and the median deviation 0.5: 1 + 8 * 1.4826 * 0.5 = 6.93, where four times the median would be 4."""
-    assert outlying(np.array([0.4, 0.5, 0.5, 1.0, 1.0, 1.5, 1.5, 1.6, error])).tolist() == [False] * 8 + [out]
+    """The median is 1 and the median deviation 0.5: 1 + 8 * 1.4826 * 0.5 = 6.93, where four times
+    the median would be 4.
+    """
+    assert outlying(np.array([0.4, 0.5, 0.5, 1.0, 1.0, 1.5, 1.5, 1.6, error])).tolist() == [
+        False
+    ] * 8 + [out]
 
 
 def test_bad_views_are_found_as_long_as_most_are_good() -> None:
@@ -48,12 +52,18 @@ def test_what_is_not_finite_is_outlying_and_hides_nothing(lost: float) -> None:
     assert outlying(np.full(4, lost)).all()
 
 
-positive = arrays(np.float64, st.integers(1, 30), elements=st.one_of(st.floats(1e-3, 1e3), st.just(np.nan), st.just(np.inf)))
+positive = arrays(
+    np.float64,
+    st.integers(1, 30),
+    elements=st.one_of(st.floats(1e-3, 1e3), st.just(np.nan), st.just(np.inf)),
+)
 
 
 @given(positive, st.floats(-6, 6))
 def test_it_depends_on_order_alone_and_not_on_the_unit(errors: np.ndarray, power: float) -> None:
-    """The larger half is the most that can go, and whatever is smaller than an error that stays, stays."""
+    """The larger half is the most that can go, and whatever is smaller than an error that stays,
+    stays.
+    """
     out = outlying(errors)
     finite = np.isfinite(errors)
     assert out[~finite].all()

@@ -19,7 +19,13 @@ FOUND = Intrinsics(
     Number(641.0, 0.2),
     Number(416.0, 0.15),
     Number(318.0, 0.12),
-    (Number(-0.05, 5e-4), Number(0.01, 2e-3), Number(0.0, 5e-5), Number(0.0, 5e-5), Number(0.0, 3e-3)),
+    (
+        Number(-0.05, 5e-4),
+        Number(0.01, 2e-3),
+        Number(0.0, 5e-5),
+        Number(0.0, 5e-5),
+        Number(0.0, 3e-3),
+    ),
     (
         (0.99,),
         (0.5, 0.5),
@@ -62,10 +68,20 @@ def test_a_doubted_number_makes_the_prior_looser_in_every_direction(name: str) -
     assert cover == COVER
     before, after = covariance(FOUND), covariance(intrinsics)
     added = after - before
-    place = ["camera.fx", "camera.fy", "camera.cx", "camera.cy", "camera.k1", "camera.k2", "camera.p1"].index(name)
+    place = [
+        "camera.fx",
+        "camera.fy",
+        "camera.cx",
+        "camera.cy",
+        "camera.k1",
+        "camera.k2",
+        "camera.p1",
+    ].index(name)
     expected = np.zeros_like(added)
     expected[place, place] = 99 * before[place, place]
-    assert np.allclose(added, expected, atol=1e-12 * added.max()), "an independent error is added to it, and to nothing else"
+    assert np.allclose(added, expected, atol=1e-12 * added.max()), (
+        "an independent error is added to it, and to nothing else"
+    )
 
 
 def test_a_doubted_number_of_the_cover_leaves_the_camera() -> None:

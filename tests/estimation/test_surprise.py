@@ -1,4 +1,6 @@
-"""What views say of a camera, taken out of its posterior; and whether it is as its prior expects."""
+"""What views say of a camera, taken out of its posterior; and whether it is as its prior
+expects.
+"""
 
 import numpy as np
 import pytest
@@ -37,8 +39,9 @@ def test_a_posterior_that_is_the_prior_says_nothing() -> None:
 
 
 def surprises(shift: float) -> np.ndarray:
-    """Of CAMERAS that are drawn from a prior and then moved along its first axis by so many sigmas: (2, CAMERAS)
-    squares per direction, and p-values."""
+    """Of CAMERAS that are drawn from a prior and then moved along its first axis by so many sigmas:
+    (2, CAMERAS) squares per direction, and p-values.
+    """
     rng = np.random.default_rng(3)
     mean, prior = a_prior(rng)
     root = np.linalg.cholesky(prior)
@@ -53,7 +56,9 @@ def surprises(shift: float) -> np.ndarray:
 
 
 def test_a_camera_of_the_fleet_is_no_surprise() -> None:
-    """The square per direction is one, within four of its standard errors (2 / directions / cameras); and p-values are even."""
+    """The square per direction is one, within four of its standard errors (2 / directions /
+    cameras); and p-values are even.
+    """
     squares, p_values = surprises(0.0)
     assert squares.mean() == pytest.approx(1.0, abs=4 * (2 / 4 / CAMERAS) ** 0.5)
     assert (p_values < 0.1).mean() == pytest.approx(0.1, abs=4 * (0.09 / CAMERAS) ** 0.5)

@@ -18,12 +18,18 @@ from calib.export.spline_fit import project_spline
 from tests.export.truth import LENS, distorted, fisheye, seen
 
 FOUR, FIVE, EIGHT, TWELVE, FISHEYE = OPENCV
-TANGENTS = np.stack(np.meshgrid(np.linspace(-0.6, 0.6, 30), np.linspace(-0.45, 0.45, 22)), -1).reshape(-1, 2)
+TANGENTS = np.stack(
+    np.meshgrid(np.linspace(-0.6, 0.6, 30), np.linspace(-0.45, 0.45, 22)), -1
+).reshape(-1, 2)
 
 
-@pytest.mark.parametrize(("lens", "written_out"), [(FIVE, distorted), (EIGHT, distorted), (FISHEYE, fisheye)])
+@pytest.mark.parametrize(
+    ("lens", "written_out"), [(FIVE, distorted), (EIGHT, distorted), (FISHEYE, fisheye)]
+)
 def test_a_lens_comes_back_from_its_own_picture(lens: ExportLens, written_out: object) -> None:
-    """Made by formulas of the test's own; found in pixels, as a rational lens's coefficients are not unique."""
+    """Made by formulas of the test's own; found in pixels, as a rational lens's coefficients are
+    not unique.
+    """
     assert callable(written_out)
     coefficients = [-0.21, 0.11, 0.003, -0.002, 0.01, 0.05, 0.02, -0.01][: lens.coefficients]
     pixels = written_out(TANGENTS, coefficients) * [900, 910] + [640, 480]
@@ -33,30 +39,43 @@ def test_a_lens_comes_back_from_its_own_picture(lens: ExportLens, written_out: o
 
 @pytest.mark.parametrize("lens", [FOUR, TWELVE, FISHEYE])
 def test_derivatives_are_central_differences(lens: ExportLens) -> None:
-    parameters = np.append([900.0, 910.0, 640.0, 480.0], np.linspace(-0.05, 0.05, lens.coefficients))
+    parameters = np.append(
+        [900.0, 910.0, 640.0, 480.0], np.linspace(-0.05, 0.05, lens.coefficients)
+    )
     exact = project(parameters, TANGENTS, lens.fisheye)[1]
     for i, size in enumerate([1.0] * 4 + [1e-4] * lens.coefficients):
         step = np.zeros(len(parameters))
         step[i] = size
-        beyond, before = (project(parameters + sign * step, TANGENTS, lens.fisheye)[0] for sign in (1, -1))
-        assert np.abs((beyond - before).ravel() / (2 * size) - exact[:, i]).max() < 1e-5 * np.abs(exact[:, i]).max()
+        beyond, before = (
+            project(parameters + sign * step, TANGENTS, lens.fisheye)[0] for sign in (1, -1)
+        )
+        assert (
+            np.abs((beyond - before).ravel() / (2 * size) - exact[:, i]).max()
+            < 1e-5 * np.abs(exact[:, i]).max()
+        )
 
 
 def test_without_a_cover_the_lens_is_the_calibration_s_own(bare: Calibration) -> None:
     model = best_central(bare, 1.0, OPENCV)
-    assert model.lens == FIVE, "four coefficients are not enough for this lens, and more than five not worth having"
+    assert model.lens == FIVE, (
+        "four coefficients are not enough for this lens, and more than five not worth having"
+    )
     assert model.distortion == tuple(number.value for number in LENS.distortion)
     assert model.centre == (0, 0, 0)
     assert max(misfit.worst_px for misfit in (model.half, model.at, model.double)) < 1e-6
     assert list(model.remarks()) == []
 
 
-def test_a_lens_is_fitted_on_one_thread(covered: Calibration, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lens_is_fitted_on_one_thread(
+    covered: Calibration, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Beside busy processes, two threads of BLAS took 6 to 10 s for what one does in 1."""
     seen_threads: list[int] = []
 
     def watched(*arguments: object) -> np.ndarray:
-        seen_threads.extend(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
+        seen_threads.extend(
+            pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"
+        )
         seen_threads.append(torch.get_num_threads())
         return fit_lens(*arguments)  # type: ignore[arg-type]
 
@@ -68,15 +87,21 @@ def test_a_lens_is_fitted_on_one_thread(covered: Calibration, monkeypatch: pytes
 
 
 def test_the_rays_nearly_intersect_where_the_model_stands(covered: Calibration) -> None:
-    """Any other point makes half and double depth worse, by far in z; at its own depth a model hardly cares."""
+    """Any other point makes half and double depth worse, by far in z; at its own depth a model
+    hardly cares.
+    """
     sight = Sight.of(covered, FITTED)
     best = sight.nearly_intersect()
 
     def passing(point: np.ndarray) -> float:
         """m RMS between the rays and the point, in its plane z = const."""
-        return float(np.sqrt(((sight.foot + sight.tangent * point[2] - point[:2]) ** 2).sum(-1).mean()))
+        return float(
+            np.sqrt(((sight.foot + sight.tangent * point[2] - point[:2]) ** 2).sum(-1).mean())
+        )
 
-    assert 3e-4 < best[2] < 2e-3, "glass of 3 mm brings the apparent pinhole nearer by about a third of that"
+    assert 3e-4 < best[2] < 2e-3, (
+        "glass of 3 mm brings the apparent pinhole nearer by about a third of that"
+    )
     for axis in range(3):
         for step in (-1e-5, 1e-5):
             assert passing(best + step * np.eye(3)[axis]) > passing(best)
@@ -90,25 +115,37 @@ def test_more_coefficients_are_taken_only_where_they_are_worth_it(covered: Calib
     least = min(model.at.rms_px for model in models.values())
     chosen = best_central(covered, 0.5, OPENCV)
     assert chosen.at.rms_px <= least / 0.98
-    assert all(models[lens.name].at.rms_px > least / 0.98 for lens in OPENCV[: OPENCV.index(chosen.lens)])
+    assert all(
+        models[lens.name].at.rms_px > least / 0.98 for lens in OPENCV[: OPENCV.index(chosen.lens)]
+    )
 
 
-@pytest.mark.parametrize("lens", [lens for form in FORMATS for lens in form.lenses], ids=lambda lens: lens.name)
-def test_every_lens_has_the_coefficients_that_it_says(covered: Calibration, lens: ExportLens) -> None:
+@pytest.mark.parametrize(
+    "lens", [lens for form in FORMATS for lens in form.lenses], ids=lambda lens: lens.name
+)
+def test_every_lens_has_the_coefficients_that_it_says(
+    covered: Calibration, lens: ExportLens
+) -> None:
     model = best_central(covered, 0.5, [lens])
     assert len(model.distortion) == model.lens.coefficients
     assert model.lens.name.startswith(lens.name)
 
 
-def test_a_spline_follows_uneven_glass_at_its_depth_where_no_polynomial_does(covered: Calibration) -> None:
-    """Away from its depth it is wrong by what no central model can follow: least with the rays' nearest point as centre."""
+def test_a_spline_follows_uneven_glass_at_its_depth_where_no_polynomial_does(
+    covered: Calibration,
+) -> None:
+    """Away from its depth it is wrong by what no central model can follow: least with the rays'
+    nearest point as centre.
+    """
     spline, polynomial = (best_central(covered, 1.0, [lens]) for lens in (SPLINED, TWELVE))
     assert spline.at.rms_px < 0.002 < 0.2 < polynomial.at.rms_px
     assert spline.at.rms_px < spline.double.rms_px < spline.half.rms_px
 
 
 def test_a_spline_is_the_formula_of_its_knots() -> None:
-    """One control point moved: a cubic B-spline's weights, (1/6, 4/6, 1/6), at its knot and the two beside it."""
+    """One control point moved: a cubic B-spline's weights, (1/6, 4/6, 1/6), at its knot and the two
+    beside it.
+    """
     lens = ExportLens("", 0, knots=(9, 7, 0.1))
     parameters = np.zeros(4 + 9 * 7 * 2)
     parameters[:4] = 1000, 1000, 0, 0
@@ -123,7 +160,9 @@ def test_a_spline_is_the_formula_of_its_knots() -> None:
 
 
 def test_remarks_name_the_depth_where_the_model_goes_wrong(covered: Calibration) -> None:
-    """By pixels of the test's own: how far the error at half the depth is from the error at the depth."""
+    """By pixels of the test's own: how far the error at half the depth is from the error at the
+    depth.
+    """
     model = best_central(covered, 0.2, [SPLINED])
     assert model.at.worst_px < 0.1
     pixels, points = seen(covered, 0.1)

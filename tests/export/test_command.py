@@ -19,13 +19,32 @@ def saved(covered: Calibration, tmp_path_factory: pytest.TempPathFactory) -> Pat
 
 @pytest.mark.parametrize("form", FORMATS, ids=lambda form: form.name)
 def test_every_format_of_the_help_writes_its_files(
-    small: Calibration, flat: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str], form: Format
+    small: Calibration,
+    flat: Calibration,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    form: Format,
 ) -> None:
     if form.name == "stmap-exr":
         pytest.importorskip("OpenEXR")
     saved, out_folder = tmp_path / "saved", tmp_path / "out"
     (flat if form.name == "calibmar" else small).save(saved)
-    assert main(["export", str(saved), "--format", form.name, "--depth", "0.5", "0.5", "-o", str(out_folder)]) == 0
+    assert (
+        main(
+            [
+                "export",
+                str(saved),
+                "--format",
+                form.name,
+                "--depth",
+                "0.5",
+                "0.5",
+                "-o",
+                str(out_folder),
+            ]
+        )
+        == 0
+    )
     out, err = capsys.readouterr()
     written = out.split()
     assert sorted(written) == sorted(map(str, out_folder.iterdir()))  # 0.5 m is written once
@@ -42,24 +61,53 @@ def test_the_help_lists_every_format(capsys: pytest.CaptureFixture[str]) -> None
         assert f" {form.name} {form.summary} " in f"{said} "
 
 
-def test_a_file_for_every_depth_and_the_misfit_on_the_terminal(saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["export", str(saved), "--format", "ros", "--depth", "0.2", "1", "-o", str(tmp_path / "new")]) == 0
+def test_a_file_for_every_depth_and_the_misfit_on_the_terminal(
+    saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert (
+        main(
+            [
+                "export",
+                str(saved),
+                "--format",
+                "ros",
+                "--depth",
+                "0.2",
+                "1",
+                "-o",
+                str(tmp_path / "new"),
+            ]
+        )
+        == 0
+    )
     out, err = capsys.readouterr()
     written = [tmp_path / "new" / name for name in ("camera_info_0.2m.yaml", "camera_info_1m.yaml")]
     assert out.split() == [str(path) for path in written]
     for path in written:
-        stated = [line.partition(": ")[2] for line in path.read_text().splitlines() if "Misfit" in line]
+        stated = [
+            line.partition(": ")[2] for line in path.read_text().splitlines() if "Misfit" in line
+        ]
         assert len(stated) == 3
         assert all(misfit in err for misfit in stated)
-    assert "this camera's distortion depends on depth and a central camera's does not: fitted at 0.2 m, this one goes wrong by up to" in err
+    assert (
+        "this camera's distortion depends on depth and a central camera's does not: fitted at 0.2"
+        " m, this one goes wrong by up to" in err
+    )
 
 
-def test_what_lies_beside_from_an_earlier_fit_is_named(small: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_lies_beside_from_an_earlier_fit_is_named(
+    small: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     saved, out = tmp_path / "saved", tmp_path / "out"
     small.save(saved)
     made = (saved / "calibration.yaml").stat().st_mtime
     out.mkdir()
-    for name, age_s in (("map_0.3m.npz", 60), ("map_0.4m.npz", -60), ("notes.npz", 60), ("map_0.5m.npz", 60)):
+    for name, age_s in (
+        ("map_0.3m.npz", 60),
+        ("map_0.4m.npz", -60),
+        ("notes.npz", 60),
+        ("map_0.5m.npz", 60),
+    ):
         (out / name).write_bytes(b"")
         os.utime(out / name, (made - age_s, made - age_s))
     assert main(["export", str(saved), "--format", "npz", "--depth", "0.5", "-o", str(out)]) == 0
@@ -67,9 +115,25 @@ def test_what_lies_beside_from_an_earlier_fit_is_named(small: Calibration, tmp_p
     assert (out / "map_0.5m.npz").stat().st_size
 
 
-def test_a_central_camera_is_not_warned_about(bare: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_central_camera_is_not_warned_about(
+    bare: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     bare.save(tmp_path / "bare")
-    assert main(["export", str(tmp_path / "bare"), "--format", "mrcal", "--depth", "1", "-o", str(tmp_path)]) == 0
+    assert (
+        main(
+            [
+                "export",
+                str(tmp_path / "bare"),
+                "--format",
+                "mrcal",
+                "--depth",
+                "1",
+                "-o",
+                str(tmp_path),
+            ]
+        )
+        == 0
+    )
     err = capsys.readouterr().err
     assert "0.0000 px RMS" in err
     assert "Take care" not in err
@@ -78,12 +142,24 @@ def test_a_central_camera_is_not_warned_about(bare: Calibration, tmp_path: Path,
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["--format", "ros"], "--format ros holds for one depth: write the distance of the scene in metres, such as --depth 1.0."),
+        (
+            ["--format", "ros"],
+            (
+                "--format ros holds for one depth: write the distance of the scene in metres, such"
+                " as --depth 1.0."
+            ),
+        ),
         (["--format", "stmap"], "such as --depth 1.0"),
-        (["--format", "kalibr", "--lens", "plumb_bob", "--depth", "1"], "none of the format kalibr: write one of radtan, equidistant."),
+        (
+            ["--format", "kalibr", "--lens", "plumb_bob", "--depth", "1"],
+            "none of the format kalibr: write one of radtan, equidistant.",
+        ),
         (["--format", "npz", "--lens", "equidistant"], "drop --lens"),
         (["--format", "npz", "--axes", "opengl"], "drop --axes, or write --format ray-image."),
-        (["--format", "calibmar"], "this cover is a cone: write --format generic, which holds all."),
+        (
+            ["--format", "calibmar"],
+            "this cover is a cone: write --format generic, which holds all.",
+        ),
         (["--format", "colmap", "--depth", "0.01"], "depth 0.01 m is too near"),
     ],
 )

@@ -1,4 +1,6 @@
-"""Formats that hold the line of every pixel, read by their published formulas: the ray image and the generic model."""
+"""Formats that hold the line of every pixel, read by their published formulas: the ray image and
+the generic model.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +20,9 @@ DEPTHS = (0.1, 0.4, 2.0)
 
 def export(calibration: Calibration, folder: Path, *words: str) -> Path:
     calibration.save(folder / "saved")
-    assert main(["export", str(folder / "saved"), "--format", *words, "-o", str(folder / "out")]) == 0
+    assert (
+        main(["export", str(folder / "saved"), "--format", *words, "-o", str(folder / "out")]) == 0
+    )
     (path,) = (folder / "out").iterdir()
     return path
 
@@ -29,7 +33,9 @@ def at(depth: float, origins: Array, directions: Array) -> Array:
 
 
 @pytest.mark.parametrize("axes", ["opencv", "opengl"])
-def test_a_ray_image_hits_what_its_pixels_see(small: Calibration, tmp_path: Path, axes: str) -> None:
+def test_a_ray_image_hits_what_its_pixels_see(
+    small: Calibration, tmp_path: Path, axes: str
+) -> None:
     """OpenGL's camera is OpenCV's, turned by half a turn about x, and so looks along -z."""
     path = export(small, tmp_path, "ray-image", "--axes", axes)
     assert path.name == ("ray_image.npy" if axes == "opencv" else "ray_image_opengl.npy")
@@ -39,7 +45,9 @@ def test_a_ray_image_hits_what_its_pixels_see(small: Calibration, tmp_path: Path
     assert (np.sign(rays[..., 1, 2]) == (1 if axes == "opencv" else -1)).all()
     half_turn = np.eye(3) if axes == "opencv" else np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])
     pixels = np.random.default_rng(1).integers(0, [width, height], (500, 2))
-    origins, directions = (rays[pixels[:, 1], pixels[:, 0], part].astype(np.float64) @ half_turn for part in (0, 1))
+    origins, directions = (
+        rays[pixels[:, 1], pixels[:, 0], part].astype(np.float64) @ half_turn for part in (0, 1)
+    )
     assert np.abs(np.linalg.norm(directions, axis=-1) - 1).max() < 1e-6
     for depth in DEPTHS:
         assert np.abs(small.project(at(depth, origins, directions)) - pixels).max() < 2e-3
@@ -47,15 +55,30 @@ def test_a_ray_image_hits_what_its_pixels_see(small: Calibration, tmp_path: Path
 
 def test_a_pixel_that_sees_nothing_has_no_ray(small: Calibration, tmp_path: Path) -> None:
     """A window that is slanted so much that one side of a wide picture sees past it."""
-    numbers = {"distance": 0.02, "tilt.x": 0.0, "tilt.y": 0.75, "thickness": 0.003, "refractive_index": 1.5, "outside_index": 1.0}
+    numbers = {
+        "distance": 0.02,
+        "tilt.x": 0.0,
+        "tilt.y": 0.75,
+        "thickness": 0.003,
+        "refractive_index": 1.5,
+        "outside_index": 1.0,
+    }
     tilted = replace(
-        small, cover=Cover("flat", {name: Number(value) for name, value in numbers.items()}), relief=None, amplitudes=np.zeros((0, 0))
+        small,
+        cover=Cover("flat", {name: Number(value) for name, value in numbers.items()}),
+        relief=None,
+        amplitudes=np.zeros((0, 0)),
     )
     assert tilted.camera.intrinsics
     focal = replace(tilted.camera.intrinsics, fx=Number(200.0), fy=Number(200.0))
     wide = replace(tilted, camera=replace(tilted.camera, intrinsics=focal))
     rays = np.load(export(wide, tmp_path, "ray-image"))
-    pixels = np.stack(np.meshgrid(*(np.arange(size, dtype=np.float64) for size in (wide.camera.width, wide.camera.height))), -1)
+    pixels = np.stack(
+        np.meshgrid(
+            *(np.arange(size, dtype=np.float64) for size in (wide.camera.width, wide.camera.height))
+        ),
+        -1,
+    )
     origins, _ = wide.rays(pixels.reshape(-1, 2))
     lost = np.isnan(origins).any(-1).reshape(rays.shape[:2])
     assert 0 < lost.sum() < lost.size
@@ -63,7 +86,9 @@ def test_a_pixel_that_sees_nothing_has_no_ray(small: Calibration, tmp_path: Path
 
 
 class Generic:
-    """NoncentralGenericCamera of generic_models/src: its file, read character by character as there, and Unproject."""
+    """NoncentralGenericCamera of generic_models/src: its file, read character by character as
+    there, and Unproject.
+    """
 
     def __init__(self, path: Path) -> None:
         said: dict[str, str] = {}
@@ -72,23 +97,34 @@ class Generic:
                 key, value = line.replace(" ", "").split(":")
                 said[key] = value
         assert said.pop("type") == "NoncentralGenericModel"
-        grids = {key: np.array([float(word) for word in said.pop(key).strip("[]").split(",")]) for key in ("point_grid", "direction_grid")}
+        grids = {
+            key: np.array([float(word) for word in said.pop(key).strip("[]").split(",")])
+            for key in ("point_grid", "direction_grid")
+        }
         self.number = {key: int(value) for key, value in said.items()}
         shape = self.number["grid_height"], self.number["grid_width"], 3
-        self.points, self.directions = (grids[key].reshape(shape) for key in ("point_grid", "direction_grid"))
+        self.points, self.directions = (
+            grids[key].reshape(shape) for key in ("point_grid", "direction_grid")
+        )
         self.directions /= np.linalg.norm(self.directions, axis=-1, keepdims=True)
 
     def unproject(self, pixel: Array) -> tuple[Array, Array]:
         """A point of the line and its unit direction, of (2,) px from the picture's corner."""
         place = []
         for axis, size in zip("xy", ("grid_width", "grid_height"), strict=True):
-            low, high = self.number[f"calibration_min_{axis}"], self.number[f"calibration_max_{axis}"]
+            low, high = (
+                self.number[f"calibration_min_{axis}"],
+                self.number[f"calibration_max_{axis}"],
+            )
             value = pixel["xy".index(axis)]
             assert low <= value < high + 1
             place.append(1 + (self.number[size] - 3) * (value - low) / (high + 1 - low) + 2)
         (ix, wx), (iy, wy) = (self.weights(value) for value in place)
         weights = wy[:, None, None] * wx[:, None]
-        point, direction = ((weights * grid[iy - 3 : iy + 1, ix - 3 : ix + 1]).sum((0, 1)) for grid in (self.points, self.directions))
+        point, direction = (
+            (weights * grid[iy - 3 : iy + 1, ix - 3 : ix + 1]).sum((0, 1))
+            for grid in (self.points, self.directions)
+        )
         return point, direction / np.linalg.norm(direction)
 
     @staticmethod
@@ -102,7 +138,9 @@ class Generic:
         return index, np.array([a, b, c, (x - 3) ** 3 / 6])
 
 
-def test_the_generic_model_s_lines_are_the_calibration_s(covered: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_generic_model_s_lines_are_the_calibration_s(
+    covered: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = export(covered, tmp_path, "generic")
     model = Generic(path)
     width, height = covered.camera.width, covered.camera.height
@@ -114,16 +152,22 @@ def test_the_generic_model_s_lines_are_the_calibration_s(covered: Calibration, t
     assert "Misfit" not in capsys.readouterr().err
     worst = 0.0
     for depth in DEPTHS:
-        off = np.linalg.norm(covered.project(at(depth, points, directions)) - (pixels - 0.5), axis=-1)
+        off = np.linalg.norm(
+            covered.project(at(depth, points, directions)) - (pixels - 0.5), axis=-1
+        )
         worst = max(worst, off.max())
         assert off.max() < 0.01
     with capsys.disabled():
         print(f" up to {worst:.4f} px")
 
 
-def test_the_control_points_of_the_directions_are_unit_vectors(small: Calibration, tmp_path: Path) -> None:
+def test_the_control_points_of_the_directions_are_unit_vectors(
+    small: Calibration, tmp_path: Path
+) -> None:
     """Readers normalise them, which must change nothing."""
     text = export(small, tmp_path, "generic").read_text()
     (line,) = (line for line in text.splitlines() if line.startswith("direction_grid"))
-    vectors = np.array([float(word) for word in line.split(":")[1].strip(" []").split(",")]).reshape(-1, 3)
+    vectors = np.array(
+        [float(word) for word in line.split(":")[1].strip(" []").split(",")]
+    ).reshape(-1, 3)
     assert np.abs(np.linalg.norm(vectors, axis=-1) - 1).max() < 1e-12

@@ -1,4 +1,6 @@
-"""Calibmar and COLMAP's underwater fork: what their formulas make of the file is what the calibration sees."""
+"""Calibmar and COLMAP's underwater fork: what their formulas make of the file is what the
+calibration sees.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +25,10 @@ Array = NDArray[np.float64]
 
 def exported(calibration: Calibration, folder: Path) -> Path:
     calibration.save(folder / "saved")
-    assert main(["export", str(folder / "saved"), "--format", "calibmar", "-o", str(folder / "out")]) == 0
+    assert (
+        main(["export", str(folder / "saved"), "--format", "calibmar", "-o", str(folder / "out")])
+        == 0
+    )
     return folder / "out" / "calibmar.yaml"
 
 
@@ -35,7 +40,9 @@ def refract(normal: Array, from_: float, to: float, direction: Array) -> Array:
 
 
 def colmap_ray(said: dict[str, list[float]], pixel: Array) -> tuple[Array, Array]:
-    """CamFromImg of FlatPort and DomePort: the ray in water of one (2,) px, which counts from the picture's corner."""
+    """CamFromImg of FlatPort and DomePort: the ray in water of one (2,) px, which counts from the
+    picture's corner.
+    """
     fx, fy, cx, cy, *lens = said["parameters"]
     goal = (pixel - [cx, cy]) / [fx, fy]
     slope = goal.copy()
@@ -60,7 +67,9 @@ def colmap_ray(said: dict[str, list[float]], pixel: Array) -> tuple[Array, Array
 
 
 def off(path: Path, calibration: Calibration, count: int = 2000) -> tuple[float, float]:
-    """rad and m: the largest angle between what the file and the calibration see, and how far the one's start is from the other's ray."""
+    """rad and m: the largest angle between what the file and the calibration see, and how far the
+    one's start is from the other's ray.
+    """
     said = yaml.safe_load(path.read_text())
     size = calibration.camera.width, calibration.camera.height
     pixels = np.random.default_rng(4).uniform(0, np.array(size) - 1, (count, 2))
@@ -73,7 +82,9 @@ def off(path: Path, calibration: Calibration, count: int = 2000) -> tuple[float,
 
 
 @pytest.mark.parametrize("shape", [pytest.param("flat", marks=pytest.mark.slow), "dome"])
-def test_a_port_is_exact_at_every_depth(shape: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_port_is_exact_at_every_depth(
+    shape: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     calibration = port(shape)
     path = exported(calibration, tmp_path)
     angle, aside = off(path, calibration)
@@ -86,9 +97,14 @@ def test_a_port_is_exact_at_every_depth(shape: str, tmp_path: Path, capsys: pyte
     assert "Misfit" not in capsys.readouterr().err
     said = yaml.safe_load(text)
     assert (said["width"], said["height"]) == (calibration.camera.width, calibration.camera.height)
-    own, refractive = (", ".join(map(repr, said[key])) for key in ("parameters", "non_svp_parameters"))
+    own, refractive = (
+        ", ".join(map(repr, said[key])) for key in ("parameters", "non_svp_parameters")
+    )
     assert f'--ImageReader.camera_model {said["model"]} --ImageReader.camera_params "{own}"' in text
-    assert f'--ImageReader.camera_refrac_model {said["non_svp_model"]} --ImageReader.camera_refrac_params "{refractive}"' in text
+    assert (
+        f"--ImageReader.camera_refrac_model {said['non_svp_model']}"
+        f' --ImageReader.camera_refrac_params "{refractive}"' in text
+    )
 
 
 def test_a_window_s_distance_is_along_its_normal(tmp_path: Path, flat: Calibration) -> None:
@@ -102,26 +118,50 @@ def _number(value: float) -> tuple[Array, Array]:
 
 
 def test_what_the_diagnosis_found_of_a_port_is_in_it(tmp_path: Path, flat: Calibration) -> None:
-    moved = replace(flat, effects=(AddedEffect(CoverOffset(("cover.distance",)), {"cover_offset.distance": _number(0.003)}),))
+    moved = replace(
+        flat,
+        effects=(
+            AddedEffect(
+                CoverOffset(("cover.distance",)), {"cover_offset.distance": _number(0.003)}
+            ),
+        ),
+    )
     angle, aside = off(exported(moved, tmp_path), moved, 200)
     assert max(angle, aside) < 1e-12
 
 
 def test_a_window_that_nobody_declared_is_a_port(tmp_path: Path, flat: Calibration) -> None:
-    found = {"distance": 0.02, "tilt.x": 0.01, "tilt.y": -0.02, "thickness": 0.005, "outside_index": 1.335}
-    effect = AddedEffect(FlatPort("water"), {f"flat_port.{name}": _number(value) for name, value in found.items()})
+    found = {
+        "distance": 0.02,
+        "tilt.x": 0.01,
+        "tilt.y": -0.02,
+        "thickness": 0.005,
+        "outside_index": 1.335,
+    }
+    effect = AddedEffect(
+        FlatPort("water"), {f"flat_port.{name}": _number(value) for name, value in found.items()}
+    )
     undeclared = replace(flat, cover=Cover("none", {}), effects=(effect,))
     angle, aside = off(exported(undeclared, tmp_path), undeclared, 200)
     assert max(angle, aside) < 1e-12
 
 
 @pytest.mark.parametrize("what", ["relief", "wedge"])
-def test_what_a_port_has_no_place_for_is_said(what: str, tmp_path: Path, flat: Calibration, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_a_port_has_no_place_for_is_said(
+    what: str, tmp_path: Path, flat: Calibration, capsys: pytest.CaptureFixture[str]
+) -> None:
     if what == "relief":
         amplitudes = np.random.default_rng(3).normal(0, 3e-6, (4, 4))
-        uneven = replace(flat, relief=Relief((-0.02, -0.025), (0.02, 0.025), (4, 4)), amplitudes=amplitudes)
+        uneven = replace(
+            flat, relief=Relief((-0.02, -0.025), (0.02, 0.025), (4, 4)), amplitudes=amplitudes
+        )
     else:
-        uneven = replace(flat, effects=(AddedEffect(Wedge("xy"), {"wedge.x": _number(1e-3), "wedge.y": _number(0.0)}),))
+        uneven = replace(
+            flat,
+            effects=(
+                AddedEffect(Wedge("xy"), {"wedge.x": _number(1e-3), "wedge.y": _number(0.0)}),
+            ),
+        )
     path = exported(uneven, tmp_path)
     angle, _ = off(path, uneven, 500)
     stated = next(line for line in path.read_text().splitlines() if "at 3 m" in line)
@@ -135,7 +175,17 @@ def test_what_a_port_has_no_place_for_is_said(what: str, tmp_path: Path, flat: C
 
 def test_a_lens_that_colmap_lacks_is_fitted(tmp_path: Path, flat: Calibration) -> None:
     lens = replace(
-        LENS, distortion=(*LENS.distortion, Number(0.0), Number(0.0), Number(0.0), Number(1e-3), Number(0.0), Number(-5e-4), Number(0.0))
+        LENS,
+        distortion=(
+            *LENS.distortion,
+            Number(0.0),
+            Number(0.0),
+            Number(0.0),
+            Number(1e-3),
+            Number(0.0),
+            Number(-5e-4),
+            Number(0.0),
+        ),
     )
     prism = replace(flat, camera=replace(flat.camera, intrinsics=lens))
     text = exported(prism, tmp_path).read_text()

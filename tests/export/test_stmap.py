@@ -1,4 +1,6 @@
-"""STMaps as a compositing program reads them: red and green times the picture's size, from its bottom left corner, name the source."""
+"""STMaps as a compositing program reads them: red and green times the picture's size, from its
+bottom left corner, name the source.
+"""
 
 import sys
 from pathlib import Path
@@ -29,7 +31,12 @@ def maps(small: Calibration, tmp_path_factory: pytest.TempPathFactory) -> Path:
     else:
         forms.append("stmap-exr")
     for form in forms:
-        assert main(["export", str(folder), "--format", form, "--depth", str(DEPTH), "-o", str(folder)]) == 0
+        assert (
+            main(
+                ["export", str(folder), "--format", form, "--depth", str(DEPTH), "-o", str(folder)]
+            )
+            == 0
+        )
     return folder
 
 
@@ -40,7 +47,10 @@ def read(folder: Path, direction: str, form: str) -> np.ndarray:
         stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         assert stored is not None
         return cv2.cvtColor(stored, cv2.COLOR_BGRA2RGBA)
-    openexr = pytest.importorskip("OpenEXR", reason="OpenEXR is not installed (pip install -e '.[exr]'): its file was not read")
+    openexr = pytest.importorskip(
+        "OpenEXR",
+        reason="OpenEXR is not installed (pip install -e '.[exr]'): its file was not read",
+    )
     with openexr.File(str(path)) as file:
         return np.asarray(file.channels()["RGBA"].pixels)
 
@@ -69,7 +79,9 @@ def test_undistort_and_redistort_are_the_rays(small: Calibration, maps: Path, fo
 
 
 @FORMATS
-def test_alpha_is_1_where_the_camera_sees_and_all_is_0_elsewhere(small: Calibration, maps: Path, form: str) -> None:
+def test_alpha_is_1_where_the_camera_sees_and_all_is_0_elsewhere(
+    small: Calibration, maps: Path, form: str
+) -> None:
     stored = read(maps, "undistort", form)
     valid = small.ray_field().map_at(DEPTH).valid
     assert 0 < np.count_nonzero(~valid) < valid.size
@@ -82,6 +94,20 @@ def test_without_openexr_a_sentence_says_how_to_get_it_before_anything_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "OpenEXR", None)
-    assert main(["export", str(tmp_path / "missing"), "--format", "stmap-exr", "--depth", "1", "-o", str(tmp_path)]) == 2
+    assert (
+        main(
+            [
+                "export",
+                str(tmp_path / "missing"),
+                "--format",
+                "stmap-exr",
+                "--depth",
+                "1",
+                "-o",
+                str(tmp_path),
+            ]
+        )
+        == 2
+    )
     said = capsys.readouterr().err
     assert f"{how_to_install('exr')}, or use --format stmap" in said

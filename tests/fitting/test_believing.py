@@ -1,4 +1,6 @@
-"""What a fit believes of what it is told: tolerances, exact numbers where the model lacks something, and neither of a wrong number."""
+"""What a fit believes of what it is told: tolerances, exact numbers where the model lacks
+something, and neither of a wrong number.
+"""
 
 from dataclasses import replace
 
@@ -38,15 +40,22 @@ def test_tolerances_that_the_estimates_keep_to_are_believed(good: Scene) -> None
 
 
 def test_a_wrong_number_is_estimated_though_it_is_contradicted(good: Scene) -> None:
-    found, told = believed(good, replace(good.cover, parameters={**good.cover.parameters, "thickness": Number(0.006)}))
+    found, told = believed(
+        good, replace(good.cover, parameters={**good.cover.parameters, "thickness": Number(0.006)})
+    )
     assert found.doubted == ("cover.thickness",)
     assert found.declared == told.freed(Settings())
-    assert found.setup.cover.parameters["thickness"].sigma > found.declared.cover.parameters["thickness"].sigma
+    assert (
+        found.setup.cover.parameters["thickness"].sigma
+        > found.declared.cover.parameters["thickness"].sigma
+    )
 
 
 @pytest.mark.slow
 def test_glass_that_the_prior_does_not_expect_leaves_numbers_as_they_are_declared() -> None:
-    """Bumps of some 60 um on a fine grid: with tolerances, the numbers make up for what the relief's prior holds to be unlikely."""
+    """Bumps of some 60 um on a fine grid: with tolerances, the numbers make up for what the
+    relief's prior holds to be unlikely.
+    """
     uneven = scene(1, views=16, grid=(10, 10), amplitude=1e-5, noise=0.1)
     found, told = believed(uneven, uneven.cover)
     assert found.setup == told

@@ -1,4 +1,6 @@
-"""What is declared beside what is estimated: increments of effects as values, every figure to the second digit of its sigma."""
+"""What is declared beside what is estimated: increments of effects as values, every figure to the
+second digit of its sigma.
+"""
 
 import math
 from dataclasses import replace
@@ -23,9 +25,16 @@ from fixtures.known import known
 from fixtures.synthetic import HEIGHT, WIDTH, scene
 
 
-def with_effect(calibration: Calibration, effect: Effect, **figures: tuple[float, float]) -> Calibration:
-    numbers = {f"{effect.name}.{name}": (np.array(value), np.array(sigma)) for name, (value, sigma) in figures.items()}
-    return replace(calibration, effects=(AddedEffect(effect, numbers),), covariance=np.eye(len(figures)))
+def with_effect(
+    calibration: Calibration, effect: Effect, **figures: tuple[float, float]
+) -> Calibration:
+    numbers = {
+        f"{effect.name}.{name}": (np.array(value), np.array(sigma))
+        for name, (value, sigma) in figures.items()
+    }
+    return replace(
+        calibration, effects=(AddedEffect(effect, numbers),), covariance=np.eye(len(figures))
+    )
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +56,9 @@ def plain() -> Calibration:
         (1.5, math.nan, "1.5"),
     ],
 )
-def test_both_have_the_digits_that_sigma_says_something_about(value: float, sigma: float, said: str) -> None:
+def test_both_have_the_digits_that_sigma_says_something_about(
+    value: float, sigma: float, said: str
+) -> None:
     assert with_sigma(value, sigma) == said
 
 
@@ -63,35 +74,59 @@ def test_an_increment_is_shown_as_the_value_that_it_makes(plain: Calibration) ->
 
 
 def test_a_fraction_of_a_declared_number_is_an_increment_of_each(plain: Calibration) -> None:
-    rows = [row for row in comparisons(with_effect(plain, Focal(), change=(0.01, 0.001))) if row.effect == "focal"]
+    rows = [
+        row
+        for row in comparisons(with_effect(plain, Focal(), change=(0.01, 0.001)))
+        if row.effect == "focal"
+    ]
     assert [row.name for row in rows] == ["camera.fx", "camera.fy"]
     for row in rows:
-        assert (row.estimate, row.sigma) == pytest.approx((1.01 * row.declared, 0.001 * row.declared))
+        assert (row.estimate, row.sigma) == pytest.approx(
+            (1.01 * row.declared, 0.001 * row.declared)
+        )
 
 
 def test_what_no_session_declares_has_its_own_rows(plain: Calibration) -> None:
-    """Brown's terms of the effect act before the lens and the other way: they are no increment of OpenCV's coefficients."""
-    bent = with_effect(plain, BoardShape(0.08, 0.08), xx=(1.0023e-3, 3.3e-6), xy=(2e-4, 3e-6), yy=(-0.6e-3, 3e-6))
+    """Brown's terms of the effect act before the lens and the other way: they are no increment of
+    OpenCV's coefficients.
+    """
+    bent = with_effect(
+        plain, BoardShape(0.08, 0.08), xx=(1.0023e-3, 3.3e-6), xy=(2e-4, 3e-6), yy=(-0.6e-3, 3e-6)
+    )
     assert [(row.name, row.estimated) for row in own_parameters(bent)] == [
         ("board_shape.xx", "1.0023 ± 0.0033 mm"),
         ("board_shape.xy", "0.2000 ± 0.0030 mm"),
         ("board_shape.yy", "-0.6000 ± 0.0030 mm"),
     ]
     assert not [row for row in comparisons(bent) if row.effect]
-    lens = with_effect(plain, Lens(), **dict.fromkeys(("k1", "k2", "k3", "p1", "p2"), (0.01, 0.001)))
-    assert [row.name for row in own_parameters(lens)] == ["lens.k1", "lens.k2", "lens.k3", "lens.p1", "lens.p2"]
+    lens = with_effect(
+        plain, Lens(), **dict.fromkeys(("k1", "k2", "k3", "p1", "p2"), (0.01, 0.001))
+    )
+    assert [row.name for row in own_parameters(lens)] == [
+        "lens.k1",
+        "lens.k2",
+        "lens.k3",
+        "lens.p1",
+        "lens.p2",
+    ]
 
 
 def test_the_slope_of_a_cylinder_is_none_that_was_declared(plain: Calibration) -> None:
-    parameters = {name: number for name, number in plain.cover.parameters.items() if name != "radius_slope"}
-    tube = replace(plain, cover=replace(plain.cover, shape="cylinder", parameters=parameters), stated=None)
+    parameters = {
+        name: number for name, number in plain.cover.parameters.items() if name != "radius_slope"
+    }
+    tube = replace(
+        plain, cover=replace(plain.cover, shape="cylinder", parameters=parameters), stated=None
+    )
     both = CoverRadius(("cover.inner_radius", "cover.radius_slope"))
     wider = with_effect(tube, both, inner_radius=(0.001, 0.0001), radius_slope=(0.02, 0.001))
     assert [row.name for row in comparisons(wider) if row.effect] == ["cover.inner_radius"]
     assert [row.name for row in own_parameters(wider)] == ["cover_radius.radius_slope"]
 
 
-def test_console_report_and_diagnosis_say_the_same(plain: Calibration, capsys: pytest.CaptureFixture[str]) -> None:
+def test_console_report_and_diagnosis_say_the_same(
+    plain: Calibration, capsys: pytest.CaptureFixture[str]
+) -> None:
     """And the contract's JSON keeps the increment."""
     increment = {"value": -0.0015, "sigma": 0.000056, "unit": "m"}
     candidate = {
@@ -107,7 +142,9 @@ def test_console_report_and_diagnosis_say_the_same(plain: Calibration, capsys: p
     said = "cover.thickness 1.500 mm = 3 declared - 1.500 ± 0.056"
     print_fit(diagnosed, 1.0)
     assert f"Corrected: {said}\n" in capsys.readouterr().out
-    assert found("thickness", diagnosed, {"thickness.thickness": ParameterEstimate(-0.0015, 0.000056, "m")}) == [said]
+    assert found(
+        "thickness", diagnosed, {"thickness.thickness": ParameterEstimate(-0.0015, 0.000056, "m")}
+    ) == [said]
     assert [row.parameters for row in effect_rows(diagnosed)] == [said]
 
 

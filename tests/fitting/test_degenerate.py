@@ -1,4 +1,5 @@
-"""Views that say too little of a camera: refused with a sentence that says what is missing, or a sigma that is honest.
+"""Views that say too little of a camera: refused with a sentence that says what is missing, or a
+sigma that is honest.
 
 `fixtures.degenerate` draws them; `python -m benchmarks.degenerate` counts.
 """
@@ -22,16 +23,26 @@ BARE = replace(CAMERA, intrinsics=None, lens_coefficients=0)
 
 
 def without(views: tuple[View, ...], index: int, corners: np.ndarray) -> tuple[View, ...]:
-    return tuple(replace(view, corners=corners) if i == index else view for i, view in enumerate(views))
+    return tuple(
+        replace(view, corners=corners) if i == index else view for i, view in enumerate(views)
+    )
 
 
 @pytest.mark.parametrize("place", [0, 2], ids=["first", "third"])
 @pytest.mark.parametrize("shape", ["point", "line"])
 @pytest.mark.parametrize("count", [0, None], ids=["pinhole", "count chosen"])
-def test_a_view_whose_pixels_are_a_line_is_rejected(place: int, shape: str, count: int | None) -> None:
+def test_a_view_whose_pixels_are_a_line_is_rejected(
+    place: int, shape: str, count: int | None
+) -> None:
     views = bare_views(3, 8, 0.1)
-    flat = np.full((81, 2), 300.0) if shape == "point" else np.stack([np.linspace(100, 900, 81), np.linspace(50, 250, 81)], -1)
-    found = calibrate_bare(without(views, place, flat), BOARD, replace(BARE, lens_coefficients=count), Silent())
+    flat = (
+        np.full((81, 2), 300.0)
+        if shape == "point"
+        else np.stack([np.linspace(100, 900, 81), np.linspace(50, 250, 81)], -1)
+    )
+    found = calibrate_bare(
+        without(views, place, flat), BOARD, replace(BARE, lens_coefficients=count), Silent()
+    )
     assert [one.name for one in found.rejected] == [views[place].name]
     assert "one line or point" in found.rejected[0].reason
     assert found.intrinsics.fx.value == pytest.approx(2558.36, rel=0.005)
@@ -54,11 +65,17 @@ def test_one_burst_is_no_choice_of_a_lens() -> None:
 
 @pytest.mark.parametrize(("kind", "seed"), [("flat", 5010), ("flat", 5016), ("one depth", 5005)])
 def test_the_truth_is_within_five_sigma(kind: str, seed: int) -> None:
-    """Or there is no calibration. The linearised sigma at the first minimum put the truth 26 to 53 of it away."""
+    """Or there is no calibration.
+
+    The linearised sigma at the first minimum put the truth 26 to 53 of it away.
+    """
     shown = bare_session(kind, seed)
     try:
         k = calibrate_bare(shown.views, shown.board, shown.camera, Silent()).intrinsics
     except NotEnoughDataError:
         return
-    off = [abs(n.value - true) / n.sigma for n, true in zip((k.fx, k.fy, k.cx, k.cy), shown.pinhole, strict=True)]
+    off = [
+        abs(n.value - true) / n.sigma
+        for n, true in zip((k.fx, k.fy, k.cx, k.cy), shown.pinhole, strict=True)
+    ]
     assert max(off) < WRONG

@@ -39,7 +39,9 @@ def made() -> Scene:
 
 
 def spoiled(folder: Path, made: Scene, **changes: object) -> Path:
-    """The session with some keys of session.yaml changed, `camera__intrinsics=None` dropping one."""
+    """The session with some keys of session.yaml changed, `camera__intrinsics=None` dropping
+    one.
+    """
     write_session(folder, made)
     said = yaml.safe_load((folder / "session.yaml").read_text())
     for name, value in changes.items():
@@ -61,21 +63,37 @@ def test_a_view_whose_corners_lie_on_one_line_is_listed(made: Scene, tmp_path: P
     assert [(r.name, "lie on one line" in r.reason) for r in result.rejected] == [(view.name, True)]
 
 
-def test_a_fit_knows_when_each_view_was_taken_and_of_which_pose(made: Scene, tmp_path: Path) -> None:
-    """From frames.csv, whose rows come in any order; and it still knows after it was saved and its session is gone."""
+def test_a_fit_knows_when_each_view_was_taken_and_of_which_pose(
+    made: Scene, tmp_path: Path
+) -> None:
+    """From frames.csv, whose rows come in any order; and it still knows after it was saved and its
+    session is gone.
+    """
     folder = write_session(tmp_path / "session", made)
-    rows = [f"frames/{view.name},{100 + index / 2},{index // 2}" for index, view in enumerate(made.views[:-1])]
+    rows = [
+        f"frames/{view.name},{100 + index / 2},{index // 2}"
+        for index, view in enumerate(made.views[:-1])
+    ]
     (folder / "frames.csv").write_text("\n".join(["file,time_s,view", *reversed(rows)]))
     result = fitted(folder)
     path = result.save(tmp_path / "out")
     folder.rename(tmp_path / "elsewhere")
     for calibration in (result, Calibration.load(path)):
-        assert [view.time_s for view in calibration.views] == [100.0, 100.5, 101.0, 101.5, 102.0, None]
+        assert [view.time_s for view in calibration.views] == [
+            100.0,
+            100.5,
+            101.0,
+            101.5,
+            102.0,
+            None,
+        ]
         assert [view.pose_id for view in calibration.views] == ["0", "0", "1", "1", "2", None]
         assert calibration.settings["made_by"]["session"] == str(folder)
 
 
-def test_every_picture_is_decoded_once_and_never_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_picture_is_decoded_once_and_never_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = write_good_session(tmp_path)
     decoded = Counter[str]()
 
@@ -94,14 +112,18 @@ def test_every_picture_is_decoded_once_and_never_again(tmp_path: Path, monkeypat
 def test_a_time_that_is_none_is_refused(made: Scene, tmp_path: Path) -> None:
     folder = write_session(tmp_path, made)
     (folder / "frames.csv").write_text("file,time_s,view\n0000.png,,\n0001.png,noon,0\n")
-    says = r"frames.csv: time_s of 0001.png is 'noon': write seconds, such as 12.5, less than 1e\+10, or leave it empty\."
+    says = (
+        r"frames.csv: time_s of 0001.png is 'noon': write seconds, such as 12.5, less than 1e\+10,"
+        r" or leave it empty\."
+    )
     with pytest.raises(InputError, match=says):
         fitted(folder)
 
 
 def test_folds_keep_a_burst_together(made: Scene, tmp_path: Path) -> None:
-    """Six views of three poses, each pose twice: with three folds every view is held out beside its double, so the error is that of a fit
-    to the other two poses, made here by hand."""
+    """Six views of three poses, each pose twice: with three folds every view is held out beside its
+    double, so the error is that of a fit to the other two poses, made here by hand.
+    """
     folder = write_session(tmp_path, made)
     rows = [f"{view.name},{index},{index % 3}" for index, view in enumerate(made.views)]
     (folder / "frames.csv").write_text("\n".join(["file,time_s,view", *rows]))
@@ -109,21 +131,37 @@ def test_folds_keep_a_burst_together(made: Scene, tmp_path: Path) -> None:
     setup = Setup(made.board, result.camera, INTRINSICS, made.cover)
     squares = []
     for pose in range(3):
-        rest, own = ([view for index, view in enumerate(made.views) if (index % 3 == pose) is out] for out in (False, True))
+        rest, own = (
+            [view for index, view in enumerate(made.views) if (index % 3 == pose) is out]
+            for out in (False, True)
+        )
         found = fit_stages(setup, Observations.of(rest, made.board), SHORT, Silent())
         test = Observations.of(own, made.board)
-        squares.append(refit_poses(found.path, found.values, test, pinhole_poses(test, found.values))[1].rms_px ** 2)
-    assert result.settings["cross_validation"]["held_out_px"] == pytest.approx(np.mean(squares) ** 0.5, rel=1e-6)  # 81 corners each
-    sigma = np.std(squares, ddof=1) / 3**0.5 / (2 * np.mean(squares) ** 0.5)  # three poses, so three independent squares
-    assert result.settings["cross_validation"]["held_out_sigma_px"] == pytest.approx(sigma, rel=1e-6)
-    with pytest.raises(NotEnoughDataError, match=r"4 folds need as many poses .* 6 views of 3 poses"):
+        squares.append(
+            refit_poses(found.path, found.values, test, pinhole_poses(test, found.values))[1].rms_px
+            ** 2
+        )
+    assert result.settings["cross_validation"]["held_out_px"] == pytest.approx(
+        np.mean(squares) ** 0.5, rel=1e-6
+    )  # 81 corners each
+    sigma = (
+        np.std(squares, ddof=1) / 3**0.5 / (2 * np.mean(squares) ** 0.5)
+    )  # three poses, so three independent squares
+    assert result.settings["cross_validation"]["held_out_sigma_px"] == pytest.approx(
+        sigma, rel=1e-6
+    )
+    with pytest.raises(
+        NotEnoughDataError, match=r"4 folds need as many poses .* 6 views of 3 poses"
+    ):
         fit(read_session(folder), replace(SHORT, folds=4), Silent())
 
 
 def test_corners_outside_the_picture_are_refused(made: Scene, tmp_path: Path) -> None:
     view = made.views[0]
     far = View(view.name, view.corners * 3, view.weight)
-    with pytest.raises(InputError, match=r"0000.png has a corner at .* outside the camera's 3280x2464 px"):
+    with pytest.raises(
+        InputError, match=r"0000.png has a corner at .* outside the camera's 3280x2464 px"
+    ):
         fitted(write_session(tmp_path, made, (far, *made.views[1:])))
 
 
@@ -132,7 +170,10 @@ def test_a_bare_camera_seen_from_one_angle_is_refused(made: Scene, tmp_path: Pat
     said = yaml.safe_load((folder / "session.yaml").read_text())
     (folder / "session.yaml").write_text(yaml.safe_dump({**said, "cover": {"shape": "none"}}))
     rng = np.random.default_rng(0)
-    same = tuple(View(f"{i}.png", made.views[0].corners + rng.normal(0, 0.05, (81, 2)), made.views[0].weight) for i in range(6))
+    same = tuple(
+        View(f"{i}.png", made.views[0].corners + rng.normal(0, 0.05, (81, 2)), made.views[0].weight)
+        for i in range(6)
+    )
     from calib.corners.corners_file import write_corners
 
     write_corners(folder / "corners.vnl", same)
@@ -140,7 +181,9 @@ def test_a_bare_camera_seen_from_one_angle_is_refused(made: Scene, tmp_path: Pat
         fitted(folder)
 
 
-def test_a_cover_through_which_the_board_is_not_seen_is_refused(made: Scene, tmp_path: Path) -> None:
+def test_a_cover_through_which_the_board_is_not_seen_is_refused(
+    made: Scene, tmp_path: Path
+) -> None:
     """A square that is given in centimetres puts the boards inside the glass."""
     with pytest.raises(NotEnoughDataError, match=r"check the cover's numbers and board.square_mm"):
         fitted(spoiled(tmp_path, made, board__square_mm=0.1))
@@ -150,13 +193,26 @@ def test_a_cover_that_makes_things_worse_is_remarked_on(made: Scene, tmp_path: P
     good = judge(fitted(write_session(tmp_path / "good", made)))
     assert "larger than no cover" not in str(good)
     held = replace(SHORT, free=("none",))
-    worse = judge(fit(read_session(spoiled(tmp_path / "worse", made, cover__outside_index=1.333)), held, Silent()))
+    worse = judge(
+        fit(
+            read_session(spoiled(tmp_path / "worse", made, cover__outside_index=1.333)),
+            held,
+            Silent(),
+        )
+    )
     assert "makes the error larger than no cover" in str(worse)
 
 
 def test_a_number_with_a_sigma_is_estimated(made: Scene, tmp_path: Path) -> None:
     folder = spoiled(
-        tmp_path, made, camera__intrinsics={"fx": {"value": 2570.0, "sigma": 30.0}, "fy": 2558.36, "cx": 1666.03, "cy": 1273.65}
+        tmp_path,
+        made,
+        camera__intrinsics={
+            "fx": {"value": 2570.0, "sigma": 30.0},
+            "fy": 2558.36,
+            "cx": 1666.03,
+            "cy": 1273.65,
+        },
     )
     result = fit(read_session(folder), replace(SHORT, free=("none",)), Silent())
     assert result.camera.intrinsics
@@ -166,13 +222,19 @@ def test_a_number_with_a_sigma_is_estimated(made: Scene, tmp_path: Path) -> None
     assert result.covariance.shape == (17, 17)
 
 
-def test_a_fit_that_is_not_finite_is_told_and_keeps_no_covariance(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Over a noise of 1e-300 px, the residuals' squares overflow; a reader refuses such a noise, so another is written."""
+def test_a_fit_that_is_not_finite_is_told_and_keeps_no_covariance(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Over a noise of 1e-300 px, the residuals' squares overflow; a reader refuses such a noise, so
+    another is written.
+    """
     monkeypatch.setattr(joint_fit, "FIRST_SIGMA", 1e-300)
     free = {"fx": {"value": 2570.0, "sigma": 30.0}, "fy": 2558.36, "cx": 1666.03, "cy": 1273.65}
     result = fitted(spoiled(tmp_path, scene(21, views=10, noise=0.05), camera__intrinsics=free))
     assert judge(result).word is Word.DO_NOT_USE
-    read = Calibration.load(replace(result, settings={**result.settings, "sigma_px": 0.1}).save(tmp_path))
+    read = Calibration.load(
+        replace(result, settings={**result.settings, "sigma_px": 0.1}).save(tmp_path)
+    )
     assert read.covariance.size == 0
     assert Outcome.NOT_FINITE.value in str(judge(read))
     assert read.camera.intrinsics
@@ -193,12 +255,26 @@ class Tasks(Silent):
 
 
 def test_the_fits_of_a_session_are_told_apart(tmp_path: Path) -> None:
-    """A radius so wrong that it is first believed, then held, then doubted; and a view that is left out."""
+    """A radius so wrong that it is first believed, then held, then doubted; and a view that is left
+    out.
+    """
     tasks, ten = Tasks(), scene(21, views=10, noise=0.05)
     fit(read_session(spoiled(tmp_path / "radius", ten, cover__inner_radius_mm=60.0)), SHORT, tasks)
-    assert tasks.titles == ["Joint fit", "Joint fit, numbers as declared", "Joint fit, inner_radius doubted"]
+    assert tasks.titles == [
+        "Joint fit",
+        "Joint fit, numbers as declared",
+        "Joint fit, inner_radius doubted",
+    ]
     last = ten.views[-1]
-    swapped = last.corners.reshape(9, 9, 2)[[1, 0, *range(2, 9)]].reshape(81, 2)  # two rows taken for each other
+    swapped = last.corners.reshape(9, 9, 2)[[1, 0, *range(2, 9)]].reshape(
+        81, 2
+    )  # two rows taken for each other
     again, held = Tasks(), replace(SHORT, free=("none",))
-    fit(read_session(write_session(tmp_path / "view", ten, (*ten.views[:-1], replace(last, corners=swapped)))), held, again)
+    fit(
+        read_session(
+            write_session(tmp_path / "view", ten, (*ten.views[:-1], replace(last, corners=swapped)))
+        ),
+        held,
+        again,
+    )
     assert again.titles == ["Joint fit", "Joint fit, without 1 view"]

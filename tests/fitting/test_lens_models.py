@@ -1,4 +1,6 @@
-"""Lenses that are not OpenCV's polynomial: found from views, chosen on held-out views, and carried to the files."""
+"""Lenses that are not OpenCV's polynomial: found from views, chosen on held-out views, and carried
+to the files.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -49,11 +51,24 @@ DOME = {
         "outside_index": 1.333,
     }.items()
 }
-TRUE = np.array([n.value for n in (INTRINSICS.fx, INTRINSICS.fy, INTRINSICS.cx, INTRINSICS.cy, *INTRINSICS.distortion)])
+TRUE = np.array(
+    [
+        n.value
+        for n in (
+            INTRINSICS.fx,
+            INTRINSICS.fy,
+            INTRINSICS.cx,
+            INTRINSICS.cy,
+            *INTRINSICS.distortion,
+        )
+    ]
+)
 
 
 def found(seed: int, lens: str = FISHEYE, views: int = 20) -> Intrinsics:
-    return calibrate_bare(wide_views(seed, views, NOISE), BOARD, replace(CAMERA, lens=lens), Silent()).intrinsics
+    return calibrate_bare(
+        wide_views(seed, views, NOISE), BOARD, replace(CAMERA, lens=lens), Silent()
+    ).intrinsics
 
 
 def session(folder: Path, views: tuple[View, ...], **camera: object) -> Path:
@@ -72,12 +87,19 @@ def session(folder: Path, views: tuple[View, ...], **camera: object) -> Path:
 
 @pytest.mark.slow
 def test_errors_scatter_as_the_covariance_says() -> None:
-    """Along each of the eight directions in which errors are independent the mean square is 1, within what chance leaves in one of ten
-    thousand."""
+    """Along each of the eight directions in which errors are independent the mean square is 1,
+    within what chance leaves in one of ten thousand.
+    """
     draws, whitened = 16, []
     for seed in range(draws):
         intrinsics = found(seed)
-        numbers = (intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, *intrinsics.distortion)
+        numbers = (
+            intrinsics.fx,
+            intrinsics.fy,
+            intrinsics.cx,
+            intrinsics.cy,
+            *intrinsics.distortion,
+        )
         correlation = np.eye(len(numbers))
         for i, row in enumerate(intrinsics.correlations, 1):
             correlation[i, :i] = correlation[:i, i] = row
@@ -95,7 +117,9 @@ def test_auto_takes_a_fisheye_s_own_model_where_opencv_s_predicts_other_views_wo
     print(fitted.held_out_px)
     assert fitted.intrinsics.model == FISHEYE
     assert fitted.held_out_px[FISHEYE] == pytest.approx(NOISE * 2**0.5, rel=0.1)  # 700 corners
-    assert fitted.held_out_px[FISHEYE] < 0.95 * min(error for name, error in fitted.held_out_px.items() if name.isdigit())
+    assert fitted.held_out_px[FISHEYE] < 0.95 * min(
+        error for name, error in fitted.held_out_px.items() if name.isdigit()
+    )
 
 
 def test_auto_keeps_opencv_s_model_for_a_usual_lens() -> None:
@@ -114,14 +138,18 @@ def test_a_spline_takes_what_no_formula_says_and_nothing_where_nothing_is() -> N
         seen, others = uneven_views(1, 30, NOISE, waves), uneven_views(2, 30, NOISE, waves)
         plain = fit_lens(PLAIN, seen, BOARD, size)
         splined = fit_lens(SPLINES[1], seen, BOARD, size, plain)
-        before, after = (float(np.sqrt((lens.errors(others, BOARD) ** 2).mean())) for lens in (plain, splined))
+        before, after = (
+            float(np.sqrt((lens.errors(others, BOARD) ** 2).mean())) for lens in (plain, splined)
+        )
         print(f"{waves} px: {before:.4f} to {after:.4f} px")
         assert before / after > least
         assert after < 1.1 * NOISE * 2**0.5
 
 
 def test_a_splined_lens_is_chosen_saved_and_read(tmp_path: Path) -> None:
-    """By held-out views; a central format without splines fits its own lens and says by how much it is off."""
+    """By held-out views; a central format without splines fits its own lens and says by how much it
+    is off.
+    """
     folder = session(tmp_path / "session", uneven_views(3, 24, NOISE, 1.0), lens="splined")
     calibration = fit(read_session(folder), Settings(), Silent())
     again = Calibration.load(calibration.save(tmp_path / "out"))
@@ -131,7 +159,9 @@ def test_a_splined_lens_is_chosen_saved_and_read(tmp_path: Path) -> None:
     assert set(again.settings["lens_held_out_px"]) <= set(map(str, SPLINES))
     others = session(tmp_path / "others", uneven_views(4, 10, NOISE, 1.0))
     assert evaluate(again, read_session(others), Silent()).rms_px < 1.2 * NOISE * 2**0.5
-    pixels = np.random.default_rng(0).uniform([0, 0], [CAMERA.width - 1, CAMERA.height - 1], (500, 2))
+    pixels = np.random.default_rng(0).uniform(
+        [0, 0], [CAMERA.width - 1, CAMERA.height - 1], (500, 2)
+    )
     _, directions = again.rays(pixels)
     assert np.abs(again.project(0.5 * directions) - pixels).max() < 1e-6
     model = best_central(again, 0.5, [lens for lens in ROS if lens.fisheye])
@@ -139,31 +169,50 @@ def test_a_splined_lens_is_chosen_saved_and_read(tmp_path: Path) -> None:
 
 
 def test_a_fisheye_goes_all_the_way(tmp_path: Path) -> None:
-    """Fitted, saved, read again: its rays are the true ones up to a rotation's gauge, which fixed axes leave at the noise; its pixels come
-    back; its undistorted picture is a pinhole's; and the formats that have this lens have it exactly."""
+    """Fitted, saved, read again: its rays are the true ones up to a rotation's gauge, which fixed
+    axes leave at the noise; its pixels come back; its undistorted picture is a pinhole's; and the
+    formats that have this lens have it exactly.
+    """
     folder = session(tmp_path / "session", wide_views(5, 20, NOISE), lens="fisheye")
     calibration = fit(read_session(folder), Settings(), Silent())
     again = Calibration.load(calibration.save(tmp_path / "out"))
     assert again.camera == calibration.camera
     assert again.camera.intrinsics
     assert again.camera.intrinsics.model == FISHEYE
-    assert evaluate(again, read_session(folder), Silent()).rms_px == pytest.approx(NOISE * 2**0.5, rel=0.1)
+    assert evaluate(again, read_session(folder), Silent()).rms_px == pytest.approx(
+        NOISE * 2**0.5, rel=0.1
+    )
 
-    pixels = np.random.default_rng(0).uniform([20, 20], [CAMERA.width - 21, CAMERA.height - 21], (500, 2))
+    pixels = np.random.default_rng(0).uniform(
+        [20, 20], [CAMERA.width - 21, CAMERA.height - 21], (500, 2)
+    )
     _, directions = again.rays(pixels)
     assert np.isfinite(directions).all()
     assert np.abs(again.project(0.5 * directions) - pixels).max() < 1e-6
     k = INTRINSICS
     matrix = np.array([[k.fx.value, 0, k.cx.value], [0, k.fy.value, k.cy.value], [0, 0, 1]])
     ahead = directions[:, 2] > 0.2
-    true = cv2.fisheye.projectPoints(directions[ahead, None], np.zeros(3), np.zeros(3), matrix, TRUE[4:])[0].reshape(-1, 2)
+    true = cv2.fisheye.projectPoints(
+        directions[ahead, None], np.zeros(3), np.zeros(3), matrix, TRUE[4:]
+    )[0].reshape(-1, 2)
     assert np.sqrt(((true - pixels[ahead]) ** 2).sum(-1).mean()) < 3 * NOISE
 
     x, y = again.undistort_maps(1.0)
     rows, columns = np.mgrid[300:500:50, 300:500:50].reshape(2, -1)
     own = again.camera.intrinsics
-    straight = np.column_stack([(columns - own.cx.value) / own.fx.value, (rows - own.cy.value) / own.fy.value, np.ones(len(rows))])
-    assert np.abs(np.column_stack([x[rows, columns], y[rows, columns]]) - again.project(straight)).max() < 0.01
+    straight = np.column_stack(
+        [
+            (columns - own.cx.value) / own.fx.value,
+            (rows - own.cy.value) / own.fy.value,
+            np.ones(len(rows)),
+        ]
+    )
+    assert (
+        np.abs(
+            np.column_stack([x[rows, columns], y[rows, columns]]) - again.project(straight)
+        ).max()
+        < 0.01
+    )
 
     for lenses in (ROS, COLMAP):
         model = best_central(again, 0.5, lenses)
@@ -173,34 +222,53 @@ def test_a_fisheye_goes_all_the_way(tmp_path: Path) -> None:
 
 
 def test_what_a_session_states_is_held(tmp_path: Path) -> None:
-    stated = {"model": "fisheye", "fx": 300.0, "fy": 301.5, "cx": 425.0, "cy": 391.0, "distortion": list(TRUE[4:].tolist())}
+    stated = {
+        "model": "fisheye",
+        "fx": 300.0,
+        "fy": 301.5,
+        "cx": 425.0,
+        "cy": 391.0,
+        "distortion": list(TRUE[4:].tolist()),
+    }
     folder = session(tmp_path / "session", wide_views(6, 8, NOISE), intrinsics=stated)
     calibration = fit(read_session(folder), Settings(), Silent())
     assert calibration.camera.intrinsics
-    assert [number.value for number in calibration.camera.intrinsics.distortion] == TRUE[4:].tolist()
+    assert [number.value for number in calibration.camera.intrinsics.distortion] == TRUE[
+        4:
+    ].tolist()
     assert calibration.stages[0].rms_px == pytest.approx(NOISE * 2**0.5, rel=0.15)
 
 
 def test_behind_a_dome_a_fisheye_is_estimated_with_the_cover() -> None:
-    """Lens and dome are declared wrong, each by half its tolerance: the focal length by 1 %, the centre by 1 mm. They trade; but within
-    four of their own sigmas both are right, and the corners are fitted to their noise."""
+    """Lens and dome are declared wrong, each by half its tolerance: the focal length by 1 %, the
+    centre by 1 mm. They trade; but within four of their own sigmas both are right, and the corners
+    are fitted to their noise.
+    """
     dome = Cover("dome", DOME)
     path, values = covered_path(INTRINSICS, dome)
     points, rng, views = torch.from_numpy(BOARD.points()), np.random.default_rng(4), []
     for view in wide_views(7, 14, 0.0):
         pose = pinhole_poses(Observations.of([view], BOARD), pinhole_path(INTRINSICS)[1])[0]
         pixels = project(path, values, path.place(points, values, pose)).numpy()
-        seen = np.isfinite(pixels).all(-1) & ((pixels > 0) & (pixels < [CAMERA.width - 1, CAMERA.height - 1])).all(-1)
+        seen = np.isfinite(pixels).all(-1) & (
+            (pixels > 0) & (pixels < [CAMERA.width - 1, CAMERA.height - 1])
+        ).all(-1)
         pixels = np.where(seen[:, None], pixels + rng.normal(0, NOISE, pixels.shape), np.nan)
         views.append(View(view.name, pixels, seen.astype(np.float64)))
-    longer = replace(INTRINSICS, fx=Number(1.01 * INTRINSICS.fx.value), fy=Number(1.01 * INTRINSICS.fy.value))
+    longer = replace(
+        INTRINSICS, fx=Number(1.01 * INTRINSICS.fx.value), fy=Number(1.01 * INTRINSICS.fy.value)
+    )
     off = Cover("dome", {**DOME, "centre.z": Number(DOME["centre.z"].value + 1e-3)})
     told = Setup(BOARD, CAMERA, longer, off).freed(Settings())
     with single_thread():
         fitted = fit_stages(told, Observations.of(views, BOARD), Settings(grid=(3, 3)), Silent())
     assert fitted.joint
     estimates = fitted.joint.estimates()
-    for name, true in (("camera.fx", INTRINSICS.fx), ("camera.kb1", INTRINSICS.distortion[0]), ("cover.centre.z", DOME["centre.z"])):
+    for name, true in (
+        ("camera.fx", INTRINSICS.fx),
+        ("camera.kb1", INTRINSICS.distortion[0]),
+        ("cover.centre.z", DOME["centre.z"]),
+    ):
         print(name, estimates[name])
         assert abs(estimates[name].value - true.value) < 4 * estimates[name].sigma, name
     assert estimates["camera.kb1"].sigma < 0.05, "half of what was left open"

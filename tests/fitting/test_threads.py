@@ -8,12 +8,17 @@ from fixtures.degenerate import bare_session
 
 
 def test_a_lens_that_the_views_hardly_tell_is_the_same_every_time() -> None:
-    """Steps that differ by what is rounded end at other focal lengths: threads of cv2.calibrateCamera add up as they come."""
+    """Steps that differ by what is rounded end at other focal lengths: threads of
+    cv2.calibrateCamera add up as they come.
+    """
     shown = bare_session("line", 5021)
     before = cv2.getNumThreads()
     cv2.setNumThreads(4)
     try:
-        found = {calibrate_bare(shown.views, shown.board, shown.camera, Silent()).intrinsics.fx.value for _ in range(4)}
+        found = {
+            calibrate_bare(shown.views, shown.board, shown.camera, Silent()).intrinsics.fx.value
+            for _ in range(4)
+        }
         assert cv2.getNumThreads() == 4
     finally:
         cv2.setNumThreads(before)

@@ -1,4 +1,6 @@
-"""Views whose corners scatter more than the others': told from those that are off as a whole, and given less weight."""
+"""Views whose corners scatter more than the others': told from those that are off as a whole, and
+given less weight.
+"""
 
 import json
 from collections.abc import Sequence
@@ -30,7 +32,11 @@ def worse(made: Scene, times: float, which: Sequence[int]) -> Scene:
     rng = np.random.default_rng(4)
     more = NOISE * np.sqrt(times**2 - 1)
     views = (
-        replace(view, corners=view.corners + rng.normal(0, more, view.corners.shape)) if index in which else view
+        (
+            replace(view, corners=view.corners + rng.normal(0, more, view.corners.shape))
+            if index in which
+            else view
+        )
         for index, view in enumerate(made.views)
     )
     return replace(made, views=tuple(views))
@@ -47,7 +53,9 @@ def test_a_views_noise_and_its_spread_are_those_of_what_was_put_in(board: Board)
     drawn = np.random.default_rng(1).normal(0, NOISE, (3000, board.count, 2))
     noise, spread = noise_of_views(drawn, board)
     assert np.median(noise) == pytest.approx(2**0.5 * NOISE, rel=0.03)
-    assert noise.std() / np.median(noise) == pytest.approx(spread[0], rel=0.15)  # the constant is one for all boards
+    assert noise.std() / np.median(noise) == pytest.approx(
+        spread[0], rel=0.15
+    )  # the constant is one for all boards
 
 
 def test_among_views_alike_none_is_worse() -> None:
@@ -60,7 +68,9 @@ def test_among_views_alike_none_is_worse() -> None:
 
 
 def test_a_view_that_is_off_as_a_whole_is_not_worse() -> None:
-    """A board that bends otherwise in one view leaves a hundred times the noise there, and its corners scatter as all others do."""
+    """A board that bends otherwise in one view leaves a hundred times the noise there, and its
+    corners scatter as all others do.
+    """
     made = scene(1, 20, noise=0.0)
     drawn = np.random.default_rng(2).normal(0, NOISE, (20, 81, 2))
     x, y = made.board.points().T / 0.08
@@ -72,13 +82,18 @@ def test_a_view_that_is_off_as_a_whole_is_not_worse() -> None:
 
 def test_what_already_weighs_less_is_not_counted_twice() -> None:
     made = scene(1, 20, noise=0.0)
-    views = [replace(view, weight=view.weight / 3) if index == 5 else view for index, view in enumerate(made.views)]
+    views = [
+        replace(view, weight=view.weight / 3) if index == 5 else view
+        for index, view in enumerate(made.views)
+    ]
     drawn = np.random.default_rng(2).normal(0, NOISE, (20, 81, 2))
     drawn[5] *= 3
     assert not left(replace(made, views=tuple(views)), drawn)[1]
 
 
-def test_maps_are_better_and_surer_where_worse_views_weigh_less(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_maps_are_better_and_surer_where_worse_views_weigh_less(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Eight of twenty views are six times worse: with equal weights these decide."""
     made = worse(scene(72_001, 20, amplitude=1e-5, noise=NOISE, cover=GLASS), 6, range(8))
 
@@ -97,7 +112,9 @@ def test_maps_are_better_and_surer_where_worse_views_weigh_less(monkeypatch: pyt
     assert better < 2 * sure
 
 
-def test_a_fit_says_which_views_weigh_less_and_keeps_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_fit_says_which_views_weigh_less_and_keeps_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     made = worse(scene(8, 12, noise=NOISE), 4, [2, 7])
     place = write_session(tmp_path / "s", made)
     assert main(["fit", str(place), "--free", "none", "--grid", "5x4", "--json"]) == 0
@@ -113,13 +130,22 @@ def test_a_fit_says_which_views_weigh_less_and_keeps_it(tmp_path: Path, capsys: 
     assert "2 views are noisier than the others, and weigh less: 000" in capsys.readouterr().out
 
 
-def test_the_papers_procedure_weighs_all_views_alike(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_papers_procedure_weighs_all_views_alike(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     place = write_session(tmp_path / "s", worse(scene(8, 12, noise=NOISE), 4, [2, 7]))
-    assert main(["fit", str(place), "--method", "paper", "--steps", "20", "--grid", "5x4", "--json"]) == 0
+    assert (
+        main(["fit", str(place), "--method", "paper", "--steps", "20", "--grid", "5x4", "--json"])
+        == 0
+    )
     assert json.loads(capsys.readouterr().out)[VIEW_NOISE] == {}
 
 
 def test_the_sentence() -> None:
     assert not noisier({})
-    assert noisier({"a": 2.04}) == "1 view is noisier than the others, and weighs less: a (2.0 times)."
-    assert noisier(dict.fromkeys("abcde", 2.0)).endswith(" weigh less: a (2.0 times), b (2.0 times), c (2.0 times) and 2 more.")
+    assert (
+        noisier({"a": 2.04}) == "1 view is noisier than the others, and weighs less: a (2.0 times)."
+    )
+    assert noisier(dict.fromkeys("abcde", 2.0)).endswith(
+        " weigh less: a (2.0 times), b (2.0 times), c (2.0 times) and 2 more."
+    )

@@ -1,4 +1,6 @@
-"""Control charts: false alarms are as rare as is said, what is far away is out, and batches are told apart."""
+"""Control charts: false alarms are as rare as is said, what is far away is out, and batches are
+told apart.
+"""
 
 from collections.abc import Mapping, Sequence
 
@@ -36,9 +38,21 @@ def test_fleets_without_a_fault_have_the_stated_false_alarms(count: int) -> None
 
 def test_what_is_far_away_is_out_though_a_tenth_is_broken() -> None:
     numbers = fleet(np.random.default_rng(3), 40)
-    for index, (name, value) in enumerate([("camera.fx", 120.0), ("camera.cx", 85.0), ("held_out_px", 0.4), ("cover.thickness", 112.0)]):
+    for index, (name, value) in enumerate(
+        [
+            ("camera.fx", 120.0),
+            ("camera.cx", 85.0),
+            ("held_out_px", 0.4),
+            ("cover.thickness", 112.0),
+        ]
+    ):
         numbers[10 * index][name] = (value, 0.0 if name.endswith("px") else 0.5, "mm")
-    assert out(charts(numbers, {})) == {("camera.fx", 0), ("camera.cx", 10), ("held_out_px", 20), ("cover.thickness", 30)}
+    assert out(charts(numbers, {})) == {
+        ("camera.fx", 0),
+        ("camera.cx", 10),
+        ("held_out_px", 20),
+        ("cover.thickness", 30),
+    }
 
 
 def test_less_error_than_the_fleet_is_no_fault() -> None:
@@ -70,8 +84,13 @@ def test_batches_are_told_apart_and_have_centres_of_their_own() -> None:
         value, sigma, unit = numbers[index]["camera.fx"]
         numbers[index]["camera.fx"] = (value + 12, sigma, unit)
     numbers[1]["camera.fx"] = (112.0, 0.5, "mm")  # as B's are, but of A
-    drawn = {chart.name: chart for chart in charts(numbers, {"fixture": fixtures, "date": ["2026-05-01"] * 60})}
-    assert {name: chart.factor for name, chart in drawn.items() if chart.factor} == {"camera.fx": "fixture"}
+    drawn = {
+        chart.name: chart
+        for chart in charts(numbers, {"fixture": fixtures, "date": ["2026-05-01"] * 60})
+    }
+    assert {name: chart.factor for name, chart in drawn.items() if chart.factor} == {
+        "camera.fx": "fixture"
+    }
     a, b = drawn["camera.fx"].batches
     assert (a.name, a.count, b.name, b.count) == ("A", 30, "B", 30)
     assert b.centre - a.centre == pytest.approx(12, abs=1)
@@ -79,7 +98,9 @@ def test_batches_are_told_apart_and_have_centres_of_their_own() -> None:
 
 
 @pytest.mark.parametrize("factors", [{}, {"fixture": [""] * 3}])
-def test_few_cameras_and_numbers_that_do_not_vary_have_no_chart(factors: Mapping[str, Sequence[str]]) -> None:
+def test_few_cameras_and_numbers_that_do_not_vary_have_no_chart(
+    factors: Mapping[str, Sequence[str]],
+) -> None:
     assert charts([{"camera.fx": (1.0 + index, 0.1, "px")} for index in range(3)], factors) == ()
     assert charts([{"camera.fx": (1.0, 0.1, "px")} for _ in range(9)], {}) == ()
     assert charts([{} for _ in range(9)], {}) == ()

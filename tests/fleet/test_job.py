@@ -1,4 +1,6 @@
-"""One camera's job: what it leaves, when it is done again, and what becomes of a camera that cannot be calibrated."""
+"""One camera's job: what it leaves, when it is done again, and what becomes of a camera that cannot
+be calibrated.
+"""
 
 import json
 import os
@@ -31,12 +33,21 @@ def job(session: Path | str, tmp_path: Path, asked: Asked = ASKED, prior: str = 
     return Job(Entry("a", str(session), prior=prior), asked, str(tmp_path / "fleet"))
 
 
-def test_it_leaves_a_calibration_a_report_exports_and_one_json(session: Path, tmp_path: Path) -> None:
+def test_it_leaves_a_calibration_a_report_exports_and_one_json(
+    session: Path, tmp_path: Path
+) -> None:
     result = run_job(job(session, tmp_path, Asked(QUICK, (0.5,), ("stmap", "npz"))))
     assert (result.state, result.sentence, result.views) == (State.CALIBRATED, "", 6)
     folder = tmp_path / "fleet" / "cameras" / "a"
     names = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
-    assert {"calibration.yaml", "calibration.npz", "rays.npz", "map_0.5m.npz", "report.html", "npz/map_0.5m.npz"} <= names
+    assert {
+        "calibration.yaml",
+        "calibration.npz",
+        "rays.npz",
+        "map_0.5m.npz",
+        "report.html",
+        "npz/map_0.5m.npz",
+    } <= names
     assert any(name.startswith("stmap/") for name in names)
     assert {f"cameras/a/{name}" for name in names} >= set(result.written)
     assert Calibration.load(folder).settings["made_by"]["session"] == str(session)
@@ -45,7 +56,9 @@ def test_it_leaves_a_calibration_a_report_exports_and_one_json(session: Path, tm
     assert json.loads(place_of(tmp_path / "fleet", "a").read_text())["state"] == "calibrated"
 
 
-def test_what_is_done_is_not_done_again_and_what_has_changed_is(session: Path, tmp_path: Path) -> None:
+def test_what_is_done_is_not_done_again_and_what_has_changed_is(
+    session: Path, tmp_path: Path
+) -> None:
     own = job(session, tmp_path)
     written = tmp_path / "fleet" / "cameras" / "a" / "calibration.yaml"
 
@@ -77,7 +90,12 @@ def test_a_json_that_was_cut_short_is_no_result(session: Path, tmp_path: Path) -
     run_job(own)
     place = place_of(tmp_path / "fleet", "a")
     whole = place.read_text()
-    for text in (whole[: len(whole) // 2], "[]", '{"format": 1}', whole.replace('"numbers": {', '"numbers": {"x": 1, ', 1)):
+    for text in (
+        whole[: len(whole) // 2],
+        "[]",
+        '{"format": 1}',
+        whole.replace('"numbers": {', '"numbers": {"x": 1, ', 1),
+    ):
         place.write_text(text)
         assert read_result(tmp_path / "fleet", "a") is None
     assert run_job(own).state is State.CALIBRATED
@@ -100,7 +118,10 @@ def test_a_worker_that_is_killed_after_its_fit_leaves_it_to_the_next(
     assert run_job(job(session, tmp_path)).state is State.CALIBRATED
     assert written.stat().st_mtime_ns == before
     place_of(tmp_path / "fleet", "a").unlink()
-    assert run_job(job(session, tmp_path, Asked(replace(QUICK, grid=(4, 4))))).state is State.CALIBRATED
+    assert (
+        run_job(job(session, tmp_path, Asked(replace(QUICK, grid=(4, 4))))).state
+        is State.CALIBRATED
+    )
     assert written.stat().st_mtime_ns != before
 
 
@@ -118,9 +139,15 @@ def test_too_little_data_is_a_result_that_stays(session: Path, tmp_path: Path) -
 
 @pytest.mark.parametrize(
     ("damage", "said"),
-    [("truncated", "line 91 has 3 columns"), ("missing", "is not a folder"), ("empty", "has no session.yaml")],
+    [
+        ("truncated", "line 91 has 3 columns"),
+        ("missing", "is not a folder"),
+        ("empty", "has no session.yaml"),
+    ],
 )
-def test_what_cannot_be_read_is_a_result_that_is_tried_again(session: Path, tmp_path: Path, damage: str, said: str) -> None:
+def test_what_cannot_be_read_is_a_result_that_is_tried_again(
+    session: Path, tmp_path: Path, damage: str, said: str
+) -> None:
     kept = Path(shutil.copytree(session, tmp_path / "kept"))
     if damage == "truncated":
         lines = (session / "corners.vnl").read_text().splitlines(keepends=True)
@@ -137,14 +164,19 @@ def test_what_cannot_be_read_is_a_result_that_is_tried_again(session: Path, tmp_
     assert run_job(job(session, tmp_path)).state is State.CALIBRATED
 
 
-def test_a_bug_is_a_result_too(session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bug_is_a_result_too(
+    session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def broken(*_: object) -> None:
         raise ZeroDivisionError("by zero")
 
     monkeypatch.setattr("calib.fleet.job.fit", broken)
     result = run_job(job(session, tmp_path))
     assert result.state is State.FAILED
-    assert result.sentence == "This is a bug in calib (ZeroDivisionError: by zero): report it with this session."
+    assert (
+        result.sentence
+        == "This is a bug in calib (ZeroDivisionError: by zero): report it with this session."
+    )
 
 
 def test_a_camera_is_checked_against_its_prior(recorded: Path, tmp_path: Path) -> None:
@@ -158,7 +190,9 @@ def test_a_camera_is_checked_against_its_prior(recorded: Path, tmp_path: Path) -
     other = run_job(job(recorded / LINE.name(1), tmp_path / "other", prior=prior))
     assert other.check["answer"] != "valid"
     assert other.check["changes"]
-    lost = run_job(job(tmp_path / "now" / "session", tmp_path / "lost", prior=str(tmp_path / "nowhere")))
+    lost = run_job(
+        job(tmp_path / "now" / "session", tmp_path / "lost", prior=str(tmp_path / "nowhere"))
+    )
     assert lost.state is State.CALIBRATED
     (remark,) = lost.remarks
     assert remark.startswith("Its prior could not be checked: ")
@@ -173,10 +207,16 @@ def test_a_camera_whose_verdict_asks_for_it_is_diagnosed(tmp_path: Path) -> None
     result = run_job(job(tmp_path / "session", tmp_path))
     assert result.effects == ("board_scale",)
     assert result.report == "cameras/a/diagnosed/report.html"
-    assert result.numbers["error_px"].value > 1.05 * Calibration.load(tmp_path / "fleet" / "cameras" / "a" / "diagnosed").stages[-1].rms_px
+    assert (
+        result.numbers["error_px"].value
+        > 1.05
+        * Calibration.load(tmp_path / "fleet" / "cameras" / "a" / "diagnosed").stages[-1].rms_px
+    )
 
 
-def test_it_waits_for_another_that_works_on_the_same_camera(session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_waits_for_another_that_works_on_the_same_camera(
+    session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("calib.fleet.job.PATIENCE_S", 0.1)
     with FileSet(tmp_path / "fleet" / "cameras" / "a"):
         result = run_job(job(session, tmp_path))
@@ -190,7 +230,10 @@ def test_a_session_at_an_address_is_read_where_the_job_runs(session: Path, tmp_p
     own = job("memory://line/a", tmp_path)
     result = run_job(own)
     assert result.state is State.CALIBRATED
-    assert Calibration.load(tmp_path / "fleet" / "cameras" / "a").settings["made_by"]["session"] == "memory://line/a"
+    assert (
+        Calibration.load(tmp_path / "fleet" / "cameras" / "a").settings["made_by"]["session"]
+        == "memory://line/a"
+    )
     assert run_job(own) == result
     files.pipe("/line/a/corners.vnl", files.cat("/line/a/corners.vnl") + b"\n")
     assert run_job(own) != result

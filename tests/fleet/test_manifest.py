@@ -39,8 +39,8 @@ def test_a_csv_has_cameras_with_places_beside_it(tmp_path: Path) -> None:
 def test_a_yaml_has_limits_for_all_that_a_camera_may_have_its_own_of(tmp_path: Path) -> None:
     one, other = table(
         tmp_path,
-        "limits: {noise_px: {max: 0.2}, cover.thickness: {min: 2.9, max: 3.1}}\n"
-        "cameras:\n- {id: a, session: s3://bucket/a}\n- {id: b, session: b, limits: {noise_px: {max: 0.5}}}\n",
+        "limits: {noise_px: {max: 0.2}, cover.thickness: {min: 2.9, max: 3.1}}\ncameras:\n- {id: a,"
+        " session: s3://bucket/a}\n- {id: b, session: b, limits: {noise_px: {max: 0.5}}}\n",
         "fleet.yaml",
     )
     assert one.session == "s3://bucket/a"
@@ -62,10 +62,16 @@ def test_a_yaml_has_limits_for_all_that_a_camera_may_have_its_own_of(tmp_path: P
         ("id,session,id\na,x,b\n", "the column 'id' comes twice"),
         ("id,session\na,x,y\n", "line 2 has 3 cells and the first line 2"),
         ("id,session,date\na,x,17.5.26\n", "date is '17.5.26': write a day as 2026-05-17"),
-        ("id,session,held_out.max\na,x,1\n", "'held_out' is not a number of a camera: did you mean held_out_px"),
+        (
+            "id,session,held_out.max\na,x,1\n",
+            "'held_out' is not a number of a camera: did you mean held_out_px",
+        ),
         ("id,session,noise_px.max\na,x,much\n", "noise_px.max is 'much': write a number"),
         ("id,session,noise_px.max\na,x,nan\n", "noise_px.max is 'nan': write a number"),
-        ("id,session,noise_px.min,noise_px.max\na,x,2,1\n", "noise_px has 2 as its min and 1 as its max: exchange them"),
+        (
+            "id,session,noise_px.min,noise_px.max\na,x,2,1\n",
+            "noise_px has 2 as its min and 1 as its max: exchange them",
+        ),
         ('id,session\n"a,x\n', "is not a CSV table"),
         ("", "has no column id"),
     ],
@@ -82,9 +88,15 @@ def test_what_is_wrong_in_a_csv(tmp_path: Path, text: str, said: str) -> None:
         ("cameras: []\n", "has no camera"),
         ("cameras: {a: x}\n", "cameras is a mapping: write a list"),
         ("cameras: [a]\n", "cameras[0]"),
-        ("cameras: [{id: 12, session: x}]\n", "cameras[0].id is 12: write a text, in quotes if need be"),
+        (
+            "cameras: [{id: 12, session: x}]\n",
+            "cameras[0].id is 12: write a text, in quotes if need be",
+        ),
         ("cameras: [{id: a, session: x, serail: b}]\n", "did you mean serial?"),
-        ("cameras: [{id: a, session: x, limits: {noise_px: {top: 1}}}]\n", "top is not a end of a limit"),
+        (
+            "cameras: [{id: a, session: x, limits: {noise_px: {top: 1}}}]\n",
+            "top is not a end of a limit",
+        ),
         ("camera: []\n", "did you mean cameras?"),
     ],
 )
@@ -104,8 +116,14 @@ def test_a_glob_and_folders_are_named_by_their_sessions(tmp_path: Path) -> None:
     sessions(tmp_path, "one", "two words", "three")
     (tmp_path / "notes.txt").write_text("")
     found = {entry.id: entry.session for entry in read_manifest([str(tmp_path / "*")])}
-    assert found == {"one": str(tmp_path / "one"), "two-words": str(tmp_path / "two words"), "three": str(tmp_path / "three")}
-    assert [entry.id for entry in read_manifest([str(tmp_path / "one"), str(tmp_path / "three")])] == ["one", "three"]
+    assert found == {
+        "one": str(tmp_path / "one"),
+        "two-words": str(tmp_path / "two words"),
+        "three": str(tmp_path / "three"),
+    }
+    assert [
+        entry.id for entry in read_manifest([str(tmp_path / "one"), str(tmp_path / "three")])
+    ] == ["one", "three"]
 
 
 @pytest.mark.parametrize(
@@ -126,7 +144,9 @@ def test_what_is_no_manifest(tmp_path: Path, place: str, said: str) -> None:
 
 def test_sessions_of_one_name_need_a_table(tmp_path: Path) -> None:
     sessions(tmp_path, "monday/A1", "tuesday/A1")
-    with pytest.raises(InputError, match="the id A1 comes twice: list them in a CSV with ids of your own"):
+    with pytest.raises(
+        InputError, match="the id A1 comes twice: list them in a CSV with ids of your own"
+    ):
         read_manifest([str(tmp_path / "*" / "A1")])
 
 

@@ -34,13 +34,34 @@ BROKEN = {"answer": "broken", "p_value": 0.0, "added_px": 4.2, "lacking": "", "c
 MOVED = {"camera.cx": Moved(100.0, 130.0, -30.0, "px")}
 LOST = "Its prior could not be checked: x does not exist."
 WAYS: dict[str, tuple[Result, str]] = {
-    "c3": (Result("c3", State.FAILED, "a.png is truncated or damaged: copy it again."), "no calibration: a.png is truncated"),
-    "c5": (plain("c5", numbers=measured("camera.fx", 150.0, 0.3)), "focal length, x is 150.00 ± 0.30 px, where the fleet has 99.8"),
-    "c7": (plain("c7", numbers=measured("noise_px", 0.9, 0.0)), "noise of the corners is 8.8 times the fleet's, 0.9 px where"),
-    "c9": (plain("c9", verdict={"word": "do_not_use", "reasons": ["it is mirrored."]}), "not to use it: it is mirrored"),
-    "c11": (plain("c11", check=BROKEN), "its prior is broken: the focal length has changed by 3.0 ± 0.1 %, which adds 4.2 px"),
-    "c13": (plain("c13", effects=("board_shape",)), "its diagnosis found board_shape, which no other has"),
-    "c15": (plain("c15", moved=MOVED), "principal point, x moved by -30.0 sigmas from its prior, 100 to 130 px"),
+    "c3": (
+        Result("c3", State.FAILED, "a.png is truncated or damaged: copy it again."),
+        "no calibration: a.png is truncated",
+    ),
+    "c5": (
+        plain("c5", numbers=measured("camera.fx", 150.0, 0.3)),
+        "focal length, x is 150.00 ± 0.30 px, where the fleet has 99.8",
+    ),
+    "c7": (
+        plain("c7", numbers=measured("noise_px", 0.9, 0.0)),
+        "noise of the corners is 8.8 times the fleet's, 0.9 px where",
+    ),
+    "c9": (
+        plain("c9", verdict={"word": "do_not_use", "reasons": ["it is mirrored."]}),
+        "not to use it: it is mirrored",
+    ),
+    "c11": (
+        plain("c11", check=BROKEN),
+        "its prior is broken: the focal length has changed by 3.0 ± 0.1 %, which adds 4.2 px",
+    ),
+    "c13": (
+        plain("c13", effects=("board_shape",)),
+        "its diagnosis found board_shape, which no other has",
+    ),
+    "c15": (
+        plain("c15", moved=MOVED),
+        "principal point, x moved by -30.0 sigmas from its prior, 100 to 130 px",
+    ),
     "c17": (plain("c17", remarks=(LOST,)), "its prior could not be checked"),
 }
 
@@ -70,16 +91,24 @@ def test_false_alarms_over_charts_priors_and_moves_are_as_rare_as_is_said() -> N
 
 
 def test_an_effect_that_many_have_is_the_fleets_way_to_be() -> None:
-    shared = {f"c{number}": plain(f"c{number}", effects=("rolling_shutter",)) for number in range(12)}
+    shared = {
+        f"c{number}": plain(f"c{number}", effects=("rolling_shutter",)) for number in range(12)
+    }
     assert not made(60, shared).findings
     assert "<b>rolling_shutter</b>" in fleet_page(made(60, shared), "x")
 
 
 def test_limits_of_its_own() -> None:
     whole = made(30)
-    entries = [replace(entry, limits=(Limit("cover.thickness", high=99.0),)) if entry.id == "c4" else entry for entry in whole.entries]
+    entries = [
+        replace(entry, limits=(Limit("cover.thickness", high=99.0),)) if entry.id == "c4" else entry
+        for entry in whole.entries
+    ]
     results = {one.id: one for one in whole.results}
-    results["c4"] = replace(results["c4"], numbers={**results["c4"].numbers, "cover.thickness": Measured(100.1, 0.3, "mm")})
+    results["c4"] = replace(
+        results["c4"],
+        numbers={**results["c4"].numbers, "cover.thickness": Measured(100.1, 0.3, "mm")},
+    )
     (finding,) = judge_fleet(entries, results).findings["c4"]
     assert finding.sentence == "cover.thickness is 100.1 mm, where its limit is at most 99"
 
@@ -94,7 +123,12 @@ def test_the_page_needs_nothing_and_links_every_camera(fleet: Fleet) -> None:
         place = f"cameras/{camera}.json" if camera == "c3" else f"cameras/{camera}/report.html"
         assert f'href="{place}"' in html
     assert html.count("<svg") == 1 + len(fleet.charts) + 1
-    assert html.index("Who stands out") < html.index("Control charts") < html.index("Against the priors") < html.index("All cameras")
+    assert (
+        html.index("Who stands out")
+        < html.index("Control charts")
+        < html.index("Against the priors")
+        < html.index("All cameras")
+    )
 
 
 def test_ten_thousand_cameras_are_one_page_of_some_megabytes() -> None:
@@ -108,7 +142,9 @@ def test_the_table_has_a_row_for_each_camera(fleet: Fleet) -> None:
     rows = list(csv.DictReader(io.StringIO(fleet_csv(fleet))))
     assert len(rows) == 60
     by_id = {row["id"]: row for row in rows}
-    assert [camera for camera, row in by_id.items() if row["stands_out"] == "1"] == [e.id for e in fleet.entries if e.id in WAYS]
+    assert [camera for camera, row in by_id.items() if row["stands_out"] == "1"] == [
+        e.id for e in fleet.entries if e.id in WAYS
+    ]
     assert by_id["c3"]["state"] == "failed"
     assert by_id["c3"]["camera.fx"] == ""
     assert by_id["c5"]["camera.fx"] == "150"
@@ -117,7 +153,10 @@ def test_the_table_has_a_row_for_each_camera(fleet: Fleet) -> None:
     assert by_id["c5"]["report"] == "cameras/c5/report.html"
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed: apt-get install chromium shows the page to this test")
+@pytest.mark.skipif(
+    CHROMIUM is None,
+    reason="Chromium is not installed: apt-get install chromium shows the page to this test",
+)
 @pytest.mark.parametrize("flags", [(), DARK])
 def test_the_page_in_a_browser(fleet: Fleet, tmp_path: Path, flags: tuple[str, ...]) -> None:
     """Nothing is refused, every mark lies in its drawing, and no name covers another."""
@@ -130,8 +169,10 @@ const over = all(document, ".charts svg").flatMap(svg => all(svg, ".name").flatM
   .map(b => a.textContent + "/" + b.textContent)));
 document.getElementById("seen").textContent = JSON.stringify({ out, over,
   wide: document.documentElement.scrollWidth - window.innerWidth, marks: all(document, "svg .out").length });
-</script></body>"""
-    html = fleet_page(fleet, "line 3").replace("default-src 'none'", "default-src 'none'; script-src 'unsafe-inline'")
+</script></body>"""  # noqa: E501
+    html = fleet_page(fleet, "line 3").replace(
+        "default-src 'none'", "default-src 'none'; script-src 'unsafe-inline'"
+    )
     dom, said = browse(html.replace("</body>", look), tmp_path, *flags)
     seen = re.search(r'<pre id="seen">(.*?)</pre>', dom)
     assert seen

@@ -13,8 +13,9 @@ SPREAD = np.array([0.03, 0.1, 0.2, 0.05, 0.1])
 
 
 def fleet(seed: int, cameras: int, noise: float) -> tuple[Population, np.ndarray]:
-    """What is expected, and the (NEXT, SIZE) numbers of the next cameras. Each tells its numbers to `noise` times a tolerance, one not at
-    all."""
+    """What is expected, and the (NEXT, SIZE) numbers of the next cameras. Each tells its numbers to
+    `noise` times a tolerance, one not at all.
+    """
     rng = np.random.default_rng([seed, cameras])
     mean = 0.5 * rng.standard_normal(SIZE)
     told = []
@@ -22,7 +23,9 @@ def fleet(seed: int, cameras: int, noise: float) -> tuple[Population, np.ndarray
         rows = rng.normal(size=(SIZE - 1, SIZE)) / noise
         true = mean + SPREAD * rng.standard_normal(SIZE)
         told.append(Told(rows.T @ rows, rows.T @ (rows @ true + rng.standard_normal(SIZE - 1))))
-    return population(told, np.zeros(SIZE), np.eye(SIZE)), mean + SPREAD * rng.standard_normal((NEXT, SIZE))
+    return population(told, np.zeros(SIZE), np.eye(SIZE)), mean + SPREAD * rng.standard_normal(
+        (NEXT, SIZE)
+    )
 
 
 def squares(cameras: int, noise: float) -> float:
@@ -31,7 +34,9 @@ def squares(cameras: int, noise: float) -> float:
     for seed in range(FLEETS):
         known, later = fleet(seed, cameras, noise)
         away = later - known.mean
-        found.append(float((away * np.linalg.solve(known.covariance, away.T).T).sum(1).mean() / SIZE))
+        found.append(
+            float((away * np.linalg.solve(known.covariance, away.T).T).sum(1).mean() / SIZE)
+        )
     return float(np.mean(found))
 
 
@@ -47,7 +52,9 @@ def test_few_cameras_promise_less_than_they_could_and_never_more(noise: float) -
 
 
 def test_a_camera_that_hardly_knows_its_numbers_does_not_spread_the_fleet() -> None:
-    """Control: estimates scatter by the noise and the spread together, which is what a plain covariance of them would say."""
+    """Control: estimates scatter by the noise and the spread together, which is what a plain
+    covariance of them would say.
+    """
     known, _ = fleet(0, 40, 1.0)
     assert (np.sqrt(known.covariance.diagonal()) < 0.6).all()
 

@@ -72,7 +72,9 @@ def named(folder: Path, line: Line, views: int, prior: Path | None) -> Path:
 
 
 def map_error(line: Line, calibration: Calibration) -> float:
-    """px RMS of the undistorted position at 0.5 m, across the picture, after the rigid motion that fits best."""
+    """px RMS of the undistorted position at 0.5 m, across the picture, after the rigid motion that
+    fits best.
+    """
     made = true_scene(line, 0)
     x, y = np.meshgrid(np.linspace(200, WIDTH - 200, 9), np.linspace(200, HEIGHT - 200, 7))
     pixels = np.stack([x, y], -1).reshape(-1, 2)
@@ -94,16 +96,23 @@ def test_a_camera_that_is_another_is_left_out_by_name(prior: Path) -> None:
 
 def test_the_fleet_knows_its_focal_length_better_than_the_drawing(prior: Path) -> None:
     read = read_fleet_prior(prior)
-    known, declared = (numbers_of(*one)["camera.fx"] for one in ((read.intrinsics, read.cover), read.declared))
+    known, declared = (
+        numbers_of(*one)["camera.fx"] for one in ((read.intrinsics, read.cover), read.declared)
+    )
     assert known.sigma < 0.4 * declared.sigma
     assert abs(known.value - 1.0015 * 2558.36) < 3 * known.sigma  # half of them focus 0.3 % longer
 
 
 @pytest.mark.parametrize("views", [3, 6])
-def test_the_same_views_of_a_new_camera_give_a_better_map(views: int, prior: Path, tmp_path: Path) -> None:
+def test_the_same_views_of_a_new_camera_give_a_better_map(
+    views: int, prior: Path, tmp_path: Path
+) -> None:
     """The control fits them without the prior."""
     with single_thread():
-        alone, found = (fit(read_session(named(tmp_path / str(bool(one)), NEW, views, one)), SETTINGS) for one in (None, prior))
+        alone, found = (
+            fit(read_session(named(tmp_path / str(bool(one)), NEW, views, one)), SETTINGS)
+            for one in (None, prior)
+        )
     assert found.settings["fleet_prior"]["used"]
     assert map_error(NEW, found) < 0.8 * map_error(NEW, alone)
 
@@ -112,10 +121,15 @@ def test_the_same_views_of_a_new_camera_give_a_better_map(views: int, prior: Pat
 def stranger(prior: Path, tmp_path_factory: pytest.TempPathFactory) -> Calibration:
     """A camera focused 5 % longer than its fleet's, whose session names their prior."""
     with single_thread():
-        return fit(read_session(named(tmp_path_factory.mktemp("new") / "stranger", ANOTHER, 6, prior)), SETTINGS)
+        return fit(
+            read_session(named(tmp_path_factory.mktemp("new") / "stranger", ANOTHER, 6, prior)),
+            SETTINGS,
+        )
 
 
-def test_a_prior_that_the_views_contradict_is_told_and_not_obeyed(stranger: Calibration, tmp_path: Path) -> None:
+def test_a_prior_that_the_views_contradict_is_told_and_not_obeyed(
+    stranger: Calibration, tmp_path: Path
+) -> None:
     said = stranger.settings["fleet_prior"]
     assert not said["used"]
     assert said["p_value"] < 0.01
@@ -129,7 +143,9 @@ def test_a_prior_that_the_views_contradict_is_told_and_not_obeyed(stranger: Cali
 
 
 def test_what_it_was_fitted_with_is_kept(prior: Path, tmp_path: Path) -> None:
-    """A diagnosis starts from the same prior; and a session without intrinsics of its own has the fleet's."""
+    """A diagnosis starts from the same prior; and a session without intrinsics of its own has the
+    fleet's.
+    """
     folder = named(tmp_path / "new", NEW, 4, prior)
     said = yaml.safe_load((folder / "session.yaml").read_text())
     del said["camera"]["intrinsics"]
@@ -140,7 +156,9 @@ def test_what_it_was_fitted_with_is_kept(prior: Path, tmp_path: Path) -> None:
     assert read.settings["fleet_prior"]["cameras"] == 6
     fleet = read_fleet_prior(prior)
     assert read.declared.intrinsics.fx.sigma == pytest.approx(fleet.intrinsics.fx.sigma)
-    assert read.declared.intrinsics.correlations[0] == pytest.approx(fleet.intrinsics.correlations[0])
+    assert read.declared.intrinsics.correlations[0] == pytest.approx(
+        fleet.intrinsics.correlations[0]
+    )
     glass = read.declared.cover.glass
     assert glass is not None
     assert fleet.cover.glass is not None
@@ -149,15 +167,24 @@ def test_what_it_was_fitted_with_is_kept(prior: Path, tmp_path: Path) -> None:
     model = base_model(read)
     assert model.parameters.known_glass is not None
     assert read.relief is not None
-    assert model.means["relief.amplitudes"].numpy() == pytest.approx(expected_amplitudes(read.relief, glass))
+    assert model.means["relief.amplitudes"].numpy() == pytest.approx(
+        expected_amplitudes(read.relief, glass)
+    )
 
 
-def test_the_console_says_that_a_prior_was_used(prior: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_console_says_that_a_prior_was_used(
+    prior: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     main(["fit", str(named(tmp_path / "new", NEW, 4, prior)), "--grid", "6x6"])
-    assert f"Prior: the numbers and the glass of 6 cameras ({prior}), which stand below for what is declared." in capsys.readouterr().out
+    assert (
+        f"Prior: the numbers and the glass of 6 cameras ({prior}), which stand below for what is"
+        " declared." in capsys.readouterr().out
+    )
 
 
-def test_json_says_what_is_expected(prior: Path, fleet: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_says_what_is_expected(
+    prior: Path, fleet: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(["fleet-prior", str(fleet), "-o", str(fleet / "again.yaml"), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["cameras"] == 6
@@ -177,7 +204,9 @@ def test_broken_cameras_are_left_out_and_named(fleet: Path, tmp_path: Path) -> N
     folder = copied(fleet, tmp_path)
     first, second, *_ = [LINE.name(number) for number in range(LINE.cameras) if number != BROKEN]
     changed(folder, first, verdict={"word": "do_not_use"})
-    changed(folder, second, state=State.FAILED, sentence="corners.vnl ends in the middle of a line.")
+    changed(
+        folder, second, state=State.FAILED, sentence="corners.vnl ends in the middle of a line."
+    )
     said = dict(fleet_prior(folder).left_out)
     assert said[first] == "its verdict is not to use it"
     assert said[second] == "it has no calibration: corners.vnl ends in the middle of a line"
@@ -189,7 +218,11 @@ def test_cameras_of_two_kinds_are_kept_apart(fleet: Path, tmp_path: Path) -> Non
         other = folder / "cameras" / LINE.name(number) / "calibration.yaml"
         other.write_text(other.read_text().replace("width: 3280", "width: 3282"))
     said = dict(fleet_prior(folder).left_out)
-    assert said[LINE.name(0)] == said[LINE.name(1)] == "it is of another kind: 3282x2464 px, opencv with 0 coefficients, behind a cone"
+    assert (
+        said[LINE.name(0)]
+        == said[LINE.name(1)]
+        == "it is of another kind: 3282x2464 px, opencv with 0 coefficients, behind a cone"
+    )
 
 
 def test_kinds_of_which_none_is_most_are_refused(fleet: Path, tmp_path: Path) -> None:
@@ -197,7 +230,10 @@ def test_kinds_of_which_none_is_most_are_refused(fleet: Path, tmp_path: Path) ->
     for number in range(LINE.cameras):
         other = folder / "cameras" / LINE.name(number) / "calibration.yaml"
         other.write_text(other.read_text().replace("width: 3280", f"width: {3280 + number % 3}"))
-    with pytest.raises(InputError, match=r"cameras of 3 kinds, none of which most are .* run calib batch for each kind"):
+    with pytest.raises(
+        InputError,
+        match=r"cameras of 3 kinds, none of which most are .* run calib batch for each kind",
+    ):
         fleet_prior(folder)
 
 
@@ -205,7 +241,9 @@ def test_too_few_cameras_are_refused(fleet: Path, tmp_path: Path) -> None:
     folder = copied(fleet, tmp_path)
     for number in range(4):
         changed(folder, LINE.name(number), verdict={"word": "do_not_use"})
-    with pytest.raises(NotEnoughDataError, match=r"A prior takes 4 cameras and .* has 3 that can be used"):
+    with pytest.raises(
+        NotEnoughDataError, match=r"A prior takes 4 cameras and .* has 3 that can be used"
+    ):
         fleet_prior(folder)
 
 

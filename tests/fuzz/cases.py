@@ -1,4 +1,7 @@
-"""What is fuzzed: for each kind of input a strategy, and what the commands do with it. None of it may raise anything but RefracalError."""
+"""What is fuzzed: for each kind of input a strategy, and what the commands do with it.
+
+None of it may raise anything but RefracalError.
+"""
 
 import io
 import os
@@ -45,7 +48,9 @@ from tests.test_calibration import write_session
 
 Run = Callable[[Any], object]
 Reader = Callable[[Any], bool]
-"""True where the input was refused by a sentence, which was looked at, and did not come as an exception."""
+"""True where the input was refused by a sentence, which was looked at, and did not come as an
+exception.
+"""
 BOARD = Board(6, 5, 0.02)
 SPECIAL = ("fifo", "zero", "full", "folder", "loop", "nothing")
 """What may stand where a file is expected."""
@@ -74,39 +79,88 @@ class Bench:
             if main(["fit", str(fitted), "--grid", "4x4", "-o", str(self.calibration)]) != 0:
                 raise AssertionError("the good session cannot be fitted")
         known(scene(1, views=1, grid=(4, 4), amplitude=3e-5), 64, 48).save(folder / "small")
-        self.said: dict[str, Any] = yaml.safe_load((self.calibration / "calibration.yaml").read_text())
+        self.said: dict[str, Any] = yaml.safe_load(
+            (self.calibration / "calibration.yaml").read_text()
+        )
         with np.load(self.calibration / "calibration.npz") as file:
             self.arrays = dict(file)
 
     @cached_property
     def kinds(self) -> tuple[Kind, ...]:
         session = yaml.safe_load(SESSION)
-        pictures = [cv2.imencode(suffix, np.full((24, 32), 99, np.uint8))[1].tobytes() for suffix in (".png", ".jpg", ".bmp", ".tiff")]
+        pictures = [
+            cv2.imencode(suffix, np.full((24, 32), 99, np.uint8))[1].tobytes()
+            for suffix in (".png", ".jpg", ".bmp", ".tiff")
+        ]
         detections = self._detections()
         model = cameramodel(self.folder / "a.cameramodel").read_bytes()
-        chain = {"cam0": {"camera_model": "pinhole", "resolution": [32, 24], "intrinsics": [1, 2, 3, 4]}, "target_type": "checkerboard"}
-        target = {"targetCols": 6, "targetRows": 5, "colSpacingMeters": 0.02, "rowSpacingMeters": 0.02}
-        points = (b"name,image,x,y\na,0000.png,10,20\nb,0000.png,30.5,40\n", b"image,rx,ry,rz,tx,ty,tz\n0000.png,0,0,0,0,0,0.5\n")
-        table = b"file,time_s,sequence,view,gain\n0000.png,1.5,0,0,1\n0001.jpg,2.5,1,0,1\n0002.png,3.5,2,1,1\n"
+        chain = {
+            "cam0": {"camera_model": "pinhole", "resolution": [32, 24], "intrinsics": [1, 2, 3, 4]},
+            "target_type": "checkerboard",
+        }
+        target = {
+            "targetCols": 6,
+            "targetRows": 5,
+            "colSpacingMeters": 0.02,
+            "rowSpacingMeters": 0.02,
+        }
+        points = (
+            b"name,image,x,y\na,0000.png,10,20\nb,0000.png,30.5,40\n",
+            b"image,rx,ry,rz,tx,ty,tz\n0000.png,0,0,0,0,0,0.5\n",
+        )
+        table = b"file,time_s,sequence,view,gain\n0000.png,1.5,0,0,1\n0001.jpg,2.5,1,0,1\n0002.png,3.5,2,1,1\n"  # noqa: E501
         corners = (self.session / "corners.vnl").read_bytes()
         depths = st.lists(
-            st.sampled_from(("1", "0.5", "inf", "1e308", "1e-300", "nan", "-1", "\x1b[2J", "x" * 5000)), min_size=1, max_size=2
+            st.sampled_from(
+                ("1", "0.5", "inf", "1e308", "1e-300", "nan", "-1", "\x1b[2J", "x" * 5000)
+            ),
+            min_size=1,
+            max_size=2,
         )
         return (
-            # First those with few different values: what they leave of their share goes to the others.
-            Kind("something else than a file", st.tuples(st.sampled_from(SPECIAL), st.integers(0, 9)), self._special),
-            Kind("--depth", st.tuples(depths, st.sampled_from(("npz", "ros", "opencv", "stmap"))), self._depth),
+            # First those with few different values: what they leave of their share goes to the
+            # others.
+            Kind(
+                "something else than a file",
+                st.tuples(st.sampled_from(SPECIAL), st.integers(0, 9)),
+                self._special,
+            ),
+            Kind(
+                "--depth",
+                st.tuples(depths, st.sampled_from(("npz", "ros", "opencv", "stmap"))),
+                self._depth,
+            ),
             Kind("a command line", lines(good_lines(self.folder, points)), self._line),
-            Kind("session.yaml, as text", texts([SESSION.encode(), WITH_CORNERS.encode()]), self._session),
+            Kind(
+                "session.yaml, as text",
+                texts([SESSION.encode(), WITH_CORNERS.encode()]),
+                self._session,
+            ),
             Kind("session.yaml, by value", mappings(session).map(_yaml), self._session),
             Kind("frames.csv", texts([table]), self._frames),
             Kind("corners.vnl", texts([corners]), self._corners),
-            Kind("detections", st.one_of(texts([_yaml(detections)]), mappings(detections).map(_yaml)), self._kept),
-            Kind("a picture", st.one_of(texts(pictures), texts([p + b"\xff" * 60_000 for p in pictures]), npys()), self._picture),
-            Kind("calibration.yaml, as text", texts([(self.calibration / "calibration.yaml").read_bytes()]), self._text),
+            Kind(
+                "detections",
+                st.one_of(texts([_yaml(detections)]), mappings(detections).map(_yaml)),
+                self._kept,
+            ),
+            Kind(
+                "a picture",
+                st.one_of(texts(pictures), texts([p + b"\xff" * 60_000 for p in pictures]), npys()),
+                self._picture,
+            ),
+            Kind(
+                "calibration.yaml, as text",
+                texts([(self.calibration / "calibration.yaml").read_bytes()]),
+                self._text,
+            ),
             Kind("calibration.yaml, by value", mappings(self.said), self._value),
             Kind("calibration.npz", arrays(self.arrays), self._arrays),
-            Kind("calibration.npz, as bytes", texts([(self.calibration / "calibration.npz").read_bytes()]), self._bytes),
+            Kind(
+                "calibration.npz, as bytes",
+                texts([(self.calibration / "calibration.npz").read_bytes()]),
+                self._bytes,
+            ),
             Kind("points", texts(points), self._points),
             Kind(".cameramodel", texts([model]), self._mrcal),
             Kind("calibrationdata.tar", texts(tars(pictures[0])), self._ros),
@@ -115,7 +169,10 @@ class Bench:
 
     def deep(self, value: object) -> None:
         """What a person does next with a calibration that could be read; seconds."""
-        for words in (["report", "--no-open"], ["export", "--format", "npz", "--depth", "1", "-o", str(self.folder / "out")]):
+        for words in (
+            ["report", "--no-open"],
+            ["export", "--format", "npz", "--depth", "1", "-o", str(self.folder / "out")],
+        ):
             self._command([*words, str(self.calibration)])
         judge(Calibration.load(self.calibration))
         del value
@@ -153,7 +210,9 @@ class Bench:
     def _picture(self, data: bytes) -> bool:
         suffixes = (".npy",) if data.startswith(b"\x93NUMPY") else (".png", ".npy")
         paths = [self._put(f"picture{suffix}", data) for suffix in suffixes]
-        return _refused([partial(read, path) for path in paths for read in (read_image, read_depth_image)])
+        return _refused(
+            [partial(read, path) for path in paths for read in (read_image, read_depth_image)]
+        )
 
     def _text(self, data: bytes) -> None:
         self._put("calibration/calibration.yaml", data)
@@ -170,7 +229,10 @@ class Bench:
 
     def _bytes(self, data: bytes) -> None:
         self._put("calibration/calibration.npz", data)
-        self._put("calibration/calibration.yaml", _yaml(self.said | {"arrays_sha256": sha256(data).hexdigest()}))
+        self._put(
+            "calibration/calibration.yaml",
+            _yaml(self.said | {"arrays_sha256": sha256(data).hexdigest()}),
+        )
         self._load()
 
     def _load(self) -> None:
@@ -222,13 +284,34 @@ class Bench:
             from_cameramodel,
             lambda _: from_tar(path, BOARD, None),
             Calibration.load,
-            lambda _: self._command(["undistort", str(self.folder / "small"), str(path), "--depth", "1", "-o", str(self.folder / "out")]),
+            lambda _: self._command(
+                [
+                    "undistort",
+                    str(self.folder / "small"),
+                    str(path),
+                    "--depth",
+                    "1",
+                    "-o",
+                    str(self.folder / "out"),
+                ]
+            ),
         )
         readers[which](path)
 
     def _depth(self, case: tuple[list[str], str]) -> bool:
         depths, form = case
-        return self._command(["export", str(self.folder / "small"), "--format", form, "--depth", *depths, "-o", str(self.folder / "out")])
+        return self._command(
+            [
+                "export",
+                str(self.folder / "small"),
+                "--format",
+                form,
+                "--depth",
+                *depths,
+                "-o",
+                str(self.folder / "out"),
+            ]
+        )
 
     def _line(self, words: list[str]) -> bool:
         """In a folder of its own, as a word may name where files go."""
@@ -247,7 +330,9 @@ class Bench:
                 code = int(str(ended.code))
         last = said.getvalue().strip().splitlines()[-1:] or [""]
         assert code in (0, 2, 3, 4, 5), f"{code}: {last[0]}"
-        assert code in (0, 5) or last[0], "nothing is said"  # 5 is the answer of a check, which stands on stdout
+        assert code in (0, 5) or last[0], (
+            "nothing is said"
+        )  # 5 is the answer of a check, which stands on stdout
         for line in said.getvalue().splitlines():
             assert len(SPEAKER.sub("", line)) <= LONGEST, f"{len(line)} characters: {line}"
         assert "\x1b[2J" not in said.getvalue() + shown.getvalue()
@@ -255,7 +340,9 @@ class Bench:
 
 
 def each_of(kind: Kind, cases: int, act: Run, number: int = 0) -> None:
-    """Call it with so many inputs of a kind, the same ones for the same seed `number`; fewer where there are no more."""
+    """Call it with so many inputs of a kind, the same ones for the same seed `number`; fewer where
+    there are no more.
+    """
 
     @seed(number)
     @settings(
@@ -273,7 +360,9 @@ def each_of(kind: Kind, cases: int, act: Run, number: int = 0) -> None:
 
 
 def spoil(kind: Kind, value: Any) -> bool:
-    """Run one case, and say whether it was refused; AssertionError where a message is not a short line, and whatever else a bug raises."""
+    """Run one case, and say whether it was refused; AssertionError where a message is not a short
+    line, and whatever else a bug raises.
+    """
     try:
         return kind.run(value) is True
     except RefracalError as error:
@@ -300,7 +389,9 @@ def _check(error: RefracalError) -> bool:
 
 
 def _yaml(said: object) -> bytes:
-    return yaml.safe_dump(said, sort_keys=False, allow_unicode=True).encode("utf-8", "backslashreplace")
+    return yaml.safe_dump(said, sort_keys=False, allow_unicode=True).encode(
+        "utf-8", "backslashreplace"
+    )
 
 
 def tars(picture: bytes) -> list[bytes]:
@@ -310,7 +401,10 @@ def tars(picture: bytes) -> list[bytes]:
         buffer = io.BytesIO()
         with tarfile.open(fileobj=buffer, mode="w") as tar:
             described = _yaml({"image_width": 32, "image_height": 24, "camera_name": "x"})
-            for name, data, size in (("ost.yaml", described, len(described)), ("left-0000.png", picture, claimed)):
+            for name, data, size in (
+                ("ost.yaml", described, len(described)),
+                ("left-0000.png", picture, claimed),
+            ):
                 member = tarfile.TarInfo(name)
                 member.size = size
                 if size == len(data):

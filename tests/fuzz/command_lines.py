@@ -11,7 +11,8 @@ def good_lines(folder: Path, tables: Sequence[bytes]) -> Sequence[Sequence[str]]
     """Of calib and of capture; what they write goes below the folder that they run in.
 
     Args:
-        folder: with `session` (too few views for a fit), `small` (a calibration of 64x48 px) and `calibration`.
+        folder: with `session` (too few views for a fit), `small` (a calibration of 64x48 px) and
+            `calibration`.
         tables: points and poses, for calib measure.
     """
     given = folder / "given"
@@ -25,7 +26,10 @@ def good_lines(folder: Path, tables: Sequence[bytes]) -> Sequence[Sequence[str]]
     session, small, fitted = (str(folder / name) for name in ("session", "small", "calibration"))
     board = ("--board", "6x5", "--square-mm", "20")
     lines = (
-        f"calib fit {session} --method joint --grid 4x4 --free auto --effects none --folds 2 --depth 1 -o out --json",
+        (
+            f"calib fit {session} --method joint --grid 4x4 --free auto --effects none --folds 2"
+            " --depth 1 -o out --json"
+        ),
         f"calib evaluate {fitted} {session} --json",
         f"calib check {fitted} {session} --json",
         f"calib check {fitted} {session} --update -o out",
@@ -35,13 +39,22 @@ def good_lines(folder: Path, tables: Sequence[bytes]) -> Sequence[Sequence[str]]
         f"calib immerse {fitted} --outside-index 1.34 --index-sigma 0.001 --depth 1 -o out --json",
         f"calib immerse {fitted} --salinity 35 --temperature 10 --wavelength 500 -o out",
         f"calib undistort {small} {given}/a.png --depth 1 --crop 0 --size 32x24 -o out",
-        f"calib undistort {small} {given}/a.png --depth-image {given}/far.png --size 64x48 --near 0.1 -o out",
+        (
+            f"calib undistort {small} {given}/a.png --depth-image {given}/far.png --size 64x48"
+            " --near 0.1 -o out"
+        ),
         f"calib measure {fitted} {given}/points.csv --depth 1 --noise 0.1 --json",
         f"calib measure {fitted} {given}/points.csv --on-boards --poses {given}/poses.csv",
-        f"calib pose {small} {given}/tag.png --tags DICT_4X4_50 --size-mm 50 --size-sigma-mm 0.1 --border 1 -o out.csv --json",
+        (
+            f"calib pose {small} {given}/tag.png --tags DICT_4X4_50 --size-mm 50 --size-sigma-mm"
+            " 0.1 --border 1 -o out.csv --json"
+        ),
         f"calib pose {small} {given}/a.png {given}/tag.png --tags DICT_4X4_50 --size-mm 50",
         "calib board --columns 6 --rows 5 --square-mm 20 --paper A4 --size 64x48 -o out --json",
-        "calib board --type charuco --columns 6 --rows 5 --marker 0.7 --dictionary DICT_4X4_250 --legacy-pattern -o out",
+        (
+            "calib board --type charuco --columns 6 --rows 5 --marker 0.7 --dictionary DICT_4X4_250"
+            " --legacy-pattern -o out"
+        ),
         "calib board --type aprilgrid --tag-mm 20 --spacing 0.3 --paper 600x400 -o out",
         f"calib import mrcal-corners {session}/corners.vnl --size 320x240 {' '.join(board)} -o out",
         f"calib import images {session}/frames {' '.join(board)} -o out",

@@ -1,6 +1,8 @@
-"""Random keys, shapes, types and sources on the set-up screen: python -m tests.fuzz.keys --steps 10000.
+"""Random keys, shapes, types and sources on the set-up screen: python -m tests.fuzz.keys --steps
+10000.
 
-The app must live through all of them, and when it ends and is started again, what was typed stands there.
+The app must live through all of them, and when it ends and is started again, what was typed stands
+there.
 """
 
 import argparse
@@ -19,7 +21,16 @@ from capture.tui.setup import SetupScreen
 from tests.capture.tui.driving import running
 
 SAID_EVERY_S = 10.0
-SOURCES = ("folder:/nowhere", "folder:", "video:nothing.mp4", "v4l2:/dev/null", "rpicam:9", "x", "folder:.?speed=0", "libcamera:\x1b")
+SOURCES = (
+    "folder:/nowhere",
+    "folder:",
+    "video:nothing.mp4",
+    "v4l2:/dev/null",
+    "rpicam:9",
+    "x",
+    "folder:.?speed=0",
+    "libcamera:\x1b",
+)
 TEXTS = (
     "9",
     "-1",
@@ -37,7 +48,22 @@ TEXTS = (
     "",
 )
 KEYS = (
-    *("tab", "shift+tab", "enter", "up", "down", "left", "right", "home", "end", "backspace", "delete", "space", "pageup", "pagedown"),
+    *(
+        "tab",
+        "shift+tab",
+        "enter",
+        "up",
+        "down",
+        "left",
+        "right",
+        "home",
+        "end",
+        "backspace",
+        "delete",
+        "space",
+        "pageup",
+        "pagedown",
+    ),
     *("ctrl+s", "ctrl+r", "ctrl+u", "ctrl+k", "ctrl+w", "f1", "escape", "question_mark"),
     *"0123456789.,-:/[]xe ",
 )
@@ -45,7 +71,10 @@ KEYS = (
 
 
 async def walk(session: Path, steps: int, seed: int) -> int:
-    """How many times the app was started; AssertionError where what was typed did not survive. What the app raises, it raises here."""
+    """How many times the app was started; AssertionError where what was typed did not survive.
+
+    What the app raises, it raises here.
+    """
     draw = random.Random(seed)
     done = starts = 0
     spoken = time.monotonic()
@@ -55,7 +84,9 @@ async def walk(session: Path, steps: int, seed: int) -> int:
         async with running(session, size=draw.choice(((80, 24), (120, 40), (20, 5)))) as pilot:
             app = pilot.app
             await pilot.pause()
-            assert not before or texts(app.screen) == before, f"step {done}: {texts(app.screen)} where {before} was typed"
+            assert not before or texts(app.screen) == before, (
+                f"step {done}: {texts(app.screen)} where {before} was typed"
+            )
             while done < steps and app.is_running:
                 done += 1
                 if time.monotonic() - spoken > SAID_EVERY_S:
@@ -97,13 +128,18 @@ def texts(screen: object) -> dict[str, str]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--steps", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
     with TemporaryDirectory() as folder:
         starts = asyncio.run(walk(Path(folder) / "session", args.steps, args.seed))
-    print(f"seed {args.seed}, {args.steps} steps, {starts} starts: no exception, and what was typed survived")
+    print(
+        f"seed {args.seed}, {args.steps} steps, {starts} starts: no exception, and what was typed"
+        " survived"
+    )
     return 0
 
 

@@ -1,9 +1,11 @@
-"""Kills fit, diagnose, export and report, and looks at what is left in the folder that they write to: the old set or the new one.
+"""Kills fit, diagnose, export and report, and looks at what is left in the folder that they write
+to: the old set or the new one.
 
-python -m tests.fuzz.kills --kills 200. Every second kill is at a moment of the command's work, one in each of as many equal parts of it;
-the others are at a change of the folder, from the first to the last. A line says how many left the old set and how many the new one, how
-many had to be settled first (their writer was killed while moving a set that was in force, which the next reader goes on with), and how
-many ended before their kill.
+python -m tests.fuzz.kills --kills 200. Every second kill is at a moment of the command's work, one
+in each of as many equal parts of it; the others are at a change of the folder, from the first to
+the last. A line says how many left the old set and how many the new one, how many had to be settled
+first (their writer was killed while moving a set that was in force, which the next reader goes on
+with), and how many ended before their kill.
 """
 
 import argparse
@@ -59,7 +61,10 @@ class Whole:
 
 def commands(place: Path) -> list[Command]:
     """Over a folder with everything of an earlier calibration. Each writes to its last argument."""
-    sessions = [write_session(place / name, scene(seed, views=10, amplitude=1e-5, noise=0.05)) for name, seed in (("a", 7), ("b", 8))]
+    sessions = [
+        write_session(place / name, scene(seed, views=10, amplitude=1e-5, noise=0.05))
+        for name, seed in (("a", 7), ("b", 8))
+    ]
     small = ["--grid", "4x4", "--depth", "0.6", "1"]
     fits = [place / "fit a", place / "fit b"]
     for session, out in zip(sessions, fits, strict=True):
@@ -72,7 +77,12 @@ def commands(place: Path) -> list[Command]:
     return [
         Command("fit", ["fit", str(sessions[1]), *small, "-o"], fits[0], ""),
         Command("diagnose", ["diagnose", other, "-o"], fits[0], ""),
-        Command("export", ["export", other, "--format", "npz", "--depth", "0.6", "1", "3", "-o"], exported, digest),
+        Command(
+            "export",
+            ["export", other, "--format", "npz", "--depth", "0.6", "1", "3", "-o"],
+            exported,
+            digest,
+        ),
         Command("report", ["report", "--no-open", "--depth", "0.6", "--"], fits[1], digest),
     ]
 
@@ -83,8 +93,15 @@ def run(arguments: Sequence[str]) -> int:
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
-def _fork(arguments: Sequence[str], change: int | None = None, work_s: float = 0.0, counted: Path | None = None) -> int:
-    """A process with the command, which is killed at that change of its folder, or after so much work."""
+def _fork(
+    arguments: Sequence[str],
+    change: int | None = None,
+    work_s: float = 0.0,
+    counted: Path | None = None,
+) -> int:
+    """A process with the command, which is killed at that change of its folder, or after so much
+    work.
+    """
     child = os.fork()
     if child:
         return child
@@ -104,7 +121,11 @@ def _fork(arguments: Sequence[str], change: int | None = None, work_s: float = 0
 
 
 def contents(folder: Path) -> Contents:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
 def measured(command: Command, place: Path) -> Whole:
@@ -113,7 +134,12 @@ def measured(command: Command, place: Path) -> Whole:
     tally = place / "tally"
     _, status, used = os.wait4(_fork([*command.arguments, str(out)], counted=tally), 0)
     code = os.waitstatus_to_exitcode(status)
-    whole = Whole(frozenset(contents(out)), written(out, command), tally.stat().st_size, used.ru_utime + used.ru_stime)
+    whole = Whole(
+        frozenset(contents(out)),
+        written(out, command),
+        tally.stat().st_size,
+        used.ru_utime + used.ru_stime,
+    )
     if code or (wrong := unlike_one_set(out, whole, command)):
         raise SystemExit(f"{command.name} ends with {code}{f'; {wrong}' if code == 0 else ''}")
     shutil.rmtree(out)
@@ -128,14 +154,22 @@ def written(folder: Path, command: Command) -> frozenset[str]:
 
 def unlike_one_set(folder: Path, whole: Whole, command: Command) -> str:
     """What speaks against these being the files of one set; empty where nothing does."""
-    if (found := contents(folder).keys()) != whole.names or written(folder, command) != whole.written:
+    if (found := contents(folder).keys()) != whole.names or written(
+        folder, command
+    ) != whole.written:
         return f"of {sorted(found)}, it wrote {sorted(written(folder, command))}"
     digest = command.digest or Calibration.load(folder).digest
     for name in whole.written:
         path = folder / name
-        if path.name == "report.html" and not (digest in (text := path.read_text()) and text.rstrip().endswith("</html>")):
+        if path.name == "report.html" and not (
+            digest in (text := path.read_text()) and text.rstrip().endswith("</html>")
+        ):
             return "report.html is of another calibration"
-        if path.suffix == ".npz" and path.name != "calibration.npz" and str(np.load(path)["calibration"]) != digest:
+        if (
+            path.suffix == ".npz"
+            and path.name != "calibration.npz"
+            and str(np.load(path)["calibration"]) != digest
+        ):
             return f"{path.name} is of another calibration"
     return ""
 
@@ -150,7 +184,9 @@ def judged(out: Path, command: Command, whole: Whole) -> tuple[str, bool]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
@@ -170,7 +206,11 @@ def main() -> int:
             out = place / "out"
             shutil.copytree(command.before, out)
             part = (turn // 2 + draw.random() * (turn % 2)) / -(-args.kills // (2 * len(tried)))
-            at = {"work_s": part * whole.work_s} if turn % 2 else {"change": int(part * whole.changes)}
+            at = (
+                {"work_s": part * whole.work_s}
+                if turn % 2
+                else {"change": int(part * whole.changes)}
+            )
             child = _fork([*command.arguments, str(out)], **at)
             ended += os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) >= 0
             left += any(path.name.endswith(".tmp") for path in out.rglob("*"))
@@ -185,8 +225,8 @@ def main() -> int:
         print(f"{name:10}{count:5}  {found}")
     bad = sum(count for (_, found), count in tally.items() if found not in ("old", "new"))
     print(
-        f"seed {args.seed}, {args.kills} kills: {bad} left neither the old set nor the new one; {settled} were settled by the reader; "
-        f"{left} left a .tmp; {ended} ended before the kill"
+        f"seed {args.seed}, {args.kills} kills: {bad} left neither the old set nor the new one;"
+        f" {settled} were settled by the reader; {left} left a .tmp; {ended} ended before the kill"
     )
     return bool(bad)
 

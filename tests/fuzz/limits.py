@@ -1,4 +1,6 @@
-"""How long one case may take: so much work, which a busy machine does not shorten, and a wait that nothing should need."""
+"""How long one case may take: so much work, which a busy machine does not shorten, and a wait that
+nothing should need.
+"""
 
 import faulthandler
 import signal
@@ -9,7 +11,9 @@ WORK_S, WAIT_S = 10.0, 60.0
 DEEP_WORK_S, DEEP_WAIT_S = 60.0, 600.0
 """A report, an export and a verdict."""
 STUCK = 2.0
-"""Times the wait: code that even then did not come back to Python is where the whole run ends, with all stacks on stderr."""
+"""Times the wait: code that even then did not come back to Python is where the whole run ends, with
+all stacks on stderr.
+"""
 
 
 class Hang(BaseException):
@@ -17,7 +21,9 @@ class Hang(BaseException):
 
 
 class Limits:
-    """`with` raises Hang in a case that works or waits for too long; only in the main thread, and on systems with POSIX signals."""
+    """`with` raises Hang in a case that works or waits for too long; only in the main thread, and
+    on systems with POSIX signals.
+    """
 
     def __init__(self, *, deep: bool = False) -> None:
         self.work_s, self.wait_s = (DEEP_WORK_S, DEEP_WAIT_S) if deep else (WORK_S, WAIT_S)
@@ -29,7 +35,12 @@ class Limits:
         signal.setitimer(signal.ITIMER_PROF, self.work_s)
         signal.setitimer(signal.ITIMER_REAL, self.wait_s)
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         signal.setitimer(signal.ITIMER_PROF, 0)
         signal.setitimer(signal.ITIMER_REAL, 0)
         faulthandler.cancel_dump_traceback_later()

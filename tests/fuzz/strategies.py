@@ -1,4 +1,6 @@
-"""How files go wrong, as hypothesis strategies: texts, values in mappings, arrays, and what stands in the place of a file."""
+"""How files go wrong, as hypothesis strategies: texts, values in mappings, arrays, and what stands
+in the place of a file.
+"""
 
 import copy
 import io
@@ -10,16 +12,16 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 TOKENS = (
-    b"", b" ", b"\n", b"\t", b"\r\n", b"\0", b"\x1b[2J", b"\xff", b"\xe9", "é\u202e".encode(), b"nan",
-    b"1e300", b"-1e300", b"1e-300", b"1e10", b"1.7e12", b"0", b"-1", b"true", b"null", b"-", b'"', b"'", b"[", b"]", b"{", b"}",
+    b"", b" ", b"\n", b"\t", b"\r\n", b"\0", b"\x1b[2J", b"\xff", b"\xe9", "é\u202e".encode(), b"nan",  # noqa: E501
+    b"1e300", b"-1e300", b"1e-300", b"1e10", b"1.7e12", b"0", b"-1", b"true", b"null", b"-", b'"', b"'", b"[", b"]", b"{", b"}",  # noqa: E501
     b":", b": ",
-    b",", b"#", b"&a", b"*a", b"!!", b"|", b">", b"?", b"%", b"@", b"[/b]", b"[link=x]", b"<b>", b"inf", b".inf", b".nan", b"-inf",
-    b"9" * 5000, b"x" * 5000, b"[" * 3000, b"{a: " * 500, b"- " * 500, b"1," * 3000, b"\n" * 3000, b"\xff" * 5000, b"a: *a\n",
+    b",", b"#", b"&a", b"*a", b"!!", b"|", b">", b"?", b"%", b"@", b"[/b]", b"[link=x]", b"<b>", b"inf", b".inf", b".nan", b"-inf",  # noqa: E501
+    b"9" * 5000, b"x" * 5000, b"[" * 3000, b"{a: " * 500, b"- " * 500, b"1," * 3000, b"\n" * 3000, b"\xff" * 5000, b"a: *a\n",  # noqa: E501
 )  # fmt: skip
 """What is put into a text, or in the place of a part of it."""
 VALUES: tuple[Any, ...] = (
-    None, True, False, "", "x", "12", "\x1b[2J\ncalib: all is well", "y" * 5000, 0, 1, -1, 3, 10**30, 0.5, -0.0, 1e-300, 1e300, -1e300,
-    float("nan"), float("inf"), [], {}, [1], [1, 2], ["a", None], [[1.0, 2.0]] * 3, {"value": 25, "sigma": 1e300},
+    None, True, False, "", "x", "12", "\x1b[2J\ncalib: all is well", "y" * 5000, 0, 1, -1, 3, 10**30, 0.5, -0.0, 1e-300, 1e300, -1e300,  # noqa: E501
+    float("nan"), float("inf"), [], {}, [1], [1, 2], ["a", None], [[1.0, 2.0]] * 3, {"value": 25, "sigma": 1e300},  # noqa: E501
     {"value": 25, "sigma": 0},
     {"a": {"b": [1]}}, [0] * 3000, 10**6,
 )  # fmt: skip
@@ -27,9 +29,9 @@ VALUES: tuple[Any, ...] = (
 
 
 WORDS = (
-    "", " ", "-", "--", "--x", "--json", "-o", "-1", "0", "1", "2", "1.5", "1e308", "1e-300", "nan", "inf", "-inf", "9" * 5000, "x" * 5000,
-    "\x1b[2J", "caf\udce9", "gnp\u202e.exe", "９", "²", "9x6", "9x", "x9", "3x3", "1000x1000", "0x0", "99999999999999999999x9", "auto",
-    "none", "all", "lens,lens", "radius,", ",", "[/b]", "[link=x]", "%", "%(prog)s", "{}", "~", "a\nb", "absent.png", "folder:", "folder:.",
+    "", " ", "-", "--", "--x", "--json", "-o", "-1", "0", "1", "2", "1.5", "1e308", "1e-300", "nan", "inf", "-inf", "9" * 5000, "x" * 5000,  # noqa: E501
+    "\x1b[2J", "caf\udce9", "gnp\u202e.exe", "９", "²", "9x6", "9x", "x9", "3x3", "1000x1000", "0x0", "99999999999999999999x9", "auto",  # noqa: E501
+    "none", "all", "lens,lens", "radius,", ",", "[/b]", "[link=x]", "%", "%(prog)s", "{}", "~", "a\nb", "absent.png", "folder:", "folder:.",  # noqa: E501
     "video:x", "v4l2:", "v4l2:/dev/null", "folder:absent?speed=nan", "libcamera:\x1b",
 )  # fmt: skip
 """What stands in the place of a word of a command line, or beside it."""
@@ -54,12 +56,16 @@ NUMBERS = (
     "-1",
     "-0.0",
 )
-"""What stands in the place of a number of a command line: more of these are taken, and meet the code behind the arguments."""
+"""What stands in the place of a number of a command line: more of these are taken, and meet the
+code behind the arguments.
+"""
 
 
 @st.composite
 def lines(draw: st.DrawFn, good: Sequence[Sequence[str]]) -> list[str]:
-    """A good command line with one or two of its words, but the first two, replaced, dropped, doubled, or moved."""
+    """A good command line with one or two of its words, but the first two, replaced, dropped,
+    doubled, or moved.
+    """
     words = list(draw(st.sampled_from(good)))
     for _ in range(draw(st.integers(1, 2))):
         if len(words) == 2:
@@ -94,7 +100,11 @@ def texts(draw: st.DrawFn, good: Sequence[bytes]) -> bytes:
             case 1:
                 data = data[:begin] + data[begin:end] * 3 + data[end:]
             case 2:
-                data = data[:begin] + bytes(byte ^ (1 << draw(st.integers(0, 7))) for byte in data[begin:end][:5]) + data[end:]
+                data = (
+                    data[:begin]
+                    + bytes(byte ^ (1 << draw(st.integers(0, 7))) for byte in data[begin:end][:5])
+                    + data[end:]
+                )
             case _:
                 data = data[:begin] + draw(st.sampled_from(TOKENS)) + data[end:]
     return data
@@ -102,7 +112,9 @@ def texts(draw: st.DrawFn, good: Sequence[bytes]) -> bytes:
 
 @st.composite
 def mappings(draw: st.DrawFn, good: Mapping[str, Any]) -> dict[str, Any]:
-    """A good mapping with a few values, at any depth, replaced, removed or put under another key."""
+    """A good mapping with a few values, at any depth, replaced, removed or put under another
+    key.
+    """
     said = copy.deepcopy(dict(good))
     for _ in range(draw(st.integers(1, 3))):
         place: Any = said
@@ -118,7 +130,9 @@ def mappings(draw: st.DrawFn, good: Mapping[str, Any]) -> dict[str, Any]:
                 case 0:
                     del place[key]
                 case 1 if isinstance(place, dict):
-                    place[draw(st.sampled_from(("x", "\x1b]0;x\x07", "z" * 3000, f"{key}s")))] = place.pop(key)
+                    place[draw(st.sampled_from(("x", "\x1b]0;x\x07", "z" * 3000, f"{key}s")))] = (
+                        place.pop(key)
+                    )
                 case _:
                     place[key] = copy.deepcopy(draw(st.sampled_from(VALUES)))
             break
@@ -142,7 +156,9 @@ def arrays(draw: st.DrawFn, good: Mapping[str, NDArray[Any]]) -> dict[str, NDArr
                 held[name] = np.zeros_like(array)
             case 4:
                 held[name] = (
-                    array.astype(draw(st.sampled_from(("f4", "i8", "U8", "c16", "?"))), copy=True) if array.dtype.kind == "f" else array
+                    array.astype(draw(st.sampled_from(("f4", "i8", "U8", "c16", "?"))), copy=True)
+                    if array.dtype.kind == "f"
+                    else array
                 )
             case 5:
                 held[name] = np.array(draw(st.sampled_from((0.0, "x", True))))
@@ -165,11 +181,42 @@ def npys(draw: st.DrawFn) -> bytes:
     np.save(buffer, np.zeros((4, 5), np.uint8))
     shape = draw(
         st.sampled_from(
-            ("(4, 5)", "(1000000, 1000000)", "(-4, 5)", "(10**9,)", "()", "(4, 5, 9, 9)", "(99999999999999999999, 1)", "4", "(2, True)")
+            (
+                "(4, 5)",
+                "(1000000, 1000000)",
+                "(-4, 5)",
+                "(10**9,)",
+                "()",
+                "(4, 5, 9, 9)",
+                "(99999999999999999999, 1)",
+                "4",
+                "(2, True)",
+            )
         )
     )
-    kind = draw(st.sampled_from(("|u1", "<u2", ">u2", "<f4", "<f8", "|O", "<U99", "|V3", "<c16", "<M8[s]", "u9", "", "|S0")))
-    header = f"{{'descr': {kind!r}, 'fortran_order': {draw(st.sampled_from(('False', 'True', '3')))}, 'shape': {shape}, }}".encode()
+    kind = draw(
+        st.sampled_from(
+            (
+                "|u1",
+                "<u2",
+                ">u2",
+                "<f4",
+                "<f8",
+                "|O",
+                "<U99",
+                "|V3",
+                "<c16",
+                "<M8[s]",
+                "u9",
+                "",
+                "|S0",
+            )
+        )
+    )
+    header = (
+        f"{{'descr': {kind!r}, 'fortran_order': {draw(st.sampled_from(('False', 'True', '3')))},"
+        f" 'shape': {shape}, }}".encode()
+    )
     version = draw(st.sampled_from(((1, 0), (2, 0), (3, 0), (9, 9))))
     length = len(header).to_bytes(2 if version[0] == 1 else 4, "little")
     return b"\x93NUMPY" + bytes(version) + length + header + buffer.getvalue()[-20:]

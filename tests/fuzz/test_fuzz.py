@@ -1,4 +1,6 @@
-"""A short fuzz of every kind of input, the same cases each time; `python -m tests.fuzz` is the long one."""
+"""A short fuzz of every kind of input, the same cases each time; `python -m tests.fuzz` is the long
+one.
+"""
 
 import os
 import signal
@@ -20,7 +22,9 @@ from tests.fuzz.cases import Bench, Kind, each_of, spoil
 from tests.fuzz.limits import Hang, Limits
 
 CASES = 12
-"""Of each kind; a wrong place that one spoilt file in twelve finds is found here, a rarer one by the command."""
+"""Of each kind; a wrong place that one spoilt file in twelve finds is found here, a rarer one by
+the command.
+"""
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +92,9 @@ def _waits(_: Any) -> None:
 
 
 @pytest.mark.parametrize(("act", "says"), [(_works, "too much work"), (_waits, "it waits")])
-def test_a_case_that_does_not_end_is_ended(limits: Limits, act: Callable[[Any], None], says: str) -> None:
+def test_a_case_that_does_not_end_is_ended(
+    limits: Limits, act: Callable[[Any], None], says: str
+) -> None:
     limits.wait_s = 0.5 if act is _waits else 60.0
     with pytest.raises(Hang, match=says), limits:
         act(None)
@@ -137,10 +143,14 @@ def test_another_seed_gives_other_cases(bench: Bench) -> None:
 @pytest.mark.slow
 def test_the_command_sums_up_and_tells_an_unknown_kind() -> None:
     command = [sys.executable, "-m", "tests.fuzz", "--cases", "4"]
-    done = subprocess.run([*command, "--kind", "frames.csv"], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [*command, "--kind", "frames.csv"], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.splitlines()[-1].endswith("0 went wrong, in 0 ways")
     assert "4 cases of 1 kinds" in done.stdout
-    unknown = subprocess.run([*command, "--kind", "nothing"], capture_output=True, text=True, check=False)
+    unknown = subprocess.run(
+        [*command, "--kind", "nothing"], capture_output=True, text=True, check=False
+    )
     assert unknown.returncode == 2
     assert "there are: something else than a file; --depth;" in unknown.stderr

@@ -16,14 +16,22 @@ from tests.importing.recordings import BOARD, MATRIX, SIZE, corners
 COMMAND = "mrcal-calibrate-cameras"
 
 
-@pytest.mark.skipif(shutil.which(COMMAND) is None, reason="mrcal is not installed (apt-get install mrcal): no file of its own was imported")
+@pytest.mark.skipif(
+    shutil.which(COMMAND) is None,
+    reason="mrcal is not installed (apt-get install mrcal): no file of its own was imported",
+)
 def test_what_mrcal_calibrated_comes_back(tmp_path: Path) -> None:
     """Its corners, in its order, with those that it rejected as outliers marked as not seen."""
-    seen = corners(12).reshape(12, BOARD.count, 2) + np.random.default_rng(1).normal(0, 0.1, (12, BOARD.count, 2))
+    seen = corners(12).reshape(12, BOARD.count, 2) + np.random.default_rng(1).normal(
+        0, 0.1, (12, BOARD.count, 2)
+    )
     seen[4, 20] += 15  # an outlier
     weight = np.ones(BOARD.count)
     weight[5] = 0.25
-    write_corners(tmp_path / "corners.vnl", [View(f"view{i:02d}.png", found, weight) for i, found in enumerate(seen)])
+    write_corners(
+        tmp_path / "corners.vnl",
+        [View(f"view{i:02d}.png", found, weight) for i, found in enumerate(seen)],
+    )
     options = {
         "--corners-cache": str(tmp_path / "corners.vnl"),
         "--lensmodel": "LENSMODEL_OPENCV5",
@@ -34,8 +42,16 @@ def test_what_mrcal_calibrated_comes_back(tmp_path: Path) -> None:
         "--outdir": str(tmp_path),
     }
     words = [word for option in options.items() for word in option]
-    subprocess.run([COMMAND, *words, "--imagersize", *map(str, SIZE), "view*.png"], check=True, capture_output=True, cwd=tmp_path)
-    assert main(["import", "mrcal", str(tmp_path / "camera-0.cameramodel"), "-o", str(tmp_path / "s")]) == 0
+    subprocess.run(
+        [COMMAND, *words, "--imagersize", *map(str, SIZE), "view*.png"],
+        check=True,
+        capture_output=True,
+        cwd=tmp_path,
+    )
+    assert (
+        main(["import", "mrcal", str(tmp_path / "camera-0.cameramodel"), "-o", str(tmp_path / "s")])
+        == 0
+    )
     session = read_session(tmp_path / "s")
     assert session.board == BOARD
     assert (session.camera.width, session.camera.height) == SIZE
@@ -47,6 +63,10 @@ def test_what_mrcal_calibrated_comes_back(tmp_path: Path) -> None:
         assert view.weight[5] in (0.25, 0.0)
     assert views[4].weight[20] == 0
     assert sum(view.count for view in views) > 12 * BOARD.count - 10
-    remark = next(line for line in (session.path / "session.yaml").read_text().splitlines() if "mrcal's own" in line)
+    remark = next(
+        line
+        for line in (session.path / "session.yaml").read_text().splitlines()
+        if "mrcal's own" in line
+    )
     focal = float(remark.partition("fx: ")[2].partition(",")[0])
     assert focal == pytest.approx(MATRIX[0, 0], abs=3)

@@ -89,52 +89,186 @@ def cut(folder: Path) -> None:
 
 
 REFUSED = (
-    Refused("mrcal missing", "mrcal", lambda folder: folder / "none.cameramodel", "none.cameramodel cannot be read", ()),
+    Refused(
+        "mrcal missing",
+        "mrcal",
+        lambda folder: folder / "none.cameramodel",
+        "none.cameramodel cannot be read",
+        (),
+    ),
     Refused("mrcal folder", "mrcal", lambda folder: folder, "cannot be read", ()),
-    Refused("mrcal not a literal", "mrcal", text("c.cameramodel", "import os"), "is not a .cameramodel: give a file that mrcal wrote", ()),
-    Refused("mrcal binary", "mrcal", text("c.cameramodel", b"\xff\xfe\x00"), "is not a .cameramodel", ()),
-    Refused("mrcal another literal", "mrcal", text("c.cameramodel", "[1, 2]"), "is not a .cameramodel", ()),
-    Refused("mrcal without inputs", "mrcal", edited("'optimization_inputs'", "'other'"), "with calib import mrcal-corners", ()),
-    Refused("mrcal damaged inputs", "mrcal", edited("'optimization_inputs': b'P", "'optimization_inputs': b'Q"), "inputs are damaged", ()),
-    Refused("mrcal without camera", "mrcal", edited("'icam_intrinsics': 1,", ""), "damaged ('icam_intrinsics')", ()),
-    Refused("mrcal without observations", "mrcal", mrcal(observations_board=None), "observations_board", ()),
-    Refused("mrcal flat observations", "mrcal", mrcal(observations_board=np.zeros((3, 3))), "observations of shape (3, 3)", ()),
-    Refused("mrcal not finite", "mrcal", mrcal(observations_board=np.full((16, 6, 7, 3), np.inf)), "no finite position", ()),
-    Refused("mrcal spacing", "mrcal", mrcal(calibration_object_spacing=float("nan")), "board.square_mm is nan", ()),
-    Refused("mrcal size", "mrcal", edited("'imagersize': [ 640,", "'imagersize': [ 0,"), "camera.width is 0", ()),
-    Refused("corners missing", "mrcal-corners", lambda folder: folder / "no.vnl", "no.vnl cannot be read", (*BOARD, "--size", "640x480")),
+    Refused(
+        "mrcal not a literal",
+        "mrcal",
+        text("c.cameramodel", "import os"),
+        "is not a .cameramodel: give a file that mrcal wrote",
+        (),
+    ),
+    Refused(
+        "mrcal binary", "mrcal", text("c.cameramodel", b"\xff\xfe\x00"), "is not a .cameramodel", ()
+    ),
+    Refused(
+        "mrcal another literal",
+        "mrcal",
+        text("c.cameramodel", "[1, 2]"),
+        "is not a .cameramodel",
+        (),
+    ),
+    Refused(
+        "mrcal without inputs",
+        "mrcal",
+        edited("'optimization_inputs'", "'other'"),
+        "with calib import mrcal-corners",
+        (),
+    ),
+    Refused(
+        "mrcal damaged inputs",
+        "mrcal",
+        edited("'optimization_inputs': b'P", "'optimization_inputs': b'Q"),
+        "inputs are damaged",
+        (),
+    ),
+    Refused(
+        "mrcal without camera",
+        "mrcal",
+        edited("'icam_intrinsics': 1,", ""),
+        "damaged ('icam_intrinsics')",
+        (),
+    ),
+    Refused(
+        "mrcal without observations",
+        "mrcal",
+        mrcal(observations_board=None),
+        "observations_board",
+        (),
+    ),
+    Refused(
+        "mrcal flat observations",
+        "mrcal",
+        mrcal(observations_board=np.zeros((3, 3))),
+        "observations of shape (3, 3)",
+        (),
+    ),
+    Refused(
+        "mrcal not finite",
+        "mrcal",
+        mrcal(observations_board=np.full((16, 6, 7, 3), np.inf)),
+        "no finite position",
+        (),
+    ),
+    Refused(
+        "mrcal spacing",
+        "mrcal",
+        mrcal(calibration_object_spacing=float("nan")),
+        "board.square_mm is nan",
+        (),
+    ),
+    Refused(
+        "mrcal size",
+        "mrcal",
+        edited("'imagersize': [ 640,", "'imagersize': [ 0,"),
+        "camera.width is 0",
+        (),
+    ),
+    Refused(
+        "corners missing",
+        "mrcal-corners",
+        lambda folder: folder / "no.vnl",
+        "no.vnl cannot be read",
+        (*BOARD, "--size", "640x480"),
+    ),
     Refused(
         "corners of another board",
         "mrcal-corners",
         text("c.vnl", "# filename x y level\n" + "a.png 1 2 0\n" * 30),
-        'a.png has 30 of the 42 lines that a 7x6 board needs: write one for each inner corner ("-" if not seen), or correct --board.',
+        'a.png has 30 of the 42 lines that a 7x6 board needs: write one for each inner corner ("-"'
+        " if not seen), or correct --board.",
         (*BOARD, "--size", "640x480"),
     ),
-    Refused("tar missing", "ros", lambda folder: folder / "none.tar.gz", "none.tar.gz cannot be read"),
-    Refused("tar is text", "ros", text("c.tar.gz", "not an archive"), "is not a tar archive, or a damaged one"),
+    Refused(
+        "tar missing", "ros", lambda folder: folder / "none.tar.gz", "none.tar.gz cannot be read"
+    ),
+    Refused(
+        "tar is text",
+        "ros",
+        text("c.tar.gz", "not an archive"),
+        "is not a tar archive, or a damaged one",
+    ),
     Refused("tar is empty", "ros", text("c.tar.gz", ""), "is not a tar archive, or a damaged one"),
     Refused("tar cut", "ros", cut_tar, "is not a tar archive, or a damaged one"),
-    Refused("tar with other settings", "ros", tar("image_width: wide\n"), 'c.tar.gz, ost.yaml: image_width is the text "wide"'),
-    Refused("tar with bad yaml", "ros", tar("image_width: [\n"), "c.tar.gz, ost.yaml, line"),
-    Refused("tar of another size", "ros", tar(OST.replace("640", "320")), "left-0000.png is 640x480 px"),
     Refused(
-        "tar of a pair", "ros", stereo(), "c.tar.gz holds the pictures of two cameras: choose one with --camera left or --camera right."
+        "tar with other settings",
+        "ros",
+        tar("image_width: wide\n"),
+        'c.tar.gz, ost.yaml: image_width is the text "wide"',
     ),
-    Refused("tar of a pair without yaml", "ros", stereo("right.yaml"), "c.tar.gz lacks right.yaml: give", (*BOARD, "--camera", "right")),
-    Refused("tar of one camera", "ros", tar(), "c.tar.gz lacks right-*.png: give", (*BOARD, "--camera", "right")),
+    Refused("tar with bad yaml", "ros", tar("image_width: [\n"), "c.tar.gz, ost.yaml, line"),
+    Refused(
+        "tar of another size", "ros", tar(OST.replace("640", "320")), "left-0000.png is 640x480 px"
+    ),
+    Refused(
+        "tar of a pair",
+        "ros",
+        stereo(),
+        "c.tar.gz holds the pictures of two cameras: choose one with --camera left or --camera"
+        " right.",
+    ),
+    Refused(
+        "tar of a pair without yaml",
+        "ros",
+        stereo("right.yaml"),
+        "c.tar.gz lacks right.yaml: give",
+        (*BOARD, "--camera", "right"),
+    ),
+    Refused(
+        "tar of one camera",
+        "ros",
+        tar(),
+        "c.tar.gz lacks right-*.png: give",
+        (*BOARD, "--camera", "right"),
+    ),
     Refused("kalibr missing", "kalibr", lambda folder: folder / "none", "none is not a folder", ()),
-    Refused("kalibr without chain", "kalibr", kalibr(chain="cam1: {}\n"), "has no camchain.yaml with a cam0", ()),
-    Refused("kalibr without target", "kalibr", kalibr(target=""), "add --board and --square-mm", ()),
-    Refused("kalibr half a board", "kalibr", kalibr(target=""), "belong together: give both", ("--board", "7x6")),
+    Refused(
+        "kalibr without chain",
+        "kalibr",
+        kalibr(chain="cam1: {}\n"),
+        "has no camchain.yaml with a cam0",
+        (),
+    ),
+    Refused(
+        "kalibr without target", "kalibr", kalibr(target=""), "add --board and --square-mm", ()
+    ),
+    Refused(
+        "kalibr half a board",
+        "kalibr",
+        kalibr(target=""),
+        "belong together: give both",
+        ("--board", "7x6"),
+    ),
     Refused(
         "kalibr circlegrid",
         "kalibr",
-        kalibr(target="target_type: 'circlegrid'\ntargetCols: 6\ntargetRows: 6\nspacingMeters: 0.02\n"),
-        "target_type is circlegrid, which calib cannot detect: take pictures of a checkerboard or an aprilgrid",
+        kalibr(
+            target="target_type: 'circlegrid'\ntargetCols: 6\ntargetRows: 6\nspacingMeters: 0.02\n"
+        ),
+        "target_type is circlegrid, which calib cannot detect: take pictures of a checkerboard or"
+        " an aprilgrid",
         (),
     ),
-    Refused("kalibr oblong", "kalibr", kalibr(target=TARGET.replace("colSpacingMeters: 0.025", "colSpacingMeters: 1")), "only square", ()),
-    Refused("kalibr resolution", "kalibr", kalibr(chain=CAMCHAIN.replace("[640, 480]", "640")), "cam0.resolution is 640: write [width", ()),
+    Refused(
+        "kalibr oblong",
+        "kalibr",
+        kalibr(target=TARGET.replace("colSpacingMeters: 0.025", "colSpacingMeters: 1")),
+        "only square",
+        (),
+    ),
+    Refused(
+        "kalibr resolution",
+        "kalibr",
+        kalibr(chain=CAMCHAIN.replace("[640, 480]", "640")),
+        "cam0.resolution is 640: write [width",
+        (),
+    ),
     Refused(
         "kalibr with two cameras",
         "kalibr",
@@ -142,7 +276,13 @@ REFUSED = (
         "camchain-bag.yaml describes cam0, cam1: choose one of them, such as --camera cam0.",
         (),
     ),
-    Refused("kalibr another camera", "kalibr", kalibr(), "describes cam0: choose one of them", ("--camera", "cam1")),
+    Refused(
+        "kalibr another camera",
+        "kalibr",
+        kalibr(),
+        "describes cam0: choose one of them",
+        ("--camera", "cam1"),
+    ),
     Refused(
         "kalibr without the second's pictures",
         "kalibr",
@@ -158,18 +298,31 @@ REFUSED = (
     Refused(
         "images of two sizes",
         "images",
-        spoiled(lambda folder: cv2.imwrite(str(folder / "shot 9.png"), np.zeros((48, 64), np.uint8))),
+        spoiled(
+            lambda folder: cv2.imwrite(str(folder / "shot 9.png"), np.zeros((48, 64), np.uint8))
+        ),
         "/p/shot 9.png is 64x48 px",
     ),
 )
 
 
 @pytest.mark.parametrize("case", REFUSED, ids=lambda case: case.name)
-def test_one_sentence_and_nothing_left_behind(case: Refused, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_sentence_and_nothing_left_behind(
+    case: Refused, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "in").mkdir()
     (tmp_path / "out").mkdir()
     given = case.make(tmp_path / "in")
-    code = main(["import", case.source, str(given), *case.arguments, "-o", str(tmp_path / "out" / "session")])
+    code = main(
+        [
+            "import",
+            case.source,
+            str(given),
+            *case.arguments,
+            "-o",
+            str(tmp_path / "out" / "session"),
+        ]
+    )
     out, err = capsys.readouterr()
     assert code == 2, err
     assert case.says in err
@@ -178,8 +331,12 @@ def test_one_sentence_and_nothing_left_behind(case: Refused, tmp_path: Path, cap
     assert list((tmp_path / "out").iterdir()) == []
 
 
-def test_a_camera_without_corners_is_not_enough_data(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    model = recordings.cameramodel(tmp_path / "c.cameramodel", observations_board=-np.ones((16, 6, 7, 3)))
+def test_a_camera_without_corners_is_not_enough_data(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = recordings.cameramodel(
+        tmp_path / "c.cameramodel", observations_board=-np.ones((16, 6, 7, 3))
+    )
     assert main(["import", "mrcal", str(model), "-o", str(tmp_path / "s")]) == 3
     assert "has no corner of its camera 1 that counts" in capsys.readouterr().err
 
@@ -190,8 +347,14 @@ def test_a_camera_without_corners_is_not_enough_data(tmp_path: Path, capsys: pyt
         (["import"], "SOURCE"),
         (["import", "matlab", "x", "-o", "y"], "invalid choice"),
         (["import", "images", "x", "-o", "y"], "--board"),
-        (["import", "images", "x", "--board", "9", "--square-mm", "25", "-o", "y"], "write two whole numbers of 3 or more, such as 9x6"),
-        (["import", "images", "x", "--board", "9x6", "--square-mm", "0", "-o", "y"], "write millimetres from 0.05 to 100000"),
+        (
+            ["import", "images", "x", "--board", "9", "--square-mm", "25", "-o", "y"],
+            "write two whole numbers of 3 or more, such as 9x6",
+        ),
+        (
+            ["import", "images", "x", "--board", "9x6", "--square-mm", "0", "-o", "y"],
+            "write millimetres from 0.05 to 100000",
+        ),
         (["import", "mrcal", "x"], "-o"),
     ],
 )

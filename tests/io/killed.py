@@ -1,4 +1,6 @@
-"""Code that kills its own process at its n-th change of a folder, which Python's audit events tell of: a naming, a renaming, a removal."""
+"""Code that kills its own process at its n-th change of a folder, which Python's audit events tell
+of: a naming, a renaming, a removal.
+"""
 
 import os
 import signal
@@ -10,7 +12,9 @@ CHANGES = ("os.link", "os.rename", "os.remove", "os.mkdir", "os.rmdir")
 
 
 def on_change(folder: Path, act: Callable[[], object]) -> None:
-    """Call it before every change of the folder that this process makes from now on; that a file is opened to be written is one."""
+    """Call it before every change of the folder that this process makes from now on; that a file is
+    opened to be written is one.
+    """
     home = str(folder)
 
     def look(event: str, arguments: tuple[object, ...]) -> None:
@@ -18,7 +22,9 @@ def on_change(folder: Path, act: Callable[[], object]) -> None:
             path, _, flags = arguments
             if home in str(path) and isinstance(flags, int) and flags & (os.O_WRONLY | os.O_RDWR):
                 act()
-        elif event in CHANGES and (event == "os.link" or any(home in str(one) for one in arguments[:2])):
+        elif event in CHANGES and (
+            event == "os.link" or any(home in str(one) for one in arguments[:2])
+        ):
             act()
 
     sys.addaudithook(look)

@@ -1,4 +1,6 @@
-"""What stands where a file is expected, and what a file says of itself: refused before it costs anything."""
+"""What stands where a file is expected, and what a file says of itself: refused before it costs
+anything.
+"""
 
 import json
 import os
@@ -44,7 +46,9 @@ def put(path: Path, data: bytes | str) -> Path:
 
 
 @pytest.mark.parametrize("read", READERS)
-def test_a_pipe_and_a_device_are_not_waited_for(read: Callable[[Path], object], tmp_path: Path) -> None:
+def test_a_pipe_and_a_device_are_not_waited_for(
+    read: Callable[[Path], object], tmp_path: Path
+) -> None:
     os.mkfifo(tmp_path / "fifo")
     (tmp_path / "zero").symlink_to("/dev/zero")
     for name in ("fifo", "zero"):
@@ -74,8 +78,12 @@ def test_kept_detections_that_are_a_pipe_do_not_hold_up_a_fit(tmp_path: Path) ->
     assert len(detect(list_images(frames), BOARD).views) == 3
 
 
-@pytest.mark.parametrize("wrong", ["12", True, None, [1.0, "2"], [True, False], [[1], [2]], {"a": 1}])
-def test_kept_detections_of_another_kind_are_looked_for_again(wrong: object, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "wrong", ["12", True, None, [1.0, "2"], [True, False], [[1], [2]], {"a": 1}]
+)
+def test_kept_detections_of_another_kind_are_looked_for_again(
+    wrong: object, tmp_path: Path
+) -> None:
     frames = write_good_session(tmp_path / "s") / "frames"
     good = detect(list_images(frames), BOARD).views
     said = json.loads((frames / KEPT).read_text())
@@ -88,10 +96,18 @@ def test_kept_detections_of_another_kind_are_looked_for_again(wrong: object, tmp
             np.testing.assert_array_equal(view.corners, before.corners)
 
 
-@pytest.mark.parametrize("time_s", ["1e10", "-1e10", "1e300", "1760000000123", "1760000000123456789", "9" * 5000, "nan", "soon"])
+@pytest.mark.parametrize(
+    "time_s",
+    ["1e10", "-1e10", "1e300", "1760000000123", "1760000000123456789", "9" * 5000, "nan", "soon"],
+)
 def test_a_time_that_no_clock_shows_is_refused(time_s: str, tmp_path: Path) -> None:
-    table = put(tmp_path / "frames.csv", f"file,time_s,sequence,view\na.png,{time_s},0,{'7' * 5000}\n")
-    with pytest.raises(InputError, match=r"time_s of a\.png is '.{1,90}': write seconds, such as 12\.5, less than 1e\+10") as caught:
+    table = put(
+        tmp_path / "frames.csv", f"file,time_s,sequence,view\na.png,{time_s},0,{'7' * 5000}\n"
+    )
+    with pytest.raises(
+        InputError,
+        match=r"time_s of a\.png is '.{1,90}': write seconds, such as 12\.5, less than 1e\+10",
+    ) as caught:
         read_frame_records(table)
     assert len(str(caught.value)) <= 400
 
@@ -109,8 +125,13 @@ def test_a_level_of_1000_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("sigma", ["1e300", "1e-300", "1.0e+101"])
 def test_a_sigma_that_cannot_be_squared_is_refused(sigma: str, tmp_path: Path) -> None:
     folder = write_good_session(tmp_path / "s")
-    put(folder / "session.yaml", SESSION.replace("thickness_mm: 3.0", f"thickness_mm: {{value: 3.0, sigma: {sigma}}}"))
-    with pytest.raises(InputError, match=r"cover\.thickness_mm\.sigma is .*: write a number above 0, up to 1e\+100"):
+    put(
+        folder / "session.yaml",
+        SESSION.replace("thickness_mm: 3.0", f"thickness_mm: {{value: 3.0, sigma: {sigma}}}"),
+    )
+    with pytest.raises(
+        InputError, match=r"cover\.thickness_mm\.sigma is .*: write a number above 0, up to 1e\+100"
+    ):
         read_session(folder)
 
 
@@ -146,8 +167,12 @@ def test_a_zip_is_no_npy_and_a_bomb_no_npz(tmp_path: Path, monkeypatch: pytest.M
 
 def test_an_archive_whose_member_says_it_has_a_tebibyte(tmp_path: Path) -> None:
     whole, claimed = tars(b"picture")
-    assert [data for _, data in from_tar(put(tmp_path / "whole.tar", whole), BOARD, None).frames] == [b"picture"]
-    with pytest.raises(InputError, match=r"left-0000\.png in it is larger than the 256 MB that a picture may have"):
+    assert [
+        data for _, data in from_tar(put(tmp_path / "whole.tar", whole), BOARD, None).frames
+    ] == [b"picture"]
+    with pytest.raises(
+        InputError, match=r"left-0000\.png in it is larger than the 256 MB that a picture may have"
+    ):
         from_tar(put(tmp_path / "claimed.tar", claimed), BOARD, None)
 
 
@@ -156,7 +181,9 @@ def test_a_jpeg_that_ends_in_erased_flash_is_told_at_once(tmp_path: Path) -> Non
     begun = time.process_time()
     with pytest.raises(InputError, match="truncated or damaged"):
         read_image(path)
-    assert time.process_time() - begun < 5, "of this process alone; it was 21 s for a fiftieth of it, and grew with the square"
+    assert time.process_time() - begun < 5, (
+        "of this process alone; it was 21 s for a fiftieth of it, and grew with the square"
+    )
 
 
 @pytest.mark.parametrize(
@@ -166,7 +193,11 @@ def test_a_jpeg_that_ends_in_erased_flash_is_told_at_once(tmp_path: Path) -> Non
         ("- " * 20_000, f"more than {DEEPEST} levels"),
         ("a: " + "{b: " * 100 + "1" + "}" * 100, f"more than {DEEPEST} levels"),
         ("a: &a [*a]", f"more than {DEEPEST} levels"),
-        ("a0: &a0 [x, x]\n" + "".join(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]\n" for i in range(1, 25)), "aliases that repeat it too often"),
+        (
+            "a0: &a0 [x, x]\n"
+            + "".join(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]\n" for i in range(1, 25)),
+            "aliases that repeat it too often",
+        ),
         ("a: " + "x" * 3_000_000, "larger than the 2 MB"),
     ],
 )

@@ -1,4 +1,6 @@
-"""The files of a folder change as one: whoever was killed, whoever else writes, whatever a stranger left there."""
+"""The files of a folder change as one: whoever was killed, whoever else writes, whatever a stranger
+left there.
+"""
 
 import errno
 import json
@@ -38,17 +40,24 @@ def fill(folder: Path) -> Path:
 
 
 def contents(folder: Path) -> dict[str, str]:
-    return {path.name: path.read_text() if path.is_file() else "a folder" for path in folder.iterdir()}
+    return {
+        path.name: path.read_text() if path.is_file() else "a folder" for path in folder.iterdir()
+    }
 
 
 def test_a_writer_killed_at_any_change_leaves_the_old_set_or_the_new_one(tmp_path: Path) -> None:
     found = []
     for change in range(100):
         folder = fill(tmp_path / str(change))
-        ended = subprocess.run([sys.executable, "-c", WRITER, str(folder), str(change)], check=False).returncode
+        ended = subprocess.run(
+            [sys.executable, "-c", WRITER, str(folder), str(change)], check=False
+        ).returncode
         names = set(contents(folder))
         if WHOLE not in names:
-            assert names - {UNFINISHED} in (OLD.keys(), NEW.keys()), "what is neither in force nor a place is hidden in one folder"
+            assert names - {UNFINISHED} in (
+                OLD.keys(),
+                NEW.keys(),
+            ), "what is neither in force nor a place is hidden in one folder"
         assert in_force(folder / "a").read_text() in ("old a", "new a")
         found.append(contents(folder))
         assert found[-1] in (OLD, NEW), f"killed at change {change}"
@@ -58,7 +67,9 @@ def test_a_writer_killed_at_any_change_leaves_the_old_set_or_the_new_one(tmp_pat
     assert found[-1] == NEW
     turned = found.index(NEW)
     assert found == [OLD] * turned + [NEW] * (len(found) - turned)
-    assert turned >= 5, "there are as many changes before the new set is in force as there are files"
+    assert turned >= 5, (
+        "there are as many changes before the new set is in force as there are files"
+    )
     assert len(found) - turned >= 5, "and as many after it"
 
 
@@ -83,7 +94,9 @@ def test_more_files_than_may_be_open(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("without", ["O_TMPFILE", "proc"])
-def test_a_disk_without_unnamed_files(without: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_without_unnamed_files(
+    without: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     if without == "proc":
         monkeypatch.setattr("calib.io.files.OPEN_FILES", tmp_path / "no")
     else:
@@ -101,7 +114,10 @@ def test_a_disk_without_unnamed_files(without: str, tmp_path: Path, monkeypatch:
 
 def test_one_writer_at_a_time(tmp_path: Path) -> None:
     with FileSet(tmp_path) as files:
-        with pytest.raises(InputError, match=r"Another calib writes to .*: wait until it has ended"), FileSet(tmp_path):
+        with (
+            pytest.raises(InputError, match=r"Another calib writes to .*: wait until it has ended"),
+            FileSet(tmp_path),
+        ):
             pass
         files.write("a", "")
         files.commit()
@@ -109,7 +125,9 @@ def test_one_writer_at_a_time(tmp_path: Path) -> None:
         pass
 
 
-def test_a_disk_without_locks_of_folders_is_written_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_without_locks_of_folders_is_written_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def refuse(*_: object) -> None:
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
@@ -134,12 +152,17 @@ def test_a_full_disk_leaves_the_old_set(tmp_path: Path, monkeypatch: pytest.Monk
     assert contents(folder) == OLD
 
 
-def test_a_reader_who_may_not_write_reads_the_set_in_force(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reader_who_may_not_write_reads_the_set_in_force(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As of a disk that can only be read: what was not moved to its place is read where it is."""
     folder = fill(tmp_path / "out")
     (folder / WHOLE).mkdir()
     (folder / WHOLE / "a").write_text("new a")
-    monkeypatch.setattr("calib.io.file_set._locked", lambda _: (_ for _ in ()).throw(PermissionError(errno.EACCES, "no")))
+    monkeypatch.setattr(
+        "calib.io.file_set._locked",
+        lambda _: (_ for _ in ()).throw(PermissionError(errno.EACCES, "no")),
+    )
     monkeypatch.setattr("os.access", lambda *_: False)
     assert in_force(folder / "a").read_text() == "new a"
     assert in_force(folder / "b").read_text() == "old b"
@@ -162,5 +185,10 @@ def test_a_strangers_hidden_folders_reach_nothing_outside(tmp_path: Path) -> Non
 
 def test_a_name_that_a_folder_has(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
-    with FileSet(tmp_path) as files, pytest.raises(InputError, match=r"a cannot be written .*: choose a name that no folder has"):
+    with (
+        FileSet(tmp_path) as files,
+        pytest.raises(
+            InputError, match=r"a cannot be written .*: choose a name that no folder has"
+        ),
+    ):
         files.write("a", "")

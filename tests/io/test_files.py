@@ -29,21 +29,31 @@ def test_file_has_the_permissions_of_any_new_file(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("code", "advice"),
-    [(errno.ENOSPC, "free some space"), (errno.EROFS, "disk that can be written"), (errno.EIO, "choose another place")],
+    [
+        (errno.ENOSPC, "free some space"),
+        (errno.EROFS, "disk that can be written"),
+        (errno.EIO, "choose another place"),
+    ],
     ids=errno.errorcode.get,
 )
-def test_failing_disk_leaves_the_old_file(code: int, advice: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failing_disk_leaves_the_old_file(
+    code: int, advice: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fail(_: int) -> None:
         raise OSError(code, os.strerror(code))
 
     (tmp_path / "a").write_text("old")
     monkeypatch.setattr("calib.io.files.fsync", fail)
-    with pytest.raises(InputError, match=rf"a cannot be written \({os.strerror(code)}\): .*{advice}"):
+    with pytest.raises(
+        InputError, match=rf"a cannot be written \({os.strerror(code)}\): .*{advice}"
+    ):
         write_atomically(tmp_path / "a", "new")
     assert [path.read_text() for path in tmp_path.iterdir()] == ["old"]
 
 
-def test_interrupted_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupted_write_leaves_the_old_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def interrupt(_: int) -> None:
         raise KeyboardInterrupt
 
@@ -90,7 +100,11 @@ def test_a_file_may_be_as_large_as_was_said_and_no_larger(tmp_path: Path, most: 
 
 
 def test_arrays_come_back() -> None:
-    arrays = {"a.b": np.arange(6.0).reshape(2, 3), "empty": np.zeros((0, 2)), "flag": np.array(True)}
+    arrays = {
+        "a.b": np.arange(6.0).reshape(2, 3),
+        "empty": np.zeros((0, 2)),
+        "flag": np.array(True),
+    }
     with np.load(BytesIO(npz(arrays)), allow_pickle=False) as loaded:
         assert set(loaded) == set(arrays)
         for name, array in arrays.items():

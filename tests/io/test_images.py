@@ -56,24 +56,39 @@ def test_alpha_is_dropped(tmp_path: Path) -> None:
 
 
 def test_grey_of_colour_weighs_green_most(tmp_path: Path) -> None:
-    channels = [read_grey(save(tmp_path / f"{i}.png", np.full((4, 4, 3), np.eye(3, dtype=np.uint8)[i] * 200)))[0, 0] for i in range(3)]
+    channels = [
+        read_grey(
+            save(tmp_path / f"{i}.png", np.full((4, 4, 3), np.eye(3, dtype=np.uint8)[i] * 200))
+        )[0, 0]
+        for i in range(3)
+    ]
     assert channels == [23, 117, 60]  # BT.601: 0.114, 0.587, 0.299
 
 
 @pytest.mark.parametrize("keep", [0.02, 0.5, 0.99])
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_truncated_picture_is_refused_in_silence(suffix: str, keep: float, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_truncated_picture_is_refused_in_silence(
+    suffix: str, keep: float, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     path = save(tmp_path / f"a{suffix}", noise(48, 64, 3))
     data = path.read_bytes()
     path.write_bytes(data[: int(len(data) * keep)])
-    says = "not a whole .npy array" if suffix == ".npy" else "not an image" if suffix in (".tif", ".tiff") else "truncated"
+    says = (
+        "not a whole .npy array"
+        if suffix == ".npy"
+        else "not an image"
+        if suffix in (".tif", ".tiff")
+        else "truncated"
+    )
     with pytest.raises(InputError, match=f"a{suffix} is {says}"):
         read_image(path)
     assert capfd.readouterr() == ("", "")
 
 
 def test_thumbnail_does_not_hide_a_truncated_jpeg(tmp_path: Path) -> None:
-    """A thumbnail inside has an end marker of its own; one that counted it would take the half picture for a whole one."""
+    """A thumbnail inside has an end marker of its own; one that counted it would take the half
+    picture for a whole one.
+    """
     path = save(tmp_path / "a.jpg", noise(48, 64))
     whole = path.read_bytes()
     thumbnail = b"\xff\xe1" + (len(whole) + 2).to_bytes(2, "big") + whole
@@ -84,7 +99,9 @@ def test_thumbnail_does_not_hide_a_truncated_jpeg(tmp_path: Path) -> None:
         read_image(path)
 
 
-@pytest.mark.parametrize("trailer", [b"\0" * 100, b"BRCMo\xff\xd8raw data"], ids=["padding", "raw data"])
+@pytest.mark.parametrize(
+    "trailer", [b"\0" * 100, b"BRCMo\xff\xd8raw data"], ids=["padding", "raw data"]
+)
 def test_bytes_after_the_end_do_no_harm(trailer: bytes, tmp_path: Path) -> None:
     """Drivers pad their buffers, and a Pi appends its raw data."""
     path = save(tmp_path / "a.jpg", noise(48, 64))
@@ -94,7 +111,11 @@ def test_bytes_after_the_end_do_no_harm(trailer: bytes, tmp_path: Path) -> None:
 
 def test_progressive_jpeg_with_restart_markers_is_whole(tmp_path: Path) -> None:
     path = tmp_path / "a.jpg"
-    assert cv2.imwrite(str(path), noise(48, 64, 3), [cv2.IMWRITE_JPEG_PROGRESSIVE, 1, cv2.IMWRITE_JPEG_RST_INTERVAL, 2])
+    assert cv2.imwrite(
+        str(path),
+        noise(48, 64, 3),
+        [cv2.IMWRITE_JPEG_PROGRESSIVE, 1, cv2.IMWRITE_JPEG_RST_INTERVAL, 2],
+    )
     assert path.read_bytes().count(b"\xff\xda") > 1, "not progressive"
     assert b"\xff\xd3" in path.read_bytes(), "no restart markers"
     assert image_size(path) == (64, 48)
@@ -115,10 +136,26 @@ def test_missing_picture_is_named(tmp_path: Path) -> None:
 
 
 def test_pictures_are_listed_as_people_count(tmp_path: Path) -> None:
-    for name in ("f10.png", "f2.PNG", "f1.jpeg", ".f3.png", "notes.txt", "F3.Tif", "f4.npy", "f05.bmp"):
+    for name in (
+        "f10.png",
+        "f2.PNG",
+        "f1.jpeg",
+        ".f3.png",
+        "notes.txt",
+        "F3.Tif",
+        "f4.npy",
+        "f05.bmp",
+    ):
         (tmp_path / name).touch()
     (tmp_path / "f6.png").mkdir()
-    assert [path.name for path in list_images(tmp_path)] == ["f1.jpeg", "f2.PNG", "F3.Tif", "f4.npy", "f05.bmp", "f10.png"]
+    assert [path.name for path in list_images(tmp_path)] == [
+        "f1.jpeg",
+        "f2.PNG",
+        "F3.Tif",
+        "f4.npy",
+        "f05.bmp",
+        "f10.png",
+    ]
 
 
 def test_listing_no_folder_is_refused(tmp_path: Path) -> None:

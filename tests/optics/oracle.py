@@ -1,4 +1,6 @@
-"""A ray tracer that shares nothing with calib.optics: numpy, one ray at a time, bisection, numeric normals, Snell by angles."""
+"""A ray tracer that shares nothing with calib.optics: numpy, one ray at a time, bisection, numeric
+normals, Snell by angles.
+"""
 
 from collections.abc import Callable, Sequence
 
@@ -37,7 +39,12 @@ def gradient(function: Callable[[Vec], float], point: Vec, size: float = 1e-5) -
     return gradient
 
 
-def through(surfaces: Sequence[tuple[Callable[[Vec], float], float, float]], origin: Vec, direction: Vec, reach: float) -> tuple[Vec, Vec]:
+def through(
+    surfaces: Sequence[tuple[Callable[[Vec], float], float, float]],
+    origin: Vec,
+    direction: Vec,
+    reach: float,
+) -> tuple[Vec, Vec]:
     """A ray through surfaces given as (height above it, index before, index behind)."""
     for height, n_from, n_to in surfaces:
         distance = bisect(lambda t, o=origin, d=direction, f=height: f(o + t * d), 0.0, reach)  # type: ignore[misc]
@@ -46,8 +53,12 @@ def through(surfaces: Sequence[tuple[Callable[[Vec], float], float, float]], ori
     return origin, direction
 
 
-def bumps(centres: NDArray[np.float64], amplitudes: NDArray[np.float64], widths: tuple[float, float]) -> Callable[[float, float], float]:
-    """The paper's equation 1 as a plain sum: centres (n, 2), amplitudes (n,), widths the Gaussians' sigma in each coordinate."""
+def bumps(
+    centres: NDArray[np.float64], amplitudes: NDArray[np.float64], widths: tuple[float, float]
+) -> Callable[[float, float], float]:
+    """The paper's equation 1 as a plain sum: centres (n, 2), amplitudes (n,), widths the Gaussians'
+    sigma in each coordinate.
+    """
 
     def height(first: float, second: float) -> float:
         away = (np.array([first, second]) - centres) / widths

@@ -1,4 +1,6 @@
-"""One example of every cover shape, and its surface written once more in plain numpy for the oracle."""
+"""One example of every cover shape, and its surface written once more in plain numpy for the
+oracle.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -32,7 +34,13 @@ class Example:
 
     def changed(self, parameters: Mapping[str, float]) -> Cover:
         assert set(parameters) <= set(self.cover.parameters)
-        return Cover(self.cover.shape, {**self.cover.parameters, **{name: Number(value) for name, value in parameters.items()}})
+        return Cover(
+            self.cover.shape,
+            {
+                **self.cover.parameters,
+                **{name: Number(value) for name, value in parameters.items()},
+            },
+        )
 
 
 def _axis(n: Numbers) -> Vec:
@@ -58,7 +66,12 @@ CONE = Example(
     _cylinder_chart,
 )
 CYLINDER = Example(
-    Cover("cylinder", _numbers(inner_radius=0.042, axis_offset__x=0.0, axis_offset__z=-0.03, tilt__x=0.0, tilt__z=0.0)),
+    Cover(
+        "cylinder",
+        _numbers(
+            inner_radius=0.042, axis_offset__x=0.0, axis_offset__z=-0.03, tilt__x=0.0, tilt__z=0.0
+        ),
+    ),
     TURNED,
     PATCH,
     _axis,

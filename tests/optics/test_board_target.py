@@ -16,15 +16,26 @@ BOWED = BoardShape(*HALF, degree=4)
 
 
 def seen() -> tuple[Rays, list[Tensor], dict[str, Tensor]]:
-    """Rays to a tilted board, its rotation, place and flex for each ray, and the parameters of its shape."""
+    """Rays to a tilted board, its rotation, place and flex for each ray, and the parameters of its
+    shape.
+    """
     generator = torch.Generator().manual_seed(3)
-    along = torch.cat([torch.rand(40, 2, generator=generator, dtype=torch.float64) * 0.3 - 0.15, torch.ones(40, 1, dtype=torch.float64)], 1)
+    along = torch.cat(
+        [
+            torch.rand(40, 2, generator=generator, dtype=torch.float64) * 0.3 - 0.15,
+            torch.ones(40, 1, dtype=torch.float64),
+        ],
+        1,
+    )
     start = torch.rand(40, 3, generator=generator, dtype=torch.float64) * 1e-3
     rays = Rays(Vector.of(start), Vector.of(along).unit(), torch.zeros(40, dtype=torch.uint8))
     turn = rotation.matrix(torch.tensor([0.5, -0.4, 0.2], dtype=torch.float64)).expand(40, 3, 3)
     shift = torch.tensor([0.01, -0.02, 0.5], dtype=torch.float64).expand(40, 3)
     flex = torch.tensor([8e-4, -5e-4, 3e-4], dtype=torch.float64).expand(40, 3)
-    sizes = {unknown.param.name: torch.tensor(1e-3 / (1 + at), dtype=torch.float64) for at, unknown in enumerate(BOWED.unknowns)}
+    sizes = {
+        unknown.param.name: torch.tensor(1e-3 / (1 + at), dtype=torch.float64)
+        for at, unknown in enumerate(BOWED.unknowns)
+    }
     return rays, [part.clone().requires_grad_() for part in (turn, shift, flex)], sizes
 
 

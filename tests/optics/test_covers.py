@@ -1,4 +1,6 @@
-"""What every textbook says of windows and domes, and what happens where a ray cannot meet a cover."""
+"""What every textbook says of windows and domes, and what happens where a ray cannot meet a
+cover.
+"""
 
 import numpy as np
 import pytest
@@ -12,14 +14,28 @@ from calib.session.schema import Number
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH
 from tests.optics.shapes import CONE, CYLINDER, DOME, FLAT, GLASS, WATER, Example, each_shape
 
-PIXELS = torch.from_numpy(np.random.default_rng(0).uniform([0, 0], [WIDTH - 1, HEIGHT - 1], (200, 2)))
+PIXELS = torch.from_numpy(
+    np.random.default_rng(0).uniform([0, 0], [WIDTH - 1, HEIGHT - 1], (200, 2))
+)
 
 
-def seen(example: Example, pixels: torch.Tensor = PIXELS, **changed: float) -> tuple[Rays, np.ndarray, np.ndarray, np.ndarray]:
-    """Rays through a smooth cover: origins, directions, and the directions that they had at the pinhole."""
-    path, values = covered_path(INTRINSICS, example.changed({name.replace("__", "."): value for name, value in changed.items()}))
+def seen(
+    example: Example, pixels: torch.Tensor = PIXELS, **changed: float
+) -> tuple[Rays, np.ndarray, np.ndarray, np.ndarray]:
+    """Rays through a smooth cover: origins, directions, and the directions that they had at the
+    pinhole.
+    """
+    path, values = covered_path(
+        INTRINSICS,
+        example.changed({name.replace("__", "."): value for name, value in changed.items()}),
+    )
     rays = path.trace(pixels, values)
-    return rays, rays.origin.stacked().numpy(), rays.direction.stacked().numpy(), path.lens(pixels, values).direction.stacked().numpy()
+    return (
+        rays,
+        rays.origin.stacked().numpy(),
+        rays.direction.stacked().numpy(),
+        path.lens(pixels, values).direction.stacked().numpy(),
+    )
 
 
 @pytest.mark.parametrize("tilt", [(0.0, 0.0), (0.3, -0.2)], ids=["upright", "tilted"])
@@ -30,14 +46,18 @@ def test_a_window_in_air_shifts_rays_and_turns_none(tilt: tuple[float, float]) -
     assert np.abs(directions - launched).max() < 1e-15
     angle = np.hypot(*tilt)
     axis = np.array([*tilt, 0.0]) / (angle or 1.0)
-    normal = np.array([0.0, 0.0, np.cos(angle)]) + np.sin(angle) * np.cross(axis, [0.0, 0.0, 1.0])  # +z turned by the tilt
+    normal = np.array([0.0, 0.0, np.cos(angle)]) + np.sin(angle) * np.cross(
+        axis, [0.0, 0.0, 1.0]
+    )  # +z turned by the tilt
     cos_in = launched @ normal
     sin_in = np.sqrt(1 - cos_in**2)
     index, thickness = GLASS["refractive_index"], GLASS["thickness"]
     shift = thickness * sin_in * (1 - cos_in / np.sqrt(index**2 - sin_in**2))
     across = (normal - cos_in[:, None] * launched) / sin_in[:, None]
     expected = shift[:, None] * across
-    apart = origins - (origins * directions).sum(-1, keepdims=True) * directions  # from the pinhole to the ray
+    apart = (
+        origins - (origins * directions).sum(-1, keepdims=True) * directions
+    )  # from the pinhole to the ray
     assert np.abs(apart - expected).max() < 1e-16
     assert shift.max() > 1e-4, "it does shift them"
 
@@ -56,12 +76,16 @@ def test_a_tilt_about_x_takes_the_window_s_lower_half_away() -> None:
 
 
 def test_a_flat_port_magnifies_by_the_index_of_water() -> None:
-    """Snell: what leaves at sine s / n launched at sine s, glass or no glass; near the axis tangents go as sines."""
+    """Snell: what leaves at sine s / n launched at sine s, glass or no glass; near the axis
+    tangents go as sines.
+    """
     _, _, directions, launched = seen(FLAT, outside_index=WATER)
     assert np.abs(directions[:, :2] * WATER - launched[:, :2]).max() < 1e-15
     middle = torch.tensor([[INTRINSICS.cx.value + 1.0, INTRINSICS.cy.value]], dtype=torch.float64)
     _, _, near_axis, _ = seen(FLAT, middle, outside_index=WATER)
-    seen_bare = INTRINSICS.fx.value * near_axis[0, 0] / near_axis[0, 2]  # px from the centre, without port and water
+    seen_bare = (
+        INTRINSICS.fx.value * near_axis[0, 0] / near_axis[0, 2]
+    )  # px from the centre, without port and water
     assert 1.0 / seen_bare == pytest.approx(WATER, rel=1e-6)
 
 
@@ -73,7 +97,9 @@ def test_a_dome_around_the_pinhole_bends_nothing_in_air_or_water() -> None:
 
 
 def test_a_dome_s_paraxial_rays_obey_gauss() -> None:
-    """Two refracting spheres, n2 / s2 = n1 / s1 + (n2 - n1) / r (distances positive to the right, centres to the left)."""
+    """Two refracting spheres, n2 / s2 = n1 / s1 + (n2 - n1) / r (distances positive to the right,
+    centres to the left).
+    """
     behind = 0.02  # m, from the dome's centre to the pinhole
     radius, outer = 0.05, 0.053
     glass = GLASS["refractive_index"]
@@ -82,7 +108,9 @@ def test_a_dome_s_paraxial_rays_obey_gauss() -> None:
     image = WATER / (glass / image + (WATER - glass) / -outer)
     pixel = torch.tensor([[INTRINSICS.cx.value + 1.0, INTRINSICS.cy.value]], dtype=torch.float64)
     _, origins, directions, _ = seen(DOME, pixel, centre__z=-behind, outside_index=WATER)
-    crossing = origins[0, 2] - origins[0, 0] * directions[0, 2] / directions[0, 0]  # where the ray seems to come from
+    crossing = (
+        origins[0, 2] - origins[0, 0] * directions[0, 2] / directions[0, 0]
+    )  # where the ray seems to come from
     assert crossing == pytest.approx(outer - behind + image, rel=1e-5)
 
 
@@ -96,7 +124,9 @@ def test_a_dome_s_paraxial_rays_obey_gauss() -> None:
     ids=["parallel to the window", "from outside the dome", "on the axis of a steep cone"],
 )
 @pytest.mark.parametrize("exact_hit", [True, False])
-def test_missing_is_data_with_finite_gradients(example: Example, changed: dict[str, float], exact_hit: bool) -> None:
+def test_missing_is_data_with_finite_gradients(
+    example: Example, changed: dict[str, float], exact_hit: bool
+) -> None:
     path, values = covered_path(INTRINSICS, example.changed(changed))
     path = with_relief(path, Relief(*example.patch, (3, 3)), exact_hit=exact_hit)
     values |= {"camera.fx": torch.tensor(300.0), "camera.fy": torch.tensor(300.0)}  # a wide view
@@ -116,7 +146,9 @@ def test_missing_is_data_with_finite_gradients(example: Example, changed: dict[s
 def test_a_tilt_is_left_out_only_where_it_is_zero_for_certain(example: Example) -> None:
     tilts = [f"tilt.{axis}" for axis in "xyz" if f"tilt.{axis}" in example.cover.parameters]
     known, _ = covered_path(INTRINSICS, example.cover)
-    uncertain = Cover(example.cover.shape, {**example.cover.parameters, tilts[0]: Number(0.0, sigma=0.01)})
+    uncertain = Cover(
+        example.cover.shape, {**example.cover.parameters, tilts[0]: Number(0.0, sigma=0.01)}
+    )
     open_, _ = covered_path(INTRINSICS, uncertain)
     assert not {param.name for param in known.params} & {f"cover.{name}" for name in tilts}
     assert {f"cover.{name}" for name in tilts} <= {param.name for param in open_.params}

@@ -20,50 +20,83 @@ PINHOLE = {"fx": 300.0, "fy": 305.0, "cx": 400.0, "cy": 310.0}
 
 def values(coefficients: tuple[float, ...] = COEFFICIENTS) -> dict[str, torch.Tensor]:
     named = PINHOLE | {f"kb{order}": value for order, value in enumerate(coefficients, 1)}
-    lens = {f"camera.{name}": torch.tensor(value, dtype=torch.float64) for name, value in named.items()}
+    lens = {
+        f"camera.{name}": torch.tensor(value, dtype=torch.float64) for name, value in named.items()
+    }
     pupil = {"e2": 2e-3, "e4": -1e-4, "x2": 3e-4, "y2": -2e-4}
-    return lens | {f"entrance_pupil.{name}": torch.tensor(value, dtype=torch.float64) for name, value in pupil.items()}
+    return lens | {
+        f"entrance_pupil.{name}": torch.tensor(value, dtype=torch.float64)
+        for name, value in pupil.items()
+    }
 
 
 def around(degrees: float, count: int = 36) -> torch.Tensor:
     """(count, 3) unit directions at an angle from the axis."""
     turn = torch.linspace(0, 2 * math.pi, count, dtype=torch.float64)
     angle = torch.tensor(math.radians(degrees), dtype=torch.float64)
-    return torch.stack([angle.sin() * turn.cos(), angle.sin() * turn.sin(), angle.cos().expand(count)], -1)
+    return torch.stack(
+        [angle.sin() * turn.cos(), angle.sin() * turn.sin(), angle.cos().expand(count)], -1
+    )
 
 
 def test_it_is_opencv_s() -> None:
     """Up to 85 degrees from the axis."""
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(-8, 8, (400, 2)), np.ones(400)])
-    matrix = np.array([[PINHOLE["fx"], 0, PINHOLE["cx"]], [0, PINHOLE["fy"], PINHOLE["cy"]], [0, 0, 1]])
-    pixels = cv2.fisheye.projectPoints(points[:, None], np.zeros(3), np.zeros(3), matrix, np.array(COEFFICIENTS))[0].reshape(-1, 2)
-    assert np.abs(Fisheye().project(torch.from_numpy(points), values()).numpy() - pixels).max() < 1e-9
+    matrix = np.array(
+        [[PINHOLE["fx"], 0, PINHOLE["cx"]], [0, PINHOLE["fy"], PINHOLE["cy"]], [0, 0, 1]]
+    )
+    pixels = cv2.fisheye.projectPoints(
+        points[:, None], np.zeros(3), np.zeros(3), matrix, np.array(COEFFICIENTS)
+    )[0].reshape(-1, 2)
+    assert (
+        np.abs(Fisheye().project(torch.from_numpy(points), values()).numpy() - pixels).max() < 1e-9
+    )
     rays = Fisheye()(torch.from_numpy(pixels), values())
     assert not rays.failure.any()
-    assert np.abs(rays.direction.stacked().numpy() - points / np.linalg.norm(points, axis=-1, keepdims=True)).max() < 1e-12
+    assert (
+        np.abs(
+            rays.direction.stacked().numpy()
+            - points / np.linalg.norm(points, axis=-1, keepdims=True)
+        ).max()
+        < 1e-12
+    )
 
 
 @pytest.mark.parametrize("degrees", [0.0, 1e-7, 30, 89.9999, 90, 120, 170])
 def test_it_sees_beside_and_behind_itself(degrees: float) -> None:
-    """As far from the principal point as the polynomial says, and back; through a path's projection, too."""
+    """As far from the principal point as the polynomial says, and back; through a path's
+    projection, too.
+    """
     directions = around(degrees)
     pixels = Fisheye().project(directions, values())
     angle = math.radians(degrees)
-    distance = angle * (1 + sum(k * angle ** (2 * order) for order, k in enumerate(COEFFICIENTS, 1)))
+    distance = angle * (
+        1 + sum(k * angle ** (2 * order) for order, k in enumerate(COEFFICIENTS, 1))
+    )
     off = (pixels.numpy() - [PINHOLE["cx"], PINHOLE["cy"]]) / [PINHOLE["fx"], PINHOLE["fy"]]
     assert np.abs(np.linalg.norm(off, axis=-1) - distance).max() < 1e-12
     rays = Fisheye()(pixels, values())
     assert not rays.failure.any()
     assert (rays.direction.stacked() - directions).abs().max() < 1e-12
-    assert torch.equal(project(Path(Fisheye()), values(), 0.7 * directions), Fisheye().project(0.7 * directions, values()))
+    assert torch.equal(
+        project(Path(Fisheye()), values(), 0.7 * directions),
+        Fisheye().project(0.7 * directions, values()),
+    )
 
 
 def test_it_fails_beyond_the_fold_and_stays_finite() -> None:
-    """theta (1 - theta^2 / 4) never exceeds 0.77, at 66 degrees; what is seen at a larger angle is imaged where a smaller one is."""
+    """theta (1 - theta^2 / 4) never exceeds 0.77, at 66 degrees; what is seen at a larger angle is
+    imaged where a smaller one is.
+    """
     folded = values((-0.25, 0.0, 0.0, 0.0))
     folded["camera.kb1"].requires_grad_()
-    rays = Fisheye()(torch.tensor([[PINHOLE["cx"] + 240.0, PINHOLE["cy"]], [PINHOLE["cx"] + 220.0, PINHOLE["cy"]]]).double(), folded)
+    rays = Fisheye()(
+        torch.tensor(
+            [[PINHOLE["cx"] + 240.0, PINHOLE["cy"]], [PINHOLE["cx"] + 220.0, PINHOLE["cy"]]]
+        ).double(),
+        folded,
+    )
     rays.direction.stacked().sum().backward()  # type: ignore[no-untyped-call]
     assert rays.failure.tolist() == [LENS, 0]
     assert torch.isfinite(rays.direction.stacked()).all()
@@ -76,15 +109,21 @@ def test_it_fails_beyond_the_fold_and_stays_finite() -> None:
 
 
 def test_a_second_branch_is_no_ray() -> None:
-    """A polynomial that falls and rises again reaches the same distance three times; only the first is the lens's."""
+    """A polynomial that falls and rises again reaches the same distance three times; only the first
+    is the lens's.
+    """
     wavy = values((-0.6, 0.16, 0.0, 0.0))
-    rays = Fisheye()(torch.tensor([[PINHOLE["cx"] + 300 * 0.9, PINHOLE["cy"]]], dtype=torch.float64), wavy)
+    rays = Fisheye()(
+        torch.tensor([[PINHOLE["cx"] + 300 * 0.9, PINHOLE["cy"]]], dtype=torch.float64), wavy
+    )
     assert rays.failure.tolist() == [LENS]
 
 
 def test_derivatives_agree_with_central_differences() -> None:
     lens = Fisheye(pupil=PUPIL + PUPIL_ASIDE)
-    pixels = torch.tensor([[100.0, 700.0], [420.0, 305.0], [1000.0, 100.0]], dtype=torch.float64)  # 40, 4 and 120 degrees off the axis
+    pixels = torch.tensor(
+        [[100.0, 700.0], [420.0, 305.0], [1000.0, 100.0]], dtype=torch.float64
+    )  # 40, 4 and 120 degrees off the axis
 
     def launched(at: Values) -> torch.Tensor:
         rays = lens(pixels, at)
@@ -94,9 +133,18 @@ def test_derivatives_agree_with_central_differences() -> None:
     for param in lens.params:
         here = values()[param.name].requires_grad_()
         rows = launched({**values(), param.name: here})
-        analytic = torch.stack([torch.autograd.grad(row, here, retain_graph=True, materialize_grads=True)[0] for row in rows])
-        size = 1e-4 * param.scale  # kb4 weighs the angle to the ninth power: longer steps show the third derivative
-        up, down = (launched({**values(), param.name: here.detach() + sign * size}) for sign in (1, -1))
+        analytic = torch.stack(
+            [
+                torch.autograd.grad(row, here, retain_graph=True, materialize_grads=True)[0]
+                for row in rows
+            ]
+        )
+        size = (
+            1e-4 * param.scale
+        )  # kb4 weighs the angle to the ninth power: longer steps show the third derivative
+        up, down = (
+            launched({**values(), param.name: here.detach() + sign * size}) for sign in (1, -1)
+        )
         numeric = (up - down) / (2 * size)
         assert numeric.abs().max() > 0
         assert (analytic - numeric).abs().max() < 1e-6 * numeric.abs().max(), param.name
@@ -104,7 +152,9 @@ def test_derivatives_agree_with_central_differences() -> None:
 
 @pytest.mark.parametrize("degrees", [0.0, 30.0, 110.0])
 def test_rays_begin_where_the_pupil_stands_at_their_angle(degrees: float) -> None:
-    """On the axis for a centred lens, and as far to one side, whatever their direction around the axis, for a decentred one."""
+    """On the axis for a centred lens, and as far to one side, whatever their direction around the
+    axis, for a decentred one.
+    """
     pixels = Fisheye().project(around(degrees), values())
     angle = math.radians(degrees)
     along = 2e-3 * angle**2 - 1e-4 * angle**4
@@ -119,10 +169,14 @@ def test_projection_and_rays_have_inverse_derivatives() -> None:
     points = around(100, 5) * 0.4
     at = points.clone().requires_grad_()
     seen = Fisheye().project(at, values())
-    analytic = torch.stack([torch.autograd.grad(seen[:, i].sum(), at, retain_graph=True)[0] for i in (0, 1)], 1)
+    analytic = torch.stack(
+        [torch.autograd.grad(seen[:, i].sum(), at, retain_graph=True)[0] for i in (0, 1)], 1
+    )
     for axis in range(3):
         step = 1e-5 * torch.eye(3, dtype=torch.float64)[axis]
-        numeric = (Fisheye().project(points + step, values()) - Fisheye().project(points - step, values())) / 2e-5
+        numeric = (
+            Fisheye().project(points + step, values()) - Fisheye().project(points - step, values())
+        ) / 2e-5
         assert (analytic[..., axis] - numeric).abs().max() < 1e-6 * analytic.abs().max()
 
 
@@ -132,5 +186,10 @@ def test_each_pixel_can_have_a_lens_of_its_own() -> None:
     other = {name: 1.1 * value for name, value in values().items()}
     mixed = {name: torch.stack([value, other[name], value]) for name, value in values().items()}
     together = Fisheye()(pixels, mixed).direction.stacked()
-    alone = torch.cat([Fisheye()(pixels[i : i + 1], own).direction.stacked() for i, own in enumerate((values(), other, values()))])
+    alone = torch.cat(
+        [
+            Fisheye()(pixels[i : i + 1], own).direction.stacked()
+            for i, own in enumerate((values(), other, values()))
+        ]
+    )
     assert torch.allclose(together, alone, rtol=0, atol=1e-12)

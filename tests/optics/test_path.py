@@ -19,7 +19,11 @@ from tests.optics.shapes import CONE, EXAMPLES, Example, each_shape
 
 
 def nominal(
-    example: Example = CONE, *, amplitude: float = 2e-5, exact_hit: bool = True, changed: Mapping[str, float] | None = None
+    example: Example = CONE,
+    *,
+    amplitude: float = 2e-5,
+    exact_hit: bool = True,
+    changed: Mapping[str, float] | None = None,
 ) -> tuple[Path, dict[str, torch.Tensor]]:
     path, values = covered_path(INTRINSICS, example.changed(changed or {}))
     rng = np.random.default_rng(3)
@@ -28,7 +32,9 @@ def nominal(
 
 
 def some_pixels(count: int, seed: int = 0) -> torch.Tensor:
-    return torch.from_numpy(np.random.default_rng(seed).uniform([0, 0], [WIDTH - 1, HEIGHT - 1], (count, 2)))
+    return torch.from_numpy(
+        np.random.default_rng(seed).uniform([0, 0], [WIDTH - 1, HEIGHT - 1], (count, 2))
+    )
 
 
 def oracle_rays(
@@ -54,7 +60,10 @@ def oracle_rays(
     surfaces = [(inner, 1.0, glass), (outer, glass, parameters["outside_index"])]
     focal, middle = INTRINSICS.fx.value, [INTRINSICS.cx.value, INTRINSICS.cy.value]
     directions = np.column_stack([(pixels - middle) / focal, np.ones(len(pixels))])
-    rays = [oracle.through(surfaces, np.zeros(3), direction / np.linalg.norm(direction), 0.08) for direction in directions]
+    rays = [
+        oracle.through(surfaces, np.zeros(3), direction / np.linalg.norm(direction), 0.08)
+        for direction in directions
+    ]
     return np.array([o for o, _ in rays]), np.array([d for _, d in rays])
 
 
@@ -69,10 +78,15 @@ def test_agrees_with_bisection_in_numpy(example: Example, moved: bool) -> None:
     path, values = nominal(example, changed=changed)
     pixels = some_pixels(60)
     rays = path.trace(pixels, values)
-    parameters = {name: number.value for name, number in example.changed(changed).parameters.items()}
-    origins, directions = oracle_rays(example, parameters, values["relief.amplitudes"].numpy(), pixels.numpy())
+    parameters = {
+        name: number.value for name, number in example.changed(changed).parameters.items()
+    }
+    origins, directions = oracle_rays(
+        example, parameters, values["relief.amplitudes"].numpy(), pixels.numpy()
+    )
     assert not rays.failure.any()
-    # The oracle's normals come from differences of step 1e-5 m: 1e-11 or so of rounding; the bisection stops at 1e-17 m.
+    # The oracle's normals come from differences of step 1e-5 m: 1e-11 or so of rounding; the
+    # bisection stops at 1e-17 m.
     assert np.abs(rays.origin.stacked().numpy() - origins).max() < 1e-13
     assert np.abs(rays.direction.stacked().numpy() - directions).max() < 1e-9
 
@@ -104,9 +118,13 @@ def test_any_batch_shape(example: Example, batch: tuple[int, ...]) -> None:
 
 @each_shape
 def test_derivatives_agree_with_central_differences(example: Example) -> None:
-    """Origins and directions together, by every number of the path: some numbers move only one of them."""
+    """Origins and directions together, by every number of the path: some numbers move only one of
+    them.
+    """
     path, values = nominal(example, changed=example.moved)
-    assert {param.name for param in path.params} == {*values}, "the path reads every number of its cover"
+    assert {param.name for param in path.params} == {*values}, (
+        "the path reads every number of its cover"
+    )
     pixels = some_pixels(20)
 
     def exit_rays(at: dict[str, torch.Tensor]) -> torch.Tensor:
@@ -114,18 +132,25 @@ def test_derivatives_agree_with_central_differences(example: Example) -> None:
         return torch.cat([rays.origin.stacked(), rays.direction.stacked()], -1)
 
     here = {param.name: values[param.name].clone().requires_grad_() for param in path.params}
-    rows = [torch.autograd.grad(entry, [*here.values()], retain_graph=True) for entry in exit_rays(here).reshape(-1)]
+    rows = [
+        torch.autograd.grad(entry, [*here.values()], retain_graph=True)
+        for entry in exit_rays(here).reshape(-1)
+    ]
     for param, derivatives in zip(path.params, zip(*rows, strict=True), strict=True):
         index = (2, 3) if derivatives[0].ndim else ()
         size = 1e-3 * param.scale
         step = torch.zeros_like(values[param.name])
         step[index] = size
-        up, down = (exit_rays({**values, param.name: values[param.name] + sign * step}) for sign in (1, -1))
+        up, down = (
+            exit_rays({**values, param.name: values[param.name] + sign * step}) for sign in (1, -1)
+        )
         numeric = (up - down) / (2 * size)
         analytic = torch.stack([slope[index] for slope in derivatives]).reshape(numeric.shape)
         assert numeric.abs().max() > 0, f"{param.name} moves no ray"
         worst = (analytic - numeric).abs().max() / numeric.abs().max()
-        assert worst < 1e-6, f"{param.name}: off by {worst:.1e} of its own size"  # differences of 1e-3 scales: error (1e-3)^2
+        assert worst < 1e-6, (  # differences of 1e-3 scales: error (1e-3)^2
+            f"{param.name}: off by {worst:.1e} of its own size"
+        )
 
 
 @each_shape
@@ -137,13 +162,22 @@ def test_derivatives_by_pixel_agree_with_central_differences(example: Example) -
     for axis in range(2):
         step = torch.zeros(2, dtype=torch.float64)
         step[axis] = 1e-2
-        up, down = (path.trace(pixels.detach() + sign * step, values).at_depth(torch.tensor(0.5, dtype=torch.float64)) for sign in (1, -1))
-        assert (derivatives[..., axis] - (up - down) / 2e-2).abs().max() < 1e-6 * derivatives.abs().max()
+        up, down = (
+            path.trace(pixels.detach() + sign * step, values).at_depth(
+                torch.tensor(0.5, dtype=torch.float64)
+            )
+            for sign in (1, -1)
+        )
+        assert (
+            derivatives[..., axis] - (up - down) / 2e-2
+        ).abs().max() < 1e-6 * derivatives.abs().max()
 
 
 @each_shape
 def test_failures_are_data_with_finite_gradients(example: Example) -> None:
-    path, values = nominal(example, amplitude=3e-3, changed={"refractive_index": 2.6})  # bumps so steep that light cannot leave
+    path, values = nominal(
+        example, amplitude=3e-3, changed={"refractive_index": 2.6}
+    )  # bumps so steep that light cannot leave
     values["cover.refractive_index"].requires_grad_()
     rays = path.trace(some_pixels(2000), values)
     seen = {FAILURES[code] for code in rays.failure.tolist()}
@@ -159,7 +193,9 @@ def test_failures_are_data_with_finite_gradients(example: Example) -> None:
 def test_a_ray_along_a_narrowing_cone_that_never_meets_it_has_missed() -> None:
     path, values = nominal(amplitude=0.0, changed={"radius_slope": 0.9})
     values["camera.fy"] = torch.tensor(400.0, dtype=torch.float64)
-    pixels = torch.tensor([[float(values["camera.cx"]), 4000.0]], dtype=torch.float64)  # steeply down, where the cone opens faster
+    pixels = torch.tensor(
+        [[float(values["camera.cx"]), 4000.0]], dtype=torch.float64
+    )  # steeply down, where the cone opens faster
     rays = path.trace(pixels, values)
     assert rays.failure.tolist() == [MISSED_INNER]
     assert torch.isfinite(rays.direction.stacked()).all()
@@ -171,14 +207,23 @@ def test_projection_is_the_inverse_of_tracing(example: Example, depth: float) ->
     path, values = nominal(example, changed=example.moved)
     pixels = some_pixels(500)
     rays = path.trace(pixels, values)
-    points = torch.cat([rays.at_depth(torch.tensor(depth, dtype=torch.float64)), torch.full((500, 1), depth, dtype=torch.float64)], -1)
+    points = torch.cat(
+        [
+            rays.at_depth(torch.tensor(depth, dtype=torch.float64)),
+            torch.full((500, 1), depth, dtype=torch.float64),
+        ],
+        -1,
+    )
     assert (project(path, values, points) - pixels).norm(dim=-1).max() < 1e-6
 
 
 @each_shape
 def test_projection_says_nan_where_no_ray_goes(example: Example) -> None:
     path, values = nominal(example)
-    points = torch.tensor([[0.0, 0.0, -1.0], [0.0, 0.0, float("nan")], [0.0, 0.0, 1.0], [50.0, 0.0, 0.01]], dtype=torch.float64)
+    points = torch.tensor(
+        [[0.0, 0.0, -1.0], [0.0, 0.0, float("nan")], [0.0, 0.0, 1.0], [50.0, 0.0, 0.01]],
+        dtype=torch.float64,
+    )
     seen = project(path, values, points)
     assert torch.isfinite(seen).all(-1).tolist() == [False, False, True, False]
 
@@ -188,7 +233,10 @@ def test_projection_says_nan_for_a_point_inside_the_cover(example: Example) -> N
     """The line of the ray is the light's way only from where it leaves the cover on."""
     path, values = nominal(example)
     rays = path.trace(some_pixels(50), values)
-    before, beyond = ((rays.origin + rays.direction * torch.tensor(way, dtype=torch.float64)).stacked() for way in (-1e-3, 1e-3))
+    before, beyond = (
+        (rays.origin + rays.direction * torch.tensor(way, dtype=torch.float64)).stacked()
+        for way in (-1e-3, 1e-3)
+    )
     assert torch.isnan(project(path, values, before)).all()
     assert torch.isfinite(project(path, values, beyond)).all()
 
@@ -198,7 +246,9 @@ def test_exit_ray_gives_the_undistorted_pixel_affine_in_inverse_depth(example: E
     """DESIGN: p_u(Z) = A + B / Z exactly, so three depths lie on a line."""
     path, values = nominal(example)
     rays = path.trace(some_pixels(50), values)
-    near, middle, far = (rays.at_depth(torch.tensor(z, dtype=torch.float64)) / z for z in (0.1, 0.2, 1.0))
+    near, middle, far = (
+        rays.at_depth(torch.tensor(z, dtype=torch.float64)) / z for z in (0.1, 0.2, 1.0)
+    )
     slope = (near - far) / (1 / 0.1 - 1 / 1.0)
     assert (far + slope * (1 / 0.2 - 1) - middle).abs().max() < 1e-14
 
@@ -217,8 +267,13 @@ def test_footprint_holds_every_ray(example: Example) -> None:
 def test_the_paper_s_patch_holds_what_its_camera_sees() -> None:
     path, values = nominal(amplitude=0.0)
     outer = path.cover[-1]
-    corners = torch.tensor([[x, y] for x in (0.0, WIDTH / 2, WIDTH - 1) for y in (0.0, HEIGHT / 2, HEIGHT - 1)], dtype=torch.float64)
-    height, around = outer.surface.chart(outer.frame.at(values).enter(path.trace(corners, values).origin))
+    corners = torch.tensor(
+        [[x, y] for x in (0.0, WIDTH / 2, WIDTH - 1) for y in (0.0, HEIGHT / 2, HEIGHT - 1)],
+        dtype=torch.float64,
+    )
+    height, around = outer.surface.chart(
+        outer.frame.at(values).enter(path.trace(corners, values).origin)
+    )
     assert PATCH[0][0] < height.min() < height.max() < PATCH[1][0], "its 20 mm"
     assert PATCH[0][1] < around.min() < around.max() < PATCH[1][1], "its 30 degrees"
 
@@ -229,5 +284,7 @@ def test_cuda_gives_the_same_rays(example: Example) -> None:
     path, values = nominal(example, changed=example.moved)
     pixels = some_pixels(500)
     here = path.trace(pixels, values).direction.stacked()
-    there = path.trace(pixels.cuda(), {name: value.cuda() for name, value in values.items()}).direction.stacked()
+    there = path.trace(
+        pixels.cuda(), {name: value.cuda() for name, value in values.items()}
+    ).direction.stacked()
     assert (here - there.cpu()).abs().max() < 1e-13

@@ -16,21 +16,46 @@ from calib.optics.vector import Vector
 from calib.session.lens import COEFFICIENTS as ACCEPTED_COUNTS
 from tests.optics import oracle
 
-LENS_NUMBERS = (-0.28, 0.11, 8e-4, -5e-4, -0.02, 0.05, -0.03, 0.01, 1e-3, -2e-4, 7e-4, 3e-4, 0.02, -0.03)
+LENS_NUMBERS = (
+    -0.28,
+    0.11,
+    8e-4,
+    -5e-4,
+    -0.02,
+    0.05,
+    -0.03,
+    0.01,
+    1e-3,
+    -2e-4,
+    7e-4,
+    3e-4,
+    0.02,
+    -0.03,
+)
 PINHOLE = {"fx": 1279.18, "fy": 1270.0, "cx": 832.765, "cy": 636.575}
 
 
-def lens_values(count: int, parameters: tuple[float, ...] = LENS_NUMBERS) -> dict[str, torch.Tensor]:
+def lens_values(
+    count: int, parameters: tuple[float, ...] = LENS_NUMBERS
+) -> dict[str, torch.Tensor]:
     named = {**PINHOLE, **dict(zip(COEFFICIENTS[:count], parameters, strict=False))}
-    return {f"camera.{name}": torch.tensor(value, dtype=torch.float64) for name, value in named.items()}
+    return {
+        f"camera.{name}": torch.tensor(value, dtype=torch.float64) for name, value in named.items()
+    }
 
 
 @pytest.mark.parametrize("count", ACCEPTED_COUNTS)
 def test_lens_undoes_what_opencv_projects(count: int) -> None:
     rng = np.random.default_rng(count)
-    points = np.column_stack([rng.uniform(-0.65, 0.65, 400), rng.uniform(-0.5, 0.5, 400), np.ones(400)])
-    camera = np.array([[PINHOLE["fx"], 0, PINHOLE["cx"]], [0, PINHOLE["fy"], PINHOLE["cy"]], [0, 0, 1]])
-    pixels = cv2.projectPoints(points, np.zeros(3), np.zeros(3), camera, np.array(LENS_NUMBERS[:count]))[0].reshape(-1, 2)
+    points = np.column_stack(
+        [rng.uniform(-0.65, 0.65, 400), rng.uniform(-0.5, 0.5, 400), np.ones(400)]
+    )
+    camera = np.array(
+        [[PINHOLE["fx"], 0, PINHOLE["cx"]], [0, PINHOLE["fy"], PINHOLE["cy"]], [0, 0, 1]]
+    )
+    pixels = cv2.projectPoints(
+        points, np.zeros(3), np.zeros(3), camera, np.array(LENS_NUMBERS[:count])
+    )[0].reshape(-1, 2)
     lens, values = LensModel(count), lens_values(count)
     rays = lens(torch.from_numpy(pixels), values)
     back = (rays.direction.stacked() / rays.direction.z.unsqueeze(-1)).numpy()
@@ -49,7 +74,10 @@ def test_lens_finds_the_same_rays_from_a_start(monkeypatch: pytest.MonkeyPatch) 
     again = LensModel(count)(pixels, {**lens_values(count), NEAR: near}).direction
     assert float((again.stacked() - found.stacked()).abs().max()) < 1e-12
     monkeypatch.setattr("calib.optics.lens_model.NEWTON_STEPS", 2)
-    few = [LensModel(count)(pixels, {**lens_values(count), **start}).failure != 0 for start in ({}, {NEAR: near})]
+    few = [
+        LensModel(count)(pixels, {**lens_values(count), **start}).failure != 0
+        for start in ({}, {NEAR: near})
+    ]
     assert int(few[0].sum()) > 100, "the control: from the pixel, two steps are too few"
     assert not few[1][near.isfinite().all(1)].any()
 
@@ -57,7 +85,13 @@ def test_lens_finds_the_same_rays_from_a_start(monkeypatch: pytest.MonkeyPatch) 
 def test_lens_fails_beyond_the_fold_and_stays_finite() -> None:
     values = lens_values(4, (-0.5, 0.0, 0.0, 0.0))  # r (1 - r^2 / 2) never exceeds 0.544
     values["camera.k1"].requires_grad_()
-    rays = LensModel(4)(torch.tensor([[PINHOLE["cx"] + 900.0, PINHOLE["cy"]], [PINHOLE["cx"], PINHOLE["cy"]]], dtype=torch.float64), values)
+    rays = LensModel(4)(
+        torch.tensor(
+            [[PINHOLE["cx"] + 900.0, PINHOLE["cy"]], [PINHOLE["cx"], PINHOLE["cy"]]],
+            dtype=torch.float64,
+        ),
+        values,
+    )
     rays.direction.stacked().sum().backward()  # type: ignore[no-untyped-call]
     assert rays.failure.tolist() == [LENS, 0]
     assert torch.isfinite(rays.direction.stacked()).all()
@@ -72,10 +106,15 @@ def test_lens_derivatives_agree_with_central_differences() -> None:
     for param in LensModel(14).params:
         here = values[param.name].clone().requires_grad_()
         rows = LensModel(14)(pixels, {**values, param.name: here}).direction.stacked().reshape(-1)
-        analytic = torch.stack([torch.autograd.grad(row, here, retain_graph=True)[0] for row in rows])
+        analytic = torch.stack(
+            [torch.autograd.grad(row, here, retain_graph=True)[0] for row in rows]
+        )
         size = 1e-3 * param.scale
         up, down = (
-            LensModel(14)(pixels, {**values, param.name: here.detach() + s * size}).direction.stacked().reshape(-1) for s in (1, -1)
+            LensModel(14)(pixels, {**values, param.name: here.detach() + s * size})
+            .direction.stacked()
+            .reshape(-1)
+            for s in (1, -1)
         )
         numeric = (up - down) / (2 * size)
         assert (analytic - numeric).abs().max() < 1e-6 * numeric.abs().max(), param.name
@@ -88,7 +127,12 @@ def test_each_pixel_can_have_a_lens_of_its_own() -> None:
     other = {name: 1.1 * value for name, value in values.items()}
     mixed = {name: torch.stack([value, other[name], value]) for name, value in values.items()}
     together = LensModel(14)(pixels, mixed).direction.stacked()
-    alone = torch.cat([LensModel(14)(pixels[i : i + 1], own).direction.stacked() for i, own in enumerate((values, other, values))])
+    alone = torch.cat(
+        [
+            LensModel(14)(pixels[i : i + 1], own).direction.stacked()
+            for i, own in enumerate((values, other, values))
+        ]
+    )
     assert torch.allclose(together, alone, rtol=0, atol=1e-12)
 
 
@@ -98,7 +142,9 @@ def test_rotation_is_opencv_s() -> None:
         assert np.abs(ours - cv2.Rodrigues(np.array(rotvec))[0]).max() < 1e-14
 
 
-@pytest.mark.parametrize("rotvec", [[0.3, -1.2, 2.0], [3e-4, 2e-4, -1e-4], [2e-3, 0.0, 1e-3], [0.0, 0.0, 0.0]])
+@pytest.mark.parametrize(
+    "rotvec", [[0.3, -1.2, 2.0], [3e-4, 2e-4, -1e-4], [2e-3, 0.0, 1e-3], [0.0, 0.0, 0.0]]
+)
 def test_rotation_derivatives_agree_with_central_differences(rotvec: list[float]) -> None:
     here = torch.tensor(rotvec, dtype=torch.float64)
     derivatives = rotation.derivatives(here, rotation.matrix(here))
@@ -123,8 +169,12 @@ def test_refraction_is_snell_s_law_by_angles(n_from: float, n_to: float) -> None
     directions = normals + rng.uniform(-0.35, 0.35, (100, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     ratio = torch.tensor(n_from / n_to, dtype=torch.float64)
-    bent, reflected = refract(Vector.of(torch.from_numpy(directions)), Vector.of(torch.from_numpy(normals)), ratio)
-    expected = np.array([oracle.bend(d, n, n_from, n_to) for d, n in zip(directions, normals, strict=True)])
+    bent, reflected = refract(
+        Vector.of(torch.from_numpy(directions)), Vector.of(torch.from_numpy(normals)), ratio
+    )
+    expected = np.array(
+        [oracle.bend(d, n, n_from, n_to) for d, n in zip(directions, normals, strict=True)]
+    )
     assert not reflected.any()
     assert np.abs(bent.stacked().numpy() - expected).max() < 1e-13
 
@@ -153,18 +203,26 @@ def test_relief_is_the_paper_s_sum_of_gaussians() -> None:
         at = torch.tensor(y, dtype=torch.float64), torch.tensor(theta, dtype=torch.float64)
         height, by_y, by_theta = relief.height(at, values)
         assert float(height) == pytest.approx(plain(y, theta), abs=1e-18)
-        assert float(by_y) == pytest.approx((plain(y + 1e-6, theta) - plain(y - 1e-6, theta)) / 2e-6, rel=1e-6, abs=1e-9)
-        assert float(by_theta) == pytest.approx((plain(y, theta + 1e-5) - plain(y, theta - 1e-5)) / 2e-5, rel=1e-6, abs=1e-10)
+        assert float(by_y) == pytest.approx(
+            (plain(y + 1e-6, theta) - plain(y - 1e-6, theta)) / 2e-6, rel=1e-6, abs=1e-9
+        )
+        assert float(by_theta) == pytest.approx(
+            (plain(y, theta + 1e-5) - plain(y, theta - 1e-5)) / 2e-5, rel=1e-6, abs=1e-10
+        )
 
 
 def test_board_is_hit_where_opencv_s_homography_says() -> None:
     rng = np.random.default_rng(2)
     pose = np.array([0.4, -0.5, 0.2, 0.05, -0.03, 0.6])
     corners = rng.uniform(-0.1, 0.1, (50, 2))
-    points = cv2.projectPoints(np.column_stack([corners, np.zeros(50)]), pose[:3], pose[3:], np.eye(3), np.zeros(4))[0].reshape(-1, 2)
+    points = cv2.projectPoints(
+        np.column_stack([corners, np.zeros(50)]), pose[:3], pose[3:], np.eye(3), np.zeros(4)
+    )[0].reshape(-1, 2)
     directions = torch.from_numpy(np.column_stack([points, np.ones(50)]))
     zero = torch.zeros(50, dtype=torch.float64)
-    rays = Rays(Vector(zero, zero, zero), Vector.of(directions).unit(), torch.zeros(50, dtype=torch.uint8))
+    rays = Rays(
+        Vector(zero, zero, zero), Vector.of(directions).unit(), torch.zeros(50, dtype=torch.uint8)
+    )
     landed, failure = Target()(rays, Placement.of(torch.from_numpy(pose).expand(50, 6)), {})
     assert not failure.any()
     assert np.abs(landed.numpy() - corners).max() < 1e-13
@@ -174,6 +232,10 @@ def test_board_is_hit_where_opencv_s_homography_says() -> None:
 
 def test_a_board_behind_the_camera_is_missed() -> None:
     zero, one = torch.zeros(1, dtype=torch.float64), torch.ones(1, dtype=torch.float64)
-    rays = Rays(Vector(zero, zero, zero), Vector(zero, zero, one), torch.zeros(1, dtype=torch.uint8))
-    _, failure = Target()(rays, Placement.of(torch.tensor([[0.0, 0, 0, 0, 0, -1.0]], dtype=torch.float64)), {})
+    rays = Rays(
+        Vector(zero, zero, zero), Vector(zero, zero, one), torch.zeros(1, dtype=torch.uint8)
+    )
+    _, failure = Target()(
+        rays, Placement.of(torch.tensor([[0.0, 0, 0, 0, 0, -1.0]], dtype=torch.float64)), {}
+    )
     assert failure.tolist() != [0]

@@ -1,4 +1,6 @@
-"""Rotation vectors, over all angles and through zero, where both the matrix and its derivative change from a formula to its series."""
+"""Rotation vectors, over all angles and through zero, where both the matrix and its derivative
+change from a formula to its series.
+"""
 
 import numpy as np
 import pytest
@@ -13,10 +15,16 @@ unit = st.floats(-1, 1)
 angles = st.one_of(
     st.floats(0, 7),  # rad: a whole turn, and more
     st.floats(-12, 0).map(lambda power: 10.0**power),
-    st.sampled_from([0.0, *(near * (1 + step) for near in (1e-4, 1e-3) for step in (-1e-9, 1e-9))]),  # where the series take over
+    st.sampled_from(
+        [0.0, *(near * (1 + step) for near in (1e-4, 1e-3) for step in (-1e-9, 1e-9))]
+    ),  # where the series take over
 )
 directions = st.tuples(unit, unit, unit).filter(lambda v: float(np.hypot.reduce(v)) > 0.1)
-rotvecs = st.builds(lambda direction, angle: angle * np.array(direction) / np.linalg.norm(direction), directions, angles)
+rotvecs = st.builds(
+    lambda direction, angle: angle * np.array(direction) / np.linalg.norm(direction),
+    directions,
+    angles,
+)
 
 STEP = 1e-5
 
@@ -30,7 +38,11 @@ def test_the_matrix_is_scipy_s(rotvec: np.ndarray) -> None:
 
 @given(rotvecs)
 def test_the_derivative_is_that_of_central_differences(rotvec: np.ndarray) -> None:
-    """Of scipy's matrices. STEP^2 / 6 times the third derivative, and the roundings of the matrices over STEP: 2e-11 each, times some."""
+    """Of scipy's matrices.
+
+    STEP^2 / 6 times the third derivative, and the roundings of the matrices over STEP: 2e-11 each,
+    times some.
+    """
     here = torch.from_numpy(rotvec)
     derivatives = rotation.derivatives(here, rotation.matrix(here)).numpy()
     for axis, step in enumerate(STEP * np.eye(3)):
@@ -39,9 +51,12 @@ def test_the_derivative_is_that_of_central_differences(rotvec: np.ndarray) -> No
 
 
 @given(directions, st.floats(-12, -2))
-def test_both_pass_through_zero_smoothly(direction: tuple[float, float, float], power: float) -> None:
-    """A turn and the same turn back are none, and the derivative's second difference across zero is of the second order: no step where
-    the series take over."""
+def test_both_pass_through_zero_smoothly(
+    direction: tuple[float, float, float], power: float
+) -> None:
+    """A turn and the same turn back are none, and the derivative's second difference across zero is
+    of the second order: no step where the series take over.
+    """
     axis = torch.tensor(direction, dtype=torch.float64)
     axis = axis / axis.norm()
     line = 10.0**power * axis * torch.tensor([[-1.0], [0.0], [1.0]], dtype=torch.float64)
@@ -49,7 +64,9 @@ def test_both_pass_through_zero_smoothly(direction: tuple[float, float, float], 
     assert torch.equal(at, torch.eye(3, dtype=torch.float64))
     assert (before @ after - at).abs().max() < 1e-15, "turning back undoes it"
     derivatives = rotation.derivatives(line, rotation.matrix(line))
-    assert (derivatives[0] + derivatives[2] - 2 * derivatives[1]).abs().max() < 10.0 ** (2 * power) + 1e-15
+    assert (derivatives[0] + derivatives[2] - 2 * derivatives[1]).abs().max() < 10.0 ** (
+        2 * power
+    ) + 1e-15
 
 
 def test_many_are_turned_as_each_alone() -> None:

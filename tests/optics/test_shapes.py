@@ -1,4 +1,6 @@
-"""A session through every shape of cover: from corners to a calibration that is saved, loaded and asked."""
+"""A session through every shape of cover: from corners to a calibration that is saved, loaded and
+asked.
+"""
 
 from pathlib import Path
 
@@ -17,12 +19,18 @@ from tests.test_calibration import write_session
 
 @each_shape
 @pytest.mark.parametrize("moved", [False, True], ids=["in air", "moved, under water"])
-def test_a_session_is_fitted_through_every_stage(example: Example, moved: bool, tmp_path: Path) -> None:
+def test_a_session_is_fitted_through_every_stage(
+    example: Example, moved: bool, tmp_path: Path
+) -> None:
     cover = example.changed(example.moved if moved else {})
     made = scene(11, views=8, amplitude=5e-5, noise=0.01, cover=cover, patch=example.patch)
-    calibration = fit(read_session(write_session(tmp_path, made)), Settings(grid=(5, 4), steps=60), Silent())
+    calibration = fit(
+        read_session(write_session(tmp_path, made)), Settings(grid=(5, 4), steps=60), Silent()
+    )
     pinhole, smooth, uneven = (stage.rms_px for stage in calibration.stages)
-    assert smooth < (0.2 if moved else 1.0) * pinhole, "in air some covers are almost invisible; water bends much"
+    assert smooth < (0.2 if moved else 1.0) * pinhole, (
+        "in air some covers are almost invisible; water bends much"
+    )
     assert uneven < 0.35 * smooth
     assert uneven < 0.03
     assert len(calibration.views) == 8

@@ -22,18 +22,27 @@ def uneven(size: float = 2.0) -> dict[str, torch.Tensor]:
 
 
 def inside(count: int = 300) -> torch.Tensor:
-    return torch.from_numpy(np.random.default_rng(0).uniform(-0.5, np.array(SIZE_PX) - 0.5, (count, 2)))
+    return torch.from_numpy(
+        np.random.default_rng(0).uniform(-0.5, np.array(SIZE_PX) - 0.5, (count, 2))
+    )
 
 
 def test_its_surface_is_scipy_s_bicubic_spline() -> None:
-    """Control points stand at the picture's border, one spacing apart, and one beyond it on every side."""
+    """Control points stand at the picture's border, one spacing apart, and one beyond it on every
+    side.
+    """
     at, numbers = inside(), uneven()
     spacing = [SIZE_PX[0] / (COLUMNS - 3), SIZE_PX[1] / (ROWS - 3)]
-    knots = [step * np.arange(-3, count + 1.0) - 0.5 for step, count in zip(spacing, (COLUMNS, ROWS), strict=True)]
+    knots = [
+        step * np.arange(-3, count + 1.0) - 0.5
+        for step, count in zip(spacing, (COLUMNS, ROWS), strict=True)
+    ]
     for name in SHIFTS:
         surface = NdBSpline((knots[1], knots[0]), numbers[name].numpy().reshape(ROWS, COLUMNS), 3)
         ours = (LENS.grid.basis(at) * numbers[name]).sum(-1)
-        assert np.abs(ours.numpy() - surface(np.ascontiguousarray(at.numpy()[:, ::-1]))).max() < 1e-12
+        assert (
+            np.abs(ours.numpy() - surface(np.ascontiguousarray(at.numpy()[:, ::-1]))).max() < 1e-12
+        )
 
 
 def test_weights_sum_to_one_everywhere_and_stay_beyond_the_border() -> None:
@@ -45,7 +54,9 @@ def test_weights_sum_to_one_everywhere_and_stay_beyond_the_border() -> None:
 
 def test_without_shifts_it_is_the_fisheye() -> None:
     flat = uneven(0.0)
-    assert torch.equal(LENS(inside(), flat).direction.stacked(), Fisheye()(inside(), values()).direction.stacked())
+    assert torch.equal(
+        LENS(inside(), flat).direction.stacked(), Fisheye()(inside(), values()).direction.stacked()
+    )
 
 
 def test_there_and_back_beside_and_behind_the_pinhole() -> None:
@@ -61,9 +72,19 @@ def test_derivatives_by_the_control_points_agree_with_central_differences() -> N
     for name in SHIFTS:
         here = uneven()[name].requires_grad_()
         rows = LENS(pixels, {**uneven(), name: here}).direction.stacked().reshape(-1)
-        analytic = torch.stack([torch.autograd.grad(row, here, retain_graph=True)[0] for row in rows])
+        analytic = torch.stack(
+            [torch.autograd.grad(row, here, retain_graph=True)[0] for row in rows]
+        )
         steps = 1e-3 * torch.eye(COUNT, dtype=torch.float64)
-        ends = [[LENS(pixels, {**uneven(), name: here.detach() + s * d}).direction.stacked().reshape(-1) for d in steps] for s in (1, -1)]
+        ends = [
+            [
+                LENS(pixels, {**uneven(), name: here.detach() + s * d})
+                .direction.stacked()
+                .reshape(-1)
+                for d in steps
+            ]
+            for s in (1, -1)
+        ]
         numeric = (torch.stack(ends[0], -1) - torch.stack(ends[1], -1)) / 2e-3
         assert (analytic - numeric).abs().max() < 1e-6 * numeric.abs().max()
 
@@ -72,7 +93,9 @@ def test_each_pixel_can_have_a_surface_of_its_own() -> None:
     """As the derivatives by row ask for."""
     pixels, one, two = inside(2), uneven(), uneven(1.0)
     mixed = {name: torch.stack([one[name], two[name]]) for name in one if name != GRID}
-    alone = torch.cat([LENS(pixels[i : i + 1], own).direction.stacked() for i, own in enumerate((one, two))])
+    alone = torch.cat(
+        [LENS(pixels[i : i + 1], own).direction.stacked() for i, own in enumerate((one, two))]
+    )
     assert torch.allclose(LENS(pixels, mixed).direction.stacked(), alone, rtol=0, atol=1e-12)
 
 

@@ -1,4 +1,6 @@
-"""What views tell of the numbers they share, against oracles that are built otherwise; and the process that computes it."""
+"""What views tell of the numbers they share, against oracles that are built otherwise; and the
+process that computes it.
+"""
 
 import os
 import signal
@@ -63,29 +65,49 @@ def test_the_jacobian_is_central_differences_of_rays(few: PlanningFit) -> None:
     places = model.parameters.slices()
     assert {"cover.thickness", "camera.fx"} <= set(places)
 
-    def undistorted(values: dict[str, torch.Tensor], turn: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    def undistorted(
+        values: dict[str, torch.Tensor], turn: np.ndarray, shift: np.ndarray
+    ) -> np.ndarray:
         rays = model.path.trace(torch.from_numpy(pixels), values)
         origin, direction = rays.origin.stacked().numpy(), rays.direction.stacked().numpy()
-        origin, direction = origin + np.cross(turn, origin) + shift, direction + np.cross(turn, direction)
+        origin, direction = (
+            origin + np.cross(turn, origin) + shift,
+            direction + np.cross(turn, direction),
+        )
         across = direction[:, :2] / direction[:, 2:]
         parts = across, origin[:, :2] - across * origin[:, 2:]
         return np.asarray(INTRINSICS.fx.value * np.stack(parts, 1))
 
     def difference(change: dict[str, torch.Tensor], size: float) -> np.ndarray:
-        ends = [undistorted({**model.means, **{k: model.means[k] + s * v for k, v in change.items()}}, ZERO, ZERO) for s in (1, -1)]
+        ends = [
+            undistorted(
+                {**model.means, **{k: model.means[k] + s * v for k, v in change.items()}},
+                ZERO,
+                ZERO,
+            )
+            for s in (1, -1)
+        ]
         return np.asarray((ends[0] - ends[1]) / (2 * size))
 
     bump = torch.zeros(GRID, dtype=torch.float64)
     bump[3, 4] = 1e-7
     by_bump = difference({"relief.amplitudes": bump}, 1e-7)
-    assert jacobian[..., 3 * GRID[1] + 4] == pytest.approx(by_bump, rel=1e-5, abs=1e-5 * np.abs(by_bump).max())
+    assert jacobian[..., 3 * GRID[1] + 4] == pytest.approx(
+        by_bump, rel=1e-5, abs=1e-5 * np.abs(by_bump).max()
+    )
     thick = next(param.scale for param in model.parameters.free if param.name == "cover.thickness")
-    by_thickness = difference({"cover.thickness": torch.tensor(1e-4 * thick, dtype=torch.float64)}, 1e-4)
+    by_thickness = difference(
+        {"cover.thickness": torch.tensor(1e-4 * thick, dtype=torch.float64)}, 1e-4
+    )
     column = places["cover.thickness"].start
-    assert jacobian[..., column] == pytest.approx(by_thickness, rel=1e-4, abs=1e-4 * np.abs(by_thickness).max())
+    assert jacobian[..., column] == pytest.approx(
+        by_thickness, rel=1e-4, abs=1e-4 * np.abs(by_thickness).max()
+    )
     for axis in range(6):
         step = 1e-6 * np.eye(6)[axis]
-        ends = [undistorted(dict(model.means), sign * step[:3], sign * step[3:]) for sign in (1, -1)]
+        ends = [
+            undistorted(dict(model.means), sign * step[:3], sign * step[3:]) for sign in (1, -1)
+        ]
         assert motions[..., axis] == pytest.approx((ends[0] - ends[1]) / 2e-6, rel=1e-5, abs=1e-3)
 
 
@@ -98,21 +120,29 @@ def test_a_views_information_is_what_elimination_leaves(few: PlanningFit) -> Non
     weights = pixel_weights(model.path, model.means, seen, few.poses, 1.0)
     ours = view_information(model, seen, few.poses)
     pieces = landings(model.path, model.parameters, seen, weights)
-    whole, _ = normal_equations(piece.linearise(model.means, few.poses) for piece in pieces).schur_complement()
+    whole, _ = normal_equations(
+        piece.linearise(model.means, few.poses) for piece in pieces
+    ).schur_complement()
     assert ours.shape == (2, *whole.shape)
-    assert ours.sum(0) == pytest.approx(whole.numpy(), rel=1e-6, abs=1e-6 * float(whole.abs().max()))
+    assert ours.sum(0) == pytest.approx(
+        whole.numpy(), rel=1e-6, abs=1e-6 * float(whole.abs().max())
+    )
     for one in ours:
         assert np.linalg.eigvalsh(one).min() > -1e-9 * np.abs(one).max()
 
 
 def test_the_predicted_sigma_is_the_calibrations_own(made: Scene) -> None:
-    """calib.apply takes out the motion at the training corners, the design over the whole picture, where it hides some more: with
-    twelve views at random, a sixth."""
+    """calib.apply takes out the motion at the training corners, the design over the whole picture,
+    where it hides some more: with twelve views at random, a sixth.
+    """
     setup = Setup(made.board, CAMERA, INTRINSICS, GLASS)
     design = estimate(setup, made.views, GRID).design(setup, some_poses(), CELLS, DEPTHS)
     field = predicted_sigma(calibrate(made, Settings(grid=GRID)))
     assert field
-    x, y = ((np.arange(n) + 0.5) / n * length - 0.5 for n, length in zip(CELLS[::-1], (CAMERA.width, CAMERA.height), strict=True))
+    x, y = (
+        (np.arange(n) + 0.5) / n * length - 0.5
+        for n, length in zip(CELLS[::-1], (CAMERA.width, CAMERA.height), strict=True)
+    )
     theirs = np.stack([field.at(*np.meshgrid(x, y), depth) for depth in DEPTHS], -1)
     ours = np.sqrt(design.variance(design.known()))
     assert 0.7 < np.median(ours / theirs) < 1
@@ -123,36 +153,54 @@ def test_modes_that_are_left_out_change_nothing(few: PlanningFit, setup: Setup) 
     surveyed_design = few.design(setup, some_poses(), CELLS, DEPTHS)
     model = few.model
     information = view_information(model, few.observations, few.poses).sum(0) / few.sigma**2
-    fixed = [(param.scale / float(model.priors.sigmas[param.name])) ** 2 for param in model.parameters.free]
+    fixed = [
+        (param.scale / float(model.priors.sigmas[param.name])) ** 2
+        for param in model.parameters.free
+    ]
     precision = np.zeros_like(information)
     assert model.path.relief
     amplitudes = GRID[0] * GRID[1]
     precision[:amplitudes, :amplitudes] = few.smoothness.precision(model.path.relief)
     precision[amplitudes:, amplitudes:] = np.diag(fixed)
     covariance = np.linalg.inv(information + precision)
-    x, y = ((np.arange(n) + 0.5) / n * length - 0.5 for n, length in zip(CELLS[::-1], (CAMERA.width, CAMERA.height), strict=True))
+    x, y = (
+        (np.arange(n) + 0.5) / n * length - 0.5
+        for n, length in zip(CELLS[::-1], (CAMERA.width, CAMERA.height), strict=True)
+    )
     pixels = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     jacobian, motions, _ = undistorted_jacobian(model.path, model.parameters, pixels)
     at = np.stack([np.ones_like(DEPTHS), 1 / DEPTHS])
-    changed, moved = (np.einsum("nabs,ad->ndbs", part, at).reshape(-1, part.shape[-1]) for part in (jacobian, motions))
+    changed, moved = (
+        np.einsum("nabs,ad->ndbs", part, at).reshape(-1, part.shape[-1])
+        for part in (jacobian, motions)
+    )
     left = changed - moved @ np.linalg.lstsq(moved, changed, rcond=None)[0]
     variance = np.einsum("ns,st,nt->n", left, covariance, left).mean() * 2
-    assert surveyed_design.sigma(surveyed_design.known()) == pytest.approx(np.sqrt(variance), rel=0.02)
+    assert surveyed_design.sigma(surveyed_design.known()) == pytest.approx(
+        np.sqrt(variance), rel=0.02
+    )
     assert surveyed_design.information.shape[-1] < len(information)
 
 
-def test_poses_that_the_cover_pushes_out_of_the_picture_are_dropped(few: PlanningFit, setup: Setup) -> None:
+def test_poses_that_the_cover_pushes_out_of_the_picture_are_dropped(
+    few: PlanningFit, setup: Setup
+) -> None:
     poses = np.array([[0, 0, 0, 0, 0, 0.8], [0, 0, 0, 0.6, 0, 0.8]])
     design = few.design(setup, poses, CELLS, DEPTHS)
     assert design.poses == pytest.approx(poses[:1])
 
 
 def test_of_a_board_with_markers_what_is_seen_counts(few: PlanningFit, made: Scene) -> None:
-    """Oracle: the same view with the other corners taken from its observations. A pose in which too little is seen is dropped."""
+    """Oracle: the same view with the other corners taken from its observations.
+
+    A pose in which too little is seen is dropped.
+    """
     board = replace(made.board, coding=Charuco(0.75 * made.board.square, "DICT_4X4_250"))
     half_out, far_out = np.array([0.1, -0.2, 0, 0.5, 0, 0.8]), np.array([0, 0, 0, 0.62, 0.46, 0.8])
     found = survey(few.model, board, CAMERA, np.array([half_out, far_out]), CELLS, DEPTHS)
-    assert len(survey(few.model, made.board, CAMERA, np.array([half_out]), CELLS, DEPTHS).poses) == 0
+    assert (
+        len(survey(few.model, made.board, CAMERA, np.array([half_out]), CELLS, DEPTHS).poses) == 0
+    )
     assert found.poses == pytest.approx(half_out[None])
     seen = np.isfinite(found.corners[0, :, 0])
     assert 0.4 <= seen.mean() < 0.9
@@ -160,7 +208,9 @@ def test_of_a_board_with_markers_what_is_seen_counts(few: PlanningFit, made: Sce
     view = View("", found.corners[0], seen.astype(float))
     whole = Observations.of((view,), made.board)
     assert len(whole.pixels) == seen.sum()
-    assert found.information == pytest.approx(view_information(few.model, whole, torch.from_numpy(half_out[None])), rel=1e-6)
+    assert found.information == pytest.approx(
+        view_information(few.model, whole, torch.from_numpy(half_out[None])), rel=1e-6
+    )
 
 
 def test_the_bank_knows_what_views_in_its_poses_tell(setup: Setup) -> None:
@@ -170,7 +220,9 @@ def test_the_bank_knows_what_views_in_its_poses_tell(setup: Setup) -> None:
     first = design.plan(design.known(), np.zeros(len(design.poses), bool), 0.0, most=3)
     assert len(set(first)) == 3
     foreseen = design.sigma(design.known(design.information[first].sum(0)))
-    views = tuple(View(str(pose), design.corners[pose], np.ones(setup.board.count)) for pose in first)
+    views = tuple(
+        View(str(pose), design.corners[pose], np.ones(setup.board.count)) for pose in first
+    )
     taken = estimate(setup, views, GRID).design(setup, some_poses(), CELLS, DEPTHS)
     assert taken.sigma(taken.known()) == pytest.approx(foreseen, rel=0.01)
     assert foreseen < 0.1 * design.sigma(design.known())
@@ -181,13 +233,20 @@ def test_planned_views_beat_others(setup: Setup) -> None:
     planned = design.plan(design.known(), np.zeros(len(design.poses), bool), 0.0, most=8)
     best = design.sigma(design.known(design.information[planned].sum(0)))
     rng = np.random.default_rng(0)
-    others = [design.sigma(design.known(design.information[rng.permutation(len(design.poses))[:8]].sum(0))) for _ in range(20)]
+    others = [
+        design.sigma(
+            design.known(design.information[rng.permutation(len(design.poses))[:8]].sum(0))
+        )
+        for _ in range(20)
+    ]
     assert best < min(others)
 
 
 def test_a_rougher_prior_and_more_noise_make_maps_less_sure(few: PlanningFit, setup: Setup) -> None:
     def sigma(height: float, noise: float) -> float:
-        changed = PlanningFit(few.model, few.poses, few.observations, Smoothness(height, 0.4), noise)
+        changed = PlanningFit(
+            few.model, few.poses, few.observations, Smoothness(height, 0.4), noise
+        )
         design = changed.design(setup, some_poses()[:3], CELLS, DEPTHS)
         return design.sigma(design.known())
 
@@ -237,27 +296,45 @@ def test_a_later_question_ends_an_earlier_one(guidance: Guidance, made: Scene) -
     earlier = guidance.guides(views)
     assert "being computed" in next(earlier).progress(views).sentence
     (later,) = guidance.guides([])  # and not the earlier one's folds
-    assert later.progress([]).sigma_px == pytest.approx(guidance_of(made, 0, 20.0)[0].progress([]).sigma_px)
+    assert later.progress([]).sigma_px == pytest.approx(
+        guidance_of(made, 0, 20.0)[0].progress([]).sigma_px
+    )
     assert list(earlier) == []
 
 
 @pytest.mark.parametrize(
-    ("target", "words"), [(20.0, ["being computed", "agree"]), pytest.param(0.01, ["would not reach"], marks=pytest.mark.slow)]
+    ("target", "words"),
+    [
+        (20.0, ["being computed", "agree"]),
+        pytest.param(0.01, ["would not reach"], marks=pytest.mark.slow),
+    ],
 )
-def test_folds_are_tried_once_the_maps_are_sure_enough(target: float, words: list[str], made: Scene) -> None:
+def test_folds_are_tried_once_the_maps_are_sure_enough(
+    target: float, words: list[str], made: Scene
+) -> None:
     views = [SeenView(view.corners) for view in made.views[:6]]
     guides = guidance_of(made, 6, target)
-    assert [word in guide.progress(views).sentence for guide, word in zip(guides, words, strict=True)] == [True] * len(words)
+    assert [
+        word in guide.progress(views).sentence for guide, word in zip(guides, words, strict=True)
+    ] == [True] * len(words)
 
 
 def guidance_of(made: Scene, count: int, target: float) -> list[InformedGuide]:
     """What the process answers, computed here."""
-    request = Request(made.board, CAMERA, GLASS, REACH, tuple(view.corners for view in made.views[:count]), target)
+    request = Request(
+        made.board, CAMERA, GLASS, REACH, tuple(view.corners for view in made.views[:count]), target
+    )
     designs = [(answer.design, answer.folds_agree) for answer in answers(request)]
-    return [InformedGuide(made.board, CAMERA, REACH, design, folds_agree=agree, target_px=target) for design, agree in designs if design]
+    return [
+        InformedGuide(made.board, CAMERA, REACH, design, folds_agree=agree, target_px=target)
+        for design, agree in designs
+        if design
+    ]
 
 
-def test_without_torch_the_plain_guide_is_named(tmp_path: Path, made: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_torch_the_plain_guide_is_named(
+    tmp_path: Path, made: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "torch.py").write_text("raise ImportError('No module named torch')\n")
     monkeypatch.syspath_prepend(tmp_path)
     guidance = Guidance(made.board, CAMERA, GLASS, REACH)
@@ -268,7 +345,11 @@ def test_without_torch_the_plain_guide_is_named(tmp_path: Path, made: Scene, mon
         guidance.close()
 
 
-@pytest.mark.parametrize(("camera", "cover"), [(Camera(3280, 2464), GLASS), (CAMERA, Cover("none", {}))], ids=["no intrinsics", "no cover"])
+@pytest.mark.parametrize(
+    ("camera", "cover"),
+    [(Camera(3280, 2464), GLASS), (CAMERA, Cover("none", {}))],
+    ids=["no intrinsics", "no cover"],
+)
 def test_what_it_cannot_serve_is_said(camera: Camera, cover: Cover, made: Scene) -> None:
     guidance = Guidance(made.board, camera, cover, REACH)
     try:

@@ -16,8 +16,12 @@ CAMERA_WIDE = replace(CAMERA, intrinsics=INTRINSICS)
 
 @pytest.mark.parametrize("focal", [300.0, 150.0])
 def test_its_poses_are_in_the_picture_where_the_ray_path_has_them(focal: float) -> None:
-    """Of a lens that sees 170 degrees across the diagonal, and of one that sees more than 180 degrees from side to side."""
-    lens = replace(INTRINSICS, fx=replace(INTRINSICS.fx, value=focal), fy=replace(INTRINSICS.fy, value=focal))
+    """Of a lens that sees 170 degrees across the diagonal, and of one that sees more than 180
+    degrees from side to side.
+    """
+    lens = replace(
+        INTRINSICS, fx=replace(INTRINSICS.fx, value=focal), fy=replace(INTRINSICS.fy, value=focal)
+    )
     camera = replace(CAMERA, intrinsics=lens)
     found = bank(BOARD, camera, Reach.of(BOARD, camera))
     assert len(found.poses) > 50
@@ -27,7 +31,9 @@ def test_its_poses_are_in_the_picture_where_the_ray_path_has_them(focal: float) 
         assert np.abs(path.lens.project(placed, values).numpy() - corners).max() < 1e-9
     assert np.isfinite(in_picture(found.corners, camera)).all()
     around = np.ptp(found.corners.reshape(-1, 2), axis=0) / [camera.width, camera.height]
-    assert (around > (0.7 if focal == 300 else 0.4)).all(), "of the picture; the wider lens sees a board at its side too flat"
+    assert (around > (0.7 if focal == 300 else 0.4)).all(), (
+        "of the picture; the wider lens sees a board at its side too flat"
+    )
 
 
 def test_a_pose_is_found_again_from_what_is_seen() -> None:

@@ -1,4 +1,6 @@
-"""Calibrations that many tests report on: 45 views with their pictures and their report, and a few views without."""
+"""Calibrations that many tests report on: 45 views with their pictures and their report, and a few
+views without.
+"""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,7 +32,9 @@ def reported(tmp_path_factory: pytest.TempPathFactory) -> Reported:
     session = folder / "session"
     calibration = calibrated(made, session)
     add_pictures(session, made)
-    calibration = replace(calibration, settings=calibration.settings | {KEY: provenance(read_session(session))})
+    calibration = replace(
+        calibration, settings=calibration.settings | {KEY: provenance(read_session(session))}
+    )
     (session / "calibration").mkdir()
     return Reported(calibration, session, report_in(session / "calibration", calibration))
 
@@ -38,4 +42,6 @@ def reported(tmp_path_factory: pytest.TempPathFactory) -> Reported:
 @pytest.fixture(scope="session")
 def few(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
     """12 views, no pictures."""
-    return calibrated(scene(7, views=12, amplitude=1e-5, noise=0.05), tmp_path_factory.mktemp("few"))
+    return calibrated(
+        scene(7, views=12, amplitude=1e-5, noise=0.05), tmp_path_factory.mktemp("few")
+    )

@@ -24,7 +24,12 @@ def calibrated(made: Scene, folder: Path, settings: Settings = SETTINGS) -> Cali
     return fit(read_session(write_session(folder, made)), settings, Silent())
 
 
-def report_in(folder: Path, calibration: Calibration, depths: Sequence[float] = (), effects: Sequence[EffectRow] | None = None) -> Path:
+def report_in(
+    folder: Path,
+    calibration: Calibration,
+    depths: Sequence[float] = (),
+    effects: Sequence[EffectRow] | None = None,
+) -> Path:
     """The report of a calibration that a folder would hold."""
     with FileSet(folder) as files:
         path = write_report(calibration, files, Silent(), depths, effects)
@@ -33,7 +38,9 @@ def report_in(folder: Path, calibration: Calibration, depths: Sequence[float] = 
 
 
 def add_pictures(session: Path, made: Scene) -> None:
-    """A picture for every view: grain of a sensor on a board-like pattern, compressed, the same one under every name."""
+    """A picture for every view: grain of a sensor on a board-like pattern, compressed, the same one
+    under every name.
+    """
     rng = np.random.default_rng(0)
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     picture = 60 + 120 * ((x // 90 + y // 90) % 2) + rng.normal(0, 4, (HEIGHT, WIDTH))

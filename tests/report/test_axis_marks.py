@@ -56,7 +56,9 @@ def marks(svg: str) -> Marks:
     """Of every text, by what it says and how it is anchored: x and y, pt."""
     found = {}
     for style, rest, said in TEXT.findall(svg):
-        at = re.search(r'x="([-\d.]+)" y="([-\d.]+)"', rest) or re.search(r"translate\(([-\d.]+) ([-\d.]+)\)", rest)
+        at = re.search(r'x="([-\d.]+)" y="([-\d.]+)"', rest) or re.search(
+            r"translate\(([-\d.]+) ([-\d.]+)\)", rest
+        )
         assert at
         anchor = re.search(r"text-anchor: (\w+)", style)
         found[said, anchor[1] if anchor else "start"] = float(at[1]), float(at[2])
@@ -65,7 +67,9 @@ def marks(svg: str) -> Marks:
 
 @PAINTED
 def test_numbers_and_names_stand_where_matplotlib_puts_them(paint: object) -> None:
-    """To half a point; the name beside the numbers to two, for it is as far off as these are wide, which is a matter of the font."""
+    """To half a point; the name beside the numbers to two, for it is as far off as these are wide,
+    which is a matter of the font.
+    """
     theirs, own = (marks(drawn(paint, ours=ours)) for ours in (False, True))
     assert theirs.keys() == own.keys()
     for (said, anchor), (x, y) in theirs.items():
@@ -75,7 +79,9 @@ def test_numbers_and_names_stand_where_matplotlib_puts_them(paint: object) -> No
 
 @PAINTED
 def test_ticks_stand_where_matplotlib_puts_them(paint: object) -> None:
-    theirs = places(r'<use xlink:href="#m[^"]*" x="([-\d.]+)" y="([-\d.]+)"', drawn(paint, ours=False))
+    theirs = places(
+        r'<use xlink:href="#m[^"]*" x="([-\d.]+)" y="([-\d.]+)"', drawn(paint, ours=False)
+    )
     own = places(r"M([-\d.]+) ([-\d.]+)[hv]", drawn(paint, ours=True))
     assert len(theirs) >= 5
     assert own == pytest.approx(theirs, abs=0.02)

@@ -1,4 +1,6 @@
-"""The page in a real browser: no console error, every figure and picture drawn, every text readable on light and on dark."""
+"""The page in a real browser: no console error, every figure and picture drawn, every text readable
+on light and on dark.
+"""
 
 import json
 import re
@@ -24,7 +26,9 @@ from tests.report.conftest import Reported
 from tests.report.made import report_in
 from tests.test_calibration import write_session
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
 FLAGS = (
     "--headless",
     "--no-sandbox",
@@ -62,10 +66,11 @@ document.getElementById("seen").textContent = JSON.stringify({
   pair: all(document, ".pair .shot").map(e => [box(e), e.querySelector("img").naturalWidth, e.querySelectorAll("path").length]),
   words: Math.min(...all(document, "p, h1, h2, td, th, a, li, figcaption, small").map(e => contrast(getComputedStyle(e).color))),
   wide: document.documentElement.scrollWidth - window.innerWidth });
-</script></body>"""
+</script></body>"""  # noqa: E501
 
 pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="Chromium is not installed: apt-get install chromium shows the report to these tests"
+    CHROMIUM is None,
+    reason="Chromium is not installed: apt-get install chromium shows the report to these tests",
 )
 
 
@@ -74,14 +79,23 @@ def browse(html: str, folder: Path, *flags: str) -> tuple[str, list[str]]:
     assert CHROMIUM
     (folder / "page.html").write_text(html)
     address = (folder / "page.html").as_uri()
-    command = [CHROMIUM, *FLAGS, *flags, f"--user-data-dir={folder / 'profile'}", "--dump-dom", address]
+    command = [
+        CHROMIUM,
+        *FLAGS,
+        *flags,
+        f"--user-data-dir={folder / 'profile'}",
+        "--dump-dom",
+        address,
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
     assert done.returncode == 0, done.stderr
     return done.stdout, [line for line in done.stderr.splitlines() if ":CONSOLE" in line]
 
 
 def look(html: str, folder: Path, *flags: str) -> dict[str, Any]:
-    without_policy = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", html)  # it forbids the script that looks
+    without_policy = re.sub(
+        r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", html
+    )  # it forbids the script that looks
     shown, console = browse(without_policy.replace("</body>", LOOK), folder, *flags)
     assert console == []
     found = re.search(r'<pre id="seen">(.*?)</pre>', shown, re.DOTALL)
@@ -94,16 +108,30 @@ def test_the_console_says_nothing(reported: Reported, tmp_path: Path) -> None:
     assert browse(reported.html, tmp_path)[1] == []
 
 
-@pytest.mark.parametrize("spoilt", ["<img src='http://192.0.2.1/x.png'>", "<script>null.x</script>"])
-def test_the_console_would_have_said_something(reported: Reported, tmp_path: Path, spoilt: str) -> None:
+@pytest.mark.parametrize(
+    "spoilt", ["<img src='http://192.0.2.1/x.png'>", "<script>null.x</script>"]
+)
+def test_the_console_would_have_said_something(
+    reported: Reported, tmp_path: Path, spoilt: str
+) -> None:
     assert browse(reported.html.replace("</body>", f"{spoilt}</body>"), tmp_path)[1]
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_every_figure_is_drawn_and_readable(reported: Reported, tmp_path: Path, scheme: str) -> None:
+def test_every_figure_is_drawn_and_readable(
+    reported: Reported, tmp_path: Path, scheme: str
+) -> None:
     seen = look(reported.html, tmp_path, *(DARK if scheme == "dark" else ()))
     assert (seen["ground"] < 0.02) == (scheme == "dark")
-    assert list(seen["figures"]) == ["board-errors", "residuals", "distortion", "by-depth", "glass", "sigma", "coverage"]
+    assert list(seen["figures"]) == [
+        "board-errors",
+        "residuals",
+        "distortion",
+        "by-depth",
+        "glass",
+        "sigma",
+        "coverage",
+    ]
     for name, figure in seen["figures"].items():
         assert figure["box"] > 150, name
         assert figure["shapes"] > 20, name
@@ -122,7 +150,10 @@ def test_every_figure_is_drawn_and_readable(reported: Reported, tmp_path: Path, 
 
 
 PHONE = 390
-"""px: of most telephones. Chromium's own window is at least 500 wide, a frame inside it may be narrower."""
+"""px: of most telephones.
+
+Chromium's own window is at least 500 wide, a frame inside it may be narrower.
+"""
 MEASURE = """<body style="margin: 0"><iframe style="width: 390px; height: 844px; border: 0"></iframe><pre id="seen"></pre><script>
 const frame = document.querySelector("iframe"), html = JSON.parse(document.getElementById("html").textContent);
 frame.onload = () => {
@@ -139,13 +170,15 @@ frame.onload = () => {
     commands: all("pre").filter(e => e.scrollWidth > e.clientWidth).length });
 };
 frame.srcdoc = html;
-</script></body>"""
+</script></body>"""  # noqa: E501
 
 
 def on_a_phone(html: str, folder: Path) -> dict[str, Any]:
     without_policy = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", html)
     said = json.dumps(without_policy).replace("</", "<\\/")
-    shown, _ = browse(f'<!doctype html><script id="html" type="application/json">{said}</script>{MEASURE}', folder)
+    shown, _ = browse(
+        f'<!doctype html><script id="html" type="application/json">{said}</script>{MEASURE}', folder
+    )
     found = re.search(r'<pre id="seen">(.+?)</pre>', shown, re.DOTALL)
     assert found, "the frame was not measured"
     seen: dict[str, Any] = json.loads(unescape(found[1]))
@@ -154,11 +187,21 @@ def on_a_phone(html: str, folder: Path) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def pages(reported: Reported, few: Calibration, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Of a fit, of a diagnosed calibration whose session is gone, and of a camera without a cover."""
+def pages(
+    reported: Reported, few: Calibration, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, str]:
+    """Of a fit, of a diagnosed calibration whose session is gone, and of a camera without a
+    cover.
+    """
     folder = tmp_path_factory.mktemp("pages")
     found: list[dict[str, object]] = [
-        {"effect": name, "accepted": True, "held_out_px_before": 0.3, "held_out_px_after": 0.1, "parameters": {}}
+        {
+            "effect": name,
+            "accepted": True,
+            "held_out_px_before": 0.3,
+            "held_out_px_after": 0.1,
+            "parameters": {},
+        }
         for name in ("cover_offset", "board_shape")
     ]
     fitted = with_named(few, ("cover_offset", "board_shape"), Silent())
@@ -183,7 +226,9 @@ def pages(reported: Reported, few: Calibration, tmp_path_factory: pytest.TempPat
 
 @pytest.mark.parametrize("kind", ["fit", "diagnosed", "bare"])
 def test_nothing_is_cut_on_a_phone(pages: dict[str, str], tmp_path: Path, kind: str) -> None:
-    """Tables stand below each other and commands wrap; figures alone scroll, each in its own box."""
+    """Tables stand below each other and commands wrap; figures alone scroll, each in its own
+    box.
+    """
     seen = on_a_phone(pages[kind], tmp_path)
     assert seen["page"] <= PHONE
     assert seen["out"] == []
@@ -193,5 +238,10 @@ def test_nothing_is_cut_on_a_phone(pages: dict[str, str], tmp_path: Path, kind: 
     assert seen["narrow"] > 100, "room for a number with its unit"
 
 
-def test_a_table_that_does_not_fit_would_have_been_noticed(pages: dict[str, str], tmp_path: Path) -> None:
-    assert on_a_phone(pages["fit"].replace("(max-width: 40rem)", "(max-width: 1px)"), tmp_path)["cut"] > 0
+def test_a_table_that_does_not_fit_would_have_been_noticed(
+    pages: dict[str, str], tmp_path: Path
+) -> None:
+    assert (
+        on_a_phone(pages["fit"].replace("(max-width: 40rem)", "(max-width: 1px)"), tmp_path)["cut"]
+        > 0
+    )

@@ -1,4 +1,6 @@
-"""`calib report`, the report that `calib fit` leaves, and what the report says of how to fit again."""
+"""`calib report`, the report that `calib fit` leaves, and what the report says of how to fit
+again.
+"""
 
 import argparse
 import json
@@ -46,7 +48,9 @@ def test_fit_leaves_a_report(session: Path, capfd: pytest.CaptureFixture[str]) -
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_a_report_that_can_not_be_written_costs_nothing_else(session: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_report_that_can_not_be_written_costs_nothing_else(
+    session: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     (session / "calibration" / "report.html").mkdir(parents=True)
     assert main(["fit", str(session), "--grid", "4x4", "--depth", "1", "--json"]) == 2
     out, err = capfd.readouterr()
@@ -59,7 +63,10 @@ def test_a_report_that_can_not_be_written_costs_nothing_else(session: Path, capf
 
 @pytest.mark.usefixtures("without_figures")
 def test_report_opens_a_browser_where_there_is_a_screen(
-    few: Calibration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    few: Calibration,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     few.save(tmp_path)
     opened: list[str] = []
@@ -92,7 +99,9 @@ def test_report_opens_a_browser_where_there_is_a_screen(
         ({}, "win32", True),
     ],
 )
-def test_a_browser_is_opened_only_in_front_of_the_person(environment: dict[str, str], platform: str, expected: bool) -> None:
+def test_a_browser_is_opened_only_in_front_of_the_person(
+    environment: dict[str, str], platform: str, expected: bool
+) -> None:
     assert has_screen(environment, platform) is expected
 
 
@@ -121,16 +130,30 @@ def test_the_command_asks_for_the_same_fit(settings: Settings) -> None:
     args = parser.parse_args(words)
     assert (args.session, args.output) == (Path("/there/my session"), Path("/out"))
     assert (args.depth, args.effects) == ([0.5, 1 / 3], ("board_shape", "focal"))
-    assert Settings(args.method, args.grid, args.steps, not args.neglect_shift, args.free, args.folds) == settings
+    assert (
+        Settings(args.method, args.grid, args.steps, not args.neglect_shift, args.free, args.folds)
+        == settings
+    )
 
 
 def test_what_is_left_at_its_default_is_not_said() -> None:
-    said = {"method": "joint", "grid": [12, 12], "free": ["auto"], "steps": 1000, "exact_hit": True, "made_by": {"session": "/s"}}
+    said = {
+        "method": "joint",
+        "grid": [12, 12],
+        "free": ["auto"],
+        "steps": 1000,
+        "exact_hit": True,
+        "made_by": {"session": "/s"},
+    }
     assert commands(said, Path("/out")) == [["calib", "fit", "/s", "-o", "/out"]]
-    assert commands(said | {"diagnosis": {}}, Path("/out")) == [["calib", "fit", "/s", "--effects", "auto", "-o", "/out"]]
+    assert commands(said | {"diagnosis": {}}, Path("/out")) == [
+        ["calib", "fit", "/s", "--effects", "auto", "-o", "/out"]
+    ]
 
 
-def test_what_lies_at_home_is_found_from_there(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_what_lies_at_home_is_found_from_there(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setenv("HOME", str(tmp_path))
     line = pasted(["echo", str(tmp_path / "my session"), "/elsewhere/it's", "--free"])
     assert str(tmp_path) not in line
@@ -139,14 +162,35 @@ def test_what_lies_at_home_is_found_from_there(monkeypatch: pytest.MonkeyPatch, 
 
 
 @pytest.mark.slow
-def test_the_printed_commands_make_the_calibration_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Given by relative paths with spaces, diagnosed with a holdout; then pasted into a shell that stands elsewhere."""
+def test_the_printed_commands_make_the_calibration_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Given by relative paths with spaces, diagnosed with a holdout; then pasted into a shell that
+    stands elsewhere.
+    """
     monkeypatch.chdir(tmp_path)
     write_session(tmp_path / "my session", scene(7, views=12, amplitude=1e-5, noise=0.05))
     write_session(tmp_path / "held out", scene(8, views=4, amplitude=1e-5, noise=0.05))
-    fitted = ["fit", "my session", "--grid", "5x4", "--free", "index", "--effects", "board_scale", "--depth", "0.5", "0.8", "-o", "my fit"]
+    fitted = [
+        "fit",
+        "my session",
+        "--grid",
+        "5x4",
+        "--free",
+        "index",
+        "--effects",
+        "board_scale",
+        "--depth",
+        "0.5",
+        "0.8",
+        "-o",
+        "my fit",
+    ]
     assert main(fitted) == 0
-    assert main(["diagnose", "my fit/calibration.yaml", "--holdout", "held out", "-o", "better one"]) == 0
+    assert (
+        main(["diagnose", "my fit/calibration.yaml", "--holdout", "held out", "-o", "better one"])
+        == 0
+    )
     before = [Calibration.load(folder) for folder in ("my fit", "better one")]
     html = (tmp_path / "better one" / "report.html").read_text()
     found = re.search(r'<section id="again">.*?<pre>(.*?)</pre>', html, re.DOTALL)
@@ -158,12 +202,22 @@ def test_the_printed_commands_make_the_calibration_again(tmp_path: Path, monkeyp
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
-    subprocess.run(["sh", "-e", "-c", lines], cwd=elsewhere, env=os.environ | {"PATH": path}, check=True, capture_output=True)
-    assert {"map_0.5m.npz", "map_0.8m.npz"} <= {made.name for made in (tmp_path / "my fit").iterdir()}
+    subprocess.run(
+        ["sh", "-e", "-c", lines],
+        cwd=elsewhere,
+        env=os.environ | {"PATH": path},
+        check=True,
+        capture_output=True,
+    )
+    assert {"map_0.5m.npz", "map_0.8m.npz"} <= {
+        made.name for made in (tmp_path / "my fit").iterdir()
+    }
     for folder, one in zip(("my fit", "better one"), before, strict=True):
         other = Calibration.load(folder)
         for name in ("amplitudes", "poses", "covariance"):
-            assert np.array_equal(getattr(one, name), getattr(other, name)), "on one machine, a fit repeats to the last bit"
+            assert np.array_equal(getattr(one, name), getattr(other, name)), (
+                "on one machine, a fit repeats to the last bit"
+            )
         unlike = {key for key in one.settings if one.settings[key] != other.settings[key]}
         assert unlike <= {"made_by", "diagnosis"}, "made_by says when"
         assert (other.camera, other.cover, other.stages) == (one.camera, one.cover, one.stages)
@@ -179,13 +233,20 @@ def test_the_session_hash_is_what_sha256sum_gives(tmp_path: Path) -> None:
         "refractive_index": 1.5,
     }
     board, camera = {"columns": 9, "rows": 9, "square_mm": 20}, {"width": 64, "height": 48}
-    (tmp_path / "session.yaml").write_text(yaml.safe_dump({"format": 1, "board": board, "camera": camera, "cover": cone}))
+    (tmp_path / "session.yaml").write_text(
+        yaml.safe_dump({"format": 1, "board": board, "camera": camera, "cover": cone})
+    )
     for name in ("frames/b.png", "frames/a.png", "bare/1.png"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         cv2.imwrite(str(tmp_path / name), np.full((48, 64), len(name), np.uint8))
     given = session_hash(read_session(tmp_path))
     shell = "sha256sum bare/1.png frames/a.png frames/b.png session.yaml | sha256sum"
-    assert given == subprocess.run(shell, shell=True, cwd=tmp_path, capture_output=True, text=True, check=True).stdout.split()[0]
+    assert (
+        given
+        == subprocess.run(
+            shell, shell=True, cwd=tmp_path, capture_output=True, text=True, check=True
+        ).stdout.split()[0]
+    )
     cv2.imwrite(str(tmp_path / "frames" / "a.png"), np.zeros((48, 64), np.uint8))
     assert session_hash(read_session(tmp_path)) != given
 
@@ -204,7 +265,9 @@ def test_a_plain_camera_calibration_has_a_report(tmp_path: Path) -> None:
     assert 'id="distortion"' in html
 
 
-def test_a_calibration_without_views_has_no_report(few: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_calibration_without_views_has_no_report(
+    few: Calibration, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     nothing = np.zeros((0, 6))
     replace(few, views=(), poses=nothing, stages=()).save(tmp_path)
     assert main(["report", "--no-open", str(tmp_path)]) == 3
@@ -217,12 +280,17 @@ def test_a_calibration_without_views_has_no_report(few: Calibration, tmp_path: P
     [
         lambda few: {"poses": -few.poses},
         lambda few: {"poses": few.poses * 0},
-        lambda few: {"views": tuple(replace(view, corners=view.corners * 0 + 1e9) for view in few.views)},
+        lambda few: {
+            "views": tuple(replace(view, corners=view.corners * 0 + 1e9) for view in few.views)
+        },
     ],
     ids=["behind the camera", "in the pinhole", "outside the picture"],
 )
 def test_poses_and_corners_that_do_not_go_with_the_camera(
-    few: Calibration, changed: Callable[[Calibration], dict[str, Any]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    few: Calibration,
+    changed: Callable[[Calibration], dict[str, Any]],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     replace(few, **changed(few)).save(tmp_path)
     assert main(["report", "--no-open", str(tmp_path)]) == 2

@@ -1,4 +1,6 @@
-"""What report.html holds: one file, nothing from outside, every section, and nothing of a file's text taken for HTML."""
+"""What report.html holds: one file, nothing from outside, every section, and nothing of a file's
+text taken for HTML.
+"""
 
 import re
 from collections import Counter
@@ -22,11 +24,15 @@ HOSTILE = """<script>alert("1")</script>&lt;'$x_1$"""
 
 
 def text(html: str) -> str:
-    return unescape(re.sub(r"<[^>]+>", "", re.sub(r"<style>.*?</style>", "", html, flags=re.DOTALL)))
+    return unescape(
+        re.sub(r"<[^>]+>", "", re.sub(r"<style>.*?</style>", "", html, flags=re.DOTALL))
+    )
 
 
 def test_everything_is_in_one_small_file(reported: Reported) -> None:
-    links = re.findall(r'(?:src|href)="([^"]*)', reported.html) + re.findall(r"url\(([^)]*)", reported.html)
+    links = re.findall(r'(?:src|href)="([^"]*)', reported.html) + re.findall(
+        r"url\(([^)]*)", reported.html
+    )
     assert len(links) > 100
     assert {link[:5] if link.startswith("data:") else link[:1] for link in links} <= {"data:", "#"}
     assert "<script" not in reported.html
@@ -58,18 +64,26 @@ def test_stages_and_numbers_are_those_of_the_calibration(reported: Reported) -> 
     origin = reported.calibration.settings["made_by"]
     assert origin["session_sha256"] in said
     assert origin["torch"] in said
-    assert f"calib fit {reported.session} --grid 6x6 --free none --folds 3 -o {reported.session / 'calibration'}" in said
+    assert (
+        f"calib fit {reported.session} --grid 6x6 --free none --folds 3 -o"
+        f" {reported.session / 'calibration'}" in said
+    )
 
 
 @pytest.mark.usefixtures("without_figures")
 def test_the_title_names_the_camera_or_none(few: Calibration, tmp_path: Path) -> None:
-    for model, title in (("Pi <2>", "Calibration of Pi &lt;2&gt;"), ("", "Calibration of a camera")):
+    for model, title in (
+        ("Pi <2>", "Calibration of Pi &lt;2&gt;"),
+        ("", "Calibration of a camera"),
+    ):
         named = replace(few, camera=replace(few.camera, model=model))
         assert f"<title>{title}</title>" in report_in(tmp_path, named).read_text()
 
 
 def test_the_worst_view_comes_first(reported: Reported) -> None:
-    errors = [float(error) for error in re.findall(r'<span class="number">([\d.]+) px', reported.html)]
+    errors = [
+        float(error) for error in re.findall(r'<span class="number">([\d.]+) px', reported.html)
+    ]
     assert len(errors) == 45
     assert errors == sorted(errors, reverse=True)
     assert errors[0] > errors[-1]
@@ -89,16 +103,22 @@ def test_text_from_files_is_text(few: Calibration, tmp_path: Path) -> None:
     assert text(html).count(HOSTILE) >= 9
 
 
-def test_a_calibration_opened_elsewhere_shows_its_errors_without_pictures(few: Calibration, tmp_path: Path) -> None:
+def test_a_calibration_opened_elsewhere_shows_its_errors_without_pictures(
+    few: Calibration, tmp_path: Path
+) -> None:
     origin = {"session": str(tmp_path / "gone" / "session")}
-    html = report_in(tmp_path, replace(few, settings=few.settings | {"made_by": origin})).read_text()
+    html = report_in(
+        tmp_path, replace(few, settings=few.settings | {"made_by": origin})
+    ).read_text()
     assert "<img" not in html
     assert "only lines and corners are drawn" in html
     assert html.count('<div class="shot"') == len(few.views)
     assert "pictures themselves were not found" in html
 
 
-def test_a_session_that_moved_with_its_calibration_is_found(few: Calibration, reported: Reported, tmp_path: Path) -> None:
+def test_a_session_that_moved_with_its_calibration_is_found(
+    few: Calibration, reported: Reported, tmp_path: Path
+) -> None:
     """Pictures that can not be read any more, or are another camera's, are left out."""
     (tmp_path / "frames").mkdir()
     (tmp_path / "calibration").mkdir()
@@ -107,12 +127,20 @@ def test_a_session_that_moved_with_its_calibration_is_found(few: Calibration, re
     for view, data in zip(few.views, (whole, b"", b"no picture", other, whole), strict=False):
         (tmp_path / "frames" / view.name).write_bytes(data)
     moved = replace(few, settings=few.settings | {"made_by": {"session": "/nowhere/session"}})
-    assert report_in(tmp_path / "calibration", moved).read_text().count('<div class="shot" style="aspect-ratio: 3280/2464"><img') == 2
+    assert (
+        report_in(tmp_path / "calibration", moved)
+        .read_text()
+        .count('<div class="shot" style="aspect-ratio: 3280/2464"><img')
+        == 2
+    )
 
 
 @pytest.mark.usefixtures("without_figures")
 def test_effects_have_a_row_each(reported: Reported, few: Calibration, tmp_path: Path) -> None:
-    rows = [EffectRow("board_shape", 0.59, 0.17, "x -1.04 ± 0.02 mm"), EffectRow("focal", 0.17, 0.16, "")]
+    rows = [
+        EffectRow("board_shape", 0.59, 0.17, "x -1.04 ± 0.02 mm"),
+        EffectRow("focal", 0.17, 0.16, ""),
+    ]
     html = report_in(tmp_path, few, effects=rows).read_text()
     said = text(html[html.index('<section id="effects"') :])
     assert "board_shape 0.590 px 0.170 px-71 %x -1.04 ± 0.02 mm" in said
@@ -140,7 +168,10 @@ def test_a_file_name_that_is_no_utf_8_and_one_that_a_terminal_would_obey(
     looks = [{"file": name, "found": 1, "refused": 0, "dropped": 0} for name in names]
     odd = replace(
         few,
-        views=(*(replace(view, name=name) for view, name in zip(few.views, names, strict=False)), *few.views[len(names) :]),
+        views=(
+            *(replace(view, name=name) for view, name in zip(few.views, names, strict=False)),
+            *few.views[len(names) :],
+        ),
         rejected=tuple(Rejected(name, "no board") for name in names),
         settings=few.settings | {"second_look": looks},
     )

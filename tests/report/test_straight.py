@@ -1,4 +1,6 @@
-"""The picture before and after: straight lines in space, through a known cover and undistorted again."""
+"""The picture before and after: straight lines in space, through a known cover and undistorted
+again.
+"""
 
 import re
 from dataclasses import replace
@@ -21,7 +23,10 @@ Lines = list[np.ndarray]
 def paths(html: str, kind: str) -> list[Lines]:
     """Of each panel its lines, (n, 2) px."""
     found = re.findall(rf'<path class="{kind}" d="([^"]*)"', html)
-    return [[np.array([at.split() for at in line.split("L")], float) for line in path.split("M")[1:]] for path in found]
+    return [
+        [np.array([at.split() for at in line.split("L")], float) for line in path.split("M")[1:]]
+        for path in found
+    ]
 
 
 def most_bent(lines: Lines) -> float:
@@ -46,7 +51,9 @@ def test_lines_that_bend_become_straight(reported: Reported) -> None:
 
 
 def test_lines_are_where_the_model_sees_straight_lines_of_the_board(few: Calibration) -> None:
-    """Against points that are projected onto each row's and column's continuation in space, 6.4 mm apart: some 15 px."""
+    """Against points that are projected onto each row's and column's continuation in space, 6.4 mm
+    apart: some 15 px.
+    """
     evidence = gather_evidence(few)
     turn, at = cv2.Rodrigues(few.poses[0, :3])[0], few.poses[0, 3:]
     lattice = few.board.points().reshape(9, 9, 2)
@@ -59,7 +66,9 @@ def test_lines_are_where_the_model_sees_straight_lines_of_the_board(few: Calibra
         for point in line.before:
             first, second = pixels[np.sort(np.linalg.norm(pixels - point, axis=-1).argsort()[:2])]
             step = (second - first) / np.linalg.norm(second - first)
-            assert abs((point - first) @ [-step[1], step[0]]) < 0.02, "the field's splines keep 0.002 px"
+            assert abs((point - first) @ [-step[1], step[0]]) < 0.02, (
+                "the field's splines keep 0.002 px"
+            )
         assert np.ptp(line.before, 0).max() > 1500, "across the picture"
 
 
@@ -77,26 +86,54 @@ def test_the_drawn_bend_is_the_real_one_times_the_stated_factor(few: Calibration
 
 
 def test_corners_lie_on_their_lines(few: Calibration) -> None:
-    """Corners with 0.05 px of noise, undistorted: beside straight lines by about as much, and by more if the cover is forgotten."""
-    left = re.search(r"beside straight lines by ([\d.]+) px", straight_html(gather_evidence(few), None))
+    """Corners with 0.05 px of noise, undistorted: beside straight lines by about as much, and by
+    more if the cover is forgotten.
+    """
+    left = re.search(
+        r"beside straight lines by ([\d.]+) px", straight_html(gather_evidence(few), None)
+    )
     assert left
     assert 0.01 < float(left[1]) < 0.06
-    forgot = replace(few, amplitudes=3e-5 * np.random.default_rng(1).normal(size=few.amplitudes.shape))
-    worse = re.search(r"beside straight lines by ([\d.]+) px", straight_html(gather_evidence(forgot), None))
+    forgot = replace(
+        few, amplitudes=3e-5 * np.random.default_rng(1).normal(size=few.amplitudes.shape)
+    )
+    worse = re.search(
+        r"beside straight lines by ([\d.]+) px", straight_html(gather_evidence(forgot), None)
+    )
     assert worse
     assert float(worse[1]) > 3 * float(left[1])
 
 
 def test_a_bow_that_is_known_does_not_bend_the_lines(few: Calibration) -> None:
-    """Corners of a board with 2 mm of bow, without noise: what the model knows of the board is not the lens's fault."""
+    """Corners of a board with 2 mm of bow, without noise: what the model knows of the board is not
+    the lens's fault.
+    """
     shape = {"xx": 2e-3, "xy": 5e-4, "yy": -1e-3}
-    figures = {f"board_shape.{term}": (np.array(size), np.array(1e-5)) for term, size in shape.items()}
-    known = replace(few, effects=(AddedEffect(BoardShape(0.08, 0.08), figures),), covariance=np.zeros((0, 0)))
+    figures = {
+        f"board_shape.{term}": (np.array(size), np.array(1e-5)) for term, size in shape.items()
+    }
+    known = replace(
+        few, effects=(AddedEffect(BoardShape(0.08, 0.08), figures),), covariance=np.zeros((0, 0))
+    )
     path, values = known.model()
     points, poses = torch.from_numpy(few.board.points()), torch.from_numpy(few.poses)
-    corners = [project(path, values, path.place(points, values, pose.expand(len(points), 6))).numpy() for pose in poses]
-    known = replace(known, views=tuple(replace(view, corners=seen) for view, seen in zip(few.views, corners, strict=True)))
-    one, other = (straight_html(gather_evidence(made), None) for made in (replace(known, effects=()), known))
-    one_left, other_left = (float(re.findall(r"lines by ([\d.e-]+) px", html)[0]) for html in (one, other))
-    assert other_left < 0.01, "to first order, as the board's flatness is taken away in undistorted pixels"
+    corners = [
+        project(path, values, path.place(points, values, pose.expand(len(points), 6))).numpy()
+        for pose in poses
+    ]
+    known = replace(
+        known,
+        views=tuple(
+            replace(view, corners=seen) for view, seen in zip(few.views, corners, strict=True)
+        ),
+    )
+    one, other = (
+        straight_html(gather_evidence(made), None) for made in (replace(known, effects=()), known)
+    )
+    one_left, other_left = (
+        float(re.findall(r"lines by ([\d.e-]+) px", html)[0]) for html in (one, other)
+    )
+    assert other_left < 0.01, (
+        "to first order, as the board's flatness is taken away in undistorted pixels"
+    )
     assert one_left > 0.2

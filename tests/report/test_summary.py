@@ -34,17 +34,24 @@ def test_a_good_calibration_is_trusted(reported: Reported) -> None:
     summary = summarise(gather_evidence(reported.calibration))
     assert summary.verdict.word is Word.TRUSTED
     what, left, where = summary.sentences
-    assert "3280x2464 px behind a cone, 1.15 mm thick with index 1.5, was calibrated from 45 views of a 9x9 board" in what
+    assert (
+        "3280x2464 px behind a cone, 1.15 mm thick with index 1.5, was calibrated from 45 views of"
+        " a 9x9 board" in what
+    )
     assert "what is left is noise" in left
     assert "so it does not overfit" in left
     assert "one standard deviation of the maps" in where
     assert all(sentence.endswith(".") for sentence in summary.sentences)
 
 
-def test_the_paragraph_says_what_the_verdict_says(reported: Reported, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_paragraph_says_what_the_verdict_says(
+    reported: Reported, monkeypatch: pytest.MonkeyPatch
+) -> None:
     evidence = gather_evidence(reported.calibration)
     assert ": what is left is noise" in summarise(evidence).sentences[1]
-    doubted = Verdict((Reason(f"{NOT_ALL_NOISE}: it may be board_shape.", "calib diagnose it"),), "")
+    doubted = Verdict(
+        (Reason(f"{NOT_ALL_NOISE}: it may be board_shape.", "calib diagnose it"),), ""
+    )
     monkeypatch.setattr("calib.report.summary.judge", lambda *_, **__: doubted)
     assert ": most of what is left is noise" in summarise(evidence).sentences[1]
 
@@ -52,19 +59,33 @@ def test_the_paragraph_says_what_the_verdict_says(reported: Reported, monkeypatc
 def test_overfitting_is_said(reported: Reported) -> None:
     worse = {"folds": 3, "held_out_px": 0.2, "fitted_px": 0.1}
     summary = summarise(
-        gather_evidence(replace(reported.calibration, settings=reported.calibration.settings | {"cross_validation": worse}))
+        gather_evidence(
+            replace(
+                reported.calibration,
+                settings=reported.calibration.settings | {"cross_validation": worse},
+            )
+        )
     )
     assert "held out have 0.200 px, so it overfits" in summary.sentences[1]
     assert "the fit overfits" in [reason.sentence[:16] for reason in summary.verdict.reasons]
 
 
 def test_without_folds_overfitting_is_not_known(reported: Reported) -> None:
-    settings = {key: value for key, value in reported.calibration.settings.items() if key != "cross_validation"}
-    assert "was not measured" in summarise(gather_evidence(replace(reported.calibration, settings=settings))).sentences[1]
+    settings = {
+        key: value
+        for key, value in reported.calibration.settings.items()
+        if key != "cross_validation"
+    }
+    assert (
+        "was not measured"
+        in summarise(gather_evidence(replace(reported.calibration, settings=settings))).sentences[1]
+    )
 
 
 def test_a_misprinted_board_leaves_a_pattern_over_it(tmp_path: Path) -> None:
-    evidence = gather_evidence(calibrated(scene(5, views=16, noise=0.05, board=Misprinted(9, 9, 0.020)), tmp_path, FAST))
+    evidence = gather_evidence(
+        calibrated(scene(5, views=16, noise=0.05, board=Misprinted(9, 9, 0.020)), tmp_path, FAST)
+    )
     assert over_board(evidence).is_pattern
     assert "% of it go with board" in str(summarise(evidence).verdict)
 
@@ -78,7 +99,9 @@ def test_noise_leaves_no_pattern(reported: Reported) -> None:
 
 def test_what_is_missing_is_asked_for(tmp_path: Path) -> None:
     """Few views, all at one distance."""
-    evidence = gather_evidence(calibrated(scene(5, views=4, noise=0.05, depths=(1.0, 1.05)), tmp_path, FAST))
+    evidence = gather_evidence(
+        calibrated(scene(5, views=4, noise=0.05, depths=(1.0, 1.05)), tmp_path, FAST)
+    )
     care = str(summarise(evidence).verdict).lower()
     assert "of the image has corners" in care
     assert "nearer and farther views" in care
@@ -90,7 +113,9 @@ def test_coverage_counts_every_corner(reported: Reported) -> None:
     assert evidence.counts.sum() == len(evidence.pixels)
     column, row = (evidence.pixels[0] // [3280 / 16, 2464 / 12]).astype(int)
     assert evidence.counts[row, column] > 0
-    assert np.sqrt((evidence.rms_by_view**2).mean()) == pytest.approx(reported.calibration.stages[-1].rms_px)  # 81 corners in each
+    assert np.sqrt((evidence.rms_by_view**2).mean()) == pytest.approx(
+        reported.calibration.stages[-1].rms_px
+    )  # 81 corners in each
 
 
 @each_shape

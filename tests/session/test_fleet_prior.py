@@ -1,4 +1,6 @@
-"""A session that names a fleet's prior: read, compared with what it declares itself, and joined with what it knows of its camera."""
+"""A session that names a fleet's prior: read, compared with what it declares itself, and joined
+with what it knows of its camera.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +12,13 @@ import yaml
 from calib.errors import InputError
 from calib.session.camera import Camera, Intrinsics
 from calib.session.cover import Cover
-from calib.session.fleet_prior import FleetPrior, check_like, expected, fleet_prior_yaml, read_fleet_prior
+from calib.session.fleet_prior import (
+    FleetPrior,
+    check_like,
+    expected,
+    fleet_prior_yaml,
+    read_fleet_prior,
+)
 from calib.session.freeing import ALL, with_free
 from calib.session.glass import Glass
 from calib.session.numbers import covariance_of, numbers_of, with_covariance
@@ -31,7 +39,9 @@ def covariance() -> np.ndarray:
     rng = np.random.default_rng(0)
     count = len(NAMES) + COEFFICIENTS
     mixed = rng.normal(size=(count, count)) + 3 * np.eye(count)
-    size = np.array([*(0.1 * numbers_of(*DECLARED)[name].sigma for name in NAMES), *[1e-6] * COEFFICIENTS])
+    size = np.array(
+        [*(0.1 * numbers_of(*DECLARED)[name].sigma for name in NAMES), *[1e-6] * COEFFICIENTS]
+    )
     found = mixed @ mixed.T
     scale = size / np.sqrt(found.diagonal())
     return np.asarray(found * scale[:, None] * scale)
@@ -42,16 +52,38 @@ def prior() -> FleetPrior:
     whole, count = covariance(), len(NAMES)
     mean = np.array([numbers_of(*DECLARED)[name].value for name in NAMES])
     intrinsics, cover = with_covariance(INTRINSICS, CONE, NAMES, mean, whole[:count, :count])
-    glass = Glass((-0.01, -0.3), (0.01, 0.3), 1, np.array([1e-6, 2e-6, 3e-6]), whole[count:, count:], NAMES, whole[count:, :count])
+    glass = Glass(
+        (-0.01, -0.3),
+        (0.01, 0.3),
+        1,
+        np.array([1e-6, 2e-6, 3e-6]),
+        whole[count:, count:],
+        NAMES,
+        whole[count:, :count],
+    )
     camera = Camera(WIDTH, HEIGHT, intrinsics=intrinsics)
-    return FleetPrior(Path("prior.yaml"), "", camera, replace(cover, glass=glass), DECLARED, 8, (("A7", "its verdict is not to use it"),))
+    return FleetPrior(
+        Path("prior.yaml"),
+        "",
+        camera,
+        replace(cover, glass=glass),
+        DECLARED,
+        8,
+        (("A7", "its verdict is not to use it"),),
+    )
 
 
 def told(intrinsics: Intrinsics, cover: Cover) -> np.ndarray:
     glass = cover.glass
     assert glass
     found = covariance_of(intrinsics, cover, NAMES)
-    beside = np.stack([glass.beside[:, glass.numbers.index(name)] if name in glass.numbers else 0 * glass.mean for name in NAMES], 1)
+    beside = np.stack(
+        [
+            glass.beside[:, glass.numbers.index(name)] if name in glass.numbers else 0 * glass.mean
+            for name in NAMES
+        ],
+        1,
+    )
     return np.block([[found, beside.T], [beside, glass.covariance]])
 
 
@@ -81,7 +113,12 @@ def with_thickness(number: Number) -> Cover:
 def test_a_measurement_of_this_camera_is_one_more(prior: FleetPrior) -> None:
     """Oracle: information adds."""
     sigma = float(np.sqrt(covariance()[THICKNESS, THICKNESS]))
-    found = expected(prior, INTRINSICS, with_thickness(Number(CONE.parameters["thickness"].value + sigma, sigma)), "session.yaml")
+    found = expected(
+        prior,
+        INTRINSICS,
+        with_thickness(Number(CONE.parameters["thickness"].value + sigma, sigma)),
+        "session.yaml",
+    )
     information = np.linalg.inv(covariance())
     information[THICKNESS, THICKNESS] += sigma**-2
     after = np.linalg.inv(information)
@@ -91,12 +128,18 @@ def test_a_measurement_of_this_camera_is_one_more(prior: FleetPrior) -> None:
     moved = after @ score
     assert numbers_of(*found)["camera.fx"].value - INTRINSICS.fx.value == pytest.approx(moved[FX])
     assert found[1].glass is not None
-    assert found[1].glass.mean == pytest.approx(np.array([1e-6, 2e-6, 3e-6]) + moved[-COEFFICIENTS:])
+    assert found[1].glass.mean == pytest.approx(
+        np.array([1e-6, 2e-6, 3e-6]) + moved[-COEFFICIENTS:]
+    )
 
 
-def test_what_the_fleet_declared_with_the_same_sigma_is_not_counted_twice(prior: FleetPrior) -> None:
+def test_what_the_fleet_declared_with_the_same_sigma_is_not_counted_twice(
+    prior: FleetPrior,
+) -> None:
     same = with_thickness(DECLARED[1].parameters["thickness"])
-    assert told(*expected(prior, INTRINSICS, same, "session.yaml")) == pytest.approx(covariance(), rel=1e-9, abs=0)
+    assert told(*expected(prior, INTRINSICS, same, "session.yaml")) == pytest.approx(
+        covariance(), rel=1e-9, abs=0
+    )
 
 
 def test_an_exact_number_is_held_and_tells_the_others(prior: FleetPrior) -> None:
@@ -115,8 +158,16 @@ def test_an_exact_number_is_held_and_tells_the_others(prior: FleetPrior) -> None
 @pytest.mark.parametrize(
     ("camera", "cover", "said"),
     [
-        (Camera(WIDTH // 2, HEIGHT // 2, intrinsics=INTRINSICS), CONE, "camera is 1640x1232 px: write 3280x2464, as prior.yaml is of such"),
-        (Camera(WIDTH, HEIGHT, intrinsics=INTRINSICS), Cover("none", {}), "cover.shape is none: write cone"),
+        (
+            Camera(WIDTH // 2, HEIGHT // 2, intrinsics=INTRINSICS),
+            CONE,
+            "camera is 1640x1232 px: write 3280x2464, as prior.yaml is of such",
+        ),
+        (
+            Camera(WIDTH, HEIGHT, intrinsics=INTRINSICS),
+            Cover("none", {}),
+            "cover.shape is none: write cone",
+        ),
         (
             Camera(WIDTH, HEIGHT, intrinsics=replace(INTRINSICS, distortion=(Number(-0.1),) * 5)),
             CONE,
@@ -130,18 +181,30 @@ def test_an_exact_number_is_held_and_tells_the_others(prior: FleetPrior) -> None
     ],
     ids=["mode", "shape", "lens", "another glass"],
 )
-def test_a_camera_of_another_make_is_refused(prior: FleetPrior, camera: Camera, cover: Cover, said: str) -> None:
+def test_a_camera_of_another_make_is_refused(
+    prior: FleetPrior, camera: Camera, cover: Cover, said: str
+) -> None:
     with pytest.raises(InputError, match=said):
         check_like(prior, camera, cover, "session.yaml")
 
 
 def test_a_measurement_that_cannot_be_of_this_fleet_is_refused(prior: FleetPrior) -> None:
-    with pytest.raises(InputError, match=r"cover.thickness is 0.004 where .* standard deviations apart: correct it, or drop the key prior"):
+    with pytest.raises(
+        InputError,
+        match=(
+            r"cover.thickness is 0.004 where .* standard deviations apart: correct it, or drop the"
+            r" key prior"
+        ),
+    ):
         expected(prior, INTRINSICS, with_thickness(Number(0.004, 1e-5)), "session.yaml")
 
 
 def session(folder: Path, **more: object) -> Path:
-    said = {"format": 1, **session_to_yaml(BOARD, Camera(WIDTH, HEIGHT, intrinsics=INTRINSICS), CONE), "corners": "corners.vnl"}
+    said = {
+        "format": 1,
+        **session_to_yaml(BOARD, Camera(WIDTH, HEIGHT, intrinsics=INTRINSICS), CONE),
+        "corners": "corners.vnl",
+    }
     (folder / "corners.vnl").write_text("# filename x y level\n")
     (folder / "session.yaml").write_text(yaml.safe_dump(said | more))
     return folder
@@ -158,7 +221,10 @@ def test_a_session_names_it_from_its_own_folder_on(prior: FleetPrior, tmp_path: 
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
-        (None, "prior names .* which is not a file: write it by calib fleet-prior, or drop the key"),
+        (
+            None,
+            "prior names .* which is not a file: write it by calib fleet-prior, or drop the key",
+        ),
         ({"format": 2}, "format is 2: write 1"),
         ({"cameras": 0}, "cameras is 0: write a whole number"),
         ({"camras": 3}, r"camras is not a known key \(did you mean cameras\?\)"),
@@ -166,7 +232,9 @@ def test_a_session_names_it_from_its_own_folder_on(prior: FleetPrior, tmp_path: 
         ({"declared": {}}, "declared.cover is missing"),
     ],
 )
-def test_a_file_that_is_none_is_refused(prior: FleetPrior, tmp_path: Path, spoil: dict[str, object] | None, said: str) -> None:
+def test_a_file_that_is_none_is_refused(
+    prior: FleetPrior, tmp_path: Path, spoil: dict[str, object] | None, said: str
+) -> None:
     if spoil is not None:
         written = yaml.safe_load(fleet_prior_yaml(prior, "0"))
         (tmp_path / "prior.yaml").write_text(yaml.safe_dump(written | spoil))
@@ -178,13 +246,19 @@ def test_a_file_that_is_none_is_refused(prior: FleetPrior, tmp_path: Path, spoil
     ("key", "value", "said"),
     [
         ("mean_um", [0, 0], "mean_um is a list of 2: write 3 numbers"),
-        ("covariance_um2", [[1], [0, 1], [0, 0, -1]], "glass is a mapping: write numbers that all can be correlated by"),
+        (
+            "covariance_um2",
+            [[1], [0, 1], [0, 0, -1]],
+            "glass is a mapping: write numbers that all can be correlated by",
+        ),
         ("covariance_um", {"cover.thicknes": [0, 0, 0]}, "names of numbers that are there"),
         ("high", [-1, 1], "two numbers, each above that of low"),
         ("degree", 99, "degree is 99: write a whole number from 0 to 10"),
     ],
 )
-def test_glass_that_cannot_be_is_refused(prior: FleetPrior, tmp_path: Path, key: str, value: object, said: str) -> None:
+def test_glass_that_cannot_be_is_refused(
+    prior: FleetPrior, tmp_path: Path, key: str, value: object, said: str
+) -> None:
     written = yaml.safe_load(fleet_prior_yaml(prior, "0"))
     written["cover"]["glass"][key] = value
     (tmp_path / "prior.yaml").write_text(yaml.safe_dump(written))
@@ -196,12 +270,17 @@ def test_glass_that_cannot_be_is_refused(prior: FleetPrior, tmp_path: Path, key:
     ("pairs", "said"),
     [
         ([["cover.thickness", "camera.fx"]], "two names and a number from -1 to 1 for each pair"),
-        ([["cover.thickness", "camera.f", 0.5]], "names of numbers that are there: cover.inner_radius"),
+        (
+            [["cover.thickness", "camera.f", 0.5]],
+            "names of numbers that are there: cover.inner_radius",
+        ),
         ([["camera.fx", "camera.fy", 0.5]], "the camera's own are in camera.intrinsics"),
         ([["cover.thickness", "camera.fx", 1.0]], "positive definite"),
     ],
 )
-def test_correlations_of_a_cover_that_cannot_be_are_refused(tmp_path: Path, pairs: object, said: str) -> None:
+def test_correlations_of_a_cover_that_cannot_be_are_refused(
+    tmp_path: Path, pairs: object, said: str
+) -> None:
     folder = session(tmp_path)
     written = yaml.safe_load((folder / "session.yaml").read_text())
     written["cover"]["correlations"] = pairs

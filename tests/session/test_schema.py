@@ -1,4 +1,6 @@
-"""Mappings of any kind are read, or refused in a sentence; numbers that are written read as the same numbers."""
+"""Mappings of any kind are read, or refused in a sentence; numbers that are written read as the
+same numbers.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,7 +19,12 @@ from calib.session.schema import Number, Quantity, Section
 from calib.session.session import session_from_mapping, session_to_yaml
 from tests.session.malformed import CONE, DOME, FLAT, SESSION
 
-QUANTITIES = [SQUARE, *PINHOLE, COEFFICIENT, *{quantity.key: quantity for shape in SHAPES.values() for quantity in shape}.values()]
+QUANTITIES = [
+    SQUARE,
+    *PINHOLE,
+    COEFFICIENT,
+    *{quantity.key: quantity for shape in SHAPES.values() for quantity in shape}.values(),
+]
 
 
 def read(quantity: Quantity, written: object) -> Number:
@@ -30,7 +37,9 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @given(data=st.data(), quantity=st.sampled_from(QUANTITIES))
-def test_a_number_that_was_read_is_written_and_read_as_the_same(file: Path, data: st.DataObject, quantity: Quantity) -> None:
+def test_a_number_that_was_read_is_written_and_read_as_the_same(
+    file: Path, data: st.DataObject, quantity: Quantity
+) -> None:
     """Through YAML text, to the last bit, its sigma too."""
     value = data.draw(st.floats(max(quantity.low, -1e300), min(quantity.high, 1e300)), "value")
     sigma = data.draw(st.one_of(st.none(), st.floats(1e-100, 1e100)), "sigma")
@@ -40,21 +49,47 @@ def test_a_number_that_was_read_is_written_and_read_as_the_same(file: Path, data
 
 
 @given(quantity=st.sampled_from(QUANTITIES), share=st.floats(0, 1))
-def test_a_number_that_was_computed_comes_back_to_the_last_bit_but_one(quantity: Quantity, share: float) -> None:
+def test_a_number_that_was_computed_comes_back_to_the_last_bit_but_one(
+    quantity: Quantity, share: float
+) -> None:
     low, high = max(quantity.low, -1e6), min(quantity.high, 1e6)
     value = (low + share * (high - low)) / quantity.unit[1]
     written = quantity.to_yaml(Number(value))
     assert isinstance(written, float)
-    assert written / quantity.unit[1] == pytest.approx(value, rel=4.5e-16, abs=5e-324)  # two units of the last place
+    assert written / quantity.unit[1] == pytest.approx(
+        value, rel=4.5e-16, abs=5e-324
+    )  # two units of the last place
 
 
-words = st.one_of(st.text(max_size=8), st.sampled_from(["cone", "flat", "dome", "none", "cylinder", "1.5", "3 mm", "nan", "-"]))
+words = st.one_of(
+    st.text(max_size=8),
+    st.sampled_from(["cone", "flat", "dome", "none", "cylinder", "1.5", "3 mm", "nan", "-"]),
+)
 scalars = st.one_of(
-    st.none(), st.booleans(), st.integers(-(10**17), 10**18 - 1), st.floats(), st.sampled_from([0.05, 1.5, 3, 20, 1000]), words
+    st.none(),
+    st.booleans(),
+    st.integers(-(10**17), 10**18 - 1),
+    st.floats(),
+    st.sampled_from([0.05, 1.5, 3, 20, 1000]),
+    words,
 )
 keys = st.one_of(
     words,
-    st.sampled_from(["format", "board", "camera", "cover", "columns", "rows", "square_mm", "width", "height", "model", "intrinsics"]),
+    st.sampled_from(
+        [
+            "format",
+            "board",
+            "camera",
+            "cover",
+            "columns",
+            "rows",
+            "square_mm",
+            "width",
+            "height",
+            "model",
+            "intrinsics",
+        ]
+    ),
     st.sampled_from(
         [
             "fx",
@@ -74,11 +109,16 @@ keys = st.one_of(
     ),
 )
 nested = st.recursive(
-    scalars, lambda inner: st.one_of(st.lists(inner, max_size=5), st.dictionaries(keys, inner, max_size=5)), max_leaves=12
+    scalars,
+    lambda inner: st.one_of(st.lists(inner, max_size=5), st.dictionaries(keys, inner, max_size=5)),
+    max_leaves=12,
 )
 """What `read_yaml` may return: its keys are text, and what has 19 digits or more is a float."""
 
-GOOD = [yaml.safe_load(SESSION.replace(CONE, cover)) for cover in (CONE, FLAT, DOME.replace("40.0", "20.0"), "  shape: none\n")]
+GOOD = [
+    yaml.safe_load(SESSION.replace(CONE, cover))
+    for cover in (CONE, FLAT, DOME.replace("40.0", "20.0"), "  shape: none\n")
+]
 
 
 def places(mapping: Mapping[str, object], path: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
@@ -91,9 +131,14 @@ def places(mapping: Mapping[str, object], path: tuple[str, ...] = ()) -> list[tu
     return found
 
 
-def changed(mapping: Mapping[str, object], path: tuple[str, ...], value: object) -> dict[str, object]:
+def changed(
+    mapping: Mapping[str, object], path: tuple[str, ...], value: object
+) -> dict[str, object]:
     inner = mapping[path[0]] if len(path) > 1 else None
-    return {**mapping, path[0]: changed(inner, path[1:], value) if isinstance(inner, Mapping) else value}
+    return {
+        **mapping,
+        path[0]: changed(inner, path[1:], value) if isinstance(inner, Mapping) else value,
+    }
 
 
 def read_or_refused(mapping: Mapping[str, object]) -> bool:
@@ -107,7 +152,11 @@ def read_or_refused(mapping: Mapping[str, object]) -> bool:
     if refused:
         assert refused.startswith("session.yaml: ")
         return False
-    assert session_from_mapping(session_to_yaml(board, camera, cover), "again") == (board, camera, cover)
+    assert session_from_mapping(session_to_yaml(board, camera, cover), "again") == (
+        board,
+        camera,
+        cover,
+    )
     return True
 
 

@@ -10,8 +10,25 @@ import yaml
 from calib.corners.corners_file import read_corners
 from calib.errors import RefracalError
 from calib.session.cover import SHAPES
-from calib.session.session import Board, Number, Session, check_images, read_session, session_from_mapping, session_to_yaml
-from tests.session.malformed import CONE, INTRINSICS, MALFORMED, SESSION, WITH_CORNERS, Malformed, checkerboard, write_good_session
+from calib.session.session import (
+    Board,
+    Number,
+    Session,
+    check_images,
+    read_session,
+    session_from_mapping,
+    session_to_yaml,
+)
+from tests.session.malformed import (
+    CONE,
+    INTRINSICS,
+    MALFORMED,
+    SESSION,
+    WITH_CORNERS,
+    Malformed,
+    checkerboard,
+    write_good_session,
+)
 
 
 def read_everything(folder: Path) -> Session:
@@ -50,7 +67,10 @@ def test_good_session_is_accepted(text: str, folder: Path) -> None:
 
 
 def test_numbers_are_in_si_units_and_defaults_are_filled_in(folder: Path) -> None:
-    changed = CONE.replace("3.0", "{value: 3.0, sigma: 0.5}") + "  tilt_deg: [-9, {value: 18, sigma: 1.8}]\n"
+    changed = (
+        CONE.replace("3.0", "{value: 3.0, sigma: 0.5}")
+        + "  tilt_deg: [-9, {value: 18, sigma: 1.8}]\n"
+    )
     (folder / "session.yaml").write_text(SESSION.replace(CONE, changed))
     cover = read_session(folder).cover
     assert cover.shape == "cone"
@@ -65,7 +85,9 @@ def test_numbers_are_in_si_units_and_defaults_are_filled_in(folder: Path) -> Non
 
 def test_yaml_numbers_are_read_as_people_write_them(folder: Path) -> None:
     """YAML 1.1 would read 1e-1 as text, 0600 as octal and 1:30 as 90."""
-    (folder / "session.yaml").write_text(SESSION.replace("-0.105", "-1e-1").replace("drawn", "1:30").replace("20.0", "020"))
+    (folder / "session.yaml").write_text(
+        SESSION.replace("-0.105", "-1e-1").replace("drawn", "1:30").replace("20.0", "020")
+    )
     session = read_session(folder)
     assert session.cover.parameters["radius_slope"] == Number(-0.1)
     assert session.camera.model == "1:30"
@@ -74,10 +96,18 @@ def test_yaml_numbers_are_read_as_people_write_them(folder: Path) -> None:
 
 @pytest.mark.parametrize(
     ("written", "sigma", "relative"),
-    [("20.0", None, 0.002), ("{value: 20.0, sigma: 0.05}", 5e-5, 0.0025), ("{value: 20.0, exact: true}", 0.0, 0.0)],
+    [
+        ("20.0", None, 0.002),
+        ("{value: 20.0, sigma: 0.05}", 5e-5, 0.0025),
+        ("{value: 20.0, exact: true}", 0.0, 0.0),
+    ],
 )
-def test_how_well_a_square_is_known(folder: Path, written: str, sigma: float | None, relative: float) -> None:
-    (folder / "session.yaml").write_text(SESSION.replace("square_mm: 20.0", f"square_mm: {written}"))
+def test_how_well_a_square_is_known(
+    folder: Path, written: str, sigma: float | None, relative: float
+) -> None:
+    (folder / "session.yaml").write_text(
+        SESSION.replace("square_mm: 20.0", f"square_mm: {written}")
+    )
     session = read_session(folder)
     board = session.board
     assert board.square_sigma == sigma
@@ -89,7 +119,10 @@ def test_how_well_a_square_is_known(folder: Path, written: str, sigma: float | N
 @pytest.mark.parametrize("digits", [15, 17])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_written_setup_reads_as_the_same_numbers(shape: str, digits: int) -> None:
-    """Through a YAML file, with every key of each shape. Numbers that a person could have written come back to the digit."""
+    """Through a YAML file, with every key of each shape.
+
+    Numbers that a person could have written come back to the digit.
+    """
     rng = np.random.default_rng(7)
     for _ in range(50):
         mapping = random_setup(shape, rng, digits)
@@ -118,10 +151,16 @@ def random_setup(shape: str, rng: np.random.Generator, digits: int) -> dict[str,
     model = ("opencv", "fisheye", "splined")[rng.integers(3)]
     count = 8 if model == "opencv" else 4
     intrinsics: dict[str, object] = {} if model == "opencv" else {"model": model}
-    intrinsics |= {key: number(300, 400) for key in ("fx", "fy", "cx", "cy")} | {"distortion": [number(-1, 1) for _ in range(count)]}
+    intrinsics |= {key: number(300, 400) for key in ("fx", "fy", "cx", "cy")} | {
+        "distortion": [number(-1, 1) for _ in range(count)]
+    }
     if model == "splined":
-        intrinsics["spline"] = {"columns": 4, "rows": 5} | {key: [uniform(-9, 9) for _ in range(20)] for key in ("x_px", "y_px")}
-    intrinsics["correlations"] = [[uniform(-0.05, 0.05) for _ in range(row)] for row in range(1, count + 4)]
+        intrinsics["spline"] = {"columns": 4, "rows": 5} | {
+            key: [uniform(-9, 9) for _ in range(20)] for key in ("x_px", "y_px")
+        }
+    intrinsics["correlations"] = [
+        [uniform(-0.05, 0.05) for _ in range(row)] for row in range(1, count + 4)
+    ]
     camera = {
         "width": 320,
         "height": 240,
@@ -130,12 +169,22 @@ def random_setup(shape: str, rng: np.random.Generator, digits: int) -> dict[str,
         **({"lens_coefficients": 8} if model == "opencv" else {"lens": model}),
         "shutter": {"type": "rolling", "readout_ms": 33.3},
     }
-    return {"board": {"columns": 6, "rows": 5, "square_mm": uniform(1, 100)}, "camera": camera, "cover": cover}
+    return {
+        "board": {"columns": 6, "rows": 5, "square_mm": uniform(1, 100)},
+        "camera": camera,
+        "cover": cover,
+    }
 
 
 def test_tilted_axis_is_what_the_camera_must_be_inside_of(folder: Path) -> None:
-    """42 mm before a radius of 41.95 mm; a tilt of 10 degrees about x brings a cylinder's axis to 42 cos(10 deg) = 41.4 mm."""
-    cylinder = CONE.replace("cone", "cylinder").replace("  radius_slope: -0.105\n", "").replace("-30.0", "-42.0")
+    """42 mm before a radius of 41.95 mm; a tilt of 10 degrees about x brings a cylinder's axis to
+    42 cos(10 deg) = 41.4 mm.
+    """
+    cylinder = (
+        CONE.replace("cone", "cylinder")
+        .replace("  radius_slope: -0.105\n", "")
+        .replace("-30.0", "-42.0")
+    )
     (folder / "session.yaml").write_text(SESSION.replace(CONE, cylinder))
     with pytest.raises(RefracalError, match="outside the cylinder"):
         read_session(folder)
@@ -145,13 +194,18 @@ def test_tilted_axis_is_what_the_camera_must_be_inside_of(folder: Path) -> None:
 
 @pytest.mark.parametrize(("tilt", "inside"), [(20, False), (-20, True)])
 def test_cone_is_measured_beside_the_camera(tilt: int, inside: bool, folder: Path) -> None:
-    """The axis passes behind the camera. Tipped forwards it comes by further down, where this cone is narrower by 10 mm; else wider."""
+    """The axis passes behind the camera.
+
+    Tipped forwards it comes by further down, where this cone is narrower by 10 mm; else wider.
+    """
     steep = CONE.replace("-0.105", "-1.0").replace("41.95", "36.0") + f"  tilt_deg: [{tilt}, 0]\n"
     (folder / "session.yaml").write_text(SESSION.replace(CONE, steep))
     if inside:
         assert read_session(folder).cover.parameters["inner_radius"] == Number(0.036)
     else:
-        with pytest.raises(RefracalError, match=r"28\.19.* mm from its axis where the inner radius is 25\.7"):
+        with pytest.raises(
+            RefracalError, match=r"28\.19.* mm from its axis where the inner radius is 25\.7"
+        ):
             read_session(folder)
 
 
@@ -170,13 +224,21 @@ def test_bare_pictures_share_board_and_size(folder: Path) -> None:
     np.save(folder / "bare" / "0.npy", checkerboard(50, 30))
     session = read_everything(folder)
     assert session.bare is not None
-    assert (session.bare.board, session.bare.camera, session.bare.cover.shape) == (session.board, session.camera, "none")
+    assert (session.bare.board, session.bare.camera, session.bare.cover.shape) == (
+        session.board,
+        session.camera,
+        "none",
+    )
     assert session.bare.frames == (folder / "bare" / "0.npy",)
 
 
 def test_bare_session_has_its_own_board_and_corners(folder: Path) -> None:
     (folder / "session.yaml").write_text(SESSION.replace(INTRINSICS, ""))
-    own = WITH_CORNERS.replace(CONE, "  shape: none\n").replace("columns: 6", "columns: 7").replace("corners.vnl", "../corners.vnl")
+    own = (
+        WITH_CORNERS.replace(CONE, "  shape: none\n")
+        .replace("columns: 6", "columns: 7")
+        .replace("corners.vnl", "../corners.vnl")
+    )
     (folder / "bare").mkdir()
     (folder / "bare" / "session.yaml").write_text(own)
     bare = read_session(folder).bare

@@ -1,4 +1,6 @@
-"""docs/tolerances.md has the table of calib/session/tolerances.py, and every number that a cover can have is of one of its kinds."""
+"""docs/tolerances.md has the table of calib/session/tolerances.py, and every number that a cover
+can have is of one of its kinds.
+"""
 
 import math
 import re
@@ -26,5 +28,7 @@ def test_the_page_has_the_table() -> None:
 def test_every_number_of_a_cover_has_one_tolerance_or_none() -> None:
     named = [parameter for freeable in COVER for parameter in freeable.parameters]
     assert len(named) == len(set(named))
-    every = {name for quantities in SHAPES.values() for quantity in quantities for name in quantity.names}
+    every = {
+        name for quantities in SHAPES.values() for quantity in quantities for name in quantity.names
+    }
     assert every - set(named) == {"outside_index"}

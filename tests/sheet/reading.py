@@ -43,16 +43,26 @@ def rasterise(pdf: bytes, dpi: float = 300) -> Raster:
 
 
 def exposed(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """As a camera would, that cuts off neither black nor white: what is cut off says nothing of a corner."""
+    """As a camera would, that cuts off neither black nor white: what is cut off says nothing of a
+    corner.
+    """
     return np.asarray(25 + 0.8 * grey, np.uint8)
 
 
 def words_of(pdf: bytes) -> list[tuple[str, NDArray[np.float64]]]:
-    """Each stretch of text, and (4,) mm its left, upper, right and lower edge, as the reader finds them."""
+    """Each stretch of text, and (4,) mm its left, upper, right and lower edge, as the reader finds
+    them.
+    """
     page = pypdfium2.PdfDocument(pdf)[0]
     text, height = page.get_textpage(), page.get_height()
     boxes = [text.get_rect(i) for i in range(text.count_rects())]
-    return [(text.get_text_bounded(*box), np.array([box[0], height - box[3], box[2], height - box[1]]) * MM) for box in boxes]
+    return [
+        (
+            text.get_text_bounded(*box),
+            np.array([box[0], height - box[3], box[2], height - box[1]]) * MM,
+        )
+        for box in boxes
+    ]
 
 
 def pdf_polygons(pdf: bytes) -> NDArray[np.float64]:
@@ -67,4 +77,6 @@ def svg_polygons(svg: str) -> NDArray[np.float64]:
     """(polygons, 4, 2), as written."""
     path = ElementTree.fromstring(svg).find(f"{SVG}path[@id='target']")
     assert path is not None
-    return np.array([float(number) for number in re.findall(r"-?[\d.]+", path.attrib["d"])]).reshape(-1, 4, 2)
+    return np.array(
+        [float(number) for number in re.findall(r"-?[\d.]+", path.attrib["d"])]
+    ).reshape(-1, 4, 2)

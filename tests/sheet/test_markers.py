@@ -1,4 +1,6 @@
-"""Targets with markers, which sessions cannot read yet: as OpenCV and Kalibr draw them, and found where the sheet says."""
+"""Targets with markers, which sessions cannot read yet: as OpenCV and Kalibr draw them, and found
+where the sheet says.
+"""
 
 import cv2
 import numpy as np
@@ -31,7 +33,9 @@ charucos = pytest.mark.parametrize(
         (Charuco(7, 6, legacy_pattern=True), None),
     ],
 )
-grids = pytest.mark.parametrize(("grid", "side"), [(AprilGrid(6, 6), None), (AprilGrid(5, 4, spacing=0.25), 30.0)])
+grids = pytest.mark.parametrize(
+    ("grid", "side"), [(AprilGrid(6, 6), None), (AprilGrid(5, 4, spacing=0.25), 30.0)]
+)
 
 
 def made(pattern: Pattern, side: float | None) -> tuple[Sheet, Raster]:
@@ -46,13 +50,17 @@ def made(pattern: Pattern, side: float | None) -> tuple[Sheet, Raster]:
 def measured(raster: Raster, rough: NDArray) -> NDArray[np.float64]:
     """(N, 2) mm, from (N, 2) px that are near."""
     grey = cv2.GaussianBlur(eight_bits(raster.grey), (0, 0), 1.5)
-    found = cv2.cornerSubPix(grey, rough.reshape(-1, 1, 2).astype(np.float32), (11, 11), (-1, -1), STOP)
+    found = cv2.cornerSubPix(
+        grey, rough.reshape(-1, 1, 2).astype(np.float32), (11, 11), (-1, -1), STOP
+    )
     return raster.place(found.reshape(-1, 2).astype(np.float64))
 
 
 def opencv_s(board: Charuco) -> cv2.aruco.CharucoBoard:
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
-    drawn = cv2.aruco.CharucoBoard((board.columns + 1, board.rows + 1), 1.0, board.marker, dictionary)
+    drawn = cv2.aruco.CharucoBoard(
+        (board.columns + 1, board.rows + 1), 1.0, board.marker, dictionary
+    )
     drawn.setLegacyPattern(board.legacy_pattern)
     return drawn
 
@@ -65,8 +73,12 @@ def test_a_charuco_is_opencv_s(board: Charuco, side: float | None) -> None:
     theirs = opencv_s(board).generateImage(tuple(int(n) for n in 120 * extent), None, 0, 1)
     zero = (np.array(sheet.corners[0]) - sheet.side) / raster.mm
     scale = sheet.side / 120 / raster.mm
-    onto = np.array([[scale[0], 0, zero[0] + scale[0] / 2 - 0.5], [0, scale[1], zero[1] + scale[1] / 2 - 0.5]])
-    ours = cv2.warpAffine(raster.grey, onto, theirs.shape[::-1], flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+    onto = np.array(
+        [[scale[0], 0, zero[0] + scale[0] / 2 - 0.5], [0, scale[1], zero[1] + scale[1] / 2 - 0.5]]
+    )
+    ours = cv2.warpAffine(
+        raster.grey, onto, theirs.shape[::-1], flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    )
     inside = cv2.dilate(theirs, np.ones((5, 5))) == cv2.erode(theirs, np.ones((5, 5)))
     assert inside.mean() > 0.75
     assert np.array_equal(ours[inside] > 127, theirs[inside] > 127)
@@ -74,7 +86,9 @@ def test_a_charuco_is_opencv_s(board: Charuco, side: float | None) -> None:
 
 @charucos
 def test_every_corner_of_a_charuco_is_found(board: Charuco, side: float | None) -> None:
-    """OpenCV names the corners; before version 5 its places were half a pixel off, so they are measured again."""
+    """OpenCV names the corners; before version 5 its places were half a pixel off, so they are
+    measured again.
+    """
     sheet, raster = made(board, side)
     rough, names, _, _ = cv2.aruco.CharucoDetector(opencv_s(board)).detectBoard(raster.grey)
     assert names.ravel().tolist() == list(range(len(sheet.corners)))
@@ -84,7 +98,9 @@ def test_every_corner_of_a_charuco_is_found(board: Charuco, side: float | None) 
 
 @grids
 def test_every_corner_of_an_aprilgrid_is_found(grid: AprilGrid, side: float | None) -> None:
-    """Each tag's four corners, where the number of a tag says: 0 at the lower left, then to the right, then up."""
+    """Each tag's four corners, where the number of a tag says: 0 at the lower left, then to the
+    right, then up.
+    """
     sheet, raster = made(grid, side)
     options = cv2.aruco.DetectorParameters()
     options.markerBorderBits = 2
@@ -96,7 +112,9 @@ def test_every_corner_of_an_aprilgrid_is_found(grid: AprilGrid, side: float | No
         number = int(name)
         i, j = number % grid.columns, grid.rows - 1 - number // grid.columns
         upper, lower = expected[2 * j, 2 * i : 2 * i + 2], expected[2 * j + 1, 2 * i : 2 * i + 2]
-        turned = np.array([lower[1], lower[0], upper[0], upper[1]])  # clockwise from OpenCV's first, which is upside down
+        turned = np.array(
+            [lower[1], lower[0], upper[0], upper[1]]
+        )  # clockwise from OpenCV's first, which is upside down
         off = np.linalg.norm(measured(raster, np.asarray(rough)) - turned, axis=1)
         assert off.max() < 0.05, f"tag {number}: {off.max():.4f} mm"
 
@@ -107,7 +125,10 @@ def test_tags_have_kalibr_s_bits() -> None:
     expected = np.array(sheet.corners).reshape(12, 12, 2)
     for number, code in KALIBR.items():
         i, j = number % 6, 5 - number // 6
-        cells = expected[2 * j, 2 * i] + (np.indices((10, 10)).transpose(1, 2, 0)[..., ::-1] + 0.5) * sheet.side / 10
+        cells = (
+            expected[2 * j, 2 * i]
+            + (np.indices((10, 10)).transpose(1, 2, 0)[..., ::-1] + 0.5) * sheet.side / 10
+        )
         x, y = np.rint(cells / raster.mm - 0.5).astype(int).reshape(-1, 2).T
         white = (raster.grey[y, x] > 127).reshape(10, 10)
         bits = [bool(code >> (35 - k) & 1) for k in range(36)]
@@ -117,5 +138,11 @@ def test_tags_have_kalibr_s_bits() -> None:
 
 @pytest.mark.parametrize("board", [Charuco(11, 11, dictionary="DICT_4X4_50"), AprilGrid(25, 24)])
 def test_more_markers_than_there_are(board: Pattern) -> None:
-    with pytest.raises(InputError, match=r"the board needs (72|600) markers where DICT_\w+ has (50|587): take fewer columns or rows"):
+    with pytest.raises(
+        InputError,
+        match=(
+            r"the board needs (72|600) markers where DICT_\w+ has (50|587): take fewer columns or"
+            r" rows"
+        ),
+    ):
         board.draw(10.0)

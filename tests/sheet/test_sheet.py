@@ -1,4 +1,6 @@
-"""The printed board is where the sheet says that it is, at true scale, with rulers and words beside it and not on it."""
+"""The printed board is where the sheet says that it is, at true scale, with rulers and words beside
+it and not on it.
+"""
 
 import re
 from xml.etree import ElementTree
@@ -13,7 +15,16 @@ from calib.sheet.layout import EDGE
 from calib.sheet.pdf import to_pdf
 from calib.sheet.sheet import Sheet
 from calib.sheet.svg import to_svg
-from tests.sheet.reading import MM, SVG, exposed, made, pdf_polygons, rasterise, svg_polygons, words_of
+from tests.sheet.reading import (
+    MM,
+    SVG,
+    exposed,
+    made,
+    pdf_polygons,
+    rasterise,
+    svg_polygons,
+    words_of,
+)
 
 SHEETS = [
     ("A4", 9, 6, None),
@@ -27,13 +38,17 @@ SHEETS = [
     ("600x400", 14, 9, None),
     ("120x160", 5, 4, None),
 ]
-"""Each paper, upright and across, with squares as large as they can be and given, with as little white as there may be."""
+"""Each paper, upright and across, with squares as large as they can be and given, with as little
+white as there may be.
+"""
 
 each_sheet = pytest.mark.parametrize(("paper", "columns", "rows", "side"), SHEETS)
 
 
 @each_sheet
-def test_the_detector_finds_every_corner_where_the_sheet_says(paper: str, columns: int, rows: int, side: float | None) -> None:
+def test_the_detector_finds_every_corner_where_the_sheet_says(
+    paper: str, columns: int, rows: int, side: float | None
+) -> None:
     """0.05 mm is a third of a pixel at 150 dpi; the largest that was seen is 0.0074 mm."""
     sheet = made(paper, columns, rows, side)
     raster = rasterise(to_pdf(sheet), 150)
@@ -49,25 +64,35 @@ def test_the_detector_finds_the_sheet_on_black(columns: int, rows: int, side: fl
     sheet = made("A4", columns, rows, side)
     raster = rasterise(to_pdf(sheet), 150)
     around = 100
-    found = find_corners(exposed(np.pad(raster.grey, around)), Board(columns, rows, sheet.side / 1000))
+    found = find_corners(
+        exposed(np.pad(raster.grey, around)), Board(columns, rows, sheet.side / 1000)
+    )
     assert found
     off = np.linalg.norm(raster.place(found.corners - around) - sheet.corners, axis=1)
     assert off.max() < 0.05, f"{off.max():.4f} mm"
 
 
 @each_sheet
-def test_corners_are_the_boards_points(paper: str, columns: int, rows: int, side: float | None) -> None:
+def test_corners_are_the_boards_points(
+    paper: str, columns: int, rows: int, side: float | None
+) -> None:
     sheet = made(paper, columns, rows, side)
     corners = np.array(sheet.corners)
-    assert np.abs(corners - corners.mean(0) - Board(columns, rows, sheet.side).points()).max() < 1e-9
+    assert (
+        np.abs(corners - corners.mean(0) - Board(columns, rows, sheet.side).points()).max() < 1e-9
+    )
 
 
 @each_sheet
-def test_both_files_have_the_same_shapes_at_the_same_scale(paper: str, columns: int, rows: int, side: float | None) -> None:
+def test_both_files_have_the_same_shapes_at_the_same_scale(
+    paper: str, columns: int, rows: int, side: float | None
+) -> None:
     sheet = made(paper, columns, rows, side)
     pdf, svg = to_pdf(sheet), to_svg(sheet)
     assert np.array_equal(pdf_polygons(pdf), svg_polygons(svg))
-    assert np.abs(svg_polygons(svg) - np.array(sheet.polygons)).max() <= 0.5e-4 + 1e-9  # the last digit that is written
+    assert (
+        np.abs(svg_polygons(svg) - np.array(sheet.polygons)).max() <= 0.5e-4 + 1e-9
+    )  # the last digit that is written
     root = ElementTree.fromstring(svg)
     size = (sheet.paper.width, sheet.paper.height)
     assert [float(root.attrib[key].removesuffix("mm")) for key in ("width", "height")] == list(size)
@@ -81,7 +106,9 @@ def test_the_pdf_s_table_leads_to_its_objects() -> None:
     """Readers repair a wrong one in silence, printers may not."""
     pdf = to_pdf(made("A4"))
     start = int(pdf.rsplit(b"startxref\n", 1)[1].split()[0])
-    offsets = [int(offset) for offset in re.findall(rb"^(\d{10}) 00000 n $", pdf[start:], re.MULTILINE)]
+    offsets = [
+        int(offset) for offset in re.findall(rb"^(\d{10}) 00000 n $", pdf[start:], re.MULTILINE)
+    ]
     assert [pdf[offset:].split(b" ", 1)[0] for offset in offsets] == [b"1", b"2", b"3", b"4", b"5"]
     length = re.search(rb"/Length (\d+) >>\nstream\n", pdf)
     assert length
@@ -89,7 +116,9 @@ def test_the_pdf_s_table_leads_to_its_objects() -> None:
 
 
 @each_sheet
-def test_words_are_text_inside_the_page_and_off_the_board(paper: str, columns: int, rows: int, side: float | None) -> None:
+def test_words_are_text_inside_the_page_and_off_the_board(
+    paper: str, columns: int, rows: int, side: float | None
+) -> None:
     sheet = made(paper, columns, rows, side)
     stretches = words_of(to_pdf(sheet))
     said = " ".join(words for words, _ in stretches)
@@ -98,11 +127,17 @@ def test_words_are_text_inside_the_page_and_off_the_board(paper: str, columns: i
     assert "Print at 100 %, no scaling." in said
     assert f"VALUE = {sheet.side:g} * (a / {a} + b / {b}) / 2" in " ".join(said.split())
     boxes = np.array([box for _, box in stretches])
-    assert (boxes[:, :2] > EDGE - 0.5).all(), "letters reach over their own origin by some tenths of a mm"
+    assert (boxes[:, :2] > EDGE - 0.5).all(), (
+        "letters reach over their own origin by some tenths of a mm"
+    )
     assert (boxes[:, 2] < sheet.paper.width - EDGE + 0.5).all()
-    assert (boxes[:, 3] < sheet.paper.height - EDGE + 1).all(), "what hangs below the last line's baseline"
+    assert (boxes[:, 3] < sheet.paper.height - EDGE + 1).all(), (
+        "what hangs below the last line's baseline"
+    )
     left, right, top, bottom = _edges(sheet)
-    beside = (boxes[:, 2] < left) | (boxes[:, 0] > right) | (boxes[:, 3] < top) | (boxes[:, 1] > bottom)
+    beside = (
+        (boxes[:, 2] < left) | (boxes[:, 0] > right) | (boxes[:, 3] < top) | (boxes[:, 1] > bottom)
+    )
     assert beside.all()
 
 
@@ -115,26 +150,49 @@ def test_both_files_say_the_same() -> None:
 
 
 @each_sheet
-def test_rulers_are_as_long_as_they_say(paper: str, columns: int, rows: int, side: float | None) -> None:
-    """Along each ruler: a tick every millimetre from 0 to its length, all off the board, and each number at its tick."""
+def test_rulers_are_as_long_as_they_say(
+    paper: str, columns: int, rows: int, side: float | None
+) -> None:
+    """Along each ruler: a tick every millimetre from 0 to its length, all off the board, and each
+    number at its tick.
+    """
     sheet = made(paper, columns, rows, side)
-    stretches = [(words.split()[0], box.reshape(2, 2).mean(0)) for words, box in words_of(to_pdf(sheet)) if re.fullmatch(r"\d+\s*", words)]
+    stretches = [
+        (words.split()[0], box.reshape(2, 2).mean(0))
+        for words, box in words_of(to_pdf(sheet))
+        if re.fullmatch(r"\d+\s*", words)
+    ]
     lines = ElementTree.fromstring(to_svg(sheet)).iter(f"{SVG}line")
-    ends = np.array([[[float(line.attrib[f"{axis}{end}"]) for axis in "xy"] for end in (1, 2)] for line in lines])  # (lines, 2, 2)
+    ends = np.array(
+        [
+            [[float(line.attrib[f"{axis}{end}"]) for axis in "xy"] for end in (1, 2)]
+            for line in lines
+        ]
+    )  # (lines, 2, 2)
     left, _, _, bottom = _edges(sheet)
     for axis, length in enumerate(sheet.rulers):
         along = ends[..., axis]
-        ticks = ends[(along[:, 0] == along[:, 1]) & (np.abs(ends[:, 1] - ends[:, 0]).sum(-1) < 5)]  # not the other ruler's whole length
+        ticks = ends[
+            (along[:, 0] == along[:, 1]) & (np.abs(ends[:, 1] - ends[:, 0]).sum(-1) < 5)
+        ]  # not the other ruler's whole length
         ours = ticks[ticks[:, 0, 1] > bottom] if axis == 0 else ticks[ticks[:, 0, 0] < left]
         places = np.sort(ours[:, 0, axis])
         assert len(places) == length + 1
-        assert np.abs(places - places[0] - np.arange(length + 1)).max() < 1.1e-4  # twice what the last digit rounds
+        assert (
+            np.abs(places - places[0] - np.arange(length + 1)).max() < 1.1e-4
+        )  # twice what the last digit rounds
         outward = 1 if axis == 0 else -1
         beside = ours[0, 0, 1 - axis]
-        numbers = {int(words): at[axis] for words, at in stretches if 0 < outward * (at[1 - axis] - beside) < 6}
+        numbers = {
+            int(words): at[axis]
+            for words, at in stretches
+            if 0 < outward * (at[1 - axis] - beside) < 6
+        }
         assert set(numbers) >= set(range(0, length, 10))  # the last has its unit with it
         zero = places[0] if axis == 0 else places[-1]
-        assert all(abs(at - zero - outward * number) < 0.3 for number, at in numbers.items()), "a digit is 1 mm wide"
+        assert all(abs(at - zero - outward * number) < 0.3 for number, at in numbers.items()), (
+            "a digit is 1 mm wide"
+        )
 
 
 @pytest.mark.parametrize("paper", ["A4", "A3", "Letter", "600x400", "160x120"])
@@ -152,7 +210,9 @@ def test_the_white_is_as_wide_as_the_sheet_says() -> None:
     left, right, top, bottom = _edges(sheet)
     y, x = np.nonzero(raster.grey < 128)
     ink = raster.place(np.stack([x, y], -1))
-    away = np.maximum.reduce([left - ink[:, 0], ink[:, 0] - right, top - ink[:, 1], ink[:, 1] - bottom])
+    away = np.maximum.reduce(
+        [left - ink[:, 0], ink[:, 0] - right, top - ink[:, 1], ink[:, 1] - bottom]
+    )
     beyond = away[away > 0.1]
     assert beyond.min() == pytest.approx(sheet.white, abs=0.15)  # a pixel and a line's half width
     assert min(left, sheet.paper.width - right, top) >= sheet.white - 1e-9
@@ -164,13 +224,24 @@ def test_the_white_is_as_wide_as_the_sheet_says() -> None:
         (
             "A4",
             26.0,
-            "9x6 corners with squares of 26 mm have no room on A4 beside rulers and words: "
-            "squares of up to 25 mm do, of up to 20 mm with a white margin as wide as they are.",
+            (
+                "9x6 corners with squares of 26 mm have no room on A4 beside rulers and words: "
+                "squares of up to 25 mm do, of up to 20 mm with a white margin as wide as they are."
+            ),
         ),
-        ("60x60", None, "9x6 corners have no room on 60 × 60 mm beside rulers and words: take a larger --paper, or fewer corners."),
+        (
+            "60x60",
+            None,
+            (
+                "9x6 corners have no room on 60 × 60 mm beside rulers and words: take a larger"
+                " --paper, or fewer corners."
+            ),
+        ),
     ],
 )
-def test_a_board_that_does_not_fit_says_what_does(paper: str, side: float | None, says: str) -> None:
+def test_a_board_that_does_not_fit_says_what_does(
+    paper: str, side: float | None, says: str
+) -> None:
     with pytest.raises(InputError) as refused:
         made(paper, side=side)
     assert str(refused.value) == says
@@ -179,4 +250,9 @@ def test_a_board_that_does_not_fit_says_what_does(paper: str, side: float | None
 def _edges(sheet: Sheet) -> tuple[float, float, float, float]:
     """mm, of the board: left, right, top and bottom."""
     points = np.array(sheet.polygons).reshape(-1, 2)
-    return float(points[:, 0].min()), float(points[:, 0].max()), float(points[:, 1].min()), float(points[:, 1].max())
+    return (
+        float(points[:, 0].min()),
+        float(points[:, 0].max()),
+        float(points[:, 1].min()),
+        float(points[:, 1].max()),
+    )

@@ -26,9 +26,23 @@ def cone() -> Calibration:
 
 def dome() -> Calibration:
     """Whose centre is 6 mm behind the pinhole: a small one, so that rays bend."""
-    numbers = {"inner_radius": 0.02, "centre.x": 1e-3, "centre.y": -5e-4, "centre.z": -6e-3, "thickness": 3e-3}
-    cover = Cover("dome", {name: Number(value) for name, value in (numbers | {"refractive_index": 1.5, "outside_index": 1.34}).items()})
-    return known(scene(2, views=1, cover=cover, patch=((-0.5, -0.5), (0.5, 0.5)), amplitude=1e-9), *SIZE)
+    numbers = {
+        "inner_radius": 0.02,
+        "centre.x": 1e-3,
+        "centre.y": -5e-4,
+        "centre.z": -6e-3,
+        "thickness": 3e-3,
+    }
+    cover = Cover(
+        "dome",
+        {
+            name: Number(value)
+            for name, value in (numbers | {"refractive_index": 1.5, "outside_index": 1.34}).items()
+        },
+    )
+    return known(
+        scene(2, views=1, cover=cover, patch=((-0.5, -0.5), (0.5, 0.5)), amplitude=1e-9), *SIZE
+    )
 
 
 def narrow() -> Calibration:
@@ -36,10 +50,14 @@ def narrow() -> Calibration:
     return lens_alone(scene(1, views=1), *SIZE, 400.0, 400.0, 409.5, 307.5, -0.35)
 
 
-EACH = pytest.mark.parametrize("made", [cone, dome, narrow], ids=["cone", "dome", "a lens that folds"])
+EACH = pytest.mark.parametrize(
+    "made", [cone, dome, narrow], ids=["cone", "dome", "a lens that folds"]
+)
 
 
-def both(monkeypatch: pytest.MonkeyPatch, found: Callable[[], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def both(
+    monkeypatch: pytest.MonkeyPatch, found: Callable[[], np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
     """Through the field, and traced."""
     monkeypatch.setattr(room, "MANY", 0)
     through = found()
@@ -48,10 +66,14 @@ def both(monkeypatch: pytest.MonkeyPatch, found: Callable[[], np.ndarray]) -> tu
 
 
 @EACH
-def test_rays_are_those_that_are_traced(made: Callable[[], Calibration], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rays_are_those_that_are_traced(
+    made: Callable[[], Calibration], monkeypatch: pytest.MonkeyPatch
+) -> None:
     calibration = made()
     rng = np.random.default_rng(0)
-    pixels = rng.uniform([-200, -200], [SIZE[0] + 200, SIZE[1] + 200], (3000, 2))  # some beyond the field
+    pixels = rng.uniform(
+        [-200, -200], [SIZE[0] + 200, SIZE[1] + 200], (3000, 2)
+    )  # some beyond the field
     pixels[0] = np.nan
     through, traced = both(monkeypatch, lambda: np.concatenate(calibration.rays(pixels), 1))
     lost = np.isnan(traced).any(1)
@@ -59,11 +81,15 @@ def test_rays_are_those_that_are_traced(made: Callable[[], Calibration], monkeyp
     assert np.array_equal(np.isnan(through).any(1), lost)
     assert np.abs(through - traced)[~lost, 3:].max() < SURE / FOCAL
     assert np.abs(np.linalg.norm(through[~lost, 3:], axis=1) - 1).max() < 1e-12
-    assert np.abs(through - traced)[~lost, :3].max() < 1e-6  # m along the ray, or a thousandth of a millimetre beside it
+    assert (
+        np.abs(through - traced)[~lost, :3].max() < 1e-6
+    )  # m along the ray, or a thousandth of a millimetre beside it
 
 
 @EACH
-def test_points_are_seen_where_tracing_sees_them(made: Callable[[], Calibration], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_points_are_seen_where_tracing_sees_them(
+    made: Callable[[], Calibration], monkeypatch: pytest.MonkeyPatch
+) -> None:
     calibration = made()
     rng = np.random.default_rng(1)
     depth = rng.uniform(0.1, 3.0, 3000)
@@ -75,12 +101,25 @@ def test_points_are_seen_where_tracing_sees_them(made: Callable[[], Calibration]
     assert np.abs(through - traced)[~lost].max() < SURE
 
 
-def test_a_camera_that_sees_nothing_says_so_of_many_as_of_few(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_camera_that_sees_nothing_says_so_of_many_as_of_few(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Its window stands behind it."""
     made = scene(3, views=1)
-    numbers = {"distance": 0.01, "tilt.x": 3.0, "tilt.y": 0.0, "thickness": 3e-3, "refractive_index": 1.5, "outside_index": 1.0}
+    numbers = {
+        "distance": 0.01,
+        "tilt.x": 3.0,
+        "tilt.y": 0.0,
+        "thickness": 3e-3,
+        "refractive_index": 1.5,
+        "outside_index": 1.0,
+    }
     calibration = known(made, *SIZE)
-    blind = replace(calibration, relief=None, cover=Cover("flat", {name: Number(value) for name, value in numbers.items()}))
+    blind = replace(
+        calibration,
+        relief=None,
+        cover=Cover("flat", {name: Number(value) for name, value in numbers.items()}),
+    )
     pixels = np.random.default_rng(0).uniform([0, 0], SIZE, (50, 2))
     through, traced = both(monkeypatch, lambda: np.concatenate(blind.rays(pixels), 1))
     assert np.isnan(through).all()

@@ -27,8 +27,17 @@ def field(made: Scene) -> RayField:
 
 
 def some_pixels(count: int) -> np.ndarray:
-    border = [[0, 0], [WIDTH - 1, 0], [0, HEIGHT - 1], [WIDTH - 1, HEIGHT - 1], [WIDTH - 1, HEIGHT // 2], [WIDTH // 2, 0]]
-    return np.vstack([np.random.default_rng(0).integers([0, 0], [WIDTH, HEIGHT], (count, 2)), border])
+    border = [
+        [0, 0],
+        [WIDTH - 1, 0],
+        [0, HEIGHT - 1],
+        [WIDTH - 1, HEIGHT - 1],
+        [WIDTH - 1, HEIGHT // 2],
+        [WIDTH // 2, 0],
+    ]
+    return np.vstack(
+        [np.random.default_rng(0).integers([0, 0], [WIDTH, HEIGHT], (count, 2)), border]
+    )
 
 
 @pytest.mark.parametrize("depth", [0.1, 0.5, 5.0])
@@ -41,10 +50,15 @@ def test_map_agrees_with_tracing(made: Scene, field: RayField, depth: float) -> 
     tangents = (pixels - [v["cx"], v["cy"]]) / [v["fx"], v["fy"]]
     points = np.column_stack([tangents * depth, np.full(len(pixels), depth)])
     traced = project(made.path, made.values, torch.from_numpy(points)).numpy()
-    inside = (np.abs(traced - [(WIDTH - 1) / 2, (HEIGHT - 1) / 2]) <= [WIDTH / 2, HEIGHT / 2]).all(-1)
+    inside = (np.abs(traced - [(WIDTH - 1) / 2, (HEIGHT - 1) / 2]) <= [WIDTH / 2, HEIGHT / 2]).all(
+        -1
+    )
     column, row = pixels.T
     mapped = np.column_stack([made_map.x[row, column], made_map.y[row, column]])
-    clear = (np.abs(np.abs(traced - [(WIDTH - 1) / 2, (HEIGHT - 1) / 2]) - [WIDTH / 2, HEIGHT / 2]) > 0.01).all(-1)
+    clear = (
+        np.abs(np.abs(traced - [(WIDTH - 1) / 2, (HEIGHT - 1) / 2]) - [WIDTH / 2, HEIGHT / 2])
+        > 0.01
+    ).all(-1)
     assert (made_map.valid[row, column] == inside)[clear].all()
     assert inside.mean() > 0.9
     assert np.abs(mapped - traced)[inside & clear].max() < 0.01
@@ -52,17 +66,27 @@ def test_map_agrees_with_tracing(made: Scene, field: RayField, depth: float) -> 
 
 
 def test_field_is_enough_for_any_depth(made: Scene, field: RayField) -> None:
-    """A and B at the nodes, without the model: where the ray of each node meets depth Z, seen by the bare pinhole."""
-    rays = made.path.trace(torch.from_numpy(np.stack(np.meshgrid(field.nodes_x, field.nodes_y), -1).reshape(-1, 2)), made.values)
+    """A and B at the nodes, without the model: where the ray of each node meets depth Z, seen by
+    the bare pinhole.
+    """
+    rays = made.path.trace(
+        torch.from_numpy(np.stack(np.meshgrid(field.nodes_x, field.nodes_y), -1).reshape(-1, 2)),
+        made.values,
+    )
     v = {name: float(made.values[f"camera.{name}"]) for name in ("fx", "fy", "cx", "cy")}
     for depth in (0.1, 0.37, 20.0):
         met = rays.at_depth(torch.tensor(depth, dtype=torch.float64)).numpy() / depth
         expected = met * [v["fx"], v["fy"]] + [v["cx"], v["cy"]]
-        assert np.abs((field.at_infinity + field.parallax / depth).reshape(-1, 2) - expected).max() < 1e-9
+        assert (
+            np.abs((field.at_infinity + field.parallax / depth).reshape(-1, 2) - expected).max()
+            < 1e-9
+        )
 
 
 def test_where_no_ray_leaves_the_cover_the_map_says_so(made: Scene) -> None:
-    """A bump so steep that light is totally reflected on its flanks, by a small camera: the cost goes with its area."""
+    """A bump so steep that light is totally reflected on its flanks, by a small camera: the cost
+    goes with its area.
+    """
     values = {**made.values, "relief.amplitudes": made.values["relief.amplitudes"].clone()}
     values["relief.amplitudes"][1, 1] = 3e-3
     values["cover.refractive_index"] = torch.tensor(2.6, dtype=torch.float64)
@@ -90,12 +114,18 @@ def test_a_depth_inside_the_lens_is_refused(field: RayField, depth: float) -> No
         field.map_at(depth)
 
 
-def off_projection(path: Path, values: Values, made: DepthMap, every: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of every so many pixels: how far (px) the map is from projecting, whether projecting lands on the image, whether the map is valid."""
+def off_projection(
+    path: Path, values: Values, made: DepthMap, every: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of every so many pixels: how far (px) the map is from projecting, whether projecting lands on
+    the image, whether the map is valid.
+    """
     height, width = made.valid.shape
     rows, columns = (grid.ravel() for grid in np.mgrid[0:height:every, 0:width:every])
     fx, fy, cx, cy = (float(values[f"camera.{name}"]) for name in ("fx", "fy", "cx", "cy"))
-    points = np.column_stack([(columns - cx) / fx, (rows - cy) / fy, np.ones(len(rows))]) * made.depth
+    points = (
+        np.column_stack([(columns - cx) / fx, (rows - cy) / fy, np.ones(len(rows))]) * made.depth
+    )
     seen = project(path, values, torch.from_numpy(points)).numpy()
     inside = (np.abs(seen - [(width - 1) / 2, (height - 1) / 2]) < [width / 2, height / 2]).all(-1)
     off = np.hypot(made.x[rows, columns] - seen[:, 0], made.y[rows, columns] - seen[:, 1])
@@ -111,19 +141,31 @@ def test_nearby_a_map_is_right_or_not_valid(made: Scene, field: RayField, depth:
 
 
 def lens_path(*coefficients: float) -> tuple[Path, Values]:
-    return pinhole_path(Intrinsics(Number(335.0), Number(335.0), Number(342.0), Number(231.0), tuple(map(Number, coefficients))))
+    return pinhole_path(
+        Intrinsics(
+            Number(335.0),
+            Number(335.0),
+            Number(342.0),
+            Number(231.0),
+            tuple(map(Number, coefficients)),
+        )
+    )
 
 
 def test_a_wide_rational_lens_is_held_to_a_hundredth_of_a_pixel() -> None:
     path, values = lens_path(0.9, 0.1, 3e-4, 7e-4, 0.002, 1.2, 0.3, 0.015)
-    off, inside, valid = off_projection(path, values, ray_field(path, values, 640, 480).map_at(1.0), 3)
+    off, inside, valid = off_projection(
+        path, values, ray_field(path, values, 640, 480).map_at(1.0), 3
+    )
     assert inside.all()
     assert valid.all()
     assert off.max() < 0.01
 
 
 def test_around_a_pole_of_the_lens_the_map_is_right_or_not_valid() -> None:
-    """Zhang's method with eight coefficients may fit a pole and a zero that nearly cancel, here about 300 px from the middle."""
+    """Zhang's method with eight coefficients may fit a pole and a zero that nearly cancel, here
+    about 300 px from the middle.
+    """
     path, values = lens_path(-0.074, -0.30661, 3e-4, 7e-4, -0.01694, 0.28435, -0.42004, -0.08308)
     field = ray_field(path, values, 640, 480)
     off, inside, valid = off_projection(path, values, field.map_at(1.0), 2)

@@ -18,21 +18,30 @@ def maps(scattered: bool) -> tuple[np.ndarray, np.ndarray]:
         x, y = rng.uniform(-60, 460, (90, 110)), rng.uniform(-60, 360, (90, 110))
     else:
         x, y = np.meshgrid(np.linspace(-15, 415, 110), np.linspace(-15, 315, 90))
-    across, down = ((np.round(4 * at) / 4 + 0.125).astype(np.float32) for at in (x, y))  # exact when shifted, and no ties
+    across, down = (
+        (np.round(4 * at) / 4 + 0.125).astype(np.float32) for at in (x, y)
+    )  # exact when shifted, and no ties
     return across, down
 
 
 @pytest.mark.parametrize("scattered", [False, True])
 @pytest.mark.parametrize("border", BORDERS)
 @pytest.mark.parametrize("kind", KINDS)
-def test_parts_join_to_the_whole(kind: int, border: int, scattered: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a limit of 50 px; cv2.remap itself is the oracle. Beyond the border Lanczos' weights are rounded otherwise: 1 level."""
+def test_parts_join_to_the_whole(
+    kind: int, border: int, scattered: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a limit of 50 px; cv2.remap itself is the oracle.
+
+    Beyond the border Lanczos' weights are rounded otherwise: 1 level.
+    """
     source = np.random.default_rng(0).integers(0, 255, (300, 400, 3), dtype=np.uint8)
     x, y = maps(scattered)
     whole = cv2.remap(source, x, y, kind, borderMode=border)
     monkeypatch.setattr(module, "MOST", 50)
     monkeypatch.setattr(module, "TILE", 16)
-    assert np.abs(np.int16(remap(source, x, y, kind, border)) - whole).max() <= (kind == cv2.INTER_LANCZOS4)
+    assert np.abs(np.int16(remap(source, x, y, kind, border)) - whole).max() <= (
+        kind == cv2.INTER_LANCZOS4
+    )
     into = np.empty_like(whole)
     assert remap(source, x, y, kind, border, into) is into
     assert np.abs(np.int16(into) - whole).max() <= (kind == cv2.INTER_LANCZOS4)
@@ -48,10 +57,14 @@ def test_opencv_s_limit_is_where_it_is_said() -> None:
 def test_as_many_points_as_are_asked(rows: int) -> None:
     table = np.arange(12, dtype=np.float32).reshape(3, 4)  # linear in both: 4 y + x
     x, y = np.random.default_rng(2).uniform(0, 2, (2, rows, 1)).astype(np.float32)
-    assert np.abs(remap(table, x, y, cv2.INTER_LINEAR, cv2.BORDER_REPLICATE) - (4 * y + x)).max() < 0.1  # cv2 counts in 1/32 px
+    assert (
+        np.abs(remap(table, x, y, cv2.INTER_LINEAR, cv2.BORDER_REPLICATE) - (4 * y + x)).max() < 0.1
+    )  # cv2 counts in 1/32 px
 
 
 def test_a_picture_40000_px_wide() -> None:
     source = np.arange(40_000, dtype=np.float32)[None].repeat(3, 0)
     x, y = np.meshgrid(np.arange(39_990, -10, -1, dtype=np.float32), np.ones(1, np.float32))
-    assert np.array_equal(remap(source, x, y, cv2.INTER_LINEAR, cv2.BORDER_REPLICATE), np.maximum(x, 0))
+    assert np.array_equal(
+        remap(source, x, y, cv2.INTER_LINEAR, cv2.BORDER_REPLICATE), np.maximum(x, 0)
+    )

@@ -1,4 +1,6 @@
-"""Splines against scipy's, which finds knots and derivatives in ways of its own, and against their definition."""
+"""Splines against scipy's, which finds knots and derivatives in ways of its own, and against their
+definition.
+"""
 
 import numpy as np
 import pytest
@@ -14,13 +16,21 @@ Array = NDArray[np.float64]
 
 NODES_X, NODES_Y = np.linspace(-20.0, 130.0, 11), np.linspace(-7.5, 80.0, 8)
 ROUNDING = 1e-12
-"""Of the largest node value. From values to coefficients, an error grows at most 15.6-fold along each axis, so one unit of rounding becomes
-5e-14 at most: this allows twenty of them."""
+"""Of the largest node value. From values to coefficients, an error grows at most 15.6-fold along
+each axis, so one unit of rounding becomes 5e-14 at most: this allows twenty of them.
+"""
 
 rectangle = np.array([[NODES_X[0], NODES_Y[0]], [NODES_X[-1], NODES_Y[-1]]])
-node_values = arrays(np.float64, (len(NODES_Y), len(NODES_X), 2), elements=st.floats(-1e4, 1e4, allow_subnormal=False))
+node_values = arrays(
+    np.float64,
+    (len(NODES_Y), len(NODES_X), 2),
+    elements=st.floats(-1e4, 1e4, allow_subnormal=False),
+)
 each_time = settings(max_examples=40, deadline=None, derandomize=True)
-"""No deadline: the machines that run this are shared. The same examples every time: a test that fails once fails again."""
+"""No deadline: the machines that run this are shared.
+
+The same examples every time: a test that fails once fails again.
+"""
 
 
 def some_values(components: int = 2) -> Array:
@@ -30,7 +40,9 @@ def some_values(components: int = 2) -> Array:
 def some_points(count: int = 500) -> Array:
     """(N, 2) within the nodes, corners and edges among them."""
     inside = rectangle[0] + np.random.default_rng(1).random((count, 2)) * np.diff(rectangle, axis=0)
-    onto_edges = np.where(np.arange(count)[:, None] % 2 == [0, 1], rectangle[np.arange(count) // 2 % 2], inside)
+    onto_edges = np.where(
+        np.arange(count)[:, None] % 2 == [0, 1], rectangle[np.arange(count) // 2 % 2], inside
+    )
     corners = np.stack(np.meshgrid(NODES_X[[0, -1]], NODES_Y[[0, -1]]), -1).reshape(-1, 2)
     return np.vstack([inside, onto_edges, corners])
 
@@ -39,7 +51,9 @@ def oracle(values: Array) -> NdBSpline:
     """scipy's, of y and x."""
     down = make_interp_spline(NODES_Y, values, 3)
     across = make_interp_spline(NODES_X, down.c, 3, axis=1)
-    return NdBSpline((down.t, across.t), across.c.swapaxes(0, 1), 3)  # BSpline keeps its own axis first
+    return NdBSpline(
+        (down.t, across.t), across.c.swapaxes(0, 1), 3
+    )  # BSpline keeps its own axis first
 
 
 def expected(values: Array, points: Array) -> tuple[Array, Array]:
@@ -51,7 +65,9 @@ def expected(values: Array, points: Array) -> tuple[Array, Array]:
 @pytest.mark.parametrize("components", [1, 2, 6])
 def test_values_and_derivatives_are_those_of_scipy(components: int) -> None:
     values, points = some_values(components), some_points()
-    for ours, theirs in zip(Spline.through(NODES_X, NODES_Y, values).at(points), expected(values, points), strict=True):
+    for ours, theirs in zip(
+        Spline.through(NODES_X, NODES_Y, values).at(points), expected(values, points), strict=True
+    ):
         assert ours.shape == theirs.shape
         assert np.abs(ours - theirs).max() < ROUNDING * np.abs(values).max()
 
@@ -60,7 +76,9 @@ def test_values_and_derivatives_are_those_of_scipy(components: int) -> None:
 @given(node_values)
 def test_any_node_values_give_scipys_spline(values: Array) -> None:
     points = some_points(50)
-    for ours, theirs in zip(Spline.through(NODES_X, NODES_Y, values).at(points), expected(values, points), strict=True):
+    for ours, theirs in zip(
+        Spline.through(NODES_X, NODES_Y, values).at(points), expected(values, points), strict=True
+    ):
         assert np.abs(ours - theirs).max() <= ROUNDING * np.abs(values).max()
 
 
@@ -74,7 +92,9 @@ def test_it_takes_its_values_at_the_nodes(values: Array) -> None:
 
 
 def test_derivatives_agree_with_central_differences() -> None:
-    """Steps of 1e-4 between nodes 15 and 12.5 apart: an error of third derivatives times 1e-8 / 6, and of rounding over the step, 1e-11."""
+    """Steps of 1e-4 between nodes 15 and 12.5 apart: an error of third derivatives times 1e-8 / 6,
+    and of rounding over the step, 1e-11.
+    """
     step = 1e-4
     spline = Spline.through(NODES_X, NODES_Y, some_values())
     points = some_points(500)[:500]
@@ -87,7 +107,10 @@ def test_derivatives_agree_with_central_differences() -> None:
 
 @pytest.mark.parametrize("count", [0, 1, AT_ONCE, AT_ONCE + 1])
 def test_many_points_are_evaluated_like_few(count: int) -> None:
-    spline, points = Spline.through(NODES_X, NODES_Y, some_values()), some_points(AT_ONCE + 1)[:count]
+    spline, points = (
+        Spline.through(NODES_X, NODES_Y, some_values()),
+        some_points(AT_ONCE + 1)[:count],
+    )
     values, derivatives = spline.at(points)
     assert (values.shape, derivatives.shape) == ((count, 2), (count, 2, 2))
     for i in {0, count // 2, count - 1} & set(range(count)):
@@ -98,22 +121,30 @@ def test_many_points_are_evaluated_like_few(count: int) -> None:
 
 def test_beyond_the_nodes_it_goes_on_as_the_tangent_plane_at_their_border() -> None:
     spline, values = Spline.through(NODES_X, NODES_Y, some_values()), some_values()
-    points = np.array([[-50.0, 30.0], [200.0, 30.0], [60.0, -40.0], [60.0, 300.0], [-50.0, -40.0], [200.0, 300.0]])
+    points = np.array(
+        [[-50.0, 30.0], [200.0, 30.0], [60.0, -40.0], [60.0, 300.0], [-50.0, -40.0], [200.0, 300.0]]
+    )
     border = points.clip(*rectangle)
     value, derivatives = expected(values, border)
     beyond, carried = spline.at(points)
     assert np.abs(carried - derivatives).max() < ROUNDING * np.abs(values).max()
     plane = value + np.einsum("nca,na->nc", derivatives, points - border)
-    assert np.abs(beyond - plane).max() < 1e3 * ROUNDING  # up to 220 units away, times derivatives below 1
+    assert (
+        np.abs(beyond - plane).max() < 1e3 * ROUNDING
+    )  # up to 220 units away, times derivatives below 1
 
 
 def test_values_and_derivatives_do_not_jump_at_nodes_and_border() -> None:
-    """On both sides of each node and of the border, 1e-9 apart: they differ by second derivatives below 1 times that."""
+    """On both sides of each node and of the border, 1e-9 apart: they differ by second derivatives
+    below 1 times that.
+    """
     spline = Spline.through(NODES_X, NODES_Y, some_values())
     for nodes, axis in ((NODES_X, 0), (NODES_Y, 1)):
         at = np.full((len(nodes), 2), 33.3)
         at[:, axis] = nodes
-        for before, after in zip(*(spline.at(at + side * np.eye(2)[axis]) for side in (-1e-9, 1e-9)), strict=True):
+        for before, after in zip(
+            *(spline.at(at + side * np.eye(2)[axis]) for side in (-1e-9, 1e-9)), strict=True
+        ):
             assert np.abs(after - before).max() < 1e-8
 
 
@@ -131,17 +162,31 @@ def test_a_cubic_is_its_own_spline() -> None:
 
 @pytest.mark.parametrize(("count_x", "count_y"), [(6, 6), (7, 23), (40, 9)])
 def test_grid_and_strips_agree_with_points(count_x: int, count_y: int) -> None:
-    """A picture of 97 x 61 px: rows on nodes, several nodes within a row of pixels, several rows between nodes."""
+    """A picture of 97 x 61 px: rows on nodes, several nodes within a row of pixels, several rows
+    between nodes.
+    """
     width, height = 97, 61
-    nodes_x, nodes_y = np.linspace(-0.5, width - 0.5, count_x), np.linspace(-3.0, height + 2.0, count_y)
-    spline = Spline.through(nodes_x, nodes_y, np.random.default_rng(4).normal(size=(count_y, count_x, 3)))
+    nodes_x, nodes_y = (
+        np.linspace(-0.5, width - 0.5, count_x),
+        np.linspace(-3.0, height + 2.0, count_y),
+    )
+    spline = Spline.through(
+        nodes_x, nodes_y, np.random.default_rng(4).normal(size=(count_y, count_x, 3))
+    )
     xs, ys = np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64)
-    values = spline.at(np.stack(np.meshgrid(xs, ys), -1).reshape(-1, 2))[0].reshape(height, width, 3)
+    values = spline.at(np.stack(np.meshgrid(xs, ys), -1).reshape(-1, 2))[0].reshape(
+        height, width, 3
+    )
     assert np.abs(spline.on_grid(xs, ys) - values).max() < 1e-12
     seen = 0
     for rows, parts in spline.strips(width, height):
         assert rows.start == seen
         seen = rows.stop
-        assert all(part.dtype == np.float32 and part.shape == (rows.stop - rows.start, width) for part in parts)
-        assert np.abs(np.stack(parts, -1) - values[rows]).max() < 3e-6  # float32 of values below 6, four products each
+        assert all(
+            part.dtype == np.float32 and part.shape == (rows.stop - rows.start, width)
+            for part in parts
+        )
+        assert (
+            np.abs(np.stack(parts, -1) - values[rows]).max() < 3e-6
+        )  # float32 of values below 6, four products each
     assert seen == height

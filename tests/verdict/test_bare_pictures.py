@@ -1,4 +1,6 @@
-"""Pictures in bare/ that were taken with the cover on, or without it, of sessions whose truth is known."""
+"""Pictures in bare/ that were taken with the cover on, or without it, of sessions whose truth is
+known.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +22,16 @@ from calib.verdict.cover_stage import cover_stage, worse_than_none
 from calib.verdict.judge import judge
 from calib.verdict.thresholds import EXPLAINED, WORSE_THAN_BARE
 from calib.verdict.verdict import Word
-from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, Scene, bare_views, misdeclared, paper_cone, scene
+from fixtures.synthetic import (
+    HEIGHT,
+    INTRINSICS,
+    WIDTH,
+    Scene,
+    bare_views,
+    misdeclared,
+    paper_cone,
+    scene,
+)
 from tests.verdict.cases import asked
 
 NOISE = 0.05
@@ -31,11 +42,18 @@ def covered(thickness: float) -> Scene:
     return scene(11, views=16, noise=NOISE, depths=(0.35, 1.2), cover=paper_cone(thickness))
 
 
-def with_bare(folder: Path, made: Scene, bare: tuple[View, ...], cover: Cover, settings: Settings = HELD) -> Calibration:
-    for place, described, views in ((folder, cover, made.views), (folder / "bare", Cover("none", {}), bare)):
+def with_bare(
+    folder: Path, made: Scene, bare: tuple[View, ...], cover: Cover, settings: Settings = HELD
+) -> Calibration:
+    for place, described, views in (
+        (folder, cover, made.views),
+        (folder / "bare", Cover("none", {}), bare),
+    ):
         place.mkdir()
         said = session_to_yaml(made.board, Camera(WIDTH, HEIGHT), described)
-        (place / "session.yaml").write_text(yaml.safe_dump({"format": 1, **said, "corners": "corners.vnl"}))
+        (place / "session.yaml").write_text(
+            yaml.safe_dump({"format": 1, **said, "corners": "corners.vnl"})
+        )
         write_corners(place / "corners.vnl", views)
     return fit(read_session(folder), settings)
 
@@ -45,9 +63,13 @@ def with_bare(folder: Path, made: Scene, bare: tuple[View, ...], cover: Cover, s
     [pytest.param(0.003, HELD, marks=pytest.mark.slow), (0.00115, Settings(grid=(4, 4)))],
     ids=["held", "as by default"],
 )
-def test_a_bare_that_was_taken_through_the_cover_is_told(tmp_path: Path, thickness: float, settings: Settings) -> None:
+def test_a_bare_that_was_taken_through_the_cover_is_told(
+    tmp_path: Path, thickness: float, settings: Settings
+) -> None:
     through = scene(12, views=8, noise=NOISE, depths=(0.3, 0.9), cover=paper_cone(thickness)).views
-    calibration = with_bare(tmp_path / "s", covered(thickness), through, paper_cone(thickness), settings)
+    calibration = with_bare(
+        tmp_path / "s", covered(thickness), through, paper_cone(thickness), settings
+    )
     first = judge(calibration).reasons[0]
     assert first.word is Word.CARE
     assert first.sentence.startswith("the camera alone explains the pictures through the cover (0.")
@@ -59,14 +81,23 @@ def test_a_bare_that_was_taken_through_the_cover_is_told(tmp_path: Path, thickne
 
 @pytest.mark.slow
 @pytest.mark.parametrize("thickness", [0.00115, 0.003])
-def test_a_true_bare_is_not_doubted_whatever_the_cover_is_off_by(tmp_path: Path, thickness: float) -> None:
+def test_a_true_bare_is_not_doubted_whatever_the_cover_is_off_by(
+    tmp_path: Path, thickness: float
+) -> None:
     """By draws from the tolerances of its numbers."""
     made, bare = covered(thickness), bare_views(3, 8, NOISE)
     assert not asked(bare_pictures, with_bare(tmp_path / "as it is", made, bare, made.cover))
     for seed in range(4):
         _, cover = misdeclared(np.random.default_rng(seed), INTRINSICS, made.cover)
-        stated = replace(cover, parameters={name: replace(number, sigma=0.0) for name, number in cover.parameters.items()})
-        assert not asked(bare_pictures, with_bare(tmp_path / str(seed), made, bare, stated)), f"seed {seed}"
+        stated = replace(
+            cover,
+            parameters={
+                name: replace(number, sigma=0.0) for name, number in cover.parameters.items()
+            },
+        )
+        assert not asked(bare_pictures, with_bare(tmp_path / str(seed), made, bare, stated)), (
+            f"seed {seed}"
+        )
 
 
 @pytest.mark.parametrize(

@@ -61,8 +61,13 @@ def ended_with(calibration: Calibration, outcome: Outcome) -> Calibration:
     return replace(calibration, settings=calibration.settings | {"outcome": outcome.value})
 
 
-@pytest.mark.parametrize(("coding", "hidden"), [(Charuco(0.015, "DICT_4X4_50"), slice(-1, None)), (AprilGrid(0.3), slice(0, 2))])
-def test_a_row_that_no_view_shows_is_asked_for(good: Calibration, coding: Coding, hidden: slice) -> None:
+@pytest.mark.parametrize(
+    ("coding", "hidden"),
+    [(Charuco(0.015, "DICT_4X4_50"), slice(-1, None)), (AprilGrid(0.3), slice(0, 2))],
+)
+def test_a_row_that_no_view_shows_is_asked_for(
+    good: Calibration, coding: Coding, hidden: slice
+) -> None:
     board = replace(good.board, columns=8, rows=8, coding=coding)
 
     def shown(view: View, *, whole: bool) -> View:
@@ -76,15 +81,23 @@ def test_a_row_that_no_view_shows_is_asked_for(good: Calibration, coding: Coding
     (reason,) = asked(unseen_row, replace(good, board=board, views=cut))
     assert (reason.word, reason.suspects) == (Word.CARE, ("board.rows",))
     assert f"{len(cut)} show the one beside it" in reason.sentence
-    assert not asked(unseen_row, replace(good, board=board, views=(*cut[1:], shown(good.views[0], whole=True))))
+    assert not asked(
+        unseen_row, replace(good, board=board, views=(*cut[1:], shown(good.views[0], whole=True)))
+    )
     assert not asked(unseen_row, replace(good, board=board, views=cut[:4])), "too few to tell"
 
 
-def test_pictures_that_show_more_rows_than_are_declared_ask_for_the_board(good: Calibration) -> None:
+def test_pictures_that_show_more_rows_than_are_declared_ask_for_the_board(
+    good: Calibration,
+) -> None:
     left_out = Rejected(
-        "0001.png", f"4 markers are seen {BEYOND_ROWS} of the 8x8 board, as on one with more: correct board.rows in session.yaml"
+        "0001.png",
+        f"4 markers are seen {BEYOND_ROWS} of the 8x8 board, as on one with more: correct"
+        " board.rows in session.yaml",
     )
-    (reason,) = asked(rows_beyond, replace(good, rejected=(left_out, Rejected("0002.png", "no board was found"))))
+    (reason,) = asked(
+        rows_beyond, replace(good, rejected=(left_out, Rejected("0002.png", "no board was found")))
+    )
     assert (reason.word, reason.suspects) == (Word.CARE, ("board.rows",))
     assert "a picture shows markers beyond the last row" in reason.sentence
     assert not asked(rows_beyond, good)
@@ -92,7 +105,10 @@ def test_pictures_that_show_more_rows_than_are_declared_ask_for_the_board(good: 
 
 def test_a_fit_that_is_not_finite_is_of_no_use(good: Calibration) -> None:
     (reason,) = asked(not_finite, ended_with(good, Outcome.NOT_FINITE))
-    assert (reason.word, reason.next) == (Word.DO_NOT_USE, f"calib fit '{SESSION}' --grid 5x5 --free none")
+    assert (reason.word, reason.next) == (
+        Word.DO_NOT_USE,
+        f"calib fit '{SESSION}' --grid 5x5 --free none",
+    )
     poses = good.poses.copy()
     poses[3, 2] = np.nan
     assert asked(not_finite, replace(good, poses=poses))
@@ -100,7 +116,9 @@ def test_a_fit_that_is_not_finite_is_of_no_use(good: Calibration) -> None:
 
 
 @pytest.mark.parametrize("outcome", [Outcome.STEPS_USED_UP, Outcome.STUCK])
-def test_a_fit_that_ended_early_is_judged_by_how_far_that_was(good: Calibration, outcome: Outcome) -> None:
+def test_a_fit_that_ended_early_is_judged_by_how_far_that_was(
+    good: Calibration, outcome: Outcome
+) -> None:
     assert not asked(not_converged, ended_with(good, outcome)), "it is at its optimum all the same"
     away = replace(good, amplitudes=good.amplitudes + 1e-6 * np.eye(5))
     (reason,) = asked(not_converged, ended_with(away, outcome))
@@ -119,31 +137,49 @@ def test_a_cover_that_is_worse_than_none(good: Calibration) -> None:
     assert not asked(worse_than_none, with_stages(good, 1.0, 0.99 * WORSE_THAN_BARE, 1.0))
 
 
-def test_an_unevenness_that_explains_too_much_with_every_number_held(good: Calibration, freed: Calibration) -> None:
+def test_an_unevenness_that_explains_too_much_with_every_number_held(
+    good: Calibration, freed: Calibration
+) -> None:
     much = with_stages(good, 1.0, 1.01 * TAKEN_UP * 0.05, 0.05)
     (reason,) = asked(cover_stage, much)
     assert reason.next.endswith("--free all")
     assert reason.suspects == ("cover.inner_radius", "cover.thickness")
     assert not asked(cover_stage, with_stages(good, 1.0, 0.99 * TAKEN_UP * 0.05, 0.05))
-    assert not asked(cover_stage, replace(freed, stages=much.stages)), "there the numbers had their say"
+    assert not asked(cover_stage, replace(freed, stages=much.stages)), (
+        "there the numbers had their say"
+    )
     tried = replace(much, settings=much.settings | {"free": ["auto"]})
     assert not asked(cover_stage, tried), "and there, before they were held"
     every = {name: replace(number, exact=True) for name, number in good.cover.parameters.items()}
     known = good.declared.intrinsics
-    fx, fy, cx, cy = (replace(number, exact=True) for number in (known.fx, known.fy, known.cx, known.cy))
+    fx, fy, cx, cy = (
+        replace(number, exact=True) for number in (known.fx, known.fy, known.cx, known.cy)
+    )
     told = Declared(Intrinsics(fx, fy, cx, cy), replace(good.cover, parameters=every))
     assert asked(cover_stage, replace(tried, stated=told)), "exact ones had none"
 
 
 @pytest.mark.parametrize(("off", "doubted"), [(2.9, False), (3.1, True), (12.0, True)])
-def test_a_number_that_is_far_from_what_is_declared(freed: Calibration, off: float, doubted: bool) -> None:
-    """The estimate ten times surer than what is declared, and so many of the latter's standard deviations away."""
+def test_a_number_that_is_far_from_what_is_declared(
+    freed: Calibration, off: float, doubted: bool
+) -> None:
+    """The estimate ten times surer than what is declared, and so many of the latter's standard
+    deviations away.
+    """
     declared, estimate = Number(0.003, 1e-4), Number(0.003 + off * 1e-4 * 0.99**0.5, 1e-5)
-    told = replace(freed.cover, parameters={**freed.declared.cover.parameters, "thickness": declared})
+    told = replace(
+        freed.cover, parameters={**freed.declared.cover.parameters, "thickness": declared}
+    )
     found = replace(freed.cover, parameters={**freed.cover.parameters, "thickness": estimate})
-    reasons = asked(declared_numbers, replace(freed, cover=found, stated=Declared(freed.declared.intrinsics, told)))
+    reasons = asked(
+        declared_numbers,
+        replace(freed, cover=found, stated=Declared(freed.declared.intrinsics, told)),
+    )
     assert [reason.suspects for reason in reasons] == [("cover.thickness",)] * doubted
-    assert all("declared as 3 ± 0.1 mm" in reason.sentence and f"{off:.1f} standard" in reason.sentence for reason in reasons)
+    assert all(
+        "declared as 3 ± 0.1 mm" in reason.sentence and f"{off:.1f} standard" in reason.sentence
+        for reason in reasons
+    )
 
 
 @pytest.mark.parametrize(
@@ -154,22 +190,35 @@ def test_a_number_that_is_far_from_what_is_declared(freed: Calibration, off: flo
         ("views", []),
     ],
 )
-def test_a_focal_length_is_held_against_where_it_comes_from(freed: Calibration, where: str, said: list[str]) -> None:
-    """Off by 30 standard deviations: whoever declared nothing has no session.yaml to correct, and views do not contradict themselves."""
+def test_a_focal_length_is_held_against_where_it_comes_from(
+    freed: Calibration, where: str, said: list[str]
+) -> None:
+    """Off by 30 standard deviations: whoever declared nothing has no session.yaml to correct, and
+    views do not contradict themselves.
+    """
     k = freed.declared.intrinsics
     told = Declared(replace(k, fx=Number(2500.0, 2.0)), freed.declared.cover)
     found = replace(freed.camera, intrinsics=replace(k, fx=Number(2560.0, 0.1)))
-    reasons = asked(declared_numbers, replace(freed, camera=found, stated=told, settings=freed.settings | {"intrinsics_from": where}))
+    reasons = asked(
+        declared_numbers,
+        replace(
+            freed, camera=found, stated=told, settings=freed.settings | {"intrinsics_from": where}
+        ),
+    )
     sentences = [reason.sentence for reason in reasons if reason.suspects == ("camera.fx",)]
     assert len(sentences) == bool(said)
     assert all(words in sentence for sentence in sentences for words in said)
 
 
 @pytest.mark.parametrize(("uneven", "doubted"), [(29e-6, False), (31e-6, True)])
-def test_glass_that_is_more_uneven_than_glass(good: Calibration, freed: Calibration, uneven: float, doubted: bool) -> None:
+def test_glass_that_is_more_uneven_than_glass(
+    good: Calibration, freed: Calibration, uneven: float, doubted: bool
+) -> None:
     def bent(calibration: Calibration) -> Calibration:
         slope = 1e-5 * np.linspace(-1, 1, 5)[:, None] * np.ones(5)
-        found = height_spread(*replace(calibration, amplitudes=slope).model(), calibration.observations)
+        found = height_spread(
+            *replace(calibration, amplitudes=slope).model(), calibration.observations
+        )
         return replace(calibration, amplitudes=slope * uneven / found)
 
     held, free = asked(unevenness, bent(good)), asked(unevenness, bent(freed))
@@ -181,7 +230,14 @@ def test_glass_that_is_more_uneven_than_glass(good: Calibration, freed: Calibrat
 
 
 def test_a_stretched_print_is_named(tmp_path: Path) -> None:
-    made = scene(5, views=24, noise=0.05, depths=(0.35, 1.2), board=Stretched(9, 9, 0.020), cover=paper_cone(0.00115))
+    made = scene(
+        5,
+        views=24,
+        noise=0.05,
+        depths=(0.35, 1.2),
+        board=Stretched(9, 9, 0.020),
+        cover=paper_cone(0.00115),
+    )
     (reason,) = asked(residual, calibrated(made, tmp_path, FAST))
     assert "board_scale" in reason.suspects
     assert reason.next == DIAGNOSE
@@ -200,7 +256,9 @@ def test_more_than_noise_is_said_whatever_it_is(good: Calibration) -> None:
 def test_overfitting(good: Calibration, held: float, doubted: bool) -> None:
     folds = {"folds": 3, "held_out_px": held, "fitted_px": 0.1}
     reasons = asked(overfits, replace(good, settings=good.settings | {"cross_validation": folds}))
-    assert [reason.next for reason in reasons] == [f"calib fit '{SESSION}' --free none --grid auto"] * doubted
+    assert [reason.next for reason in reasons] == [
+        f"calib fit '{SESSION}' --free none --grid auto"
+    ] * doubted
 
 
 def evaluated(rms: float, near: float, far: float) -> Evaluation:
@@ -217,7 +275,9 @@ def test_an_evaluation_is_judged_too(good: Calibration) -> None:
 
 
 def test_where_the_picture_is_empty(good: Calibration) -> None:
-    left = tuple(replace(view, weight=np.where(view.corners[:, 0] < 1400, 1.0, 0.0)) for view in good.views)
+    left = tuple(
+        replace(view, weight=np.where(view.corners[:, 0] < 1400, 1.0, 0.0)) for view in good.views
+    )
     enough = np.array([np.count_nonzero(view.weight) > 8 for view in left])
     half = replace(good, views=tuple(np.array(left)[enough]), poses=good.poses[enough])
     (reason,) = asked(coverage, half)
@@ -233,13 +293,17 @@ def test_one_distance(good: Calibration) -> None:
     alike = replace(good, views=tuple(good.views[i] for i in few), poses=good.poses[few])
     assert asked(one_depth, alike)
     more = np.append(few, order[[0, -1]])
-    assert not asked(one_depth, replace(good, views=tuple(good.views[i] for i in more), poses=good.poses[more]))
+    assert not asked(
+        one_depth, replace(good, views=tuple(good.views[i] for i in more), poses=good.poses[more])
+    )
 
 
 def test_depths_that_the_views_speak_of() -> None:
     near, far = trusted_depths(0.5, 1.0)  # 1 to 2 per metre, half of that span to either side
     assert (near, far) == pytest.approx((1 / 2.5, 1 / 0.5))
-    assert trusted_depths(0.3, 1.2)[1] == np.inf, "to the horizon it is less than half of their span"
+    assert trusted_depths(0.3, 1.2)[1] == np.inf, (
+        "to the horizon it is less than half of their span"
+    )
 
 
 def test_depths_asked_for_outside_of_those_seen(good: Calibration) -> None:
@@ -252,12 +316,16 @@ def test_depths_asked_for_outside_of_those_seen(good: Calibration) -> None:
 
 def test_views_are_counted_against_the_unknowns(good: Calibration, freed: Calibration) -> None:
     def first(calibration: Calibration, views: int) -> Calibration:
-        return replace(calibration, views=calibration.views[:views], poses=calibration.poses[:views])
+        return replace(
+            calibration, views=calibration.views[:views], poses=calibration.poses[:views]
+        )
 
     assert not asked(too_few_views, first(good, 8)), "15 of the glass, two a view"
     (reason,) = asked(too_few_views, first(good, 7))
     assert "8 are the least" in reason.sentence
-    assert not asked(too_few_views, first(freed, 8)), "12 numbers of camera and cover have tolerances of their own"
+    assert not asked(too_few_views, first(freed, 8)), (
+        "12 numbers of camera and cover have tolerances of their own"
+    )
     plain = replace(freed, settings=freed.settings | {"intrinsics_from": "views"})
     assert asked(too_few_views, first(plain, 8)), "the lens is no more than these views say"
 
@@ -269,9 +337,13 @@ def test_maps_that_are_hardly_known(good: Calibration) -> None:
 
 
 @pytest.mark.parametrize(("sigma", "doubted"), [(9.9, False), (10.1, True), (52.0, True)])
-def test_a_focal_length_that_is_hardly_known(good: Calibration, sigma: float, doubted: bool) -> None:
+def test_a_focal_length_that_is_hardly_known(
+    good: Calibration, sigma: float, doubted: bool
+) -> None:
     """Of a camera without a cover, from its own views: 1000 px within that."""
-    k = Intrinsics(Number(1000.0, sigma), Number(1000.0, 1.0), Number(1640.0, 5.0), Number(1232.0, 5.0))
+    k = Intrinsics(
+        Number(1000.0, sigma), Number(1000.0, 1.0), Number(1640.0, 5.0), Number(1232.0, 5.0)
+    )
     bare = replace(good, camera=Camera(3280, 2464, intrinsics=k), covariance=np.zeros((0, 0)))
     plain = replace(bare, settings=bare.settings | {"intrinsics_from": "views"})
     reasons = asked(unsure_focal_length, plain)
@@ -282,7 +354,9 @@ def test_a_focal_length_that_is_hardly_known(good: Calibration, sigma: float, do
 
 def test_a_board_in_centimetres_or_in_metres(good: Calibration) -> None:
     def scaled(by: float) -> Calibration:
-        return replace(good, poses=good.poses * ([1.0] * 3 + [by] * 3), board=Board(9, 9, 0.02 * by))
+        return replace(
+            good, poses=good.poses * ([1.0] * 3 + [by] * 3), board=Board(9, 9, 0.02 * by)
+        )
 
     for by in (0.015, 1000.0):
         (reason,) = asked(board_place, scaled(by))
@@ -291,7 +365,9 @@ def test_a_board_in_centimetres_or_in_metres(good: Calibration) -> None:
         assert not asked(board_place, scaled(by))
 
 
-def told(calibration: Calibration, width: int, height: int, f: float, cx: float, cy: float) -> Calibration:
+def told(
+    calibration: Calibration, width: int, height: int, f: float, cx: float, cy: float
+) -> Calibration:
     k = Intrinsics(Number(f), Number(f), Number(cx), Number(cy))
     declared = Declared(k, calibration.declared.cover)
     return replace(calibration, camera=Camera(width, height, intrinsics=k), stated=declared)
@@ -310,7 +386,12 @@ def test_intrinsics_of_another_mode_are_named(good: Calibration) -> None:
 def test_no_mode_is_taken_for_another(size: tuple[int, int]) -> None:
     """Lenses mounted up to 40 px off the middle of 1640, two standard deviations."""
     for off in (-0.024, 0.024):
-        k = Intrinsics(Number(size[0]), Number(size[0]), Number(size[0] * (0.5 + off)), Number(size[1] / 2 + size[0] * off))
+        k = Intrinsics(
+            Number(size[0]),
+            Number(size[0]),
+            Number(size[0] * (0.5 + off)),
+            Number(size[1] / 2 + size[0] * off),
+        )
         assert other_mode(Camera(*size), k) is None
 
 
@@ -336,7 +417,9 @@ def test_air_for_water(tmp_path: Path) -> None:
     wet = replace(cover, parameters={**cover.parameters, "outside_index": Number(1.333)})
     made = scene(21, views=10, noise=0.05, cover=wet)
     assert not asked(medium, calibrated_from(write_session(tmp_path / "right", made)))
-    (reason,) = asked(medium, calibrated_from(spoiled(tmp_path / "wrong", made, cover__outside_index=1.0)))
+    (reason,) = asked(
+        medium, calibrated_from(spoiled(tmp_path / "wrong", made, cover__outside_index=1.0))
+    )
     assert "the board was in water" in reason.sentence
 
 

@@ -12,15 +12,34 @@ def test_paths_are_quoted_and_usual_options_left_out() -> None:
     commands = NextCommands(Path("my session"), Path("my session/calibration"), SETTINGS)
     assert commands.fit() == "calib fit 'my session'"
     assert commands.capture() == "capture 'my session'"
-    assert shlex.split(commands.diagnose("--holdout", "a b")) == ["calib", "diagnose", "my session/calibration", "--holdout", "a b"]
+    assert shlex.split(commands.diagnose("--holdout", "a b")) == [
+        "calib",
+        "diagnose",
+        "my session/calibration",
+        "--holdout",
+        "a b",
+    ]
     assert commands.evaluate() == "calib evaluate 'my session/calibration' HOLDOUT"
     out = "my session/calibration"
-    asked = ["calib", "undistort", out, "my session/frames", "--depth", "0.5", "-o", f"{out}/undistorted"]
+    asked = [
+        "calib",
+        "undistort",
+        out,
+        "my session/frames",
+        "--depth",
+        "0.5",
+        "-o",
+        f"{out}/undistorted",
+    ]
     assert shlex.split(commands.undistort(0.5)) == asked
 
 
 def test_a_fit_is_asked_for_again_as_it_was() -> None:
-    commands = NextCommands(Path("s"), Path("out"), {"method": "paper", "grid": [8, 6], "free": ["thickness", "index"]})
+    commands = NextCommands(
+        Path("s"), Path("out"), {"method": "paper", "grid": [8, 6], "free": ["thickness", "index"]}
+    )
     assert commands.fit() == "calib fit s --method paper --grid 8x6 --free thickness,index -o out"
-    assert commands.fit("--free", "all") == "calib fit s --method paper --grid 8x6 -o out --free all"
+    assert (
+        commands.fit("--free", "all") == "calib fit s --method paper --grid 8x6 -o out --free all"
+    )
     assert "8x6" not in commands.fit("--grid", "auto")

@@ -39,20 +39,33 @@ def made() -> Scene:
 
 
 def turned(made: Scene, quarters: int, mirrored: bool) -> tuple[View, ...]:
-    """The views in pictures that the driver turned half around or mirrored, with corners in a detector's order."""
+    """The views in pictures that the driver turned half around or mirrored, with corners in a
+    detector's order.
+    """
     views = []
     for view in made.views:
         x, y = view.corners.T
         x, y = (WIDTH - 1 - x, HEIGHT - 1 - y) if quarters == 2 else (x, y)
         corners = np.stack([WIDTH - 1 - x if mirrored else x, y], -1)
-        views.append(replace(view, corners=corners.reshape(9, 9, 2)[:, ::-1].reshape(-1, 2) if mirrored else corners))
+        views.append(
+            replace(
+                view,
+                corners=corners.reshape(9, 9, 2)[:, ::-1].reshape(-1, 2) if mirrored else corners,
+            )
+        )
     return tuple(views)
 
 
-@pytest.mark.parametrize(("quarters", "mirrored"), [pytest.param(2, False, marks=pytest.mark.slow), (0, True), (2, True)])
+@pytest.mark.parametrize(
+    ("quarters", "mirrored"), [pytest.param(2, False, marks=pytest.mark.slow), (0, True), (2, True)]
+)
 def test_turned_and_mirrored_pictures_are_named(made: Scene, quarters: int, mirrored: bool) -> None:
     verdict = judge(
-        tolerant(replace(made, views=turned(made, quarters, mirrored)), Setup(made.board, CAMERA, INTRINSICS, made.cover), FAST)
+        tolerant(
+            replace(made, views=turned(made, quarters, mirrored)),
+            Setup(made.board, CAMERA, INTRINSICS, made.cover),
+            FAST,
+        )
     )
     (reason,) = [reason for reason in verdict.reasons if "frames" in reason.suspects]
     assert str(Orientation(quarters, mirrored)) in reason.sentence

@@ -1,4 +1,6 @@
-"""A fitted lens may see no place where some corner is: that corner has no part in what is asked of the others."""
+"""A fitted lens may see no place where some corner is: that corner has no part in what is asked of
+the others.
+"""
 
 from pathlib import Path
 

@@ -8,7 +8,12 @@ BAD = Reason("it is wrong.", "calib fit there", ("camera.fx",), Word.DO_NOT_USE)
 
 def test_no_reasons_are_trust() -> None:
     verdict = Verdict((), "calib export it")
-    assert verdict.as_json() == {"word": "trusted", "reasons": [], "suspects": [], "next": "calib export it"}
+    assert verdict.as_json() == {
+        "word": "trusted",
+        "reasons": [],
+        "suspects": [],
+        "next": "calib export it",
+    }
     assert str(verdict) == "To be trusted where it has corners."
 
 

@@ -1,4 +1,6 @@
-"""Chromium without a window, driven over its DevTools protocol: keys in, the terminal's text and pictures of it out."""
+"""Chromium without a window, driven over its DevTools protocol: keys in, the terminal's text and
+pictures of it out.
+"""
 
 import asyncio
 import base64
@@ -14,8 +16,17 @@ from aiohttp import ClientSession, ClientWebSocketResponse
 
 from tests.capture.tui.driving import HANGS_S
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking", "--remote-debugging-port=0")
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--remote-debugging-port=0",
+)
 HOOK = """
 Object.defineProperty(Object.prototype, "fitAddon", {configurable: true, set(addon) {
   window.served = this;
@@ -28,7 +39,7 @@ TEXT = """
   const buffer = window.served?.terminal.buffer.active;
   return buffer ? Array.from({length: buffer.length}, (_, row) => buffer.getLine(row).translateToString(true)).join("\\n") : "";
 })()
-"""
+"""  # noqa: E501
 READY = 'document.activeElement.className === "xterm-helper-textarea"'
 CONTROL = 2
 CODES = {"Enter": 13, "Escape": 27, "Tab": 9, "ArrowDown": 40}
@@ -48,7 +59,9 @@ class Browser:
         await self._socket.send_json({"id": self._asked, "method": method, "params": parameters})
         while True:
             said = await self._socket.receive_json(timeout=60)
-            if said.get("method") == "Runtime.exceptionThrown" or said.get("params", {}).get("type") in ("error", "warning"):
+            if said.get("method") == "Runtime.exceptionThrown" or said.get("params", {}).get(
+                "type"
+            ) in ("error", "warning"):
                 self.complaints.append(str(said["params"]))
             if said.get("id") == self._asked:
                 assert "error" not in said, said
@@ -78,7 +91,9 @@ class Browser:
     async def see(self, words: str) -> None:
         begun = time.monotonic()
         while words not in " ".join((await self.shown()).split()):
-            assert time.monotonic() - begun < HANGS_S, f"{words!r} never came:\n{await self.shown()}"
+            assert time.monotonic() - begun < HANGS_S, (
+                f"{words!r} never came:\n{await self.shown()}"
+            )
             await asyncio.sleep(0.2)
 
     async def press(self, *keys: str) -> None:
@@ -87,7 +102,12 @@ class Browser:
             if key in CODES:
                 named = {"key": key, "code": key, "windowsVirtualKeyCode": CODES[key]}
             elif len(key) == 2 and key[0] == "^":
-                named = {"key": key[1], "code": f"Key{key[1].upper()}", "windowsVirtualKeyCode": ord(key[1].upper()), "modifiers": CONTROL}
+                named = {
+                    "key": key[1],
+                    "code": f"Key{key[1].upper()}",
+                    "windowsVirtualKeyCode": ord(key[1].upper()),
+                    "modifiers": CONTROL,
+                }
             else:
                 named = {"key": key, "text": key}
             await self.do("Input.dispatchKeyEvent", type="keyDown", **named)
@@ -107,7 +127,13 @@ async def browsing(address: str, profile: Path, size: tuple[int, int]) -> AsyncI
     """A page with this address in a window of this size, px."""
     async with connected(profile) as socket:
         browser = Browser(socket)
-        await browser.do("Emulation.setDeviceMetricsOverride", width=size[0], height=size[1], deviceScaleFactor=1, mobile=False)
+        await browser.do(
+            "Emulation.setDeviceMetricsOverride",
+            width=size[0],
+            height=size[1],
+            deviceScaleFactor=1,
+            mobile=False,
+        )
         await browser.open(address)
         yield browser
 

@@ -22,7 +22,9 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def brief(tmp_path: Path) -> Path:
-    """A recorded session that is soon played: two pictures without its cover, and two through it."""
+    """A recorded session that is soon played: two pictures without its cover, and two through
+    it.
+    """
     folder = tmp_path / "brief"
     for half in ("bare", "frames"):
         (folder / half).mkdir(parents=True)

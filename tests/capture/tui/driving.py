@@ -48,7 +48,9 @@ async def see(pilot: Pilot[None], words: str) -> None:
 
 
 async def until(pilot: Pilot[None], holds: Callable[[], bool]) -> None:
-    """Looks again after a twentieth of the time that it waited, for a process that fits needs the processor more."""
+    """Looks again after a twentieth of the time that it waited, for a process that fits needs the
+    processor more.
+    """
     begun = time.monotonic()
     while not holds():
         waited = time.monotonic() - begun
@@ -58,7 +60,10 @@ async def until(pilot: Pilot[None], holds: Callable[[], bool]) -> None:
 
 
 async def write(pilot: Pilot[None], text: str) -> None:
-    """Type over what stands in the field, and go on to the next. After every key that it presses, a pilot waits for an idle app."""
+    """Type over what stands in the field, and go on to the next.
+
+    After every key that it presses, a pilot waits for an idle app.
+    """
     burst(pilot, "<ctrl+u>", "<ctrl+k>", *text, "<enter>")
     await pilot.pause()
 
@@ -76,7 +81,10 @@ async def describe(pilot: Pilot[None], source: str) -> None:
 
 
 def burst(pilot: Pilot[None], *texts: str) -> None:
-    """As over a slow connection: fields and keys arrive at once, before any is looked at. A text of one word in < > is a key."""
+    """As over a slow connection: fields and keys arrive at once, before any is looked at.
+
+    A text of one word in < > is a key.
+    """
     for text in texts:
         if text.startswith("<"):
             pilot.app.post_message(Key(text.strip("<>"), None))

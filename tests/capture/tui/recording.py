@@ -1,6 +1,8 @@
-"""A film of the tests' own drive from nothing to maps, for docs/tui.md: `python -m tests.capture.tui.recording [-o FILE.gif]`.
+"""A film of the tests' own drive from nothing to maps, for docs/tui.md: `python -m
+tests.capture.tui.recording [-o FILE.gif]`.
 
-Every picture is drawn from the cells of the screen, as a terminal of 80x24 would; what takes long is shown shorter.
+Every picture is drawn from the cells of the screen, as a terminal of 80x24 would; what takes long
+is shown shorter.
 """
 
 import argparse
@@ -64,7 +66,9 @@ def draw(cells: Cells, size: tuple[int, int]) -> Image.Image:
     for row, segments in enumerate(cells):
         column = 0
         for text, style, _ in segments:
-            front, back = (rgb(style.color, INK), rgb(style.bgcolor, PAPER)) if style else (INK, PAPER)
+            front, back = (
+                (rgb(style.color, INK), rgb(style.bgcolor, PAPER)) if style else (INK, PAPER)
+            )
             if style and style.reverse:
                 front, back = back, front
             for letter in text:
@@ -95,7 +99,9 @@ def save(taken: list[tuple[Cells, int]], size: tuple[int, int], file: Path) -> N
     frames = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     shown = [min(max(SHORTEST_MS, int(times * EVERY_S * 1000)), LONGEST_MS) for _, times in taken]
     shown[-1] = LAST_MS
-    frames[0].save(file, save_all=True, append_images=frames[1:], duration=shown, loop=0, optimize=True)
+    frames[0].save(
+        file, save_all=True, append_images=frames[1:], duration=shown, loop=0, optimize=True
+    )
 
 
 def main() -> None:

@@ -13,12 +13,23 @@ from tests.capture.tui.test_session import FIXTURE
 @pytest.mark.parametrize(
     ("like", "said"),
     [
-        ("clean", "cannot be computed: the lens that is known is of pictures of 1640x1232 px, and these are 820x616."),
+        (
+            "clean",
+            (
+                "cannot be computed: the lens that is known is of pictures of 1640x1232 px, and"
+                " these are 820x616."
+            ),
+        ),
         ("covered-bare", "cannot be computed: the lens is not known."),
     ],
 )
-def test_before_the_first_view_it_is_said_what_of_the_lens_is_missing(tmp_path: Path, like: str, said: str) -> None:
-    adviser = Adviser(Task(tmp_path, "", read_setup(FIXTURE.parent / like / "session.yaml"), bare=False), (820, 616))
+def test_before_the_first_view_it_is_said_what_of_the_lens_is_missing(
+    tmp_path: Path, like: str, said: str
+) -> None:
+    adviser = Adviser(
+        Task(tmp_path, "", read_setup(FIXTURE.parent / like / "session.yaml"), bare=False),
+        (820, 616),
+    )
     assert len(list(adviser.improve([]))) == 1
     assert adviser.remark.endswith(said)
     adviser.close()
@@ -26,7 +37,10 @@ def test_before_the_first_view_it_is_said_what_of_the_lens_is_missing(tmp_path: 
 
 @pytest.mark.slow
 def test_with_a_lens_that_is_known_it_is_computed_before_the_first_view(tmp_path: Path) -> None:
-    adviser = Adviser(Task(tmp_path, "", read_setup(FIXTURE.parent / "tilted" / "session.yaml"), bare=False), (820, 616))
+    adviser = Adviser(
+        Task(tmp_path, "", read_setup(FIXTURE.parent / "tilted" / "session.yaml"), bare=False),
+        (820, 616),
+    )
     assert list(adviser.improve([]))
     assert not adviser.remark
     assert adviser.advise([])[1].sentence.startswith("The maps are likely off by")

@@ -1,6 +1,7 @@
 """A whole session in Chromium, by keys, as someone at a laptop beside the camera has it.
 
-`REFRACAL_PICTURES=FOLDER python -m pytest tests/capture/tui/test_browser.py` keeps a picture of every step there, to be looked at.
+`REFRACAL_PICTURES=FOLDER python -m pytest tests/capture/tui/test_browser.py` keeps a picture of
+every step there, to be looked at.
 """
 
 import asyncio
@@ -24,7 +25,10 @@ PAGES = ((790, 500), (1170, 740))
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed: apt-get install chromium shows it the screen"),
+    pytest.mark.skipif(
+        CHROMIUM is None,
+        reason="Chromium is not installed: apt-get install chromium shows it the screen",
+    ),
 ]
 
 

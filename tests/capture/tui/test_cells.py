@@ -10,7 +10,9 @@ from capture.tui.maps import shaded
 SIZE = (160, 96)
 
 
-@pytest.mark.parametrize(("place", "expected"), [((48, 18), (48, 18)), ((80, 18), (48, 18)), ((48, 40), (48, 18))])
+@pytest.mark.parametrize(
+    ("place", "expected"), [((48, 18), (48, 18)), ((80, 18), (48, 18)), ((48, 40), (48, 18))]
+)
 def test_a_picture_keeps_its_shape(place: tuple[int, int], expected: tuple[int, int]) -> None:
     assert fit_cells((1640, 1232), *place) == expected
 
@@ -35,9 +37,21 @@ def test_dots_show_light_where_there_are_no_greys() -> None:
 def test_marks_stand_where_they_are(dots: bool) -> None:
     """Cells of 20 x 24 px: the corner at (50, 30) is in column 2, row 1."""
     grey = np.full((96, 160), 90, np.uint8)
-    frame = Mark(HINT, np.array([[0.0, 0.0], [159, 0], [159, 95], [0, 95]]), closed=True, label="HERE")
-    cells = draw(grey, SIZE, 8, 4, [frame, Mark(FOUND, np.array([[50.0, 30.0], [500.0, 30.0], [np.nan, 1.0]]))], dots=dots)
-    rows = ["".join(mark if mark in tuple("+▒HERE") else " " for mark in row) for row in cells.characters]
+    frame = Mark(
+        HINT, np.array([[0.0, 0.0], [159, 0], [159, 95], [0, 95]]), closed=True, label="HERE"
+    )
+    cells = draw(
+        grey,
+        SIZE,
+        8,
+        4,
+        [frame, Mark(FOUND, np.array([[50.0, 30.0], [500.0, 30.0], [np.nan, 1.0]]))],
+        dots=dots,
+    )
+    rows = [
+        "".join(mark if mark in tuple("+▒HERE") else " " for mark in row)
+        for row in cells.characters
+    ]
     assert rows[0] == "▒" * 8 == rows[3]
     assert rows[1][0] == rows[2][7] == "▒"
     assert rows[1][2] == "+"

@@ -1,4 +1,6 @@
-"""From the results to a check of them: with pictures that are there, and with some that are taken for it."""
+"""From the results to a check of them: with pictures that are there, and with some that are taken
+for it.
+"""
 
 import shutil
 from collections.abc import AsyncIterator
@@ -34,7 +36,9 @@ def later(tmp_path: Path) -> Path:
 @asynccontextmanager
 async def results(session: Path) -> AsyncIterator[Pilot[None]]:
     async with running(session) as pilot:
-        pilot.app.push_screen(ResultsScreen(session, open_results(Silent(), session / "calibration")))
+        pilot.app.push_screen(
+            ResultsScreen(session, open_results(Silent(), session / "calibration"))
+        )
         await see(pilot, "The error fell from")
         yield pilot
 
@@ -61,7 +65,9 @@ async def _asked(session: Path, later: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_has_changed_is_said_and_an_update_is_written_beside_the_calibration(session: Path, later: Path) -> None:
+def test_what_has_changed_is_said_and_an_update_is_written_beside_the_calibration(
+    session: Path, later: Path
+) -> None:
     for picture in later.glob("*.jpg"):  # as if the sensor had been moved sideways by four pixels
         image = cv2.imread(str(picture))
         assert image is not None
@@ -102,7 +108,12 @@ def test_pictures_are_taken_for_it_into_a_session_of_their_own(session: Path, la
 async def _taken(session: Path, later: Path) -> None:
     calibration = session / "calibration" / "calibration.yaml"
     async with results(session) as pilot:
-        task = Task(next_folder(session), f"folder:{later}?speed=max", read_calibrated(calibration), bare=False)
+        task = Task(
+            next_folder(session),
+            f"folder:{later}?speed=max",
+            read_calibrated(calibration),
+            bare=False,
+        )
         pilot.app.push_screen(CheckViewsScreen(task, calibration, 0.5))
         await see(pilot, "Press f to check, o to look through it again, esc for the results.")
         await pilot.press("n")  # no cover comes on here
@@ -112,7 +123,9 @@ async def _taken(session: Path, later: Path) -> None:
         await see(pilot, "The error fell from")
 
 
-def test_a_check_of_too_few_pictures_is_not_offered(session: Path, later: Path, tmp_path: Path) -> None:
+def test_a_check_of_too_few_pictures_is_not_offered(
+    session: Path, later: Path, tmp_path: Path
+) -> None:
     for picture in sorted(later.glob("*.jpg"))[2:]:
         picture.unlink()
     drive(_few(session, later, tmp_path / "check"))
@@ -131,7 +144,9 @@ async def _few(session: Path, later: Path, folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_pictures_that_cannot_bring_it_up_to_date_are_not_offered_to(session: Path, later: Path) -> None:
+def test_pictures_that_cannot_bring_it_up_to_date_are_not_offered_to(
+    session: Path, later: Path
+) -> None:
     """And of the calibration's own it is said that they are."""
     drive(_useless(session, later))
 
@@ -142,7 +157,9 @@ async def _useless(session: Path, later: Path) -> None:
         await write(pilot, f"folder:{session / 'frames'}")
         await pilot.press("ctrl+s")
         await see(pilot, "The calibration is valid.")
-        assert "they are of pictures that the calibration was made from" in " ".join(shown(pilot).split())
+        assert "they are of pictures that the calibration was made from" in " ".join(
+            shown(pilot).split()
+        )
         await pilot.press("escape")
         await see(pilot, "The error fell from")
         for picture in later.glob("*.jpg"):

@@ -1,4 +1,6 @@
-"""The rendered boards with markers, by the screens: collected, fitted, and asked what the model lacks."""
+"""The rendered boards with markers, by the screens: collected, fitted, and asked what the model
+lacks.
+"""
 
 import shutil
 from pathlib import Path

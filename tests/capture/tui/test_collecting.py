@@ -1,4 +1,6 @@
-"""While collecting: a source without the board, what is recorded when, and a source that has ended."""
+"""While collecting: a source without the board, what is recorded when, and a source that has
+ended.
+"""
 
 import shutil
 from dataclasses import replace
@@ -29,7 +31,9 @@ def empty(tmp_path: Path) -> Path:
     return folder
 
 
-def test_a_source_without_the_board_says_what_was_looked_for(tmp_path: Path, empty: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_source_without_the_board_says_what_was_looked_for(
+    tmp_path: Path, empty: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(collect, "LACKING_S", 0.3)
     drive(_without(tmp_path / "session", empty))
 
@@ -38,7 +42,11 @@ async def _without(session: Path, empty: Path) -> None:
     async with running(session, f"folder:{empty}") as pilot:
         await see(pilot, "a new session")
         burst(pilot, "<enter>", str(FIXTURE), "<ctrl+s>")
-        await see(pilot, "No board of 9x9 inner corners in any of the 3 pictures: count the inner corners; esc corrects the board.")
+        await see(
+            pilot,
+            "No board of 9x9 inner corners in any of the 3 pictures: count the inner corners; esc"
+            " corrects the board.",
+        )
         assert "Cover on" not in shown(pilot)
         await pilot.press("n")
         assert "[WITHOUT COVER]" in shown(pilot)
@@ -76,7 +84,9 @@ async def _chosen(session: Path, empty: Path) -> None:
         await see(pilot, "record now through the cover")
 
 
-def test_before_the_first_view_through_the_cover_the_guide_asks_for_no_files(tmp_path: Path, empty: Path) -> None:
+def test_before_the_first_view_through_the_cover_the_guide_asks_for_no_files(
+    tmp_path: Path, empty: Path
+) -> None:
     session = tmp_path / "session"
     shutil.copytree(FIXTURE, session, ignore=shutil.ignore_patterns("frames", "frames.csv"))
     drive(_before_the_first(session, empty))
@@ -91,7 +101,9 @@ async def _before_the_first(session: Path, empty: Path) -> None:
         assert isinstance(screen, CollectScreen)
         await until(pilot, lambda: screen._improved_with == 0 and not screen._improving)
         assert screen._adviser
-        assert screen._adviser.remark == "How sure the maps would be is computed after the first view."
+        assert (
+            screen._adviser.remark == "How sure the maps would be is computed after the first view."
+        )
 
 
 def test_what_was_pressed_after_the_end_takes_nothing(tmp_path: Path) -> None:
@@ -118,7 +130,9 @@ async def _pressed(session: Path) -> None:
         assert "2 views" in shown(pilot)
 
 
-def test_a_fit_before_there_are_enough_views_is_doubted_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fit_before_there_are_enough_views_is_doubted_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(FitScreen, "follow", lambda *_: None)
     session = tmp_path / "session"
     shutil.copytree(FIXTURE, session)

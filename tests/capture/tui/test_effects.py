@@ -43,7 +43,10 @@ FINDING = Diagnosis(
     remarks=("these views do not tell focal from thickness.",),
 )
 NUMBERS = [["board_shape.xx 1.0020 ± 0.0033 mm"]]
-WORDS = {"board_shape": "The board is not flat.", "focal": "The focal length is not as stated, which is said here in many more words."}
+WORDS = {
+    "board_shape": "The board is not flat.",
+    "focal": "The focal length is not as stated, which is said here in many more words.",
+}
 SESSION = Path(__file__).parents[3] / "fixtures" / "bow"
 
 
@@ -66,11 +69,15 @@ def test_what_was_found_with_the_error_before_and_after() -> None:
 
 def test_people_are_told_in_plain_words_and_programs_as_ever() -> None:
     assert FOCAL.outcome == "the fit imitates it"
-    assert [one["verdict"] for one in FINDING.as_json()["candidates"] if one["effect"] == "focal"] == ["absorbed"]
+    assert [
+        one["verdict"] for one in FINDING.as_json()["candidates"] if one["effect"] == "focal"
+    ] == ["absorbed"]
 
 
 def test_finding_nothing_is_said_as_a_result() -> None:
-    nothing = Diagnosis(0.08, "", (), (), (), Quality(0.1, 0.01, 0.1), Quality(0.1, 0.01, 0.1), 0.0, "", ())
+    nothing = Diagnosis(
+        0.08, "", (), (), (), Quality(0.1, 0.01, 0.1), Quality(0.1, 0.01, 0.1), 0.0, "", ()
+    )
     assert as_text(nothing).startswith("Found: nothing: no effect that is known here improves")
     assert "verdict" not in as_text(nothing)
 
@@ -85,7 +92,9 @@ def test_a_hidden_bow_is_found_and_exported(tmp_path: Path) -> None:
     drive(_again(session))
     diagnosed = Calibration.load(session / "calibration" / "diagnosed")
     other = replace(diagnosed.stages[0], rms_px=2 * diagnosed.stages[0].rms_px)
-    replace(diagnosed, stages=(other, *diagnosed.stages[1:])).save(session / "calibration" / "diagnosed")
+    replace(diagnosed, stages=(other, *diagnosed.stages[1:])).save(
+        session / "calibration" / "diagnosed"
+    )
     opened = open_results(Silent(), session / "calibration")  # of another fit, as it were
     assert opened["calibration"] == str(session / "calibration" / "calibration.yaml")
 
@@ -104,7 +113,9 @@ async def _bow(session: Path) -> None:
         await see(pilot, "enter Use them")
         await pilot.press("enter")
         await see(pilot, "effects found")
-        assert "on board before" not in shown(pilot)  # the fit's own numbers are stages of the same table
+        assert "on board before" not in shown(
+            pilot
+        )  # the fit's own numbers are stages of the same table
         assert "the model lacks" not in " ".join(shown(pilot).split())
         await pilot.press("x")
         await see(pilot, "Maps that undistort pictures")
@@ -120,7 +131,9 @@ async def _again(session: Path) -> None:
         await see(pilot, "^o opens its results")
         await pilot.press("ctrl+o")
         await see(pilot, "effects found")
-        assert "on board before" not in shown(pilot)  # the fit's own numbers are stages of the same table
+        assert "on board before" not in shown(
+            pilot
+        )  # the fit's own numbers are stages of the same table
 
 
 def _numbers(pilot: Pilot[None], words: str) -> list[float]:

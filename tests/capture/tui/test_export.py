@@ -1,4 +1,6 @@
-"""What the export screen takes, what it says was written, and that it may be left while that goes on."""
+"""What the export screen takes, what it says was written, and that it may be left while that goes
+on.
+"""
 
 import argparse
 import re
@@ -16,7 +18,9 @@ from capture.tui.export import ExportScreen, depths, far_off
 from tests.capture.tui.driving import drive, running, see, shown, until, write
 
 
-def test_who_leaves_while_it_writes_is_told_when_it_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_leaves_while_it_writes_is_told_when_it_is_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     left = Event()
     asked: list[Sequence[str]] = []
 
@@ -49,7 +53,13 @@ async def _leave(session: Path, left: Event) -> None:
 
 @pytest.mark.parametrize(
     ("text", "read"),
-    [("", []), ("0.5 1", ["0.5", "1"]), ("0.5, 1", ["0.5", "1"]), (" 1.0 ,\t2, ", ["1.0", "2"]), ("inf", ["inf"])],
+    [
+        ("", []),
+        ("0.5 1", ["0.5", "1"]),
+        ("0.5, 1", ["0.5", "1"]),
+        (" 1.0 ,\t2, ", ["1.0", "2"]),
+        ("inf", ["inf"]),
+    ],
 )
 def test_depths_are_a_list(text: str, read: list[str]) -> None:
     assert depths(text) == read
@@ -76,10 +86,19 @@ def test_what_may_be_a_decimal_comma_is_asked_about(text: str, advice: str) -> N
     [
         ([], ""),
         (["0.5", "3.3", "0.084"], ""),
-        (["50"], "50 m is far from your boards, which were 0.25 to 1.10 m away: press ^s again to export all the same."),
+        (
+            ["50"],
+            (
+                "50 m is far from your boards, which were 0.25 to 1.10 m away: press ^s again to"
+                " export all the same."
+            ),
+        ),
         (
             ["1", "0.08", "inf"],
-            "0.08 m and inf m are far from your boards, which were 0.25 to 1.10 m away: press ^s again to export all the same.",
+            (
+                "0.08 m and inf m are far from your boards, which were 0.25 to 1.10 m away: press"
+                " ^s again to export all the same."
+            ),
         ),
     ],
 )
@@ -87,7 +106,9 @@ def test_depths_far_from_every_board_are_told(listed: list[str], said: str) -> N
     assert far_off(listed, (0.25, 1.1)) == said
 
 
-def test_a_depth_far_from_every_board_is_asked_about_once(tmp_path: Path, asked: list[Sequence[str]]) -> None:
+def test_a_depth_far_from_every_board_is_asked_about_once(
+    tmp_path: Path, asked: list[Sequence[str]]
+) -> None:
     drive(_far(tmp_path, asked))
 
 
@@ -118,14 +139,23 @@ async def exporting(session: Path, *, notices: bool = False) -> AsyncIterator[Pi
 
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[str]]:
-    """What is asked of `calib`, which is a command of its own, and writes here as it says it would."""
+    """What is asked of `calib`, which is a command of its own, and writes here as it says it
+    would.
+    """
     asked: list[Sequence[str]] = []
 
     def export(arguments: Sequence[str]) -> Done:
         asked.append(arguments)
         folder = Path(arguments[arguments.index("-o") + 1])
         at = arguments[arguments.index("--depth") + 1 :] if "--depth" in arguments else []
-        return Done(0, "\n".join(map(str, [folder / "rays.npz", *(folder / f"map_{depth}m.npz" for depth in at)])), "", ())
+        return Done(
+            0,
+            "\n".join(
+                map(str, [folder / "rays.npz", *(folder / f"map_{depth}m.npz" for depth in at)])
+            ),
+            "",
+            (),
+        )
 
     monkeypatch.setattr("capture.tui.export.calib", export)
     return asked
@@ -153,7 +183,9 @@ async def _refuse(session: Path) -> None:
         await see(pilot, "write the whole path")
 
 
-def test_a_home_is_found_and_the_whole_folder_named(tmp_path: Path, asked: list[Sequence[str]], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_home_is_found_and_the_whole_folder_named(
+    tmp_path: Path, asked: list[Sequence[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("HOME", "/home/of-me")
     drive(_at_home(tmp_path))
     (words,) = asked
@@ -171,7 +203,9 @@ async def _at_home(session: Path) -> None:
         await see(pilot, "That is all")
 
 
-def test_without_a_depth_it_is_said_that_there_is_no_map(tmp_path: Path, asked: list[Sequence[str]]) -> None:
+def test_without_a_depth_it_is_said_that_there_is_no_map(
+    tmp_path: Path, asked: list[Sequence[str]]
+) -> None:
     drive(_no_depth(tmp_path))
     assert "--depth" not in asked[0]
 
@@ -185,7 +219,9 @@ async def _no_depth(session: Path) -> None:
         assert "That is all" not in shown(pilot)
 
 
-def test_a_late_success_leaves_what_is_wrong_now(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_late_success_leaves_what_is_wrong_now(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     changed = Event()
 
     def slow(arguments: Sequence[str]) -> Done:
@@ -204,11 +240,16 @@ async def _late(session: Path, changed: Event) -> None:
         await pilot.press("end", "m")
         await see(pilot, "'1m' is not a depth")
         changed.set()
-        await until(pilot, lambda: any("Wrote map_1m.npz" in each.message for each in pilot.app._notifications))
+        await until(
+            pilot,
+            lambda: any("Wrote map_1m.npz" in each.message for each in pilot.app._notifications),
+        )
         assert "'1m' is not a depth" in shown(pilot)
 
 
-def test_the_last_export_is_the_one_that_is_told_of(tmp_path: Path, asked: list[Sequence[str]]) -> None:
+def test_the_last_export_is_the_one_that_is_told_of(
+    tmp_path: Path, asked: list[Sequence[str]]
+) -> None:
     drive(_twice(tmp_path))
     assert len(asked) == 2
 
@@ -222,5 +263,9 @@ async def _twice(session: Path) -> None:
             await pilot.press("shift+tab", "ctrl+s")
             await see(pilot, f"map_{depths.split()[-1]}m.npz")
         *told, following = pilot.app.farewell  # type: ignore[attr-defined]
-    assert [Path(line.split()[-1]).name for line in told[1:]] == ["rays.npz", "map_0.5m.npz", "map_1m.npz"]
+    assert [Path(line.split()[-1]).name for line in told[1:]] == [
+        "rays.npz",
+        "map_0.5m.npz",
+        "map_1m.npz",
+    ]
     assert " --depth 0.5 " in following

@@ -1,4 +1,6 @@
-"""What the terminal says when the screen has gone: paths that are there, and commands that can be typed."""
+"""What the terminal says when the screen has gone: paths that are there, and commands that can be
+typed.
+"""
 
 import shutil
 from pathlib import Path
@@ -20,7 +22,10 @@ def test_of_nothing_it_says_how_to_go_on(tmp_path: Path) -> None:
 def test_of_pictures_it_counts_them(tmp_path: Path) -> None:
     session = shutil.copytree(FIXTURE, tmp_path / "s")
     assert list(farewell(session, None, [])) == [
-        f"{session} has 12 pictures without the cover and 12 through it; it has no calibration yet.",
+        (
+            f"{session} has 12 pictures without the cover and 12 through it; it has no calibration"
+            " yet."
+        ),
         f"To go on: capture {session}",
     ]
 
@@ -35,16 +40,23 @@ def test_what_it_says_to_type_goes_from_a_calibration_to_straight_pictures(tmp_p
     maps = sorted((session / "export").iterdir())
     *told, undistort = farewell(session, session / "calibration" / "calibration.yaml", maps)
     assert told == [where, *(f"Exported {path}" for path in maps)]
-    assert list(farewell(session, None, [])) == [*told, undistort], "of a session that is opened another day"
+    assert list(farewell(session, None, [])) == [
+        *told,
+        undistort,
+    ], "of a session that is opened another day"
     assert main(undistort.split()[2:]) == 0
     assert (session / "undistorted" / "0000.jpg").exists()
-    (session / "calibration" / "calibration.yaml").touch()  # a later fit, of which nothing is exported
+    (
+        session / "calibration" / "calibration.yaml"
+    ).touch()  # a later fit, of which nothing is exported
     assert list(farewell(session, None, [])) == [where, export]
 
 
 def test_of_a_doubtful_calibration_the_report_comes_next(tmp_path: Path) -> None:
     shown = tmp_path / "s" / "calibration" / "calibration.yaml"
-    *_, why, following = farewell(tmp_path / "s", shown, [tmp_path / "map_1m.npz"], doubt="Take care before you trust it.")
+    *_, why, following = farewell(
+        tmp_path / "s", shown, [tmp_path / "map_1m.npz"], doubt="Take care before you trust it."
+    )
     assert why == "Take care before you trust it. The report says why, and what to do."
     assert following == f"Next: calib report {shown.parent}"
 
@@ -52,6 +64,11 @@ def test_of_a_doubtful_calibration_the_report_comes_next(tmp_path: Path) -> None
 def test_of_a_refit_that_was_cut_short_it_says_whose_the_calibration_is(tmp_path: Path) -> None:
     shown = tmp_path / "calibration" / "calibration.yaml"
     first, *rest = farewell(tmp_path, shown, [], cut_short=True)
-    assert first == "The last fit was ended before it had a result: the calibration is the one of before."
+    assert (
+        first
+        == "The last fit was ended before it had a result: the calibration is the one of before."
+    )
     assert rest == list(farewell(tmp_path, shown, []))
-    assert not any("of before" in line for line in farewell(tmp_path / "without one", None, [], cut_short=True))
+    assert not any(
+        "of before" in line for line in farewell(tmp_path / "without one", None, [], cut_short=True)
+    )

@@ -93,7 +93,11 @@ def test_a_fit_that_is_killed_can_be_repeated(session: Path) -> None:
 async def _killed_fit(session: Path) -> None:
     async with fitting(session) as (pilot, pid):
         os.kill(pid, signal.SIGKILL)
-        await see(pilot, "was ended from outside (SIGKILL, perhaps for want of memory): start it again. Press f to fit again")
+        await see(
+            pilot,
+            "was ended from outside (SIGKILL, perhaps for want of memory): start it again. Press f"
+            " to fit again",
+        )
         await pilot.press("f")
         await see(pilot, "[RESULTS]")
 
@@ -109,7 +113,11 @@ async def _killed_search(session: Path) -> None:
         await pilot.press("e")
         await see(pilot, "Loading (some seconds)")
         os.kill(_working(pilot), signal.SIGKILL)
-        await see(pilot, "was ended from outside (SIGKILL, perhaps for want of memory): start it again. Press e to look again")
+        await see(
+            pilot,
+            "was ended from outside (SIGKILL, perhaps for want of memory): start it again. Press e"
+            " to look again",
+        )
         await pilot.press("e")
         await see(pilot, "Found: nothing")
         await pilot.press("escape")
@@ -125,7 +133,9 @@ async def _cancelled_fit(session: Path) -> None:
         await pilot.press("escape")
         await see(pilot, "[THROUGH COVER]")
         await until(pilot, lambda: not _runs(pid))
-        assert not (session / "calibration").exists() or not list((session / "calibration").iterdir())
+        assert not (session / "calibration").exists() or not list(
+            (session / "calibration").iterdir()
+        )
 
 
 @asynccontextmanager
@@ -172,7 +182,10 @@ async def _too_little(session: Path) -> None:
 
 @pytest.fixture
 def full_disk(session: Path) -> Iterator[Path]:
-    """A session of three views. No file may grow beyond 20 kB: to a writer, the same as a disk that is full. No picture fits."""
+    """A session of three views.
+
+    No file may grow beyond 20 kB: to a writer, the same as a disk that is full. No picture fits.
+    """
     for picture in sorted((session / "frames").glob("*.jpg"))[3:]:
         picture.unlink()
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -190,7 +203,11 @@ async def _full_disk(session: Path) -> None:
     async with running(session, f"folder:{FIXTURE}") as pilot:
         await see(pilot, "continued")
         await pilot.press("ctrl+s")
-        await see(pilot, "cannot be written (File too large): choose another place. It is tried again every 3 s.")
+        await see(
+            pilot,
+            "cannot be written (File too large): choose another place. It is tried again every"
+            " 3 s.",
+        )
         assert "3 views" in shown(pilot)
         await pilot.press("a")
         await see(pilot, "auto OFF")

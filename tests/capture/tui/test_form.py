@@ -17,9 +17,23 @@ SETUP = read_setup(FIXTURE / "session.yaml")
 def test_what_is_written_reads_the_same() -> None:
     board, camera, cover = SETUP
     assert read_form(write_form(board, cover), camera) == SETUP
-    unsure = Cover(cover.shape, {**cover.parameters, "inner_radius": Number(0.041, 0.002), "axis_offset.z": Number(-0.03, 0.0001)})
+    unsure = Cover(
+        cover.shape,
+        {
+            **cover.parameters,
+            "inner_radius": Number(0.041, 0.002),
+            "axis_offset.z": Number(-0.03, 0.0001),
+        },
+    )
     assert read_form(write_form(board, unsure), camera)[2] == unsure
-    exact = Cover(cover.shape, {**cover.parameters, "thickness": Number(0.003, exact=True), "axis_offset.z": Number(-0.03, exact=True)})
+    exact = Cover(
+        cover.shape,
+        {
+            **cover.parameters,
+            "thickness": Number(0.003, exact=True),
+            "axis_offset.z": Number(-0.03, exact=True),
+        },
+    )
     assert read_form(write_form(board, exact), camera)[2] == exact
 
 
@@ -55,13 +69,21 @@ def test_of_three_numbers(text: str, said: str | None) -> None:
         ("thickness_mm", "-2,5", "cover.thickness_mm is -2,5: write -2.5, with a point"),
         ("axis_offset_mm", "0,-30", None),
         ("axis_offset_mm", "0;-30", None),
-        ("axis_offset_mm", "0,5", "axis_offset_mm is 0,5: write 0.5, with a point, or 0, 5, with a blank, for 2 numbers"),
+        (
+            "axis_offset_mm",
+            "0,5",
+            "axis_offset_mm is 0,5: write 0.5, with a point, or 0, 5, with a blank, for 2 numbers",
+        ),
         ("axis_offset_mm", "0,5; -30", "write 0.5, -30, with a point."),
         ("axis_offset_mm", "0,5 -30,25", "write 0.5, -30.25, with a point."),
         ("axis_offset_mm", "0,5, -30", "write 0.5, -30, with a point."),
         ("axis_offset_mm", "0,-30,5", "write 0, -30.5, with a point."),
         ("axis_offset_mm", "0 ± 0,5, -30", "write 0 ± 0.5, -30, with a point."),
-        ("axis_offset_mm", "0,1,2", "axis_offset_mm is 0,1,2: write two numbers, x and z, such as 0, 0."),
+        (
+            "axis_offset_mm",
+            "0,1,2",
+            "axis_offset_mm is 0,1,2: write two numbers, x and z, such as 0, 0.",
+        ),
         ("axis_offset_mm", "x,5", "write a number"),
         ("inner_radius_mm", "41.95", None),
         ("inner_radius_mm", "42 ± 2", None),
@@ -73,7 +95,11 @@ def test_of_three_numbers(text: str, said: str | None) -> None:
         ("axis_offset_mm", "0 -30", None),
         ("axis_offset_mm", "0 ± 1, -30 ± 2", None),
         ("axis_offset_mm", "[0, -30]", None),
-        ("axis_offset_mm", "-30", "axis_offset_mm is -30: write two numbers, x and z, such as 0, 0."),
+        (
+            "axis_offset_mm",
+            "-30",
+            "axis_offset_mm is -30: write two numbers, x and z, such as 0, 0.",
+        ),
         ("axis_offset_mm", "", "axis_offset_mm is empty: write two numbers"),
         ("tilt_deg", "", None),
         ("refractive_index", "0.5", "from 1 to 3"),
@@ -95,7 +121,12 @@ def test_every_number_is_explained() -> None:
 
 
 def test_the_order_of_the_tilts_is_said() -> None:
-    orders = {shape: one.components for shape, quantities in SHAPES.items() for one in quantities if one.key == "tilt_deg"}
+    orders = {
+        shape: one.components
+        for shape, quantities in SHAPES.items()
+        for one in quantities
+        if one.key == "tilt_deg"
+    }
     assert len(orders) == 3
     for shape, (first, second) in orders.items():
         said = explained("tilt_deg", "checkerboard", shape)
@@ -103,4 +134,6 @@ def test_the_order_of_the_tilts_is_said() -> None:
 
 
 def test_no_cover_has_no_numbers() -> None:
-    assert read_form(Typed({"columns": "9", "rows": "6", "square_mm": "25"}, "none", {}))[2] == Cover("none", {})
+    assert read_form(Typed({"columns": "9", "rows": "6", "square_mm": "25"}, "none", {}))[
+        2
+    ] == Cover("none", {})

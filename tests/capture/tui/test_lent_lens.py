@@ -1,4 +1,6 @@
-"""A session through its cover without a lens: it is asked about before it is recorded, and another session can lend its lens later."""
+"""A session through its cover without a lens: it is asked about before it is recorded, and another
+session can lend its lens later.
+"""
 
 import shutil
 from pathlib import Path
@@ -29,7 +31,9 @@ def covered(tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_a_lens_that_is_missing_is_asked_about_once_and_can_be_lent_later(tmp_path: Path, covered: Path) -> None:
+def test_a_lens_that_is_missing_is_asked_about_once_and_can_be_lent_later(
+    tmp_path: Path, covered: Path
+) -> None:
     session = tmp_path / "session"
     drive(_lent(session, f"folder:{covered}"))
     _, camera, cover = read_setup(session / "session.yaml")
@@ -43,13 +47,19 @@ async def _lent(session: Path, source: str) -> None:
         await describe(pilot, source)
         await pilot.press("down", "down", "enter", "ctrl+s")
         await see(pilot, "record now through the cover")
-        await see(pilot, "choose record now: without the cover, or name a session that knows it beside like. Start once more")
+        await see(
+            pilot,
+            "choose record now: without the cover, or name a session that knows it beside like."
+            " Start once more",
+        )
         like = pilot.app.screen.query_one("#like", Input)
         await until(pilot, lambda: pilot.app.focused is like)
         assert not session.exists()
         await pilot.press("ctrl+s")
         await see(pilot, "2 views")
-        await see(pilot, "The lens is not known yet. In the set-up, choose record now: without the cover")
+        await see(
+            pilot, "The lens is not known yet. In the set-up, choose record now: without the cover"
+        )
         await pilot.press("escape")
         await see(pilot, "continued")
         await pilot.press("ctrl+r")
@@ -78,7 +88,9 @@ async def _larger(session: Path, source: str) -> None:
         await see(pilot, "record now through the cover")
         await pilot.press("ctrl+s")
         await see(pilot, "2 views")
-        await see(pilot, "The lens is not known yet. In the set-up, choose record now: without the cover")
+        await see(
+            pilot, "The lens is not known yet. In the set-up, choose record now: without the cover"
+        )
         assert "f Fit" not in " ".join(shown(pilot).split())
 
 
@@ -114,7 +126,10 @@ def test_a_session_that_was_fitted_lends_the_lens_that_its_fit_found(tmp_path: P
 
 def test_a_camera_in_one_line_gets_its_lens_as_well(tmp_path: Path) -> None:
     file = tmp_path / "session.yaml"
-    file.write_text("format: 1\nboard: {columns: 9, rows: 9, square_mm: 20}\ncamera: {width: 820, height: 616}\ncover: {shape: none}\n")
+    file.write_text(
+        "format: 1\nboard: {columns: 9, rows: 9, square_mm: 20}\ncamera: {width: 820, height:"
+        " 616}\ncover: {shape: none}\n"
+    )
     named = lens_of(tmp_path, str(KNOWN))
     assert named
     lend_lens(tmp_path, named)

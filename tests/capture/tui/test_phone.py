@@ -1,6 +1,8 @@
-"""A whole session in Chromium on a page of 390 x 844 points, by touch alone, as someone with a telephone beside the camera has it.
+"""A whole session in Chromium on a page of 390 x 844 points, by touch alone, as someone with a
+telephone beside the camera has it.
 
-`REFRACAL_PICTURES=FOLDER python -m pytest tests/capture/tui/test_phone.py` keeps a picture of every step there, to be looked at.
+`REFRACAL_PICTURES=FOLDER python -m pytest tests/capture/tui/test_phone.py` keeps a picture of every
+step there, to be looked at.
 """
 
 import asyncio
@@ -22,7 +24,15 @@ from tests.capture.tui.test_serve import Served
 from tests.capture.tui.test_session import FIXTURE
 from tests.capture.tui.touch import SIZE, Telephone, telephone
 
-COVER = ("inner_radius_mm", "radius_slope", "axis_offset_mm", "tilt_deg", "thickness_mm", "refractive_index", "outside_index")
+COVER = (
+    "inner_radius_mm",
+    "radius_slope",
+    "axis_offset_mm",
+    "tilt_deg",
+    "thickness_mm",
+    "refractive_index",
+    "outside_index",
+)
 HEARD = 'document.getElementById("picture").dataset.heard ?? ""'
 OUTSIDE = """
 [...document.querySelectorAll("#thumb *")].filter((each) => {
@@ -46,7 +56,10 @@ speechSynthesis.speak = (each) => spoken.push(each.text);
 """What would be heard is written down."""
 OUTLINE = 'document.querySelector("#picture .hint:not(.halo)")?.getAttribute("d") ?? ""'
 
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed: apt-get install chromium shows it the screen")
+pytestmark = pytest.mark.skipif(
+    CHROMIUM is None,
+    reason="Chromium is not installed: apt-get install chromium shows it the screen",
+)
 
 
 def tried(story: Coroutine[None, None, None], served: Served) -> None:
@@ -93,11 +106,17 @@ async def _from_nothing(address: str, folder: Path) -> None:
         await phone.see("Touch Fit to fit")
         await phone.see("Enough")
         maps = json.loads(str(await phone.evaluate(MAPS)))
-        assert [(one["name"], one["size"]) for one in maps] == [("image", [12, 9]), ("glass", [12, 9]), ("depth", [3, 1])]
+        assert [(one["name"], one["size"]) for one in maps] == [
+            ("image", [12, 9]),
+            ("glass", [12, 9]),
+            ("depth", [3, 1]),
+        ]
         assert [one["said"].split(" % ")[1] for one in maps] == ["sure", "enough", "sure"]
         assert all(one["colours"] > 1 for one in maps[:2]), "covered and not"
         await _keep(phone, "4-through-cover")
-        await phone.evaluate("document.querySelector('[data-name=depth]').scrollIntoView({block: 'end'})")
+        await phone.evaluate(
+            "document.querySelector('[data-name=depth]').scrollIntoView({block: 'end'})"
+        )
         await _keep(phone, "4-maps")
         assert str(await phone.evaluate(HEARD)).endswith("enough")
         await phone.press("f")
@@ -165,14 +184,18 @@ async def _ghost(address: str, folder: Path) -> None:
         await phone.tap("document.getElementById('more')")
         assert await phone.evaluate("spoken.length") == 0, "off until asked for"
         await _keep(phone, "ghost")
-        assert [round(note) for note in json.loads(await phone.evaluate("JSON.stringify(notes)"))] == [660, 990, 196, 165]
+        assert [
+            round(note) for note in json.loads(await phone.evaluate("JSON.stringify(notes)"))
+        ] == [660, 990, 196, 165]
         await phone.tap("document.getElementById('voice')")
         await phone.until("spoken.length")
         assert "This view is already there" in str(await phone.evaluate("spoken.join()"))
         await phone.tap("document.getElementById('more')")
         await phone.tap("document.getElementById('to-terminal')")
         await phone.until('document.getElementById("thumb").hidden')
-        await phone.until(f"({TERMINAL}).includes('[WITHOUT COVER]') && ({TERMINAL}).includes('auto ON')")
+        await phone.until(
+            f"({TERMINAL}).includes('[WITHOUT COVER]') && ({TERMINAL}).includes('auto ON')"
+        )
         await _keep(phone, "terminal")
         await phone.tap("document.getElementById('to-thumb')", least=18)
         await phone.see("auto ON")
@@ -185,10 +208,10 @@ JSON.stringify([...document.querySelectorAll("#thumb .map")].map((each) => {
   const colours = new Set(new Uint32Array(drawn.buffer)).size;
   return {name: each.dataset.name, size: [map.width, map.height], said: map.ariaLabel, colours};
 }))
-"""
+"""  # noqa: E501
 TERMINAL = """
 Array.from({length: served.terminal.rows}, (_, row) => served.terminal.buffer.active.getLine(row)?.translateToString(true)).join(" ")
-"""
+"""  # noqa: E501
 
 
 async def _keep(phone: Telephone, name: str) -> None:

@@ -1,4 +1,6 @@
-"""What goes between the app and a page for a thumb: nothing before it asks, pictures as fast as it draws them, and no nonsense back."""
+"""What goes between the app and a page for a thumb: nothing before it asks, pictures as fast as it
+draws them, and no nonsense back.
+"""
 
 import asyncio
 import json
@@ -57,7 +59,9 @@ class Page:
                     self.screen = said
 
     async def see(self, words: str) -> None:
-        await self.hear(lambda: any(words in str(block.get("text")) for block in self.screen.get("blocks", ())))
+        await self.hear(
+            lambda: any(words in str(block.get("text")) for block in self.screen.get("blocks", ()))
+        )
 
     def block(self, name: str) -> dict[str, Any]:
         return next(block for block in self.screen["blocks"] if block["name"] == name)
@@ -66,7 +70,10 @@ class Page:
 @asynccontextmanager
 async def opened(served: Served) -> AsyncIterator[Page]:
     served.status("/")  # it has begun to listen
-    async with ClientSession() as session, session.ws_connect(f"http://127.0.0.1:{served.port}/ws", max_msg_size=0) as socket:
+    async with (
+        ClientSession() as session,
+        session.ws_connect(f"http://127.0.0.1:{served.port}/ws", max_msg_size=0) as socket,
+    ):
         yield Page(socket)
 
 
@@ -90,7 +97,9 @@ def test_a_form_is_filled_by_name_and_nonsense_is_passed_over(tmp_path: Path) ->
         await page.see("a new session")
         drawn = len(page.terminal)
         screen = page.screen["screen"]
-        assert [block["label"] for block in page.screen["blocks"] if block["kind"] == "field"][:2] == ["source", "like (optional)"]
+        assert [block["label"] for block in page.screen["blocks"] if block["kind"] == "field"][
+            :2
+        ] == ["source", "like (optional)"]
         assert [key["label"] for key in page.screen["keys"]] == ["Start", "Help", "Quit"]
         assert page.block("columns")["half"]
         for nonsense in (
@@ -107,8 +116,15 @@ def test_a_form_is_filled_by_name_and_nonsense_is_passed_over(tmp_path: Path) ->
         ):
             await page.ask(**{"screen": screen, **nonsense})
         await page.ask(screen=screen, field="columns", text="12\n\x1b[2J")
-        await page.ask(screen=screen, field="shape", choose=page.block("shape")["options"].index("none"))
-        await page.hear(lambda: page.block("columns")["value"] == "12[2J" and "inner_radius_mm" not in str(page.screen["blocks"]))
+        await page.ask(
+            screen=screen, field="shape", choose=page.block("shape")["options"].index("none")
+        )
+        await page.hear(
+            lambda: (
+                page.block("columns")["value"] == "12[2J"
+                and "inner_radius_mm" not in str(page.screen["blocks"])
+            )
+        )
         assert page.block("rows")["value"] == "6"
         await page.ask(screen=screen, field="columns", look=True)
         await page.hear(lambda: page.screen["focus"] == "columns")
@@ -121,10 +137,14 @@ def test_a_form_is_filled_by_name_and_nonsense_is_passed_over(tmp_path: Path) ->
 
 
 def test_pictures_come_as_fast_as_they_are_drawn(tmp_path: Path) -> None:
-    recording = write_recording(tmp_path / "camera", noise(300, 1640, 1232)[:1] * 300, interval_s=0.1)
+    recording = write_recording(
+        tmp_path / "camera", noise(300, 1640, 1232)[:1] * 300, interval_s=0.1
+    )
     session = tmp_path / "session"
     session.mkdir()
-    (session / "session.yaml").write_text((FIXTURE / "session.yaml").read_text().replace("820", "1640").replace("616", "1232"))
+    (session / "session.yaml").write_text(
+        (FIXTURE / "session.yaml").read_text().replace("820", "1640").replace("616", "1232")
+    )
 
     async def story(page: Page) -> None:
         await page.ask(view=True)

@@ -23,7 +23,10 @@ from tests.capture.tui.driving import drive, running, see, shown, until, write
 from tests.capture.tui.test_session import FIXTURE
 from tests.capture.tui.test_snapshots import RESULT
 
-BEFORE = {**RESULT, "stages": [{"name": "pinhole", "title": "camera alone", "rms_px": 3.33, "rmse_cm": 0.2}]}
+BEFORE = {
+    **RESULT,
+    "stages": [{"name": "pinhole", "title": "camera alone", "rms_px": 3.33, "rmse_cm": 0.2}],
+}
 
 
 @pytest.fixture
@@ -59,7 +62,11 @@ def test_what_was_set_aside_is_shown_so_and_comes_back(session: Path) -> None:
 async def _come_back(session: Path) -> None:
     async with results(session) as pilot:
         await see(pilot, "2 views were set aside since this fit: f fits without them")
-        assert [line.split("  ")[0].strip() for line in shown(pilot).splitlines() if "px dropped" in line] == ["0001.jpg", "0002.jpg"]
+        assert [
+            line.split("  ")[0].strip()
+            for line in shown(pilot).splitlines()
+            if "px dropped" in line
+        ] == ["0001.jpg", "0002.jpg"]
         await see(pilot, "worst: 0.50 px off")
         await pilot.press("down", "z")
         await see(pilot, "0002.jpg is back")
@@ -76,7 +83,9 @@ async def _as_before(session: Path) -> None:
         await see(pilot, "these maps are still of the fit")
 
 
-def test_what_a_check_brought_up_to_date_is_what_is_exported(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_a_check_brought_up_to_date_is_what_is_exported(
+    session: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(session)
     drive(_renewed(session))
 
@@ -90,7 +99,9 @@ async def _renewed(session: Path) -> None:
             (folder / "calibration.yaml").touch()
         pilot.app.push_screen(HelpScreen())
         await pilot.press("escape")
-        await see(pilot, "A check has brought this calibration up to date, into updated/: x exports that.")
+        await see(
+            pilot, "A check has brought this calibration up to date, into updated/: x exports that."
+        )
         await pilot.press("x")
         await see(pilot, "Of the calibration as a check")
         assert pilot.app.screen.query_one("#folder", Input).value == str(updated / "export")
@@ -112,7 +123,9 @@ def test_a_second_picture_of_that_name_is_the_one_that_comes_back(session: Path)
     aside = session / "frames" / "dropped"
     shutil.copy(aside / "0002.jpg", aside / "0001-1.jpg")
     drive(_second(session))
-    assert (session / "frames" / "0001.jpg").read_bytes() == (FIXTURE / "frames" / "0002.jpg").read_bytes()
+    assert (session / "frames" / "0001.jpg").read_bytes() == (
+        FIXTURE / "frames" / "0002.jpg"
+    ).read_bytes()
     assert (aside / "0001.jpg").exists()
 
 
@@ -147,8 +160,12 @@ async def _earlier(session: Path, result: dict[str, object]) -> None:
         assert "z Undo" not in " ".join(shown(pilot).split())
 
 
-def test_the_verdict_stays_beside_the_report(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("capture.tui.results.calib", lambda _: Done(0, "s/calibration/report.html\n", "", ()))
+def test_the_verdict_stays_beside_the_report(
+    session: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "capture.tui.results.calib", lambda _: Done(0, "s/calibration/report.html\n", "", ())
+    )
     drive(_report(session))
 
 
@@ -157,10 +174,15 @@ async def _report(session: Path) -> None:
         await pilot.press("r")
         await see(pilot, "The report is s/calibration/report.html")
         said = " ".join(shown(pilot).split())
-        assert "To be trusted where it has corners. Press r for the report, x to export maps, e to look for what the model lacks." in said
+        assert (
+            "To be trusted where it has corners. Press r for the report, x to export maps, e to"
+            " look for what the model lacks." in said
+        )
 
 
-def test_a_report_that_is_there_is_said_to_be_written_anew(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_report_that_is_there_is_said_to_be_written_anew(
+    session: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     asked = Event()
 
     def slow(_: Sequence[str]) -> Done:
@@ -188,9 +210,14 @@ async def _anew(session: Path, asked: Event) -> None:
         await see(pilot, "The report is s/calibration/report.html")
 
 
-def test_back_from_an_export_it_is_said_what_was_written(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_back_from_an_export_it_is_said_what_was_written(
+    session: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     out = session / "maps"
-    monkeypatch.setattr("capture.tui.export.calib", lambda _: Done(0, f"{out / 'rays.npz'}\n{out / 'map_1m.npz'}\n", "", ()))
+    monkeypatch.setattr(
+        "capture.tui.export.calib",
+        lambda _: Done(0, f"{out / 'rays.npz'}\n{out / 'map_1m.npz'}\n", "", ()),
+    )
     drive(_back_from_export(session, out))
 
 
@@ -201,7 +228,9 @@ async def _back_from_export(session: Path, out: Path) -> None:
         await pilot.press("escape")
         await see(pilot, "The error fell from")
         await pilot.press("x")
-        assert pilot.app.screen.query_one("#depths", Input).value == "0.55", "the middle of the views' depths"
+        assert pilot.app.screen.query_one("#depths", Input).value == "0.55", (
+            "the middle of the views' depths"
+        )
         await write(pilot, "50")
         await pilot.press("ctrl+s")
         await see(pilot, "50 m is far from your boards, which were 0.30 to 1.20 m away")
@@ -238,12 +267,18 @@ async def _refit(session: Path) -> None:
         await see(pilot, "[RESULTS]")
         await see(pilot, "f fits without them")
         assert "3.330" in shown(pilot), "the fit that they are compared with"
-        assert farewell(pilot)[0] == "The last fit was ended before it had a result: the calibration is the one of before."
+        assert (
+            farewell(pilot)[0]
+            == "The last fit was ended before it had a result: the calibration is the one of"
+            " before."
+        )
 
 
 @pytest.mark.usefixtures("_endless")
 @pytest.mark.parametrize("key", ["ctrl+c", "q"])
-def test_who_ends_the_program_in_a_refit_is_told_which_calibration_there_is(session: Path, key: str) -> None:
+def test_who_ends_the_program_in_a_refit_is_told_which_calibration_there_is(
+    session: Path, key: str
+) -> None:
     drive(_end(session, key))
 
 
@@ -280,8 +315,12 @@ def when_told(progress: Progress, session: Path, _out: Path) -> dict[str, object
     return {key: value for key, value in RESULT.items() if key != "event"}
 
 
-def test_a_fit_that_ends_behind_the_help_gives_its_results_when_that_is_closed(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The results took the place of the help, and the fit's screen stayed behind them, with nothing that ran."""
+def test_a_fit_that_ends_behind_the_help_gives_its_results_when_that_is_closed(
+    session: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The results took the place of the help, and the fit's screen stayed behind them, with nothing
+    that ran.
+    """
     monkeypatch.setattr("capture.tui.fit.fit_session", when_told)
     drive(_behind_help(session))
 
@@ -304,8 +343,12 @@ async def _behind_help(session: Path) -> None:
 
 
 @pytest.mark.parametrize("of_an_effect", [True, False])
-def test_beside_what_a_diagnosis_found_no_same_numbers_stand(session: Path, of_an_effect: bool) -> None:
-    """Effects go on from the fit that was diagnosed, so its stages are theirs; another fit is compared with."""
+def test_beside_what_a_diagnosis_found_no_same_numbers_stand(
+    session: Path, of_an_effect: bool
+) -> None:
+    """Effects go on from the fit that was diagnosed, so its stages are theirs; another fit is
+    compared with.
+    """
     stages = list(RESULT["stages"])  # type: ignore[call-overload]
     before = {**RESULT, "stages": stages[:-1] if of_an_effect else stages}
     drive(_compare(session, before, of_an_effect))

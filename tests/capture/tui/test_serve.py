@@ -1,4 +1,6 @@
-"""Who may reach the screen in a browser: this machine by its own name, others by the token alone."""
+"""Who may reach the screen in a browser: this machine by its own name, others by the token
+alone.
+"""
 
 import http.client
 import re
@@ -34,8 +36,19 @@ class Served:
 
     def __init__(self, session: Path, *options: str) -> None:
         self.port = free_port()
-        command = [sys.executable, "-m", "capture", str(session), "--serve", "--port", str(self.port), *options]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        command = [
+            sys.executable,
+            "-m",
+            "capture",
+            str(session),
+            "--serve",
+            "--port",
+            str(self.port),
+            *options,
+        ]
+        self.process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
         assert self.process.stdout
         self.address = self.process.stdout.readline().strip()
 
@@ -46,7 +59,11 @@ class Served:
         for _ in range(100):
             connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
             try:
-                connection.request("GET", path, headers={name.replace("_", "-"): value for name, value in headers.items()})
+                connection.request(
+                    "GET",
+                    path,
+                    headers={name.replace("_", "-"): value for name, value in headers.items()},
+                )
                 answer = connection.getresponse()
                 body = "" if answer.status == 101 else answer.read().decode(errors="replace")
                 return answer.status, body, answer.msg
@@ -88,7 +105,9 @@ def test_this_machine_needs_no_token_and_other_names_are_refused(local: Served) 
     assert local.status("/ws", Origin=f"http://127.0.0.1:{local.port}", **UPGRADE) == 101
 
 
-@pytest.mark.parametrize("path", ["/", "/ws", "/static/js/textual.js", "/page/page.js", "/download/x", "/nothing"])
+@pytest.mark.parametrize(
+    "path", ["/", "/ws", "/static/js/textual.js", "/page/page.js", "/download/x", "/nothing"]
+)
 def test_without_the_token_nothing_is_served(open_to_all: Served, path: str) -> None:
     headers = UPGRADE if path == "/ws" else {}
     assert open_to_all.status(path, **headers) == 403
@@ -98,7 +117,9 @@ def test_without_the_token_nothing_is_served(open_to_all: Served, path: str) -> 
 
 
 def test_the_token_opens_page_and_websocket_and_is_printed_once(open_to_all: Served) -> None:
-    found = re.fullmatch(rf"http://([\w.-]+):{open_to_all.port}/\?token=([\w-]{{32}})", open_to_all.address)
+    found = re.fullmatch(
+        rf"http://([\w.-]+):{open_to_all.port}/\?token=([\w-]{{32}})", open_to_all.address
+    )
     assert found
     host, token = found.groups()
     assert host != "0.0.0.0"
@@ -123,7 +144,15 @@ def test_an_address_that_is_taken_is_said(tmp_path: Path) -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = str(taken.getsockname()[1])
-        command = [sys.executable, "-m", "capture", str(tmp_path / "session"), "--serve", "--port", port]
+        command = [
+            sys.executable,
+            "-m",
+            "capture",
+            str(tmp_path / "session"),
+            "--serve",
+            "--port",
+            port,
+        ]
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 2
     assert f"127.0.0.1:{port} cannot be served on" in done.stderr.splitlines()[-1]
@@ -131,7 +160,11 @@ def test_an_address_that_is_taken_is_said(tmp_path: Path) -> None:
 
 
 def test_no_page_can_frame_it(local: Served) -> None:
-    for path, host in (("/", f"127.0.0.1:{local.port}"), ("/static/js/textual.js", f"127.0.0.1:{local.port}"), ("/", "evil.example")):
+    for path, host in (
+        ("/", f"127.0.0.1:{local.port}"),
+        ("/static/js/textual.js", f"127.0.0.1:{local.port}"),
+        ("/", "evil.example"),
+    ):
         headers = local.get(path, Host=host)[2]
         assert headers["X-Frame-Options"] == "DENY", path
         assert "frame-ancestors 'none'" in headers["Content-Security-Policy"], path
@@ -154,14 +187,22 @@ def test_no_script_runs_but_those_that_are_served(local: Served) -> None:
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (["--port", "99999"], "argument --port: '99999' is not a port: write a whole number from 1 to 65535, such as 8000"),
+        (
+            ["--port", "99999"],
+            (
+                "argument --port: '99999' is not a port: write a whole number from 1 to 65535, such"
+                " as 8000"
+            ),
+        ),
         (["--port", "-1"], "is not a port"),
         (["--host", "a..b"], "a..b:8000 cannot be served on"),
         (["--host", "x" * 300], "cannot be served on"),
         (["--apps", "0"], "is not a number of windows"),
     ],
 )
-def test_an_address_that_cannot_be_is_refused_before_it_is_printed(options: list[str], says: str, tmp_path: Path) -> None:
+def test_an_address_that_cannot_be_is_refused_before_it_is_printed(
+    options: list[str], says: str, tmp_path: Path
+) -> None:
     command = [sys.executable, "-m", "capture", str(tmp_path / "session"), "--serve", *options]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
     assert done.returncode == 2
@@ -221,7 +262,12 @@ def test_a_second_window_ends_the_first_and_a_killed_server_ends_both(local: Ser
         wait_for(lambda: app not in apps_of(local.process.pid))
         (other,) = apps_of(local.process.pid)
         local.process.kill()
-        wait_for(lambda: not Path(f"/proc/{other}").exists() or " Z " in Path(f"/proc/{other}/stat").read_text())
+        wait_for(
+            lambda: (
+                not Path(f"/proc/{other}").exists()
+                or " Z " in Path(f"/proc/{other}/stat").read_text()
+            )
+        )
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")
@@ -246,7 +292,11 @@ def test_messages_of_any_kind_end_with_their_window(local: Served) -> None:
 
 def frame(payload: bytes) -> bytes:
     """As a browser sends it: masked, here by zeros."""
-    length = bytes([0x80 | len(payload)]) if len(payload) < 126 else b"\xfe" + len(payload).to_bytes(2, "big")
+    length = (
+        bytes([0x80 | len(payload)])
+        if len(payload) < 126
+        else b"\xfe" + len(payload).to_bytes(2, "big")
+    )
     return b"\x81" + length + bytes(4) + payload
 
 
@@ -259,10 +309,16 @@ def test_what_a_window_asks_for_is_within_what_a_window_can_be() -> None:
     assert _size({"width": 1, "height": -5}) == {"width": 20, "height": 5}
 
 
-def test_an_address_of_one_interface_is_printed_as_it_is_and_without_a_network_the_name(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_address_of_one_interface_is_printed_as_it_is_and_without_a_network_the_name(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     from capture.serve import _own_address
 
-    assert [_own_address(host) for host in ("192.168.1.5", "fe80::1", "pi.local")] == ["192.168.1.5", "fe80::1", "pi.local"]
+    assert [_own_address(host) for host in ("192.168.1.5", "fe80::1", "pi.local")] == [
+        "192.168.1.5",
+        "fe80::1",
+        "pi.local",
+    ]
 
     def unreachable(*_: object) -> None:
         raise OSError("Network is unreachable")

@@ -85,4 +85,9 @@ async def _continue(session: Path) -> None:
         await pilot.press("ctrl+s")
         await see(pilot, "[THROUGH COVER]")
         await see(pilot, "12 views")
-    assert sorted(path.name for path in (session / "frames").glob("*.*g"))[:4] == ["0000.jpg", "0001.jpg", "0002.jpg", "0003.png"]
+    assert sorted(path.name for path in (session / "frames").glob("*.*g"))[:4] == [
+        "0000.jpg",
+        "0001.jpg",
+        "0002.jpg",
+        "0003.png",
+    ]

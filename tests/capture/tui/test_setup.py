@@ -1,4 +1,6 @@
-"""The set-up: what is typed counts, however fast the next key follows, and each field has its own words."""
+"""The set-up: what is typed counts, however fast the next key follows, and each field has its own
+words.
+"""
 
 import asyncio
 from pathlib import Path
@@ -40,7 +42,11 @@ async def _refused(session: Path, source: str) -> None:
     async with running(session) as pilot:
         await see(pilot, "a new session")
         await describe(pilot, source)
-        square = next(one for one in pilot.app.screen.query("#board Input").results(Input) if one.name == "square_mm")
+        square = next(
+            one
+            for one in pilot.app.screen.query("#board Input").results(Input)
+            if one.name == "square_mm"
+        )
         square.value = ""
         await pilot.press("ctrl+s")
         await until(pilot, lambda: pilot.app.screen.focused is square)
@@ -56,7 +62,19 @@ def test_letters_do_not_overtake_the_keys_that_edit(tmp_path: Path) -> None:
 async def _edited(session: Path) -> None:
     async with running(session) as pilot:
         await see(pilot, "a new session")
-        burst(pilot, "wrong", "<ctrl+u>", "folder:b", "<backspace>", "a", "<home>", "<delete>", "F", "<enter>", "like")
+        burst(
+            pilot,
+            "wrong",
+            "<ctrl+u>",
+            "folder:b",
+            "<backspace>",
+            "a",
+            "<home>",
+            "<delete>",
+            "F",
+            "<enter>",
+            "like",
+        )
         await see(pilot, "like (optional) like")
         await see(pilot, "source Folder:a")
 

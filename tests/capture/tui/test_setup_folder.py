@@ -1,4 +1,6 @@
-"""The set-up of a session that was there before: fitted from its folder, and with what was typed the last time."""
+"""The set-up of a session that was there before: fitted from its folder, and with what was typed
+the last time.
+"""
 
 import shutil
 from pathlib import Path
@@ -32,7 +34,9 @@ async def _recorded(session: Path) -> None:
         await see(pilot, "[RESULTS]")
 
 
-def test_a_fit_of_nothing_is_refused_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fit_of_nothing_is_refused_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def no_child(*_: object) -> None:
         raise AssertionError("a process was started for it")
 
@@ -108,7 +112,9 @@ async def _interrupted(session: Path) -> None:
         await see(pilot, "source folder:there")
 
 
-def test_of_a_session_that_is_recorded_source_and_what_is_recorded_now_are_there_again(tmp_path: Path, brief: Path) -> None:
+def test_of_a_session_that_is_recorded_source_and_what_is_recorded_now_are_there_again(
+    tmp_path: Path, brief: Path
+) -> None:
     session = tmp_path / "session"
     shutil.copytree(brief, session, ignore=shutil.ignore_patterns("bare"))
     drive(_again(session, f"folder:{brief}"))
@@ -146,9 +152,13 @@ async def _anew(session: Path, source: str) -> None:
         await pilot.press("ctrl+s")
         await see(pilot, "[WITHOUT COVER]")
         await see(pilot, "The source has no more pictures")
-        assert {picture.name: picture.read_bytes() for picture in list_images(session / "bare-aside")} == there
+        assert {
+            picture.name: picture.read_bytes() for picture in list_images(session / "bare-aside")
+        } == there
         taken = len(list_images(session / "bare"))
         assert taken
         await pilot.press("escape")
         await see(pilot, f"continued, {taken} views without cover")
-        assert pilot.app.screen.query_one("#phase", Select).value != "anew"  # the next start adds to them
+        assert (
+            pilot.app.screen.query_one("#phase", Select).value != "anew"
+        )  # the next start adds to them

@@ -1,4 +1,6 @@
-"""Another session, named in the set-up: what is taken over from it, and what stays as it was typed."""
+"""Another session, named in the set-up: what is taken over from it, and what stays as it was
+typed.
+"""
 
 from pathlib import Path
 
@@ -10,7 +12,9 @@ from tests.capture.tui.test_session import FIXTURE
 
 
 @pytest.mark.parametrize("like", [FIXTURE, FIXTURE / "session.yaml"], ids=["folder", "file"])
-def test_start_takes_over_another_session_that_was_just_named(like: Path, brief: Path, tmp_path: Path) -> None:
+def test_start_takes_over_another_session_that_was_just_named(
+    like: Path, brief: Path, tmp_path: Path
+) -> None:
     session = tmp_path / "session"
     drive(_like(session, like, brief))
     assert read_setup(session / "session.yaml")[2] == read_setup(FIXTURE / "session.yaml")[2]
@@ -23,7 +27,9 @@ async def _like(session: Path, like: Path, brief: Path) -> None:
         await see(pilot, "no more pictures")
 
 
-def test_a_tilde_is_the_home_in_source_and_like(brief: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_tilde_is_the_home_in_source_and_like(
+    brief: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("HOME", str(brief.parent))
     drive(_tilde(tmp_path / "session", brief))
 
@@ -37,7 +43,9 @@ async def _tilde(session: Path, brief: Path) -> None:
         await see(pilot, "no more pictures")
 
 
-def test_what_is_corrected_stays_although_another_session_is_named(brief: Path, tmp_path: Path) -> None:
+def test_what_is_corrected_stays_although_another_session_is_named(
+    brief: Path, tmp_path: Path
+) -> None:
     session = tmp_path / "session"
     drive(_corrected(session, brief))
     assert read_setup(session / "session.yaml")[0].square == pytest.approx(0.0201)
@@ -55,7 +63,9 @@ async def _corrected(session: Path, brief: Path) -> None:
         await see(pilot, "no more pictures")
 
 
-def test_what_was_corrected_is_there_again_although_another_session_is_named(tmp_path: Path) -> None:
+def test_what_was_corrected_is_there_again_although_another_session_is_named(
+    tmp_path: Path,
+) -> None:
     drive(_reopened(tmp_path / "session"))
 
 
@@ -64,7 +74,18 @@ async def _reopened(session: Path) -> None:
         await see(pilot, "a new session")
         burst(pilot, "<enter>", str(FIXTURE))
         await see(pilot, "41.95")
-        burst(pilot, "<enter>", "<tab>", "<enter>", "<ctrl+u>", "6", "<enter>", "<ctrl+u>", "25", "<enter>")
+        burst(
+            pilot,
+            "<enter>",
+            "<tab>",
+            "<enter>",
+            "<ctrl+u>",
+            "6",
+            "<enter>",
+            "<ctrl+u>",
+            "25",
+            "<enter>",
+        )
         await see(pilot, "rows 6 square_mm 25")
     async with running(session, "folder:there") as pilot:
         await see(pilot, "41.95")

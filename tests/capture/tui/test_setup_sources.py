@@ -1,4 +1,6 @@
-"""Sources in the set-up: a session's two halves, pictures of the other kind, and what cannot be opened."""
+"""Sources in the set-up: a session's two halves, pictures of the other kind, and what cannot be
+opened.
+"""
 
 import shutil
 from pathlib import Path
@@ -89,7 +91,11 @@ async def _doubted(session: Path) -> None:
         await see(pilot, "a new session")
         await describe(pilot, f"folder:{camera}")
         await pilot.press("ctrl+s")
-        await see(pilot, "says that its pictures have a cover, a cone, where those without the cover are wanted. Set record now to through")
+        await see(
+            pilot,
+            "says that its pictures have a cover, a cone, where those without the cover are wanted."
+            " Set record now to through",
+        )
         assert not session.exists()
         await until(pilot, lambda: pilot.app.focused is pilot.app.screen.query_one("#phase"))
         await pilot.press("ctrl+s")

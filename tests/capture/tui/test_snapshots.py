@@ -1,8 +1,10 @@
-"""Every screen as it should look, at both sizes: the texts in snapshots/ are what a terminal without colours shows.
+"""Every screen as it should look, at both sizes: the texts in snapshots/ are what a terminal
+without colours shows.
 
-Colours never carry meaning, so the characters are the contract; they are also what a reader of a diff can judge.
-`REFRACAL_SNAPSHOTS=write python -m pytest tests/capture/tui/test_snapshots.py` writes them anew: look at each before it is committed.
-With REFRACAL_PICTURES=FOLDER each is drawn there in its colours too.
+Colours never carry meaning, so the characters are the contract; they are also what a reader of a
+diff can judge. `REFRACAL_SNAPSHOTS=write python -m pytest tests/capture/tui/test_snapshots.py`
+writes them anew: look at each before it is committed. With REFRACAL_PICTURES=FOLDER each is drawn
+there in its colours too.
 """
 
 import os
@@ -44,7 +46,11 @@ from tests.capture.tui.test_session import FIXTURE
 CAMERA = "v4l2:/dev/video0"
 """Which may give more views, unlike a folder that has ended."""
 FOLDER = Path(__file__).parent / "snapshots"
-HINT = Hint(np.array([[60.0, 150.0], [330, 120], [350, 420], [40, 450]]), np.zeros(6), "closer, to the left edge, tilt the right side away")
+HINT = Hint(
+    np.array([[60.0, 150.0], [330, 120], [350, 420], [40, 450]]),
+    np.zeros(6),
+    "closer, to the left edge, tilt the right side away",
+)
 PROGRESS = SessionProgress(
     enough=False,
     sentence="The maps would be 0.31 px off; 0.10 px is wanted: about 6 more views.",
@@ -54,7 +60,11 @@ PROGRESS = SessionProgress(
     depth=np.array([0.0, 0.5, 1.0, 1.0]),
     glass=np.linspace(1, 0, 48).reshape(6, 8),
 )
-CORNERS = np.stack(np.meshgrid(np.linspace(300, 600, 9), np.linspace(200, 500, 9)), -1).reshape(-1, 2).tolist()
+CORNERS = (
+    np.stack(np.meshgrid(np.linspace(300, 600, 9), np.linspace(200, 500, 9)), -1)
+    .reshape(-1, 2)
+    .tolist()
+)
 RESULT = {
     "event": "result",
     "calibration": "session/calibration/calibration.yaml",
@@ -65,12 +75,21 @@ RESULT = {
     ],
     "noise_px": 0.071,
     "views": [
-        {"file": f"{number:04d}.jpg", "rms_px": 0.2 / (2 + number), "corners": CORNERS, "errors": [[0.1, 0.0]] * 80 + [[0.3, 0.4]]}
+        {
+            "file": f"{number:04d}.jpg",
+            "rms_px": 0.2 / (2 + number),
+            "corners": CORNERS,
+            "errors": [[0.1, 0.0]] * 80 + [[0.3, 0.4]],
+        }
         for number in (1, 2, 3, 5, 7, 9)
     ],
     "rejected": [],
     "verdict": {"word": "trusted", "sentences": ["To be trusted where it has corners."]},
-    "sigma_px": [{"depth_m": 0.3, "px": 0.021}, {"depth_m": 0.55, "px": 0.012}, {"depth_m": 1.2, "px": 0.009}],
+    "sigma_px": [
+        {"depth_m": 0.3, "px": 0.021},
+        {"depth_m": 0.55, "px": 0.012},
+        {"depth_m": 1.2, "px": 0.009},
+    ],
 }
 
 Story = Callable[[Pilot[None], Path], Coroutine[Any, Any, None]]
@@ -124,7 +143,9 @@ async def collect(pilot: Pilot[None], _: Path) -> None:
     await see(pilot, "3 views")
     screen = pilot.app.screen
     assert isinstance(screen, CollectScreen)
-    await until(pilot, lambda: screen._adviser is not None and "cannot be" in screen._adviser.remark)  # it has said all that it will
+    await until(
+        pilot, lambda: screen._adviser is not None and "cannot be" in screen._adviser.remark
+    )  # it has said all that it will
     await pilot.pause(0.5)
     screen.post_message(CollectScreen.Advised(3, HINT, PROGRESS))
     await see(pilot, "More views would make it surer: they can come from another source.")
@@ -136,7 +157,15 @@ async def collect(pilot: Pilot[None], _: Path) -> None:
 
 async def collect_enough(pilot: Pilot[None], session: Path) -> None:
     await collect(pilot, session)
-    done = SessionProgress(True, "The maps are 0.09 px off, as is wanted.", 0.09, 0, PROGRESS.image, PROGRESS.depth, PROGRESS.glass)
+    done = SessionProgress(
+        True,
+        "The maps are 0.09 px off, as is wanted.",
+        0.09,
+        0,
+        PROGRESS.image,
+        PROGRESS.depth,
+        PROGRESS.glass,
+    )
     pilot.app.screen.post_message(CollectScreen.Advised(3, None, done))
     await pilot.press("a")
     await see(pilot, "ENOUGH")
@@ -153,10 +182,21 @@ async def collect_charuco(pilot: Pilot[None], session: Path) -> None:
     await until(pilot, lambda: screen._adviser is not None and not screen._improving)
     await pilot.pause(0.5)
     board, camera, _ = read_setup(session / "session.yaml")
-    screen._found = finder_of(board).look(Frame(eight_bits(read_grey(session / "frames" / "0000.png")), 0, 1.0)).corners
+    screen._found = (
+        finder_of(board)
+        .look(Frame(eight_bits(read_grey(session / "frames" / "0000.png")), 0, 1.0))
+        .corners
+    )
     assert screen._found is not None
     pose = np.array([0.0, -0.5, 0.0, 0.15, 0.0, 0.25])
-    outside = hint(pose, seen_bare(board, camera, pose), [SeenView(screen._found)], board, camera, Reach.of(board, camera))
+    outside = hint(
+        pose,
+        seen_bare(board, camera, pose),
+        [SeenView(screen._found)],
+        board,
+        camera,
+        Reach.of(board, camera),
+    )
     screen.plan = replace(screen.plan, source=CAMERA)
     screen.post_message(CollectScreen.Advised(1, outside, PROGRESS))
     await see(pilot, "over the right edge (a part outside)")
@@ -164,7 +204,9 @@ async def collect_charuco(pilot: Pilot[None], session: Path) -> None:
 
 
 def take_over(screen: WorkingPage) -> Child:
-    """The process that the screen has started is ended, and this, which never starts, is in its place: the story says what it says."""
+    """The process that the screen has started is ended, and this, which never starts, is in its
+    place: the story says what it says.
+    """
     screen.cancel()
     screen._tasks.clear()
     screen.child = Child(fit_session)
@@ -175,11 +217,21 @@ async def fit(pilot: Pilot[None], session: Path) -> None:
     screen = FitScreen(session / "missing")
     await pilot.app.push_screen(screen)
     child = take_over(screen)
-    events = [(LOADING, 1, 1, ""), ("Corners in session", 12, 12, "12 boards found"), ("Joint fit", 12, 4, "0.121 px")]
+    events = [
+        (LOADING, 1, 1, ""),
+        ("Corners in session", 12, 12, "12 boards found"),
+        ("Joint fit", 12, 4, "0.121 px"),
+    ]
     for title, total, done, words in events:
-        screen.post_message(FitScreen.Followed(child, {"event": "task", "title": title, "total": total}))
-        screen.post_message(FitScreen.Followed(child, {"event": "step", "done": done, "words": words}))
-    screen.post_message(FitScreen.Followed(child, {"event": "step", "done": 7, "words": "0.084 px"}))
+        screen.post_message(
+            FitScreen.Followed(child, {"event": "task", "title": title, "total": total})
+        )
+        screen.post_message(
+            FitScreen.Followed(child, {"event": "step", "done": done, "words": words})
+        )
+    screen.post_message(
+        FitScreen.Followed(child, {"event": "step", "done": 7, "words": "0.084 px"})
+    )
     await see(pilot, "0.084 px")
 
 
@@ -203,22 +255,43 @@ async def results_dropped(pilot: Pilot[None], session: Path) -> None:
 async def results_doubtful(pilot: Pilot[None], session: Path) -> None:
     """As much to be said as there may be."""
     reasons = [
-        "0.227 px are left where the corners' noise is about 0.047 px: it may be board_shape, which would lower it by 87 %.",
-        "cover.thickness 5.4887 ± 0.43 mm, declared as 3 ± 0.5 mm, 9.8 standard deviations apart: find what the model lacks first.",
-        *["Only 57 % of the image has corners: take views with the board where the picture is empty."] * 2,
+        (
+            "0.227 px are left where the corners' noise is about 0.047 px: it may be board_shape,"
+            " which would lower it by 87 %."
+        ),
+        (
+            "cover.thickness 5.4887 ± 0.43 mm, declared as 3 ± 0.5 mm, 9.8 standard deviations"
+            " apart: find what the model lacks first."
+        ),
+        *[
+            "Only 57 % of the image has corners: take views with the board where the picture is"
+            " empty."
+        ]
+        * 2,
     ]
-    rejected = [{"file": f"{number:04d}.jpg", "reason": "no board of 9x9 corners was found"} for number in (4, 6, 8)]
-    doubtful = {**RESULT, "verdict": {"word": "care", "sentences": ["Take care before you trust it.", *reasons]}, "rejected": rejected}
+    rejected = [
+        {"file": f"{number:04d}.jpg", "reason": "no board of 9x9 corners was found"}
+        for number in (4, 6, 8)
+    ]
+    doubtful = {
+        **RESULT,
+        "verdict": {"word": "care", "sentences": ["Take care before you trust it.", *reasons]},
+        "rejected": rejected,
+    }
     await pilot.app.push_screen(ResultsScreen(session, doubtful))
     await see(pilot, "◆ worst: 0.50 px off")
-    await see(pilot, "Press e to look for what the model lacks, r for the report, x to export maps.")
+    await see(
+        pilot, "Press e to look for what the model lacks, r for the report, x to export maps."
+    )
 
 
 async def effects(pilot: Pilot[None], session: Path) -> None:
     screen = EffectsScreen(session / "missing")
     await pilot.app.push_screen(screen)
     take_over(screen)
-    screen.finished({**RESULT, "accepted": ["board_shape"], "text": as_text(FINDING, NUMBERS, WORDS)})
+    screen.finished(
+        {**RESULT, "accepted": ["board_shape"], "text": as_text(FINDING, NUMBERS, WORDS)}
+    )
     await see(pilot, "enter Use them")
 
 
@@ -227,8 +300,12 @@ async def effects_working(pilot: Pilot[None], session: Path) -> None:
     await pilot.app.push_screen(screen)
     await see(pilot, "esc cancels")
     child = take_over(screen)
-    screen.post_message(EffectsScreen.Followed(child, {"event": "task", "title": "Diagnosis", "total": 20}))
-    screen.post_message(EffectsScreen.Followed(child, {"event": "step", "done": 4, "words": "fit with board_shape"}))
+    screen.post_message(
+        EffectsScreen.Followed(child, {"event": "task", "title": "Diagnosis", "total": 20})
+    )
+    screen.post_message(
+        EffectsScreen.Followed(child, {"event": "step", "done": 4, "words": "fit with board_shape"})
+    )
     await see(pilot, "fit with board_shape")
     await see(pilot, "esc Back ? Help")
 
@@ -253,8 +330,12 @@ CONTINUED: tuple[Story, ...] = (
 
 
 @pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
-@pytest.mark.parametrize("story", [*NEW, *CONTINUED, collect_charuco], ids=lambda story: story.__name__)
-def test_looks_as_it_should(story: Story, size: tuple[int, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "story", [*NEW, *CONTINUED, collect_charuco], ids=lambda story: story.__name__
+)
+def test_looks_as_it_should(
+    story: Story, size: tuple[int, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)  # so that the paths on the screen are the same everywhere
     for name in ("bare", "frames"):
         shutil.copytree(FIXTURE / name, tmp_path / "camera" / name)
@@ -279,7 +360,10 @@ def record_charuco(folder: Path) -> None:
     (folder / "session" / "session.yaml").write_text(yaml.safe_dump(described))
     shutil.rmtree(folder / "camera")
     (folder / "camera").mkdir()
-    cv2.imwrite(str(folder / "camera" / "0.png"), CHARUCO.view(np.array([0.2, 0.3, 0.1, -0.09, 0.0, 0.25])).picture)
+    cv2.imwrite(
+        str(folder / "camera" / "0.png"),
+        CHARUCO.view(np.array([0.2, 0.3, 0.1, -0.09, 0.0, 0.25])).picture,
+    )
 
 
 async def _compare(story: Story, size: tuple[int, int]) -> None:
@@ -288,7 +372,9 @@ async def _compare(story: Story, size: tuple[int, int]) -> None:
         await story(pilot, Path("session"))
         seen = shown(pilot) + "\n"
         if folder := os.environ.get("REFRACAL_PICTURES"):
-            (Path(folder) / f"{story.__name__}-{size[0]}.svg").write_text(pilot.app.export_screenshot())
+            (Path(folder) / f"{story.__name__}-{size[0]}.svg").write_text(
+                pilot.app.export_screenshot()
+            )
     file = FOLDER / f"{story.__name__}-{size[0]}x{size[1]}.txt"
     if os.environ.get("REFRACAL_SNAPSHOTS") == "write":
         FOLDER.mkdir(exist_ok=True)

@@ -10,15 +10,28 @@ from capture.cli import main
 from tests.capture.recordings import capture
 
 
-@pytest.mark.parametrize("module", ["capture.tui.app", "capture.tui.collect", "capture.tui.results", "capture.tui.effects"])
+@pytest.mark.parametrize(
+    "module",
+    ["capture.tui.app", "capture.tui.collect", "capture.tui.results", "capture.tui.effects"],
+)
 def test_the_process_that_draws_never_loads_torch(module: str) -> None:
     code = f"import sys, {module}; print('torch' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout
+        == "False\n"
+    )
 
 
 def test_the_child_that_finds_the_lens_loads_no_torch() -> None:
     code = "import sys, capture.tui.lens; print('torch' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout
+        == "False\n"
+    )
 
 
 def test_a_wrong_source_is_refused_before_the_screen_opens(tmp_path: Path) -> None:
@@ -34,11 +47,15 @@ def test_a_damaged_session_is_refused_before_the_screen_opens(tmp_path: Path) ->
     assert "bord" in done.stderr
 
 
-def test_a_file_in_the_place_of_the_session_is_refused_before_the_screen_opens(tmp_path: Path) -> None:
+def test_a_file_in_the_place_of_the_session_is_refused_before_the_screen_opens(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "README.md").write_text("not a session")
     done = capture(tmp_path / "README.md")
     assert done.returncode == 2
-    assert done.stderr.endswith("README.md is not a folder: name the session's folder, which is made if need be.\n")
+    assert done.stderr.endswith(
+        "README.md is not a folder: name the session's folder, which is made if need be.\n"
+    )
 
 
 def test_the_help_names_it(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,4 +1,6 @@
-"""The live picture straightened: against the library's own undistorter, on a board whose rows are bent by a cover; and by keys."""
+"""The live picture straightened: against the library's own undistorter, on a board whose rows are
+bent by a cover; and by keys.
+"""
 
 import shutil
 from pathlib import Path
@@ -33,27 +35,37 @@ def straight(session: Path) -> Straight:
 
 
 def pictures(session: Path) -> list[NDArray[np.uint8]]:
-    return [np.asarray(read_grey(path), np.uint8) for path in sorted((session / "frames").glob("*.jpg"))]
+    return [
+        np.asarray(read_grey(path), np.uint8) for path in sorted((session / "frames").glob("*.jpg"))
+    ]
 
 
 def bend(corners: NDArray[np.float64]) -> float:
-    """px, RMS of the corners' distance from the straight line through the ends of their row or column."""
+    """px, RMS of the corners' distance from the straight line through the ends of their row or
+    column.
+    """
     grid = corners.reshape(9, 9, 2)
     apart = []
     for line in [*grid, *grid.transpose(1, 0, 2)]:
         ahead = (line[-1] - line[0]) / np.linalg.norm(line[-1] - line[0])
-        apart.append(np.abs(np.cross(np.append(ahead, 0), np.pad(line - line[0], ((0, 0), (0, 1))))[:, 2]))
+        apart.append(
+            np.abs(np.cross(np.append(ahead, 0), np.pad(line - line[0], ((0, 0), (0, 1))))[:, 2])
+        )
     return float(np.sqrt(np.mean(np.square(apart))))
 
 
-def test_points_go_where_the_undistorter_sends_them_and_rows_become_straight(session: Path, straight: Straight) -> None:
+def test_points_go_where_the_undistorter_sends_them_and_rows_become_straight(
+    session: Path, straight: Straight
+) -> None:
     undistorter = Undistorter(Calibration.load(session / "calibration"), DEPTH)
     finder, before, after = finder_of(BOARD), [], []
     for picture in pictures(session):
         corners = finder.look(Frame(picture, 0, 0.0)).corners
         assert corners is not None
         moved = straight.points(corners)
-        assert np.abs(moved - undistorter.undistort_points(corners)).max() < 0.2  # px: bilinear between nodes 13 px apart
+        assert (
+            np.abs(moved - undistorter.undistort_points(corners)).max() < 0.2
+        )  # px: bilinear between nodes 13 px apart
         before.append(bend(corners))
         after.append(bend(moved))
     assert np.mean(after) < 0.3
@@ -61,7 +73,9 @@ def test_points_go_where_the_undistorter_sends_them_and_rows_become_straight(ses
 
 
 def test_points_that_are_not_seen_or_outside_stay_away(straight: Straight) -> None:
-    there = straight.points(np.array([[410.0, 308.0], [np.nan, np.nan], [-40.0, 10.0], [10.0, 700.0]]))
+    there = straight.points(
+        np.array([[410.0, 308.0], [np.nan, np.nan], [-40.0, 10.0], [10.0, 700.0]])
+    )
     assert np.isfinite(there[0]).all()
     assert np.isnan(there[1:]).all()
 
@@ -71,23 +85,31 @@ def test_the_picture_is_the_undistorters(session: Path, straight: Straight) -> N
     picture = pictures(session)[0]
     seen = straight.preview(Preview.of(picture, sharp=True)).image
     wanted = cv2.resize(
-        Undistorter(Calibration.load(session / "calibration"), DEPTH).undistort(picture), seen.shape[::-1], interpolation=cv2.INTER_AREA
+        Undistorter(Calibration.load(session / "calibration"), DEPTH).undistort(picture),
+        seen.shape[::-1],
+        interpolation=cv2.INTER_AREA,
     )
     assert seen.shape == (616, 820)
     apart = np.abs(seen.astype(float) - np.asarray(wanted, float))
-    untouched = np.abs(Preview.of(picture, sharp=True).image.astype(float) - np.asarray(wanted, float))
+    untouched = np.abs(
+        Preview.of(picture, sharp=True).image.astype(float) - np.asarray(wanted, float)
+    )
     assert np.mean(apart) < 1.5
     assert np.mean(apart) < np.mean(untouched) / 3  # the control
 
 
-def test_lines_run_along_the_board_or_else_across_the_picture(session: Path, straight: Straight) -> None:
+def test_lines_run_along_the_board_or_else_across_the_picture(
+    session: Path, straight: Straight
+) -> None:
     corners = finder_of(BOARD).look(Frame(pictures(session)[0], 0, 0.0)).corners
     assert corners is not None
     marks = straight.marks([Mark(FOUND, corners)], BOARD)
     lines = [mark for mark in marks if mark.character == LINE]
     assert len(lines) == 18
     assert np.allclose(lines[0].points, straight.points(corners)[[0, 8]])
-    assert len([mark for mark in straight.marks([], BOARD) if mark.character == LINE]) == 2 * (GRID - 1)
+    assert len([mark for mark in straight.marks([], BOARD) if mark.character == LINE]) == 2 * (
+        GRID - 1
+    )
     corners[:9] = np.nan  # a row that is hidden has none
     assert len(along(corners, BOARD)) == 17
 
@@ -104,8 +126,13 @@ async def _asked(session: Path) -> None:
         await see(pilot, "continued")
         await pilot.press("ctrl+s")
         await see(pilot, "u Undistort")
-        await see(pilot, "The source has no more pictures. Press f to fit anew, ^o for the results,")
-        assert "a Auto f Fit o Reopen u Undistort ^o Results m Dots esc Set-up ? Help q Quit" in shown(pilot), "every key in 80 columns"
+        await see(
+            pilot, "The source has no more pictures. Press f to fit anew, ^o for the results,"
+        )
+        assert (
+            "a Auto f Fit o Reopen u Undistort ^o Results m Dots esc Set-up ? Help q Quit"
+            in shown(pilot)
+        ), "every key in 80 columns"
         screen = pilot.app.screen
         assert isinstance(screen, CollectScreen)
         assert screen._preview is not None

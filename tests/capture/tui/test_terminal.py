@@ -1,4 +1,6 @@
-"""The command in a real terminal of 80x24, by keys: from a source to maps, and again after the connection was lost."""
+"""The command in a real terminal of 80x24, by keys: from a source to maps, and again after the
+connection was lost.
+"""
 
 import shutil
 import subprocess
@@ -21,7 +23,20 @@ class Tmux:
 
     def __init__(self, socket: Path, command: list[str]) -> None:
         self._tmux = ["tmux", "-S", str(socket), "-f", "/dev/null"]
-        self._do("new-session", "-d", "-x", "80", "-y", "24", *command, ";", "set-option", "-g", "remain-on-exit", "on")
+        self._do(
+            "new-session",
+            "-d",
+            "-x",
+            "80",
+            "-y",
+            "24",
+            *command,
+            ";",
+            "set-option",
+            "-g",
+            "remain-on-exit",
+            "on",
+        )
 
     def press(self, *keys: str) -> None:
         for key in keys:
@@ -47,7 +62,9 @@ class Tmux:
         subprocess.run([*self._tmux, "kill-server"], check=False, capture_output=True)
 
     def _do(self, *arguments: str) -> str:
-        return subprocess.run([*self._tmux, *arguments], check=True, capture_output=True, text=True).stdout
+        return subprocess.run(
+            [*self._tmux, *arguments], check=True, capture_output=True, text=True
+        ).stdout
 
 
 @pytest.fixture
@@ -59,7 +76,9 @@ def terminals() -> Iterator[list[Tmux]]:
 
 
 @pytest.mark.slow
-def test_from_a_source_to_maps_over_a_lost_connection(tmp_path: Path, terminals: list[Tmux]) -> None:
+def test_from_a_source_to_maps_over_a_lost_connection(
+    tmp_path: Path, terminals: list[Tmux]
+) -> None:
     session = tmp_path / "session"
     command = [sys.executable, "-m", "capture", str(session)]
     first = Tmux(tmp_path / "first", [*command, "--source", f"folder:{FIXTURE / 'bare'}"])
@@ -96,9 +115,14 @@ def test_from_a_source_to_maps_over_a_lost_connection(tmp_path: Path, terminals:
     second.press("q")
     second.see(f"The calibration is in {session / 'calibration'}")
     second.see(f"Exported {session / 'export' / 'map_1m.npz'}")
-    second.see(f"Next: calib undistort {session / 'calibration'} {session / 'frames'} --depth 1 -o {session / 'undistorted'}")
+    second.see(
+        f"Next: calib undistort {session / 'calibration'} {session / 'frames'} --depth 1 -o"
+        f" {session / 'undistorted'}"
+    )
 
-    third = Tmux(tmp_path / "third", [str(Path(sys.executable).with_name("capture")), str(session)])  # as pip installs it
+    third = Tmux(
+        tmp_path / "third", [str(Path(sys.executable).with_name("capture")), str(session)]
+    )  # as pip installs it
     terminals.append(third)
     third.see("12 views through it")
     third.press("C-r")

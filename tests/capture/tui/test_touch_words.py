@@ -4,7 +4,16 @@ import pytest
 
 from capture.tui.touch_words import worded
 
-LABELS = {"f": "Fit", "u": "Take back", "x": "Export", "escape": "Back", "esc": "Back", "ctrl+s": "Write", "^s": "Write", "a": "Add"}
+LABELS = {
+    "f": "Fit",
+    "u": "Take back",
+    "x": "Export",
+    "escape": "Back",
+    "esc": "Back",
+    "ctrl+s": "Write",
+    "^s": "Write",
+    "a": "Add",
+}
 
 
 @pytest.mark.parametrize(
@@ -13,13 +22,13 @@ LABELS = {"f": "Fit", "u": "Take back", "x": "Export", "escape": "Back", "esc": 
         ("Press f to fit again, esc to go back.", "Touch Fit to fit again, Back to go back."),
         ("press f to fit", "touch Fit to fit"),
         ("esc, for the lens is not known yet", "Back, for the lens is not known yet"),
-        ("Press f to fit without it, u to have it again.", "Touch Fit to fit without it, Take back to have it again."),
+        ("Press f to fit without it, u to have it again.", "Touch Fit to fit without it, Take back to have it again."),  # noqa: E501
         ("press ^s again, or esc goes back.", "touch Write again, or Back goes back."),
         ("From 10 views on you may go on (f).", "From 10 views on you may go on (Fit)."),
         ("Press a to add one.", "Touch Add to add one."),
         ("Hold a board, a large one, or a to b.", "Hold a board, a large one, or a to b."),
         ("Press n, then put the cover on.", "Press n, then put the cover on."),
-        ("The focus is f, as before: expressed in px.", "The focus is f, as before: expressed in px."),
+        ("The focus is f, as before: expressed in px.", "The focus is f, as before: expressed in px."),  # noqa: E501
     ],
 )  # fmt: skip
 def test_keys_are_called_by_their_buttons(said: str, wanted: str) -> None:

@@ -11,7 +11,9 @@ from capture.tui.mirror import described
 from tests.capture.tui.driving import drive, running, see
 
 
-def test_each_bar_of_the_error_says_of_which_step_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_bar_of_the_error_says_of_which_step_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(FitScreen, "follow", lambda *_: None)
     drive(_steps(tmp_path))
 
@@ -22,8 +24,19 @@ async def _steps(session: Path) -> None:
         await pilot.app.push_screen(screen)
         screen.child = Child(fit_session)
         for title, words in (("Intrinsics", "0.150 px"), ("Joint fit", "0.075 px")):
-            screen.post_message(FitScreen.Followed(screen.child, {"event": "task", "title": title, "total": 12}))
-            screen.post_message(FitScreen.Followed(screen.child, {"event": "step", "done": 1, "words": words}))
+            screen.post_message(
+                FitScreen.Followed(screen.child, {"event": "task", "title": title, "total": 12})
+            )
+            screen.post_message(
+                FitScreen.Followed(screen.child, {"event": "step", "done": 1, "words": words})
+            )
         await see(pilot, f"Intrinsics {'█' * 24} 0.150 px Joint fit {'█' * 12}{'░' * 12} 0.075 px")
-        bars = [(block["label"], block["text"]) for block in described(pilot.app)["blocks"] if block["kind"] == "bar"]  # type: ignore[attr-defined]
-        assert bars[2:] == [("Error left, Intrinsics", "0.150 px"), ("Error left, Joint fit", "0.075 px")]
+        bars = [
+            (block["label"], block["text"])
+            for block in described(pilot.app)["blocks"]  # type: ignore[attr-defined]
+            if block["kind"] == "bar"
+        ]
+        assert bars[2:] == [
+            ("Error left, Intrinsics", "0.150 px"),
+            ("Error left, Joint fit", "0.075 px"),
+        ]

@@ -1,4 +1,6 @@
-"""Chromium as a telephone of 390 x 844 points, driven by nothing but touches and what its own keyboard would write."""
+"""Chromium as a telephone of 390 x 844 points, driven by nothing but touches and what its own
+keyboard would write.
+"""
 
 import asyncio
 import json
@@ -35,7 +37,9 @@ class Telephone(Browser):
         """Wait until the page shows these words."""
         begun = time.monotonic()
         while words not in " ".join((await self.words()).split()):
-            assert time.monotonic() - begun < HANGS_S, f"{words!r} never came:\n{await self.words()}"
+            assert time.monotonic() - begun < HANGS_S, (
+                f"{words!r} never came:\n{await self.words()}"
+            )
             await asyncio.sleep(0.1)
 
     async def words(self) -> str:
@@ -53,12 +57,16 @@ class Telephone(Browser):
         await self.evaluate("document.activeElement.blur()")
 
     async def tap(self, what: str, least: float = LEAST) -> None:
-        """Touch what this script finds, once it can be touched; it is `least` points wide and high."""
+        """Touch what this script finds, once it can be touched; it is `least` points wide and
+        high.
+        """
         begun = time.monotonic()
         while (place := await self.evaluate_json(PLACE % what)) is None:
             assert time.monotonic() - begun < 60, f"nothing to touch: {what}\n{await self.words()}"
             await asyncio.sleep(0.1)
-        assert min(place["width"], place["height"]) >= least, f"{what} is smaller than a finger: {place}"
+        assert min(place["width"], place["height"]) >= least, (
+            f"{what} is smaller than a finger: {place}"
+        )
         touched = [{"x": place["x"], "y": place["y"]}]
         await self.do("Input.dispatchTouchEvent", type="touchStart", touchPoints=touched)
         await self.do("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
@@ -69,8 +77,10 @@ class Telephone(Browser):
             await self.tap(f"document.querySelector('nav [data-key={json.dumps(key)}]')")
 
     async def fill(self, label: str, text: str) -> None:
-        """Touch a field and write: the first touch chooses what stands in it. A list above that has just closed may have moved it away
-        from under the finger: who sees that touches it again."""
+        """Touch a field and write: the first touch chooses what stands in it. A list above that has
+        just closed may have moved it away
+        from under the finger: who sees that touches it again.
+        """
         field = f"document.getElementById({json.dumps(f'field-{label}')})"
         begun = time.monotonic()
         while not await self.evaluate(f"document.activeElement === {field}"):
@@ -84,7 +94,9 @@ class Telephone(Browser):
         choice = f"document.getElementById({json.dumps(f'choice-{label}')})"
         await self.tap(choice)
         inside = f"[...{choice}.parentElement.querySelectorAll('li button')]"
-        await self.tap(f"{inside}.find((each) => each.textContent.startsWith({json.dumps(option)}))")
+        await self.tap(
+            f"{inside}.find((each) => each.textContent.startsWith({json.dumps(option)}))"
+        )
 
     async def evaluate_json(self, script: str) -> dict[str, float] | None:
         said = await self.evaluate(f"JSON.stringify({script.strip()})")
@@ -97,7 +109,13 @@ async def telephone(address: str, profile: Path) -> AsyncIterator[Telephone]:
     """One that shows this address."""
     async with connected(profile, DENSE) as socket:
         phone = Telephone(socket)
-        await phone.do("Emulation.setDeviceMetricsOverride", width=SIZE[0], height=SIZE[1], deviceScaleFactor=0, mobile=True)
+        await phone.do(
+            "Emulation.setDeviceMetricsOverride",
+            width=SIZE[0],
+            height=SIZE[1],
+            deviceScaleFactor=0,
+            mobile=True,
+        )
         await phone.do("Emulation.setTouchEmulationEnabled", enabled=True)
         await phone.arrive(address, f'document.body.classList.contains("-shown") && {WORDS} !== ""')
         yield phone

@@ -1,4 +1,6 @@
-"""A driver's controls by the names it gives them: those by which vivid feigns faults have no numbers in any header."""
+"""A driver's controls by the names it gives them: those by which vivid feigns faults have no
+numbers in any header.
+"""
 
 import struct
 from fcntl import ioctl

@@ -42,7 +42,9 @@ def feeding(pixels: str, width: int, height: int) -> Iterator[int]:
     handle = os.open(DEVICE, os.O_RDWR)
     try:
         code, size = int.from_bytes(pixels.encode(), "little"), 2 * width * height
-        ioctl(handle, S_FMT, struct.pack("=I4x8I168x", OUTPUT, width, height, code, 1, 0, size, 8, 0))
+        ioctl(
+            handle, S_FMT, struct.pack("=I4x8I168x", OUTPUT, width, height, code, 1, 0, size, 8, 0)
+        )
         yield handle
     finally:
         os.close(handle)

@@ -1,5 +1,6 @@
-"""In the guest: a loopback device shows one picture in each format, then a session's pictures, each when the one before is recorded,
-and at last it is a camera that sends a picture every three seconds.
+"""In the guest: a loopback device shows one picture in each format, then a session's pictures, each
+when the one before is recorded, and at last it is a camera that sends a picture every three
+seconds.
 
 Usage: python -m tests.device.inside.loopback FIXTURE SHARED
 """
@@ -25,7 +26,9 @@ session = Path("/tmp/session")
 
 
 def furthest(pixels: str) -> int | str:
-    """Grey levels between a picture of noise, whose sides few numbers divide, and what the source makes of it in that format."""
+    """Grey levels between a picture of noise, whose sides few numbers divide, and what the source
+    makes of it in that format.
+    """
     shown = np.random.default_rng(0).integers(0, 256, (250, 322)).astype(np.uint8)
     buffer = BUFFERS[pixels](shown)
     try:
@@ -38,7 +41,9 @@ def furthest(pixels: str) -> int | str:
     except CaptureError as error:
         return str(error)
     if pixels == "MJPG":  # lossy: what it shows is what is in the file
-        shown = np.asarray(cv2.imdecode(np.frombuffer(buffer, np.uint8), cv2.IMREAD_GRAYSCALE), np.uint8)
+        shown = np.asarray(
+            cv2.imdecode(np.frombuffer(buffer, np.uint8), cv2.IMREAD_GRAYSCALE), np.uint8
+        )
     return int(np.abs(seen.astype(int) - shown).max())
 
 
@@ -49,7 +54,9 @@ def recorded() -> dict[str, Any]:
     with feeding("YUYV", width, height) as feed:
         for _ in range(2):  # OpenCV passes over a camera's first frame
             os.write(feed, BUFFERS["YUYV"](np.asarray(read_grey(views[0]), np.uint8)))
-        recording = Recording(session, f"v4l2:{DEVICE}", *cover, "--all", "--views", str(len(views)))
+        recording = Recording(
+            session, f"v4l2:{DEVICE}", *cover, "--all", "--views", str(len(views))
+        )
         for number, view in enumerate(views[1:]):
             buffer = BUFFERS["YUYV"](np.asarray(read_grey(view), np.uint8))
             recording.wait_for(number)
@@ -61,7 +68,9 @@ def slow() -> dict[str, Any]:
     buffer = BUFFERS["GREY"](np.random.default_rng(0).integers(0, 256, (250, 322)).astype(np.uint8))
     with feeding("GREY", 322, 250) as handle, written_every(3.0, handle, buffer):
         options = ("--board", "9x9", "--square-mm", "20", "--all", "--views", "3")
-        return Recording(Path("/tmp/slow"), f"v4l2:{DEVICE}?patience_s={PATIENCE:.0f}", *options).ended()
+        return Recording(
+            Path("/tmp/slow"), f"v4l2:{DEVICE}?patience_s={PATIENCE:.0f}", *options
+        ).ended()
 
 
 result = {"formats": {pixels: furthest(pixels) for pixels in BUFFERS}, **recorded(), "slow": slow()}

@@ -1,4 +1,7 @@
-"""`capture record` as a person starts it, and what became of it. A guest may be as slow as it likes, if it goes on."""
+"""`capture record` as a person starts it, and what became of it.
+
+A guest may be as slow as it likes, if it goes on.
+"""
 
 import hashlib
 import json
@@ -8,7 +11,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-PATIENCE = 300.0  # s without a further picture: on a busy machine, a guest needs a minute for its first
+PATIENCE = (
+    300.0  # s without a further picture: on a busy machine, a guest needs a minute for its first
+)
 
 
 class Recording:
@@ -17,7 +22,17 @@ class Recording:
         self._begun = self._changed = time.monotonic()
         self._count = 0
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "capture", "record", session, "--source", source, "--json", *options],
+            [
+                sys.executable,
+                "-m",
+                "capture",
+                "record",
+                session,
+                "--source",
+                source,
+                "--json",
+                *options,
+            ],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -35,7 +50,8 @@ class Recording:
             self._look()
 
     def ended(self, since: float | None = None) -> dict[str, Any]:
-        """Exit code, seconds it took (from its start or `since` by the monotonic clock), and what it said and wrote.
+        """Exit code, seconds it took (from its start or `since` by the monotonic clock), and what
+        it said and wrote.
 
         A recording that brings no further picture is killed.
         """
@@ -65,4 +81,7 @@ class Recording:
 
 def pictures(session: Path) -> dict[str, str]:
     """Each picture's name and a digest of its file."""
-    return {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in sorted((session / "frames").glob("*.png"))}
+    return {
+        file.name: hashlib.sha256(file.read_bytes()).hexdigest()
+        for file in sorted((session / "frames").glob("*.png"))
+    }

@@ -23,7 +23,9 @@ SESSIONS = Path("/tmp/sessions")
 
 
 def start(session: str, *options: str) -> Recording:
-    return Recording(SESSIONS / session, SOURCE, "--board", "9x9", "--square-mm", "20", "--all", *options)
+    return Recording(
+        SESSIONS / session, SOURCE, "--board", "9x9", "--square-mm", "20", "--all", *options
+    )
 
 
 @contextmanager
