@@ -1,10 +1,4 @@
-"""Calibrates a camera that looks through a refractive cover, and undistorts its pictures at any
-depth.
-
-stdout carries the result, stderr the progress and remarks. Exit codes: 0 done, 1 a bug, 2 wrong
-usage or input, 3 not enough good data, 5 a calibration that was checked is not valid, 6 a fleet's
-cluster is gone before all cameras were done.
-"""
+"""The program `calib`."""
 
 from collections.abc import Sequence
 
@@ -26,6 +20,13 @@ from calib.commands import (
 )
 from calib.commands.command_line import run_command
 
+DESCRIPTION = """
+Calibrate a camera that looks through a refractive cover, and undistort its pictures at any depth.
+
+stdout carries the result, stderr progress and remarks. Exit codes: 0 done, 1 a bug, 2 wrong usage
+or input, 3 not enough good data, 5 the checked calibration is not valid, 6 the cluster of a fleet
+was lost before every camera was done.
+"""
 COMMANDS = (
     fit_command,
     evaluate_command,
@@ -42,9 +43,9 @@ COMMANDS = (
     import_command,
     board_command,
 )
-"""In the order of the help."""
+"""The commands in the order of the help."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command `calib`; returns its exit code."""
-    return run_command("calib", __doc__, COMMANDS, argv)
+    """Run `calib` with these arguments and return its exit code."""
+    return run_command("calib", DESCRIPTION, COMMANDS, argv)

@@ -1,14 +1,4 @@
-"""Takes the pictures that a calibration needs, with any camera that this machine has.
-
-  capture SESSION                        the terminal UI: all the way to maps
-  capture SESSION --serve                the same in a browser of this machine
-  capture SESSION --serve --host 0.0.0.0 --port 8000
-                                         in any browser that has the address
-`capture ui --help` lists all options of these.
-
-stdout carries the result, stderr what to do next and remarks. Exit codes: 0 done, 1 a bug, 2 wrong
-usage or input, 3 not enough good data, 4 the device failed.
-"""
+"""The program `capture`."""
 
 import os
 import sys
@@ -17,15 +7,27 @@ from collections.abc import Sequence
 from calib.commands.command_line import run_command
 from capture.commands import record, sources, ui
 
-COMMANDS = (ui, record, sources)
-"""In the order of the help.
+DESCRIPTION = """
+Record the pictures for a calibration, with any camera of this machine.
 
-The first may go without its name: what is no other's name is its SESSION.
+  capture SESSION                        the terminal UI: from the first picture to maps
+  capture SESSION --serve                the same in a browser of this machine
+  capture SESSION --serve --host 0.0.0.0 --port 8000
+                                         in any browser that has the address
+`capture ui --help` lists all options of these.
+
+stdout carries the result, stderr the next step and remarks. Exit codes: 0 done, 1 a bug, 2 wrong
+usage or input, 3 not enough good data, 4 the device failed.
+"""
+COMMANDS = (ui, record, sources)
+"""The commands in the order of the help.
+
+The name of the first may be omitted: an argument that names no command is its SESSION.
 """
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command `capture`; returns its exit code."""
+    """Run `capture` with these arguments and return its exit code."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     argv = sys.argv[1:] if argv is None else list(argv)
     if not argv:
@@ -38,4 +40,4 @@ def main(argv: Sequence[str] | None = None) -> int:
     names = {command.__name__.rpartition(".")[2] for command in COMMANDS}
     if argv[0].partition("=")[0] not in (*names, "-h", "--help", "--version", "--print-completion"):
         argv = ["ui", *argv]
-    return run_command("capture", __doc__, COMMANDS, argv)
+    return run_command("capture", DESCRIPTION, COMMANDS, argv)

@@ -53,10 +53,10 @@ def test_there_are_commands_of_every_kind() -> None:
 def test_its_own_parser_reads_it(typed: Typed) -> None:
     words = shlex.split(typed.line.partition(" > ")[0])
     if typed.program == "calib" and "--print-completion" not in words:
-        _parser("calib", None, cli.COMMANDS).parse_args(words[1:])
+        _parser("calib", "", cli.COMMANDS).parse_args(words[1:])
     elif typed.program == "capture" and "--print-completion" not in words:
         names = {"record", "sources"}
-        _parser("capture", None, capture_cli.COMMANDS).parse_args(
+        _parser("capture", "", capture_cli.COMMANDS).parse_args(
             words[1:] if words[1] in names else ["ui", *words[1:]]
         )
     elif typed.kind == "parsed":
@@ -96,7 +96,7 @@ def options_of(parser: argparse.ArgumentParser) -> dict[str, set[str]]:
 def test_what_sentences_name_is_there() -> None:
     """Commands, their options, and modules."""
     known = {
-        name: options_of(_parser(name, None, main.COMMANDS))
+        name: options_of(_parser(name, "", main.COMMANDS))
         for name, main in (("calib", cli), ("capture", capture_cli))
     }
     named = list(mentioned())

@@ -1,14 +1,4 @@
-"""Calibrate a fleet: every camera fitted, checked against its prior, diagnosed where its verdict
-asks for it, and exported.
-
-MANIFEST is a CSV or YAML that lists cameras (id and session; serial, prior, fixture, date and
-limits if there are), or sessions, such as 'sessions/*'. FLEET gets fleet.html, which shows who
-stands out and why, fleet.csv, and for each camera a folder and a JSON in cameras/.
-
-It runs on Dask: on this machine, at --scheduler, or as jobs of --jobqueue. What is done is not done
-    again: where it was cut short, or a
-session has changed, the same command goes on. Exit code 6: the cluster is gone before all was done.
-"""
+"""The command `calib batch`."""
 
 import argparse
 import re
@@ -18,6 +8,21 @@ from calib.commands.fit_options import add_fit_options, settings_of
 from calib.errors import InputError, NotEnoughDataError
 from calib.export.formats import FORMATS
 from calib.fleet.cluster import QUEUES
+
+SUMMARY = "Calibrate a fleet of cameras, and find those that stand out."
+DESCRIPTION = """
+For each camera, calib batch fits the session, checks it against the camera's prior, diagnoses it
+if the verdict asks for that, and exports it.
+
+MANIFEST is a CSV or YAML file that lists cameras (id and session; optionally serial, prior,
+fixture, date and limits), or a list of sessions such as 'sessions/*'. FLEET gets fleet.html, which
+shows which cameras stand out and why, fleet.csv, and a folder and a JSON file for each camera in
+cameras/.
+
+The work runs on Dask: on this machine, at --scheduler, or as jobs of --jobqueue. Run the same
+command again to continue: it repeats only cameras that are not finished or whose session has
+changed. Exit code 6: the cluster was lost before every camera was done.
+"""
 
 FOLDS = 4
 """Unless told otherwise: the held-out error is what cameras are compared by."""

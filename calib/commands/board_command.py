@@ -1,10 +1,4 @@
-"""Write a board to print: board.pdf and board.svg at true scale, and a session.yaml to start from.
-
-A checkerboard, a ChArUco board, or Kalibr's AprilGrid: with markers, part of a board in a picture
-is enough. The sheet has two rulers, and says what to measure after printing and where to enter it.
-Without --square-mm or --tag-mm, squares or tags are of the most whole millimetres that leave a
-white margin as wide as they are.
-"""
+"""The command `calib board`."""
 
 import argparse
 import math
@@ -19,6 +13,14 @@ if TYPE_CHECKING:
     from calib.sheet.paper import Paper
     from calib.sheet.sheet import Sheet
     from calib.sheet.target import Pattern
+
+SUMMARY = "Draw a board to print: board.pdf and board.svg at true scale, and a session.yaml."
+DESCRIPTION = """
+The board is a checkerboard, a ChArUco board or Kalibr's AprilGrid. With markers, a picture that
+shows only a part of the board is enough. The sheet has two rulers, and says what to measure after
+printing and where to enter it. Without --square-mm or --tag-mm, squares or tags get the largest
+whole number of millimetres that leaves a white margin as wide as one of them.
+"""
 
 OPTIONS = ("square_mm", "tag_mm", "spacing", "marker", "dictionary", "legacy_pattern")
 BY_TYPE = {

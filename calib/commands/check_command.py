@@ -1,18 +1,20 @@
-"""Ask a few pictures of the board whether a calibration still holds, and if not, what has changed.
-
-PICTURES are a session, a folder of pictures or picture files, three to five of them, the board
-tilted, near and far. Without a session.yaml of their own, their board is the calibration's. Exit
-code 0: valid; 5: degraded or broken.
-
-With --update, OUT gets the calibration brought up to date: refitted to the pictures with all that
-it knew as the prior, its history kept.
-"""
+"""The command `calib check`."""
 
 import argparse
 from pathlib import Path
 
 from calib.commands.arguments import add_calibration, add_output, folder_of
 from calib.commands.loading import quickly
+
+SUMMARY = "Check with a few pictures whether a calibration still holds, and find what changed."
+DESCRIPTION = """
+PICTURES are a session, a folder of pictures, or picture files. Three to five are enough: tilt the
+board, and show it near and far. Without a session.yaml of their own, the board is that of the
+calibration. Exit code 0: valid; 5: degraded or broken.
+
+With --update, OUT gets an updated calibration: the calibration is the prior, and the pictures
+refine it. Its history is kept.
+"""
 
 NOT_VALID = 5
 """The exit code."""

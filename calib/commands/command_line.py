@@ -20,16 +20,18 @@ from calib.version import VERSION
 
 def run_command(
     program: str,
-    description: str | None,
+    description: str,
     commands: Sequence[ModuleType],
     argv: Sequence[str] | None,
 ) -> int:
     """Run the command that the arguments name; returns the exit code.
 
     Args:
-        commands: each has its help as docstring, `add_arguments(parser)` and `run(args)`, which
-            returns an exit code or None for 0; in the order of the help. It is called as its module
-            is, without `_command`, with dashes.
+        description: the text above the list of commands in the program's help.
+        commands: modules with the texts SUMMARY (one line) and DESCRIPTION, and the functions
+            `add_arguments(parser)` and `run(args)`, which returns an exit code, or None for 0; in
+            the order of the help. A command has the name of its module, without `_command` and
+            with dashes.
         argv: None for this process's own.
     """
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
@@ -105,7 +107,7 @@ def _listed(lines: str, width: int) -> str:
 
 
 def _parser(
-    program: str, description: str | None, commands: Sequence[ModuleType]
+    program: str, description: str, commands: Sequence[ModuleType]
 ) -> argparse.ArgumentParser:
     parser = _Parser(program, description=description, formatter_class=_Help)
     parser.add_argument("--version", action="version", version=f"refracal {VERSION}")
@@ -113,10 +115,12 @@ def _parser(
     choices = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in commands:
         name = command.__name__.rpartition(".")[2].removesuffix("_command").replace("_", "-")
-        summary = (command.__doc__ or "").partition("\n")[0]
-        own = choices.add_parser(
-            name, help=summary, description=command.__doc__, formatter_class=_Help
+        subparser = choices.add_parser(
+            name,
+            help=command.SUMMARY,
+            description=f"{command.SUMMARY}\n\n{command.DESCRIPTION.strip()}",
+            formatter_class=_Help,
         )
-        command.add_arguments(own)
-        own.set_defaults(run=command.run)
+        command.add_arguments(subparser)
+        subparser.set_defaults(run=command.run)
     return parser

@@ -1,9 +1,4 @@
-"""Find what a calibration's model lacks, add it, and show the error before and after on views that
-were not fitted.
-
-OUT gets the calibration with the accepted effects, and its report.html. Without --holdout, views of
-the calibration itself are held out in turn.
-"""
+"""The command `calib diagnose`."""
 
 import argparse
 from pathlib import Path
@@ -11,6 +6,15 @@ from pathlib import Path
 from calib.commands.arguments import add_output, folder_of
 from calib.commands.effect_names import effects_help
 from calib.commands.loading import quickly
+
+SUMMARY = (
+    "Find effects that a calibration's model lacks, and add those that held-out views confirm."
+)
+DESCRIPTION = """
+OUT gets the calibration with the accepted effects, and its report.html with the error before and
+after on views that were not fitted. Without --holdout, the calibration's own views are held out in
+turn.
+"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,14 +1,16 @@
-"""Measure a calibration on views that it has not seen.
-
-Camera and cover come from CALIBRATION, board and views from SESSION; only each view's pose is
-refitted.
-"""
+"""The command `calib evaluate`."""
 
 import argparse
 from pathlib import Path
 
 from calib.commands.arguments import add_calibration, folder_of
 from calib.commands.loading import quickly
+
+SUMMARY = "Measure the error of a calibration on views that were not fitted."
+DESCRIPTION = """
+Camera and cover come from CALIBRATION, board and views from SESSION. Only the pose of each view is
+fitted again.
+"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

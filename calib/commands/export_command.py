@@ -1,9 +1,4 @@
-"""Write a calibration in a form that other programs read: maps, which are exact at their depth, or
-a central camera.
-
-A central camera can only approximate a covered one: it is fitted at each --depth, and its misfit
-there, at half and at double of it is said in the file and here.
-"""
+"""The command `calib export`."""
 
 import argparse
 from collections.abc import Sequence
@@ -17,6 +12,13 @@ from calib.export.formats import AXES, FORMATS, ExportLens, Format
 
 if TYPE_CHECKING:
     from calib.export.export import Exported
+
+SUMMARY = "Write a calibration for other programs, as maps or as a central camera."
+DESCRIPTION = """
+Maps are exact at their depth. A central camera can only approximate a covered one: calib export
+fits it at each --depth, and states its misfit at that depth, at half of it and at double of it,
+both in the file and here.
+"""
 
 NAMED = 3  # files of an earlier fit: more would not be read
 

@@ -1,9 +1,4 @@
-"""Calibrate a session: a folder of pictures in, a calibration and undistortion maps out.
-
-SESSION holds session.yaml and frames/. OUT gets calibration.yaml with calibration.npz, the ray
-field, a map for every --depth, and report.html, which shows what was calibrated and whether to
-trust it.
-"""
+"""The command `calib fit`."""
 
 import argparse
 from pathlib import Path
@@ -16,6 +11,13 @@ from calib.commands.loading import quickly
 
 if TYPE_CHECKING:
     from calib.calibration import Calibration
+
+SUMMARY = "Calibrate a session: a folder of pictures in, a calibration and undistortion maps out."
+DESCRIPTION = """
+SESSION holds session.yaml and frames/. OUT gets calibration.yaml with calibration.npz, the ray
+field, a map for every --depth, and report.html, which shows the result and says whether to trust
+it.
+"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

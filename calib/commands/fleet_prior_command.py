@@ -1,15 +1,17 @@
-"""Write what a fleet's cameras say of the next one of their make: a prior that its session names,
-so that it takes fewer pictures.
-
-FLEET is what calib batch wrote. The prior has every number of camera and cover that its fits
-estimated, its mean over the cameras and how far these differ, with what each fit did not know
-itself taken off. Cameras that broke or stand out are left out, and named.
-
-A session names it in session.yaml, from its folder on: prior: ../prior.yaml
-"""
+"""The command `calib fleet-prior`."""
 
 import argparse
 from pathlib import Path
+
+SUMMARY = "Make a prior for the next camera of a make, so that it needs fewer pictures."
+DESCRIPTION = """
+FLEET is a folder that calib batch wrote. The prior holds every number of camera and cover that its
+fits estimated: the mean over the cameras, and how much cameras differ beyond the uncertainty of
+each fit. Cameras that are broken or stand out are left out and named.
+
+A session uses the prior by a line in session.yaml, a path relative to its folder:
+prior: ../prior.yaml
+"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,13 +1,4 @@
-"""Put a calibration into another medium: made in air, it is written for water, with sigma for what
-water makes visible.
-
-The camera and its cover are as the views told, and what lies outside has another index, that of
---outside-index or of water by
---salinity and --temperature (Quan and Fry 1995). Numbers that the fit held as declared, as they
-hardly mattered, are estimated within their tolerances, unless they are exact. Where the views leave
-something open that hardly matters in their own medium and much in the other, as where a window
-stands, it is said, with what would have to be known. Back to air: --outside-index 1.
-"""
+"""The command `calib immerse`."""
 
 import argparse
 from collections.abc import Callable, Iterator
@@ -22,6 +13,16 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calib.apply.immerse import Immersion
+
+SUMMARY = "Convert a calibration to another medium: made in air, used in water."
+DESCRIPTION = """
+The camera and its cover stay as calibrated; only the index of the medium outside changes, to
+--outside-index, or to that of water of a given --salinity and --temperature (Quan and Fry 1995).
+Numbers that the fit held at their declared values, because they hardly mattered, are estimated
+within their tolerances unless they are declared exact. Some numbers, such as the place of a flat
+window, hardly matter in air but do in water. If the views leave one of them open, the command says
+so, and how well it must be measured. To convert back to air: --outside-index 1.
+"""
 
 UNKNOWN_FACE = 0.05
 """px: less is not worth a word."""

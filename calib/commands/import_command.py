@@ -1,9 +1,4 @@
-"""Make a session folder of what other programs recorded: their pictures, or the corners that they
-found.
-
-A folder that is there already is left alone. The new session has no cover; describe yours in its
-session.yaml.
-"""
+"""The command `calib import`."""
 
 import argparse
 from pathlib import Path
@@ -15,6 +10,12 @@ from calib.errors import harmless
 
 if TYPE_CHECKING:
     from calib.importing.session_draft import Draft
+
+SUMMARY = "Make a session folder from the pictures or corners of another program."
+DESCRIPTION = """
+A folder that exists already is never changed. The new session has no cover: describe yours in its
+session.yaml.
+"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,17 +1,4 @@
-"""Measure in metres: where pixels look on a plane, or where the rays of several pictures meet, and
-how far apart the points are.
-
-POINTS is a CSV file with the columns x,y (px in the pictures as they were taken), and optionally
-name and image. Points are on a plane across the optical axis (--depth), on the board that their own
-picture shows (--on-boards), or where the rays to one name meet from two or more pictures of one
-still board (--triangulate). Pictures are sought beside POINTS. A point outside its picture, or
-without a ray, is not measured; the table and the JSON say why.
-
-Sigma counts the pixels' noise, the uncertainty of the calibrated rays, the corner noise of the
-boards, and how well the side of their squares is known (board.square_mm, by 0.2 % where
-session.yaml says nothing of it); not a board of another shape, nor glass that the fit cannot
-follow.
-"""
+"""The command `calib measure`."""
 
 import argparse
 import math
@@ -24,6 +11,19 @@ from calib.errors import brief, harmless
 
 if TYPE_CHECKING:
     from calib.apply.measure import Measured
+
+SUMMARY = "Measure in metres: points on a plane, or points that several pictures show, and lengths."
+DESCRIPTION = """
+POINTS is a CSV file with the columns x,y (px in the pictures as taken), and optionally name and
+image. Points lie on a plane at right angles to the optical axis (--depth), on the board that their
+picture shows (--on-boards), or where the rays of the same name from two or more pictures of one
+still board meet (--triangulate). Pictures are searched for beside POINTS. A point outside its
+picture, or without a ray, is not measured; the table and the JSON say why.
+
+Sigma includes the noise of the pixels, the uncertainty of the calibrated rays, the corner noise of
+the boards, and the uncertainty of the squares' side (board.square_mm; 0.2 % if session.yaml gives
+none). It does not include a board of another shape, or glass that the fit cannot follow.
+"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,15 +1,4 @@
-"""Locate tags: where AprilTags or ArUco markers are that pictures show, in metres, with sigma.
-
-PICTURES are as the camera took them, through its cover. A tag's pose is solved on the calibrated
-rays, which do not meet in one point. It is given in the camera frame (x right, y down, z forward):
-the tag's middle, and the rotation vector of its own frame, x to the right of the upright tag, y
-down, z away from who looks at it. AprilTags are upright as their makers print them. A small tag
-that is seen from the
-front may have either of two poses: both are given then, with their probabilities.
-
-Sigma counts the noise of the corners, the uncertainty of the calibrated rays, and how well the side
-of the tags is known; not a tag that is not flat.
-"""
+"""The command `calib pose`."""
 
 import argparse
 import math
@@ -28,6 +17,19 @@ if TYPE_CHECKING:
     from calib.apply.located_tags import TagPose
     from calib.apply.tag_files import Picture, Refused
     from calib.apply.tags import TagLocator
+
+SUMMARY = "Locate AprilTags and ArUco markers in pictures: poses in metres, with sigma."
+DESCRIPTION = """
+PICTURES are as the camera took them, through its cover. The pose of a tag is solved on the
+calibrated rays, which do not meet in one point. It is given in the camera frame (x right, y down,
+z forward): the middle of the tag, and the rotation vector of the tag's frame, whose x points to the
+right of the upright tag, y down, and z away from the viewer. AprilTags are upright as their makers
+print them. A small tag that is seen from the front may fit two poses: both are given, with their
+probabilities.
+
+Sigma includes the noise of the corners, the uncertainty of the calibrated rays, and the uncertainty
+of the tags' side. It does not include a tag that is not flat.
+"""
 
 BORDERS = (1, 2)
 

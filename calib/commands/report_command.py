@@ -1,14 +1,16 @@
-"""Show a calibration: write report.html beside it, afresh, and open it in a browser.
-
-The report is one file that needs no network. Over SSH, and where there is no screen, its path is
-printed and nothing opened.
-"""
+"""The command `calib report`."""
 
 import argparse
 from collections.abc import Mapping
 
 from calib.commands.arguments import add_calibration, add_depths, folder_of
 from calib.commands.loading import quickly
+
+SUMMARY = "Write report.html for a calibration and open it in a browser."
+DESCRIPTION = """
+The report is one file that needs no network. Over SSH, and without a screen, the command prints its
+path and opens nothing.
+"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,15 +1,16 @@
-"""Straighten pictures and videos: show the scene as the camera would without its cover and lens
-distortion.
-
-Colour and grey, 8 and 16 bit. Pixels that the camera does not see through its cover become 0.
-Videos lose their sound.
-"""
+"""The command `calib undistort`."""
 
 import argparse
 from pathlib import Path
 
 from calib.commands.arguments import add_calibration, add_output, depth, quoted
 from calib.commands.loading import quickly
+
+SUMMARY = "Undistort pictures and videos: remove the distortion of cover and lens."
+DESCRIPTION = """
+Pictures may be colour or grey, 8 or 16 bit. Pixels that the camera does not see through its cover
+become 0. Videos lose their sound.
+"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

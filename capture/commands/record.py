@@ -1,16 +1,17 @@
-"""Record a session without a screen: keep the frames in which the board is seen well and adds
-something.
-
-SOURCE is v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE; options follow a
-question mark, such as v4l2:/dev/video0?size=1640x1232. A session that has pictures is continued.
-Ctrl-C ends the recording, and loses nothing.
-"""
+"""The command `capture record`."""
 
 import argparse
 from pathlib import Path
 
 from calib.commands.arguments import positive, quoted
 from calib.commands.board_options import add_coding, asked_board
+
+SUMMARY = "Record a session without a screen: keep sharp frames that show the board in a new pose."
+DESCRIPTION = """
+SOURCE is v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE; options follow a
+question mark, such as v4l2:/dev/video0?size=1640x1232. A session that has pictures is continued.
+Ctrl-C ends the recording and loses nothing.
+"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,10 +1,12 @@
-"""List the cameras of this machine, with their modes, and say what is missing.
-
-The first column is what `--source` takes.
-"""
+"""The command `capture sources`."""
 
 import argparse
 from dataclasses import asdict
+
+SUMMARY = "List the cameras of this machine with their modes, and say what is missing."
+DESCRIPTION = """
+The first column is the value for --source.
+"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

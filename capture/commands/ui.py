@@ -1,17 +1,17 @@
-"""The terminal UI: from nothing to a calibration, following the screen. `capture SESSION` is short
-for it.
-
-SOURCE is v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE; options follow a
-question mark. With --serve the same
-runs in a browser: of this machine alone, or with --host of others too, which then need the address
-    that is printed once.
-"""
+"""The command `capture ui`."""
 
 import argparse
 from importlib.util import find_spec
 from pathlib import Path
 
 from calib.commands.arguments import quoted
+
+SUMMARY = "Start the terminal UI, a guide to a calibration. `capture SESSION` is short for it."
+DESCRIPTION = """
+SOURCE is v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE; options follow a
+question mark. With --serve the UI runs in a browser instead: of this machine alone, or with --host
+of other machines too, which then need the address that is printed once.
+"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
