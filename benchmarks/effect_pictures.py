@@ -20,13 +20,13 @@ from PIL import Image
 from torch import Tensor
 
 from calib.corners.view import View
-from calib.diagnosis.score_test import Optimum
 from calib.effects.effect import Effect, Surroundings
 from calib.effects.registry import FIELDS, KINDS
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.poses import refit_poses
 from calib.estimation.priors import NONE, Priors
+from calib.inference.score_test import Optimum
 from calib.optics.board_target import FLEX, MOTION
 from calib.optics.build import covered_path, footprint, with_relief
 from calib.optics.params import LINE, TIME

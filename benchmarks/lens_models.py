@@ -21,11 +21,11 @@ from rich.table import Table
 from calib.corners.usable import with_poses
 from calib.corners.view import View
 from calib.errors import NotEnoughDataError
-from calib.fitting.held_out_views import Fitted, held_out_errors, summed
 from calib.fitting.inputs import read_views
-from calib.fitting.lens_by_rays import LensFit, fit_lens
-from calib.fitting.opencv_lens import fit_opencv
-from calib.fitting.ray_lens import PLAIN, SPLINES, RayLens
+from calib.intrinsics.held_out_views import Fitted, held_out_errors, summed
+from calib.intrinsics.opencv_lens import fit_opencv
+from calib.intrinsics.ray_lens import PLAIN, SPLINES, RayLens
+from calib.intrinsics.ray_lens_fit import LensFit, fit_lens
 from calib.progress import Silent
 from calib.session.board import Board
 from calib.session.session import read_session

@@ -30,12 +30,12 @@ from calib.corners.corners_file import write_corners
 from calib.corners.detect import refine
 from calib.corners.detect_all import detect
 from calib.corners.view import View
-from calib.diagnosis.held_out import folds, hold_out
-from calib.diagnosis.named_effects import with_named
-from calib.diagnosis.starting_model import model_of
+from calib.diagnosis.requested_effects import with_named
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
 from calib.fitting.stages import Settings
+from calib.inference.calibration_model import model_of
+from calib.inference.cross_validation import folds, hold_out
 from calib.progress import Silent
 from calib.session.board import Board
 from calib.session.session import read_session

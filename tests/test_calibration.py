@@ -13,10 +13,10 @@ import yaml
 from calib.calibration import Calibration, Declared
 from calib.corners.corners_file import write_corners
 from calib.corners.view import View
-from calib.diagnosis.starting_model import base_model
 from calib.errors import InputError, NotEnoughDataError
 from calib.fitting.fit import fit
 from calib.fitting.stages import Settings
+from calib.inference.calibration_model import base_model
 from calib.progress import Silent
 from calib.session.camera import Camera, Intrinsics
 from calib.session.schema import Number

@@ -87,7 +87,7 @@ class Answer:
     """That over the noise of the calibration's own corners, at least 1."""
     views: int
     changes: tuple[Change, ...]
-    """The most probable first; one of more than `families.ALONE` stands alone."""
+    """The most probable first; one of more than `NAME_ALONE` stands alone."""
     rejected: tuple[Rejected, ...]
     lacking: str = ""
     """The name of the most probable change, where the calibration's own views show it too: it is no

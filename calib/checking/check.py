@@ -21,13 +21,13 @@ from calib.checking.picture_mode import PictureMode
 from calib.checking.pictures import Pictures
 from calib.checking.significance import significance
 from calib.corners.view import Rejected, View
-from calib.diagnosis.families import ALONE
 from calib.effects.effect import Effect
 from calib.errors import InputError
 from calib.estimation.noise import on_board, short_scale_noise
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
 from calib.fitting.posable import posable
+from calib.inference.naming import NAME_ALONE
 from calib.progress import Progress, Silent
 from calib.session.board import Board
 from calib.threads import single_thread
@@ -127,7 +127,7 @@ class Checker:
         seen = Seen(observations, poses, equations, camera.width, camera.height)
         guesses, louder = self._guesses(seen, views, pictures.board, error, louder)
         first, chances = guesses[0], probabilities(guesses)
-        if first.view >= 0 and chances[0] > ALONE and len(views) > 1:
+        if first.view >= 0 and chances[0] > NAME_ALONE and len(views) > 1:
             out = views[first.view]
             rest = tuple(view for view in views if view is not out)
             return self._check(

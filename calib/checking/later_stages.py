@@ -9,9 +9,9 @@ from collections.abc import Iterator
 import torch
 
 from calib.calibration import Calibration, Stage
-from calib.diagnosis.diagnosed import STAGE
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import residuals
+from calib.fitting.fit_result import STAGE
 from calib.optics.build import covered_path, pinhole_path
 
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from calib.checking.answer import Change
 from calib.checking.changes import WORDS, size_of
 from calib.checking.hypotheses import Hypothesis, Seen
-from calib.diagnosis.families import ALONE, WORTH_NAMING
 from calib.effects.effect import Effect
+from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
 
 Array = NDArray[np.float64]
 
@@ -32,9 +32,9 @@ def named(found: Sequence[Hypothesis], seen: Seen) -> tuple[Change, ...]:
     worth = [
         (one, float(chance))
         for one, chance in zip(found, chances, strict=True)
-        if chance > WORTH_NAMING
+        if chance > MIN_MEMBER_PROBABILITY
     ]
-    if worth[0][1] > ALONE:
+    if worth[0][1] > NAME_ALONE:
         worth = worth[:1]
     return tuple(_told(one, chance, seen) for one, chance in worth)
 

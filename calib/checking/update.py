@@ -25,7 +25,6 @@ from calib.checking.picture_mode import PictureMode
 from calib.checking.pictures import Pictures
 from calib.checking.refit import Refit, refit
 from calib.corners.view import View
-from calib.diagnosis.diagnosed import with_fit
 from calib.effects.effect import Effect
 from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.joint_fit import JointFit
@@ -33,6 +32,7 @@ from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refit_poses
 from calib.fitting.declared import comparisons
+from calib.fitting.fit_result import with_fit
 from calib.optics.relief import AMPLITUDES
 from calib.threads import single_thread
 

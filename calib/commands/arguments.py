@@ -140,7 +140,7 @@ def folds(text: str) -> int:
 
 def effects(written: str) -> tuple[str, ...]:
     """none, auto, or names of effects, joined by commas."""
-    from calib.diagnosis.named_effects import NAMES
+    from calib.diagnosis.requested_effects import NAMES
 
     names = tuple(name for name in written.split(",") if name)
     wrong = [name for name in names if name not in NAMES]

@@ -49,8 +49,8 @@ def run(args: argparse.Namespace) -> None:
         from calib.commands.printing import print_json, told
         from calib.commands.verdict_lines import print_verdict
         from calib.diagnosis.diagnose import diagnose
-        from calib.diagnosis.named_effects import with_named
         from calib.diagnosis.possible_effects import check_possible
+        from calib.diagnosis.requested_effects import with_named
         from calib.export.npz import write_npz
         from calib.fitting.fit import fit
         from calib.fitting.provenance import asked

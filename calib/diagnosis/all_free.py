@@ -10,9 +10,9 @@ from dataclasses import replace
 import torch
 
 from calib.calibration import Calibration, Declared
-from calib.diagnosis.diagnosed import with_fit
-from calib.diagnosis.starting_model import model_of
 from calib.errors import NotEnoughDataError
+from calib.fitting.fit_result import with_fit
+from calib.inference.calibration_model import model_of
 from calib.session.freeing import ALL, AUTO, with_free
 from calib.threads import single_thread
 

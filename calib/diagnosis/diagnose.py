@@ -4,7 +4,6 @@ changed on held-out views.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,14 +12,10 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.corners.view import are_timed, board_poses
-from calib.diagnosis.diagnosed import with_fit
-from calib.diagnosis.families import settle
+from calib.diagnosis.equivalence import settle
 from calib.diagnosis.finding import Candidate, Diagnosis, Family, ParameterEstimate, Quality
-from calib.diagnosis.held_out import FOLDS, bands, folds
-from calib.diagnosis.selection import MOST_EFFECTS, TRIED, Loop
+from calib.diagnosis.search import MOST_EFFECTS, TRIED, Loop
 from calib.diagnosis.sentences import formulas_of, remarks, unconfirmed_scores, verdict
-from calib.diagnosis.starting_model import base_model, model_of
-from calib.diagnosis.variance_split import Scene, Share
 from calib.effects.effect import Effect
 from calib.effects.registry import EFFECTS
 from calib.errors import NotEnoughDataError
@@ -30,7 +25,11 @@ from calib.estimation.noise import burst_noise, on_board, short_scale_noise
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import Residuals, residuals
 from calib.fitting.evaluate import evaluate
+from calib.fitting.fit_result import with_fit
 from calib.fitting.view_noise import VIEW_NOISE, noisier
+from calib.inference.calibration_model import base_model, model_of
+from calib.inference.cross_validation import FOLDS, bands, folds
+from calib.inference.residual_structure import organising_of, split_of
 from calib.progress import Progress, Silent
 from calib.session.session import Session
 from calib.threads import single_thread
@@ -38,10 +37,6 @@ from calib.threads import single_thread
 FEWEST_VIEWS = FOLDS
 CONFIRMING_VIEWS = 2 * FOLDS
 """With fewer the scores are given, and nothing is accepted."""
-ORGANISED = 1e-3
-"""p-value from which something is said to organise a residual, over the things that are asked."""
-NOTICEABLE = 0.03
-"""Of the variance, above chance: less is not worth a word."""
 
 
 def diagnose(
@@ -168,42 +163,6 @@ def _depths(model: CameraModel, joint: JointFit, observations: Observations) -> 
 
 def _missed(model: CameraModel, joint: JointFit, observations: Observations) -> Residuals:
     return residuals(model.path, joint.values, observations, joint.poses)
-
-
-def split_of(
-    calibration: Calibration,
-    model: CameraModel,
-    joint: JointFit,
-    observations: Observations,
-    left: Residuals,
-) -> list[Share]:
-    """What organises the residual of a fit, by how much each explains."""
-    missed = left.image
-    seen = torch.isfinite(missed).all(-1)
-    kept = observations.kept(seen)
-    timed = kept.with_times(joint.values)
-    depth = model.path.place(kept.corners, timed, joint.poses[kept.view])[:, 2]
-    rays = model.path.trace(kept.pixels, timed)
-    start = model.path.lens(*model.path.adjusted(kept.pixels, timed)).direction
-    incidence = start.z if not model.path.cover else start.dot(rays.direction)
-    scene = Scene(
-        kept,
-        missed[seen].numpy(),
-        depth.numpy(),
-        incidence.numpy(),
-        calibration.camera.width,
-        calibration.camera.height,
-    )
-    return scene.split()
-
-
-def organising_of(shares: Sequence[Share]) -> list[Share]:
-    """Those that explain more than noise would."""
-    return [
-        s
-        for s in shares
-        if s.p_value < ORGANISED / len(shares) and s.fraction - s.chance > NOTICEABLE
-    ]
 
 
 def _unexplained(

@@ -7,12 +7,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from calib.diagnosis.near_start import start_of_fewer
-from calib.diagnosis.trial import Fit
 from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
+from calib.inference.score_test import ModelFit
+from calib.inference.warm_start import start_of_fewer
 
 
 @dataclass(slots=True, eq=False)
@@ -22,12 +22,12 @@ class FewerEffects:
     base: CameraModel
     """Without any effect."""
     observations: Observations
-    known: dict[tuple[str, ...], Fit] = field(default_factory=dict)
+    known: dict[tuple[str, ...], ModelFit] = field(default_factory=dict)
     """Of the model as it is, by the effects that stay."""
     earlier: dict[tuple[str, ...], JointFit] = field(default_factory=dict)
     """Where the models that the loop went through ended, by their effects."""
 
-    def fitted(self, whole: Fit, effects: Sequence[Effect]) -> Fit:
+    def fitted(self, whole: ModelFit, effects: Sequence[Effect]) -> ModelFit:
         """With the noise and the prior of the whole model; from where the loop had it once, or from
         where the whole ended.
         """
@@ -44,10 +44,10 @@ class FewerEffects:
                 poses, start = was.poses, replace(start, values=was.values)
             else:
                 start = start_of_fewer(model, whole.model, whole.joint, self.observations)
-            self.known[names] = Fit(model, model.fitted(self.observations, poses, start))
+            self.known[names] = ModelFit(model, model.fitted(self.observations, poses, start))
         return self.known[names]
 
-    def passed(self, whole: Fit) -> None:
+    def passed(self, whole: ModelFit) -> None:
         """The loop has had this model."""
         self.earlier[_names(whole.model.effects)] = whole.joint
 

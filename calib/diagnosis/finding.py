@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from calib.diagnosis.closed_forms import ClosedForm
-from calib.diagnosis.variance_split import Share
+from calib.diagnosis.printed_patterns import ClosedForm
 from calib.fitting.declared import PREFIXES
 from calib.fitting.rounding import with_sigma
+from calib.inference.residual_structure import Share
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,15 +15,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib.diagnosis.far_start import begun
-from calib.diagnosis.linearised import Linearised
-from calib.diagnosis.near_start import start_of_fewer
-from calib.diagnosis.score_test import Optimum
 from calib.effects.effect import Effect
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import ROUNDS, JointFit, inverse
 from calib.estimation.objective import view_precision
 from calib.estimation.observations import Observations
+from calib.inference.laplace_evidence import Linearised
+from calib.inference.score_test import Optimum
+from calib.inference.warm_start import begun, start_of_fewer
 
 
 def with_most_probable(

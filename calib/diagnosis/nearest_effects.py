@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from calib.diagnosis.score_test import Optimum
 from calib.effects.effect import Effect
+from calib.inference.score_test import Optimum
 
 NEAR = 0.1
 """The part of the field that a named effect must be able to do, to be worth a word."""

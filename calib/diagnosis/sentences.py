@@ -4,16 +4,16 @@ from collections.abc import Iterator, Sequence
 
 import torch
 
-from calib.diagnosis.closed_forms import ClosedForm, closed_forms
 from calib.diagnosis.finding import Family
 from calib.diagnosis.nearest_effects import nearest_named
-from calib.diagnosis.score_test import Optimum, ScoreTest
-from calib.diagnosis.selection import Loop
+from calib.diagnosis.printed_patterns import ClosedForm, closed_forms
+from calib.diagnosis.search import Loop
 from calib.diagnosis.separating_view import separating_view
 from calib.diagnosis.trial import ALPHA, LEAST_GAIN, Trial
-from calib.diagnosis.variance_split import Share
 from calib.effects.effect import Effect, possible
 from calib.effects.free_field import FreeField
+from calib.inference.residual_structure import Share
+from calib.inference.score_test import Optimum, ScoreTest
 from calib.planning.hints import words
 
 ABSORBED = 0.95
@@ -23,7 +23,7 @@ absorbed.
 
 MUCH = 0.5
 """The part of a field that a formula must be, to be worth a word: noise alone makes up to a fifth
-(tests/diagnosis/test_closed_forms).
+(tests/diagnosis/test_printed_patterns).
 """
 SCORED = 3
 """Effects that are named by their scores alone."""

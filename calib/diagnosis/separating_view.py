@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from calib.corners.view import View
-from calib.diagnosis.score_test import Optimum
 from calib.effects.effect import Effect
 from calib.estimation.observations import Observations
+from calib.inference.score_test import Optimum
 from calib.optics.projection import project
 from calib.session.board import Board
 from calib.session.camera import Camera

@@ -5,14 +5,14 @@ they need no more.
 from __future__ import annotations
 
 from calib.diagnosis.most_probable_form import odds_of
-from calib.diagnosis.near_start import start_of_fewer
-from calib.diagnosis.trial import Fit
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import ROUNDS
 from calib.estimation.observations import Observations
+from calib.inference.score_test import ModelFit
+from calib.inference.warm_start import start_of_fewer
 
 
-def simplified(fit: Fit, base: CameraModel, observations: Observations) -> Fit:
+def simplified(fit: ModelFit, base: CameraModel, observations: Observations) -> ModelFit:
     """The same fit, or one in which effects that all views share have fewer parameters and the
     corners are more probable.
 
@@ -38,5 +38,5 @@ def simplified(fit: Fit, base: CameraModel, observations: Observations) -> Fit:
         start = start_of_fewer(fewer, fit.model, fit.joint, observations)
         joint = fewer.fitted(observations, fit.joint.poses, start, ROUNDS)
         if joint.finite and joint.log_marginal > fit.joint.log_marginal:
-            fit = Fit(fewer, joint)
+            fit = ModelFit(fewer, joint)
     return fit

@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from calib.diagnosis.held_out import Gain
-from calib.diagnosis.score_test import ScoreTest
-from calib.estimation.camera_model import CameraModel
-from calib.estimation.joint_fit import JointFit
+from calib.inference.cross_validation import Gain
+from calib.inference.score_test import ModelFit, ScoreTest
 
 ALPHA = 0.05
 """Chance of a false acceptance in a whole round, over all the candidates that are tried."""
@@ -26,21 +24,13 @@ def worth(found: Gain) -> bool:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
-    """The model with the candidate, fitted to all views."""
-
-    model: CameraModel
-    joint: JointFit
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Trial:
     """What was asked of it: a score, then a fit if that promises something, then held-out views if
     it is the most probable.
     """
 
     test: ScoreTest
-    fit: Fit | None = None
+    fit: ModelFit | None = None
     lowers: float = -math.inf
     """The fraction by which the fit lowers the root mean square of the views that it is a fit to.
     """
@@ -62,7 +52,7 @@ class Trial:
     """On depth bands that were held out, where there are such and the folds agree."""
 
     @property
-    def fitted(self) -> Fit:
+    def fitted(self) -> ModelFit:
         """Of a trial that is known to have one."""
         assert self.fit
         return self.fit

@@ -12,7 +12,7 @@ from calib.corners.detect_all import FEWEST, detect
 from calib.corners.usable import with_poses
 from calib.corners.view import Rejected, View
 from calib.errors import InputError
-from calib.fitting.intrinsics import BareFit, calibrate_bare
+from calib.intrinsics.calibrate import BareFit, calibrate_bare
 from calib.io.frames_table import NAME as FRAMES_TABLE
 from calib.io.frames_table import FrameRecord, read_frame_records
 from calib.progress import Progress

@@ -12,9 +12,6 @@ import torch
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration
-from calib.diagnosis.fine_surface_search import surroundings
-from calib.diagnosis.score_test import Optimum, ScoreTest
-from calib.diagnosis.starting_model import model_of
 from calib.effects.inner_surface import InnerSurface
 from calib.effects.registry import EFFECTS
 from calib.estimation.elimination import eliminated
@@ -24,6 +21,9 @@ from calib.estimation.observations import Observations
 from calib.estimation.surface_prior import Smoothness
 from calib.fitting.declared import comparisons
 from calib.fitting.evaluate import Evaluation
+from calib.inference.calibration_model import model_of
+from calib.inference.effect_context import surroundings
+from calib.inference.score_test import Optimum, ScoreTest
 from calib.optics.rays import Rays
 from calib.verdict.next_commands import NextCommands
 from calib.verdict.thresholds import CELLS

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from calib.diagnosis.diagnosed import STAGE
 from calib.fitting.declared import comparisons
+from calib.fitting.fit_result import STAGE
 from calib.session.freeing import AUTO, with_free
 from calib.verdict.bare_pictures import taken_through_cover
 from calib.verdict.case import Case

@@ -11,12 +11,11 @@ import numpy as np
 from scipy.special import chdtrc
 
 from calib.calibration import Calibration
-from calib.diagnosis.diagnose import organising_of, split_of
-from calib.diagnosis.score_test import ScoreTest
-from calib.diagnosis.variance_split import Share
 from calib.effects.cover_effect import CoverEffect
 from calib.effects.effect import Effect
 from calib.estimation.residuals import residuals
+from calib.inference.residual_structure import Share, organising_of, split_of
+from calib.inference.score_test import ScoreTest
 from calib.verdict.case import Case, optimum_of
 from calib.verdict.thresholds import (
     AGREED,

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from calib.apply.map_uncertainty import ray_errors
 from calib.calibration import Calibration
 from calib.corners.view import board_poses
-from calib.diagnosis.starting_model import base_model
-from calib.fitting.bare_advice import TILT
+from calib.inference.calibration_model import base_model
+from calib.intrinsics.advice import TILT
 from calib.verdict.case import Case
 from calib.verdict.thresholds import FIGURE_UNKNOWNS, TELLS, UNSURE, UNSURE_FOCAL
 from calib.verdict.verdict import Reason

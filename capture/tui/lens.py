@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from calib.fitting.inputs import read_views
-from calib.fitting.intrinsics import calibrate_bare
+from calib.intrinsics.calibrate import calibrate_bare
 from calib.progress import Progress
 from calib.session.camera import camera_to_yaml
 from calib.session.session import read_session

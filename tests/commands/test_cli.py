@@ -19,7 +19,7 @@ import pytest
 from calib.calibration import Calibration
 from calib.cli import main
 from calib.commands.printing import print_json
-from calib.diagnosis.named_effects import NAMES
+from calib.diagnosis.requested_effects import NAMES
 from calib.io.files import check_writable
 from fixtures.synthetic import scene
 from tests.session.malformed import MALFORMED, Malformed, write_good_session

@@ -13,11 +13,9 @@ from calib.calibration import Calibration
 from calib.cli import main
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.finding import Diagnosis
-from calib.diagnosis.held_out import Gain, HeldOut, gain
-from calib.diagnosis.named_effects import with_named
-from calib.diagnosis.score_test import ScoreTest
+from calib.diagnosis.requested_effects import with_named
 from calib.diagnosis.sentences import verdict
-from calib.diagnosis.trial import Fit, Trial
+from calib.diagnosis.trial import Trial
 from calib.effects.board_shape import BoardShape
 from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.camera_model import CameraModel
@@ -25,6 +23,8 @@ from calib.estimation.joint_fit import JointFit
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.parameters import Parameters
 from calib.estimation.priors import NONE
+from calib.inference.cross_validation import Gain, HeldOut, gain
+from calib.inference.score_test import ModelFit, ScoreTest
 from calib.optics import path
 from calib.optics.lens_model import LensModel
 from calib.progress import Silent
@@ -285,7 +285,7 @@ def test_a_candidate_whose_fit_is_not_finite_is_not_taken() -> None:
         -np.inf,
         -np.inf,
     )
-    trial = Trial(test, Fit(CameraModel(path.Path(LensModel(0)), {}, NONE), joint))
+    trial = Trial(test, ModelFit(CameraModel(path.Path(LensModel(0)), {}, NONE), joint))
     assert not trial.passes
     assert verdict(trial, taken=False) == "not finite"
 

@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from calib.diagnosis.most_probable_form import odds_of, with_most_probable
-from calib.diagnosis.starting_model import model_of
 from calib.effects.board_shape import BoardShape
+from calib.inference.calibration_model import model_of
 from tests.diagnosis.hide import without_cover
 
 

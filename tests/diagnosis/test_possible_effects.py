@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from calib.diagnosis.named_effects import NAMES
 from calib.diagnosis.possible_effects import check_possible
+from calib.diagnosis.requested_effects import NAMES
 from calib.errors import InputError
 from calib.fitting.stages import Settings
 from calib.session.session import Session, session_from_mapping

@@ -5,11 +5,8 @@ was dropped.
 import numpy as np
 import torch
 
-from calib.diagnosis.held_out import folds
-from calib.diagnosis.score_test import ScoreTest
-from calib.diagnosis.selection import Loop
+from calib.diagnosis.search import Loop
 from calib.diagnosis.sentences import remarks
-from calib.diagnosis.starting_model import base_model
 from calib.diagnosis.trial import Trial
 from calib.effects.cover_tilt import CoverTilt
 from calib.effects.detector_bias import DetectorBias
@@ -17,6 +14,9 @@ from calib.effects.effect import Effect, Surroundings, possible
 from calib.effects.flat_port import FlatPort
 from calib.effects.free_field import FreeField
 from calib.effects.registry import KINDS
+from calib.inference.calibration_model import base_model
+from calib.inference.cross_validation import folds
+from calib.inference.score_test import ScoreTest
 from calib.optics.lens_model import LensModel
 from calib.optics.path import Path
 from tests.diagnosis.hide import without_cover

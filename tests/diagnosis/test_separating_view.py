@@ -6,11 +6,8 @@ import torch
 
 from calib.calibration import Calibration
 from calib.corners.view import View
-from calib.diagnosis.fine_surface_search import surroundings
 from calib.diagnosis.nearest_effects import nearest_named
-from calib.diagnosis.score_test import Optimum
 from calib.diagnosis.separating_view import separating_view
-from calib.diagnosis.starting_model import base_model
 from calib.effects.board_scale import BoardScale
 from calib.effects.board_shape import BoardShape
 from calib.effects.detector_bias import DetectorBias
@@ -18,6 +15,9 @@ from calib.effects.focal import Focal
 from calib.effects.free_field import FreeField
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
+from calib.inference.calibration_model import base_model
+from calib.inference.effect_context import surroundings
+from calib.inference.score_test import Optimum
 from calib.optics.projection import project
 from calib.session.camera import Camera
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH

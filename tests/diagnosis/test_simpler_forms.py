@@ -4,10 +4,10 @@ import pytest
 import torch
 
 from calib.diagnosis.simpler_forms import simplified
-from calib.diagnosis.starting_model import base_model, model_of
-from calib.diagnosis.trial import Fit
 from calib.effects.board_scale import BoardScale
 from calib.effects.board_shape import BoardShape
+from calib.inference.calibration_model import base_model, model_of
+from calib.inference.score_test import ModelFit
 from tests.diagnosis.hide import without_cover
 
 
@@ -26,7 +26,7 @@ def test_effects_are_left_in_the_simplest_form_that_the_corners_ask_for(third: f
     begin = model_of(calibration).fitted(observations, torch.from_numpy(calibration.poses))
     most = base.with_effects([BoardScale(True, 3, (0.08, 0.08)), BoardShape(0.08, 0.08, 4)])
     joint = most.fitted(observations, begin.poses, begin.start, (1e-3, 1e-4))
-    found = simplified(Fit(most, joint), base, observations)
+    found = simplified(ModelFit(most, joint), base, observations)
     assert found.model.effects == (
         BoardScale(half=(0.08, 0.08)),
         BoardShape(0.08, 0.08, 3 if third else 2),

@@ -11,7 +11,7 @@ import pytest
 
 from calib.corners.view import View
 from calib.errors import NotEnoughDataError
-from calib.fitting.intrinsics import calibrate_bare
+from calib.intrinsics.calibrate import calibrate_bare
 from calib.progress import Silent
 from calib.session.board import Board
 from fixtures.calibrated import CAMERA

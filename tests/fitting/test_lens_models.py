@@ -21,10 +21,10 @@ from calib.export.central import best_central
 from calib.export.formats import COLMAP, ROS
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
-from calib.fitting.intrinsics import calibrate_bare
-from calib.fitting.lens_by_rays import fit_lens
-from calib.fitting.ray_lens import PLAIN, SPLINES
 from calib.fitting.stages import Settings, Setup, fit_stages
+from calib.intrinsics.calibrate import calibrate_bare
+from calib.intrinsics.ray_lens import PLAIN, SPLINES
+from calib.intrinsics.ray_lens_fit import fit_lens
 from calib.optics.build import covered_path, pinhole_path
 from calib.optics.projection import project
 from calib.progress import Silent

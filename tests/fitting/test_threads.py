@@ -2,7 +2,7 @@
 
 import cv2
 
-from calib.fitting.intrinsics import calibrate_bare
+from calib.intrinsics.calibrate import calibrate_bare
 from calib.progress import Silent
 from fixtures.degenerate import bare_session
 

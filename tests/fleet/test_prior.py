@@ -12,7 +12,6 @@ import yaml
 from calib.calibration import Calibration
 from calib.cli import main
 from calib.corners.corners_file import read_corners, write_corners
-from calib.diagnosis.starting_model import base_model
 from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.surface_prior import expected_amplitudes
 from calib.fitting.fit import fit
@@ -21,6 +20,7 @@ from calib.fleet.identity import Asked, Identity
 from calib.fleet.manifest import Entry
 from calib.fleet.prior import fleet_prior
 from calib.fleet.result import Result, State, read_result
+from calib.inference.calibration_model import base_model
 from calib.session.fleet_prior import read_fleet_prior
 from calib.session.numbers import numbers_of
 from calib.session.session import read_session

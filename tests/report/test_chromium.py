@@ -16,7 +16,7 @@ import yaml
 
 from calib.calibration import Calibration
 from calib.corners.view import Rejected
-from calib.diagnosis.named_effects import with_named
+from calib.diagnosis.requested_effects import with_named
 from calib.fitting.fit import fit
 from calib.fitting.stages import Settings
 from calib.progress import Silent

@@ -1,0 +1,134 @@
+"""Fits without some views, from the fit to all: where fits of the others end, by a step or, where
+that fails, by fitting them.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from calib.effects.board_shape import BoardShape
+from calib.estimation.joint_fit import ROUNDS, JointFit
+from calib.estimation.residuals import residuals
+from calib.inference.approximate_cv import LeftOut, without_each
+from calib.inference.calibration_model import base_model
+from calib.inference.score_test import Optimum
+from tests.diagnosis.hide import fitted, hidden
+
+PARTS = np.arange(12) % 3
+
+
+@pytest.fixture(scope="module")
+def optimum() -> Optimum:
+    """A bowed board behind uneven glass, and its effect in the model."""
+    shape = BoardShape(0.08, 0.08)
+    made = fitted(
+        hidden(
+            shape,
+            {"board_shape.xx": 6e-4, "board_shape.xy": 3e-4, "board_shape.yy": -4e-4},
+            views=12,
+        )
+    )
+    model = base_model(made).with_effect(shape)
+    return Optimum(
+        model,
+        made.observations,
+        model.fitted(made.observations, torch.from_numpy(made.poses), None, ROUNDS),
+    )
+
+
+def apart(at: Optimum, one: JointFit, other: JointFit) -> float:
+    """The largest difference of two fits' numbers, over the sigma of the other."""
+    vectors = [at.model.parameters.vector(joint.values) for joint in (one, other)]
+    return float(((vectors[0] - vectors[1]) / other.covariance.diagonal().sqrt()).abs().max())
+
+
+def test_a_step_leads_where_a_fit_of_the_others_ends(optimum: Optimum) -> None:
+    for index, left in enumerate(without_each(optimum, PARTS)):
+        found, out = left.joint, torch.from_numpy(index == PARTS)
+        rest = optimum.model.fitted(
+            optimum.observations.without(out), optimum.joint.poses[~out], optimum.joint.start
+        )
+        assert apart(optimum, found, rest) < 0.1 < apart(optimum, optimum.joint, rest)
+        assert torch.allclose(found.covariance.diagonal(), rest.covariance.diagonal(), rtol=0.02)
+        moved, missing = (
+            float((joint.poses[~out] - rest.poses).abs().max()) for joint in (optimum.joint, found)
+        )
+        assert missing < 0.1 * moved
+
+
+@pytest.mark.parametrize("every", [1, 2])
+def test_views_that_were_left_out_follow_by_a_step_of_their_own(
+    optimum: Optimum, every: int
+) -> None:
+    """What is left of them, by equations, and by fits of their poses to all of their corners or to
+    every other.
+    """
+    known = torch.arange(len(optimum.observations.pixels)) % every == 0
+    for index, left in enumerate(without_each(optimum, PARTS, known)):
+        out = torch.from_numpy(index == PARTS)
+        test = optimum.observations.without(~out)
+        stay = optimum.joint.poses[out]
+        poses = optimum.model.seen(
+            left.joint, test.kept(known[out[optimum.observations.view]]), stay
+        )
+        missed, before = (
+            residuals(optimum.model.path, left.joint.values, test, where).image
+            for where in (poses, stay)
+        )
+        error, control = (
+            float((other - missed).square().mean().sqrt()) for other in (left.missed, before)
+        )
+        assert error < 0.07 * optimum.joint.sigma, "a two-hundredth of its square"
+        assert error < 0.25 * control
+
+
+def test_what_the_fit_hardly_predicts_of_views_is_said(optimum: Optimum) -> None:
+    """The parameters are drawn from their covariance, and the views' poses follow."""
+    left = without_each(optimum, PARTS)[0]
+    out = torch.from_numpy(PARTS == 0)
+    test = optimum.observations.without(~out)
+    root = torch.linalg.cholesky(left.joint.covariance)
+    middle = optimum.model.parameters.vector(left.joint.values)
+    rng = torch.Generator().manual_seed(0)
+    drawn = []
+    for _ in range(40):
+        values = optimum.model.parameters.values(
+            middle + root @ torch.randn(len(root), dtype=torch.float64, generator=rng)
+        )
+        poses = optimum.model.seen(replace(left.joint, values=values), test, left.joint.poses[out])
+        drawn.append(residuals(optimum.model.path, values, test, poses).image - left.missed)
+    variance = torch.stack(drawn).square().mean((0, 2)) / optimum.joint.sigma**2
+    assert float(variance.mean() / left.spread.mean()) == pytest.approx(
+        1, abs=0.3
+    )  # 40 draws of some ten directions
+    assert float(torch.corrcoef(torch.stack([variance.log(), left.spread.log()]))[0, 1]) > 0.9
+
+
+def test_where_a_step_fails_the_others_are_fitted(
+    optimum: Optimum, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From boards that are turned by 30 degrees, equations say little of where the fit ends."""
+    turned = optimum.joint.poses + torch.tensor([0.5, 0, 0, 0, 0, 0], dtype=torch.float64)
+    astray = replace(optimum, joint=replace(optimum.joint, poses=turned))
+    assert all(error < 1.01 for error in errors(optimum, without_each(astray, PARTS)))
+    monkeypatch.setattr("calib.inference.approximate_cv.AMISS", float("inf"))
+    assert all(error > 2 for error in errors(optimum, without_each(astray, PARTS))), (
+        "the control: the steps alone"
+    )
+
+
+def errors(at: Optimum, found: Sequence[LeftOut]) -> Iterator[float]:
+    """What each leaves of the views that it is a fit to, over what the fit to all views leaves of
+    them.
+    """
+    for index, each in enumerate(found):
+        out = torch.from_numpy(index == PARTS)
+        seen = at.observations.without(out)
+        left, least = (
+            residuals(at.model.path, one.values, seen, one.poses[~out]).rms_px
+            for one in (each.joint, at.joint)
+        )
+        yield left / least

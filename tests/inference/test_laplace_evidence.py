@@ -1,0 +1,43 @@
+"""The corners' probability around a fit, for other priors than the fit had, against fits that had
+them.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from calib.diagnosis.most_probable_form import with_most_probable
+from calib.effects.board_flex import BoardFlex
+from calib.estimation.camera_model import CameraModel
+from calib.estimation.objective import view_precision
+from calib.estimation.priors import Priors
+from calib.inference.laplace_evidence import Linearised
+from calib.inference.score_test import Optimum
+from fixtures.synthetic import scene
+
+
+def test_sizes_of_what_views_have_for_themselves_are_as_probable_as_fits_say() -> None:
+    """Boards that bend by 0.2 mm in each view, in a curve that is no parabola: every size from one
+    fit, and from each of them.
+    """
+    made = scene(5, views=12, grid=(4, 4), noise=0.1)
+    corners, view = made.observations.corners.numpy(), made.observations.view.numpy()
+    u = corners / np.abs(corners).max(0)
+    bent = np.random.default_rng(2).normal(0, 0.3, (12, 2))[view] * np.cos(2 * u[:, :1])
+    seen = replace(made.observations, pixels=made.observations.pixels + torch.from_numpy(bent))
+    model = CameraModel(made.path, made.values, Priors({"camera.fx": 20.0, "camera.fy": 20.0}))
+    flex = BoardFlex(*np.abs(corners).max(0).tolist())
+    begin = model.fitted(seen, made.poses)
+    forms = [model.with_effect(form) for form in flex.alternatives()]
+    fits = [form.fitted(seen, begin.poses, begin.start, (1e-3, 1e-5)) for form in forms]
+    told = np.array([fit.log_marginal for fit in fits])
+    assert np.ptp(told) > 20
+    for form, fit in zip(forms, fits, strict=True):
+        around = Linearised.around(Optimum(form, seen, fit))
+        found = np.array([around.best(view_precision(other.path, fit.poses)) for other in forms])
+        assert np.abs((found - found.max()) - (told - told.max())).max() < 0.05 * np.ptp(
+            told
+        )  # a fit chooses the prior of the glass anew
+    best, _ = with_most_probable(model, flex, seen, begin)
+    assert best.effects == forms[int(np.argmax(told))].effects

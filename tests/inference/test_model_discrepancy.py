@@ -1,0 +1,115 @@
+"""Structure of no cause, in each view another: how probable it makes the corners, against dense
+algebra, and what it is told from.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from calib.estimation.camera_model import CameraModel
+from calib.estimation.joint_fit import JointFit
+from calib.estimation.priors import Priors
+from calib.inference.laplace_evidence import Linearised
+from calib.inference.model_discrepancy import LENGTHS, Likelihood, gain, modes_of
+from calib.inference.score_test import Optimum
+from fixtures.synthetic import Scene, scene
+
+
+def test_modes_have_the_processes_covariances() -> None:
+    """On the grid of a board that is wider than high, some corners unseen: squared exponentials,
+    but for the modes that are left out.
+    """
+    x, y = np.meshgrid(0.03 * np.arange(9), 0.03 * np.arange(6))
+    corners = np.column_stack([x.ravel(), y.ravel()])[np.random.default_rng(0).permutation(54)[:40]]
+    modes, spreads = modes_of(corners)
+    apart = ((corners[:, None] - corners) ** 2).sum(-1) / np.ptp(corners, axis=0).max() ** 2
+    for length, spread in zip(LENGTHS, spreads, strict=True):
+        assert np.abs(modes @ spread @ modes.T - np.exp(-apart / (2 * length**2))).max() < 0.03, (
+            length
+        )  # a mode left out has a thousandth
+
+
+def test_a_large_board_has_few_modes() -> None:
+    """Time and memory are those of the lengths, and not of the corners."""
+    x, y = np.meshgrid(np.arange(100.0), np.arange(100.0))
+    assert modes_of(np.column_stack([x.ravel(), y.ravel()]))[0].shape[1] < 64
+
+
+def test_the_likelihood_is_the_dense_one() -> None:
+    """Of three views with two own parameters, one of which has a prior, and two shared ones: a
+    normal distribution whose covariance is written out, a flat prior being a very wide one. Only
+    constants differ, those of the priors.
+    """
+    rng = np.random.default_rng(1)
+    views, corners, modes = 3, 6, 4
+    process, (own, shared) = (
+        rng.normal(size=(views, corners, modes)),
+        (rng.normal(size=(views, 2 * corners, 2)) for _ in "ab"),
+    )
+    left = rng.normal(size=(views, 2 * corners, 1))
+    roots = rng.normal(size=(2, modes, modes))
+    spread = roots @ roots.swapaxes(1, 2)
+    own_precision, precision = np.array([0.0, 2.0]), np.diag([3.0, 0.5])
+    columns = torch.from_numpy(np.concatenate([own, shared, left], -1))
+    around = Linearised(tuple(columns), torch.from_numpy(precision))
+    likelihood = Likelihood(
+        around,
+        torch.from_numpy(spread),
+        list(torch.from_numpy(process)),
+        torch.from_numpy(own_precision),
+    )
+
+    def dense(heights: tuple[float, float], noise: float) -> float:
+        flat = 1e8
+        covariance = np.kron(np.eye(views), noise**2 * np.eye(2 * corners))
+        process_covariance = np.tensordot(np.square(heights), spread, 1)
+        for view in range(views):
+            place = slice(2 * view * corners, 2 * (view + 1) * corners)
+            over_board = process[view] @ process_covariance @ process[view].T
+            covariance[place, place] += noise**2 * np.kron(
+                over_board, np.eye(2)
+            )  # x and y have processes of their own
+            covariance[place, place] += own[view] @ np.diag([flat, 0.5]) @ own[view].T
+        whole = shared.reshape(-1, 2)
+        covariance += whole @ np.linalg.inv(precision) @ whole.T
+        residual = left.ravel()
+        return (
+            -float(
+                np.linalg.slogdet(covariance)[1] + residual @ np.linalg.solve(covariance, residual)
+            )
+            / 2
+        )
+
+    def log(heights: tuple[float, float], noise: float) -> float:
+        return float(
+            likelihood.log(
+                torch.tensor(heights, dtype=torch.float64), torch.tensor(noise, dtype=torch.float64)
+            )
+        )
+
+    for at in (((1.3, 0.0), 0.8), ((0.0, 0.0), 0.7), ((0.4, 2.0), 1.0)):
+        assert log(*at) - log((0.0, 0.0), 1.0) == pytest.approx(
+            dense(*at) - dense((0.0, 0.0), 1.0), abs=1e-3
+        ), at
+
+
+def optimum(made: Scene, shift: np.ndarray) -> Optimum:
+    """Of a camera whose focal lengths and glass are estimated, its corners moved by (M, 2) px."""
+    seen = made.observations
+    moved = replace(seen, pixels=seen.pixels + torch.from_numpy(shift))
+    model = CameraModel(made.path, made.values, Priors({"camera.fx": 20.0, "camera.fy": 20.0}))
+    joint: JointFit = model.fitted(moved, made.poses)
+    assert joint.finite
+    return Optimum(model, moved, joint)
+
+
+def test_noise_has_no_structure_and_a_bend_of_its_own_in_each_view_has() -> None:
+    made = scene(5, views=12, grid=(4, 4), noise=0.1)
+    corners, view = made.observations.corners.numpy(), made.observations.view.numpy()
+    assert abs(gain(optimum(made, np.zeros((len(corners), 2))))) < 0.1
+    waves = np.random.default_rng(2).normal(0, 0.2, (made.poses.shape[0], 2))
+    u = corners / np.abs(corners).max(0)
+    bent = waves[view] * (np.sin(3 * u[:, :1]) * np.cos(2 * u[:, 1:]))
+    assert gain(optimum(made, bent)) > 100  # 0.07 px of it beside 0.1 px of noise

@@ -1,0 +1,196 @@
+"""What organises a residual is found, what does not is not, and noise is called noise."""
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import stats
+
+from calib.corners.view import View
+from calib.estimation.observations import Observations
+from calib.inference.residual_structure import ORGANISERS, Scene, Share
+from calib.session.board import Board
+from calib.threads import single_thread
+
+Array = NDArray[np.float64]
+
+WIDTH, HEIGHT = 1640, 1232
+BOARD = Board(9, 7, 0.02)
+VIEWS = 20
+SIGMA = 0.1
+"""px, of the noise."""
+
+
+@cache
+def unmoved() -> Scene:
+    """Boards of different sizes anywhere in the picture, turned, without any residual."""
+    rng = np.random.default_rng(0)
+    points = BOARD.points()
+    pixels, depths = [], []
+    for _ in range(VIEWS):
+        depth = rng.uniform(0.25, 1.0)
+        turn = rng.uniform(-0.6, 0.6)
+        turned = points @ np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+        seen = turned * 900 / depth
+        room = np.array([WIDTH, HEIGHT]) / 2 - np.abs(seen).max(0)
+        pixels.append(seen + np.array([WIDTH, HEIGHT]) / 2 + rng.uniform(-1, 1, 2) * room)
+        depths.append(depth + 0.3 * turned[:, 0])
+    views = tuple(View(f"{v}.png", at, np.ones(BOARD.count)) for v, at in enumerate(pixels))
+    x, y = (np.concatenate(pixels) - [WIDTH / 2, HEIGHT / 2]).T / WIDTH
+    observations = Observations.of(views, BOARD)
+    return Scene(
+        observations,
+        np.zeros((VIEWS * BOARD.count, 2)),
+        np.concatenate(depths),
+        1 / np.hypot(1, np.hypot(x, y)),
+        WIDTH,
+        HEIGHT,
+    )
+
+
+def with_residual(residual: Array) -> Scene:
+    still = unmoved()
+    return Scene(still.observations, residual, still.depth, still.incidence, WIDTH, HEIGHT)
+
+
+def noise(seed: int) -> Array:
+    """(M, 2) px; some views are three times as noisy as others."""
+    rng = np.random.default_rng(seed)
+    return np.asarray(
+        rng.normal(0, SIGMA, (VIEWS * BOARD.count, 2))
+        * rng.uniform(0.5, 1.5, VIEWS).repeat(BOARD.count)[:, None]
+    )
+
+
+def by_name(shares: list[Share]) -> dict[str, Share]:
+    return {share.organised_by: share for share in shares}
+
+
+def glass() -> Array:
+    """A texture of some 200 px."""
+    x, y = unmoved().observations.pixels.numpy().T
+    return np.stack(
+        [np.sin(2 * np.pi * x / 410) * np.cos(2 * np.pi * y / 410), np.cos(2 * np.pi * x / 410)], -1
+    )
+
+
+def print_() -> Array:
+    """Every corner of the print is off by itself."""
+    return np.tile(np.random.default_rng(1).normal(0, 1, (BOARD.count, 2)), (VIEWS, 1))
+
+
+def shutter() -> Array:
+    """Every view's rows are shifted along, in a direction of its own."""
+    row = unmoved().observations.pixels.numpy()[:, 1].reshape(VIEWS, -1)
+    row = (row - row.mean(1, keepdims=True)) / HEIGHT
+    motion = np.random.default_rng(2).normal(0, 1, (VIEWS, 1, 2))
+    return np.asarray((row[..., None] * motion).reshape(-1, 2))
+
+
+def drift() -> Array:
+    """The focal length grows steadily."""
+    when = np.linspace(-0.5, 0.5, VIEWS).repeat(BOARD.count)[:, None]
+    return np.asarray(
+        when * (unmoved().observations.pixels.numpy() - [WIDTH / 2, HEIGHT / 2]) / WIDTH
+    )
+
+
+def parallax() -> Array:
+    """What a wrong glass does: outwards by incidence, near boards against far ones."""
+    still = unmoved()
+    outwards = (still.observations.pixels.numpy() - [WIDTH / 2, HEIGHT / 2]) / WIDTH
+    near = 1 / still.depth
+    return np.asarray((1 - still.incidence)[:, None] * (near - near.mean())[:, None] * outwards)
+
+
+def detector() -> Array:
+    """Corners are drawn to the middle of a pixel."""
+    return np.sin(2 * np.pi * unmoved().observations.pixels.numpy())
+
+
+PLANTED: dict[str, tuple[Callable[[], Array], float]] = {
+    "image": (glass, 0.05),
+    "board": (print_, 0.45),
+    "row x motion": (shutter, 0.4),
+    "view and time": (drift, 0.25),
+    "incidence x depth": (parallax, 0.25),
+    "sub-pixel phase": (detector, 0.45),
+}
+"""Fields, and what is explained of their half of the variance at least: the image's cells are half
+a wave of the texture, and a view that an effect makes worse weighs less.
+"""
+UNTOUCHED: dict[str, set[str]] = {
+    "image": {"board", "sub-pixel phase"},
+    "board": set(ORGANISERS) - {"board"},
+    "row x motion": {"board", "view and time", "sub-pixel phase"},
+    "view and time": {"board"},
+    "incidence x depth": {"board", "sub-pixel phase"},
+    "sub-pixel phase": {"board", "view and time"},
+}
+"""What a field has no part in; the rest is smooth over the picture as it is, and shares some."""
+
+
+def test_every_organiser_is_planted() -> None:
+    assert set(PLANTED) == set(UNTOUCHED) == set(ORGANISERS)
+
+
+@pytest.mark.parametrize("name", PLANTED)
+def test_what_is_planted_is_named_first_and_what_is_not_is_not(name: str) -> None:
+    """As large as the noise. A chance of a thousandth is what a diagnosis would speak of."""
+    plant, least = PLANTED[name]
+    field = plant()
+    with single_thread():
+        shares = with_residual(noise(5) + field * SIGMA / np.sqrt((field**2).mean())).split()
+    assert shares[0].organised_by == name
+    assert shares[0].p_value < 1e-10
+    assert shares[0].fraction - shares[0].chance > least
+    found = by_name(shares)
+    assert found.keys() == ORGANISERS.keys()
+    assert all(found[other].p_value > 1e-3 for other in UNTOUCHED[name]), found
+
+
+def test_a_board_s_share_is_the_field_s_part_of_the_variance() -> None:
+    """Equal parts, of views that scatter alike: the board explains its half, and of the noise what
+    chance gives.
+    """
+    field = print_()
+    even = np.random.default_rng(3).normal(0, 1, field.shape)
+    with single_thread():
+        share = by_name(
+            with_residual(
+                even / np.sqrt((even**2).mean()) + field / np.sqrt((field**2).mean())
+            ).split()
+        )["board"]
+    assert share.chance == pytest.approx(1 / VIEWS)
+    assert share.fraction == pytest.approx(
+        1 / 2 + share.chance / 2, abs=0.03
+    )  # of 2520 entries: 0.02 is a standard deviation
+
+
+def test_p_values_of_noise_are_uniform() -> None:
+    """Sixty residuals of noise, whose views scatter differently: as often as six independent tests
+    of a thousandth fail by chance.
+    """
+    with single_thread():
+        splits = [by_name(with_residual(noise(seed)).split()) for seed in range(60)]
+    for name in ORGANISERS:
+        p_values = [found[name].p_value for found in splits]
+        assert stats.kstest(p_values, "uniform").pvalue > 1e-3, (name, p_values)
+        excess = np.mean([found[name].fraction - found[name].chance for found in splits])
+        assert (
+            abs(excess) < 0.005
+            # of fractions that scatter by 0.01 at most: four standard deviations of a mean of sixty
+        ), name
+
+
+def test_noisy_views_do_not_outweigh_the_others() -> None:
+    """A print that is off, and two views with fifty times the noise: weighed by their own scatter,
+    they hide nothing.
+    """
+    field = print_()
+    residual = noise(6) + field * SIGMA / np.sqrt((field**2).mean())
+    residual[: 2 * BOARD.count] *= 50
+    with single_thread():
+        assert with_residual(residual).split()[0].organised_by == "board"
