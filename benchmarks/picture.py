@@ -20,7 +20,7 @@ from calib.fitting.stages import Settings
 from calib.io.images import read_grey
 from calib.progress import Silent
 from calib.report.evidence import gather_evidence
-from calib.report.straight import Line, lines_across
+from calib.report.straight import BoardLine, lines_across
 from calib.session.session import read_session
 
 mpl.use("Agg")
@@ -47,7 +47,12 @@ def main() -> None:
     depth = float(np.median(evidence.depth[evidence.view == view]))
     frame = read_grey(session.path / "frames" / calibration.views[view].name)
     straight = Undistorter(calibration, depth, interpolation=cv2.INTER_CUBIC).undistort(frame)
-    off = np.concatenate([line.undistorted - _on(line.undistorted, line.after) for line in lines])
+    off = np.concatenate(
+        [
+            line.undistorted_corners - _on(line.undistorted_corners, line.undistorted)
+            for line in lines
+        ]
+    )
     left = float(np.sqrt((off**2).sum(-1).mean()))
 
     figure, panels = plt.subplots(
@@ -86,13 +91,14 @@ def main() -> None:
 
 
 def _panel(
-    panel: Axes, picture: NDArray[Any], lines: list[Line], title: str, *, after: bool
+    panel: Axes, picture: NDArray[Any], lines: list[BoardLine], title: str, *, after: bool
 ) -> None:
     panel.imshow(picture, cmap="gray", vmin=0, vmax=255)
     height, width = picture.shape
     panel.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
     for line in lines:
-        points, corners = (line.after, line.undistorted) if after else (line.before, line.seen)
+        points = line.undistorted if after else line.distorted
+        corners = line.undistorted_corners if after else line.corners
         panel.plot(*_magnified(points, points).T, color=STRAIGHT if after else BENT, linewidth=1.4)
         panel.plot(*_magnified(corners, points).T, ".", color="white", markersize=2.5)
     panel.set_title(title, fontsize=12)
@@ -111,11 +117,13 @@ def _bars(panel: Axes, errors: list[tuple[str, float]]) -> None:
     panel.spines[["top", "right", "bottom"]].set_visible(False)
 
 
-def _bend(lines: list[Line]) -> float:
+def _bend(lines: list[BoardLine]) -> float:
     """px, the most that one of them is away from a straight line."""
     return max(
         (
-            float(np.linalg.norm(line.before - _on(line.before, line.before), axis=-1).max())
+            float(
+                np.linalg.norm(line.distorted - _on(line.distorted, line.distorted), axis=-1).max()
+            )
             for line in lines
         ),
         default=0.0,

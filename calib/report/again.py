@@ -1,4 +1,4 @@
-"""Everything that is needed to make a calibration again."""
+"""The section of a report with the commands and inputs that reproduce its calibration."""
 
 import shlex
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from calib.report.tables import table
 
 
 def again_html(evidence: Evidence, folder: Path) -> str:
-    """Args: folder: where the calibration lies."""
+    """Return the section as HTML; `folder` holds the calibration."""
     calibration = evidence.calibration
     settings = calibration.settings
     origin: dict[str, Any] = settings.get(KEY, {})
@@ -25,7 +25,7 @@ def again_html(evidence: Evidence, folder: Path) -> str:
         "gauge": calibration.gauge,
         "calibration_sha256": calibration.digest,
     }
-    rest = yaml.safe_dump(
+    outcome = yaml.safe_dump(
         {
             key: value
             for key, value in settings.items()
@@ -42,21 +42,21 @@ def again_html(evidence: Evidence, folder: Path) -> str:
             ("", ""),
             [(escape(key), f"<code>{escape(str(value))}</code>") for key, value in facts.items()],
         )
-        + "<p>calibration.yaml and calibration.npz hold the corners, the poses and all numbers: the"
-        " fit can be made again from them alone. session_sha256 is the SHA-256 of what"
-        " <code>sha256sum</code> prints for the files of the session that the fit read,"
-        " calibration_sha256 the SHA-256 of calibration.npz.</p>"
-        + f"<details><summary>Settings and outcome</summary><pre>{escape(rest)}</pre></details>"
+        + "<p>calibration.yaml and calibration.npz hold the corners, the poses and all numbers; the"
+        " fit can be repeated from them alone. session_sha256 is the SHA-256 of the text that"
+        " <code>sha256sum</code> prints for the session files that the fit read;"
+        " calibration_sha256 is the SHA-256 of calibration.npz.</p>"
+        + f"<details><summary>Settings and outcome</summary><pre>{escape(outcome)}</pre></details>"
     )
 
 
 def commands(settings: dict[str, Any], folder: Path) -> list[list[str]]:
-    """The command lines that make the calibration of a folder again, in their order: its fit, and
-    what diagnosed it.
+    """Return the command lines that reproduce the calibration of a folder: its fit, then each
+    diagnosis.
     """
     diagnoses: list[dict[str, str]] = settings.get(DIAGNOSED, [])
-    places = [*(one["calibration"] for one in diagnoses), str(folder.resolve())]
-    said = [
+    places = [*(diagnosis["calibration"] for diagnosis in diagnoses), str(folder.resolve())]
+    lines = [
         [
             "calib",
             "fit",
@@ -66,17 +66,17 @@ def commands(settings: dict[str, Any], folder: Path) -> list[list[str]]:
             places[0],
         ]
     ]
-    for one, out in zip(diagnoses, places[1:], strict=True):
-        holdout = ["--holdout", one["holdout"]] if one["holdout"] else []
-        said.append(["calib", "diagnose", one["calibration"], *holdout, "-o", out])
-    return said
+    for diagnosis, out in zip(diagnoses, places[1:], strict=True):
+        holdout = ["--holdout", diagnosis["holdout"]] if diagnosis["holdout"] else []
+        lines.append(["calib", "diagnose", diagnosis["calibration"], *holdout, "-o", out])
+    return lines
 
 
 def pasted(words: Sequence[str]) -> str:
-    """As a shell takes it.
+    """Quote a command line for a shell.
 
-    What lies in the person's home is found from there: a report that is passed on does not tell
-    their name.
+    Paths in the user's home begin with ~, so that a report that is passed on does not reveal the
+    user's name.
     """
     home = f"{Path('~').expanduser()}/"
     return " ".join(
@@ -86,24 +86,24 @@ def pasted(words: Sequence[str]) -> str:
 
 
 def _options(settings: dict[str, Any]) -> list[str]:
-    """What was not left at its default."""
-    usual, asked = Settings(), settings.get(ASKED, {})
+    """Return the options that differ from their defaults."""
+    defaults, requested = Settings(), settings.get(ASKED, {})
     words: list[str] = []
-    if (method := settings.get("method", usual.method)) != usual.method:
+    if (method := settings.get("method", defaults.method)) != defaults.method:
         words += ["--method", method]
-    if (grid := settings.get("grid")) and tuple(grid) != usual.grid:
+    if (grid := settings.get("grid")) and tuple(grid) != defaults.grid:
         words += ["--grid", "x".join(map(str, grid))]
-    if (free := tuple(settings.get("free", usual.free))) != usual.free:
+    if (free := tuple(settings.get("free", defaults.free))) != defaults.free:
         words += ["--free", ",".join(free) or "none"]
     by_library = ["auto"] if "diagnosis" in settings and DIAGNOSED not in settings else []
-    if effects := asked.get("effects") or by_library:
+    if effects := requested.get("effects") or by_library:
         words += ["--effects", ",".join(effects)]
     if validation := settings.get("cross_validation"):
         words += ["--folds", str(validation["folds"])]
-    if (steps := settings.get("steps", usual.steps)) != usual.steps:
+    if (steps := settings.get("steps", defaults.steps)) != defaults.steps:
         words += ["--steps", str(steps)]
-    if not settings.get("exact_hit", usual.exact_hit):
+    if not settings.get("exact_hit", defaults.exact_hit):
         words.append("--neglect-shift")
-    if depths := asked.get("depths", []):
+    if depths := requested.get("depths", []):
         words += ["--depth", *(str(depth) for depth in depths)]
     return words

@@ -1,23 +1,23 @@
-"""Where the corners' rays land on the board, without and with the model: the paper's Fig. 6."""
+"""Figure: the board errors of the corners, without and with the model (the paper's Fig. 6)."""
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from calib.report.evidence import Array, Evidence
 from calib.report.figure import Drawing
-from calib.report.ink import FAINT, draw, hues, side_by_side
+from calib.report.ink import FAINT, draw_svg, hues, side_by_side
 
 SIDE = 2.6
-"""Inches, of a panel."""
+"""The side of a panel, in inches."""
 
 
 def board_errors(evidence: Evidence) -> Drawing:
     covered = evidence.calibration.cover.shape != "none"
     left_out = "the cover" if covered else "lens distortion"
-    with_model = 1e3 * evidence.missed.board.numpy()
+    with_model = 1e3 * evidence.residuals.board.numpy()
     panels = [("with the model", with_model, _reach(with_model))]
-    if evidence.bare_missed:
-        without = 1e3 * evidence.bare_missed.board.numpy()
+    if evidence.bare_residuals:
+        without = 1e3 * evidence.bare_residuals.board.numpy()
         reach = _reach(without)
         closer = reach / panels[0][2]
         panels = [(f"without {left_out}", without, reach), ("with the model", with_model, reach)]
@@ -54,14 +54,14 @@ def board_errors(evidence: Evidence) -> Drawing:
     return Drawing(
         "board-errors",
         "Corner errors on the board",
-        draw("board-errors", (SIDE, SIDE), paint),
-        "Where the ray of each detected corner lands on the board, less where the corner is, in"
-        " board coordinates. One colour for each view, the one beside its name below. A view whose"
-        " dots lie to one side is bent as a whole; what noise leaves is round and small. One dot in"
-        " two hundred may lie outside.",
+        draw_svg("board-errors", (SIDE, SIDE), paint),
+        "For each detected corner, the point where its ray meets the board minus the true corner,"
+        " in board coordinates. Each view has a colour, shown beside its name below. Noise alone"
+        " gives a small round cloud around zero; a view whose dots lie to one side has an error of"
+        " its own. One dot in two hundred may lie outside the panel.",
     )
 
 
 def _reach(errors: Array) -> float:
-    """mm: what holds all but one in two hundred, either way."""
+    """Return the axis limit in mm that holds 99.5 % of the errors in both directions."""
     return float(1.15 * np.nanquantile(np.abs(errors).max(-1), 0.995) + 1e-9)

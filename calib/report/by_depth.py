@@ -1,6 +1,4 @@
-"""The distortion against inverse depth, the paper's Fig. 8, and where in the image depth
-matters.
-"""
+"""Figure: distortion against inverse depth (the paper's Fig. 8), and its slope over the image."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,70 +10,77 @@ from calib.report.figure import Drawing
 from calib.report.ink import (
     FAINT,
     INK,
-    MORE,
+    ONE_SIDED,
     SERIES,
     colour_bar,
-    draw,
-    fitted,
+    draw_svg,
     grid_lines,
     image_axes,
     label_lines,
+    panel_size,
     side_by_side,
 )
 
 NODES = (65, 49)
 REACH = (0.5, 10.0)
-"""1/m, of the paper's Fig. 8; widened to the training depths."""
+"""The range of the paper's Fig. 8 in 1/m; the training depths may extend it."""
 CHOSEN = {"●": (0.5, 0.5), "■": (0.25, 0.5), "▲": (0.125, 0.5), "◆": (0.02, 0.02)}
-"""The pixels whose lines are drawn, as parts of the image, by their marks: the centre, the paper's
-two, a corner.
+"""Marks of the four pixels whose lines are drawn, as fractions of the image: the centre, the two of
+the paper, and a corner.
 """
 CONTOURS = 5
 
 
 def distortion_by_depth(evidence: Evidence) -> Drawing | None:
-    """None of a central camera, whose distortion is the same at every depth."""
+    """Return None for a central camera, whose distortion does not depend on depth."""
     if evidence.path.central:
         return None
     camera = evidence.calibration.camera
     pixels = np.array(list(CHOSEN.values())) * [camera.width - 1, camera.height - 1]
-    x, y, everywhere = lattice(evidence, NODES)
-    change = np.linalg.norm(everywhere.parallax, axis=-1)
-    panel = fitted(camera.width / camera.height, 4.1)
+    x, y, displacement = lattice(evidence, NODES)
+    change = np.linalg.norm(displacement.parallax, axis=-1)
+    panel = panel_size(camera.width / camera.height, 4.1)
 
     def paint(figure: Figure) -> None:
-        left, right = side_by_side(figure, (9.3 - 1.35 - panel[0], panel[0]), (0.65, 0.7))
-        _lines(left, evidence, pixels, everywhere)
-        image_axes(right, camera.width, camera.height)
-        shown = right.imshow(
-            change, cmap=MORE, vmin=0, extent=(*right.get_xlim(), *right.get_ylim())
+        line_panel, map_panel = side_by_side(figure, (9.3 - 1.35 - panel[0], panel[0]), (0.65, 0.7))
+        _lines(line_panel, evidence, pixels, displacement)
+        image_axes(map_panel, camera.width, camera.height)
+        shown = map_panel.imshow(
+            change, cmap=ONE_SIDED, vmin=0, extent=(*map_panel.get_xlim(), *map_panel.get_ylim())
         )
         label_lines(
-            right, right.contour(x, y, change, CONTOURS, colors=[INK], linewidths=0.9), marks=pixels
+            map_panel,
+            map_panel.contour(x, y, change, CONTOURS, colors=[INK], linewidths=0.9),
+            marks=pixels,
         )
         for mark, (column, row), colour in zip(CHOSEN, pixels, SERIES, strict=False):
-            right.text(column, row, mark, color=colour, ha="center", va="center", fontsize=11)
-        right.set_title("what depth moves, px for each 1/m")
-        colour_bar(figure, shown, right, "px m")
+            map_panel.text(column, row, mark, color=colour, ha="center", va="center", fontsize=11)
+        map_panel.set_title("change per inverse depth, px per 1/m")
+        colour_bar(figure, shown, map_panel, "px m")
 
     return Drawing(
         "by-depth",
         "The distortion by inverse depth",
-        draw("by-depth", panel, paint),
-        "Left: its length at four pixels, marked on the right, and on average; the numbers say how"
-        " much it changes over the axis. Along x and y the change is exactly a straight line."
-        " Shaded: depths at which there were corners. Right: how far each pixel's undistorted place"
-        " moves when 1/depth changes by one: where it is much, a map needs the right depth.",
+        draw_svg("by-depth", panel, paint),
+        "Left: the length of the distortion at four pixels, which the right panel marks, and its"
+        " mean; the numbers are the change over the whole axis. The x and y components are exact"
+        " straight lines. Shaded: the depths of the corners. Right: how far the undistorted pixel"
+        " moves when 1/depth changes by one. Where this is large, a map needs the right depth.",
     )
 
 
-def _lines(axes: Axes, evidence: Evidence, pixels: Array, everywhere: Displacement) -> None:
+def _lines(axes: Axes, evidence: Evidence, pixels: Array, displacement: Displacement) -> None:
     near, far = evidence.depth.min(), evidence.depth.max()
     inverse = np.linspace(min(REACH[0], 1 / far), max(REACH[1], 1 / near), 60)
-    own = Displacement.of(evidence.field, pixels)
-    lengths = np.array([np.linalg.norm(own.at(1 / each), axis=-1) for each in inverse])
+    chosen = Displacement.of(evidence.field, pixels)
+    lengths = np.array(
+        [np.linalg.norm(chosen.at(1 / inverse_depth), axis=-1) for inverse_depth in inverse]
+    )
     mean = np.array(
-        [np.nanmean(np.linalg.norm(everywhere.at(1 / each), axis=-1)) for each in inverse]
+        [
+            np.nanmean(np.linalg.norm(displacement.at(1 / inverse_depth), axis=-1))
+            for inverse_depth in inverse
+        ]
     )
     axes.axvspan(1 / far, 1 / near, color=FAINT, alpha=0.15, linewidth=0, label="trained")
     for mark, length, (column, row), colour in zip(CHOSEN, lengths.T, pixels, SERIES, strict=False):

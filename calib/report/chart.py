@@ -1,6 +1,4 @@
-"""The outer surface of the cover, spread flat: where pixels see through it, in units that people
-read.
-"""
+"""The chart of the outer surface: exit points of rays in mm and degrees, and its axes."""
 
 import numpy as np
 import torch
@@ -18,15 +16,15 @@ CHARTS = {
     "flat": (("y (mm)", 1e3), ("x (mm)", 1e3)),
     "dome": (("elevation (°)", DEGREES), ("azimuth (°)", DEGREES)),
 }
-"""How each shape's two chart coordinates are labelled, and the factor from SI to that unit.
+"""Label of each chart coordinate of a shape, and the factor from SI to the label's unit.
 
-The first is drawn downwards.
+The first coordinate is drawn downwards.
 """
 
 
-def hits(evidence: Evidence, pixels: Array) -> Array:
-    """(N, 2) px to the (N, 2) chart coordinates, SI, at which their rays leave the glass; NaN where
-    none does.
+def exit_points(evidence: Evidence, pixels: Array) -> Array:
+    """Return the (N, 2) chart coordinates, SI, where the rays of (N, 2) px leave the glass; NaN
+    where no ray does.
     """
     outer = evidence.path.cover[-1]
     rays = evidence.path.trace(torch.from_numpy(pixels), evidence.values)
@@ -35,43 +33,43 @@ def hits(evidence: Evidence, pixels: Array) -> Array:
     return torch.where((rays.failure != 0).unsqueeze(-1), torch.nan, chart).numpy()
 
 
-def units(evidence: Evidence) -> tuple[float, float]:
-    """From the two chart coordinates, SI, to what is drawn."""
+def chart_scale(evidence: Evidence) -> tuple[float, float]:
+    """Return the factors from the two chart coordinates, SI, to the drawn units."""
     (_, first), (_, second) = CHARTS[evidence.calibration.cover.shape]
     return first, second
 
 
-def drawn(evidence: Evidence, chart: Array) -> tuple[Array, Array]:
-    """(N, 2) chart coordinates to (N,) across and (N,) down a panel."""
-    first, second = units(evidence)
+def chart_to_panel(evidence: Evidence, chart: Array) -> tuple[Array, Array]:
+    """Convert (N, 2) chart coordinates to (N,) horizontal and (N,) vertical panel coordinates."""
+    first, second = chart_scale(evidence)
     return chart[:, 1] * second, chart[:, 0] * first
 
 
 def border(evidence: Evidence) -> Array:
-    """(N, 2) chart coordinates along the image's border, without what no ray reaches."""
+    """Return (N, 2) chart coordinates of the image border, without points that no ray reaches."""
     camera = evidence.calibration.camera
-    go, stay = np.linspace(0, 1, 40), np.zeros(40)
-    sides = ((go, stay), (1 + stay, go), (1 - go, 1 + stay), (stay, 1 - go))
-    found = hits(
+    ramp, zero = np.linspace(0, 1, 40), np.zeros(40)
+    sides = ((ramp, zero), (1 + zero, ramp), (1 - ramp, 1 + zero), (zero, 1 - ramp))
+    points = exit_points(
         evidence,
         np.concatenate([np.stack(side, -1) for side in sides]) * [camera.width, camera.height]
         - 0.5,
     )
-    return np.asarray(found[np.isfinite(found).all(-1)])
+    return np.asarray(points[np.isfinite(points).all(-1)])
 
 
 def chart_axes(axes: Axes, evidence: Evidence) -> Polygon:
-    """Labels, and the border of what the image sees."""
-    edge = np.stack(drawn(evidence, border(evidence)), -1)
+    """Label the axes, and draw the border of the region that the image sees."""
+    edge = np.stack(chart_to_panel(evidence, border(evidence)), -1)
     frame = Polygon(edge, fill=False, edgecolor=FAINT, linewidth=0.9)
     axes.add_patch(frame)
-    (down, _), (across, _) = CHARTS[evidence.calibration.cover.shape]
-    (left, top), (right, bottom) = edge.min(0), edge.max(0)
-    pad_x, pad_y = 0.04 * (right - left), 0.04 * (bottom - top)
+    (y_label, _), (x_label, _) = CHARTS[evidence.calibration.cover.shape]
+    (x_min, y_min), (x_max, y_max) = edge.min(0), edge.max(0)
+    pad_x, pad_y = 0.04 * (x_max - x_min), 0.04 * (y_max - y_min)
     axes.set(
-        xlabel=across,
-        ylabel=down,
-        xlim=(left - pad_x, right + pad_x),
-        ylim=(bottom + pad_y, top - pad_y),
+        xlabel=x_label,
+        ylabel=y_label,
+        xlim=(x_min - pad_x, x_max + pad_x),
+        ylim=(y_max + pad_y, y_min - pad_y),
     )
     return frame

@@ -1,4 +1,4 @@
-"""Where the corners were: in the image, at which depths, behind which part of the glass.
+"""Figure: the corners in the image, their depths, and their exit points on the glass.
 
 Elsewhere the model extrapolates.
 """
@@ -6,49 +6,60 @@ Elsewhere the model extrapolates.
 import numpy as np
 from matplotlib.figure import Figure
 
-from calib.report.chart import chart_axes, drawn, hits
+from calib.report.chart import chart_axes, chart_to_panel, exit_points
 from calib.report.evidence import Evidence
 from calib.report.figure import Drawing
-from calib.report.ink import BLUE, MORE, SERIES, colour_bar, draw, fitted, image_axes, side_by_side
+from calib.report.ink import (
+    BLUE,
+    ONE_SIDED,
+    SERIES,
+    colour_bar,
+    draw_svg,
+    image_axes,
+    panel_size,
+    side_by_side,
+)
 
 BARS = 16
 
 
-def coverage(evidence: Evidence) -> Drawing:
+def corner_coverage(evidence: Evidence) -> Drawing:
     camera = evidence.calibration.camera
     covered = (
         evidence.calibration.cover.shape != "none"
     )  # a window that only the diagnosis knows has no chart
-    panel = fitted(camera.width / camera.height, 2.9 if covered else 4.0)
+    panel = panel_size(camera.width / camera.height, 2.9 if covered else 4.0)
     counts = np.where(evidence.counts > 0, evidence.counts, np.nan)
 
     def paint(figure: Figure) -> None:
-        rest = 9.85 - 2.15 - panel[0] - 0.65 * covered
-        left, centre, *right = side_by_side(
+        free_width = 9.85 - 2.15 - panel[0] - 0.65 * covered
+        image_panel, depth_panel, *glass_panels = side_by_side(
             figure,
-            (panel[0], *[rest / (1 + covered)] * (1 + covered)),
+            (panel[0], *[free_width / (1 + covered)] * (1 + covered)),
             (0.65, 1.3, 0.65)[: 2 + covered],
         )
-        image_axes(left, camera.width, camera.height)
-        shown = left.imshow(
+        image_axes(image_panel, camera.width, camera.height)
+        shown = image_panel.imshow(
             counts,
-            cmap=MORE,
+            cmap=ONE_SIDED,
             vmin=0,
-            extent=(*left.get_xlim(), *left.get_ylim()),
+            extent=(*image_panel.get_xlim(), *image_panel.get_ylim()),
             interpolation="nearest",
         )
-        left.plot(
+        image_panel.plot(
             *evidence.pixels.T, ".", markersize=1.2, color="#808080", alpha=0.6, rasterized=True
         )
-        left.set_title(f"image: {100 * evidence.covered:.0f} % of the cells")
-        colour_bar(figure, shown, left, "corners")
+        image_panel.set_title(f"image: {100 * evidence.covered:.0f} % of the cells")
+        colour_bar(figure, shown, image_panel, "corners")
         near, far = evidence.depth.min(), evidence.depth.max()
-        centre.hist(evidence.depth, BARS, color=SERIES[0], rwidth=0.88)
-        centre.set(xlabel="depth (m)", ylabel="corners", title=f"depth: {near:.2g} to {far:.2g} m")
-        for axes in right:
+        depth_panel.hist(evidence.depth, BARS, color=SERIES[0], rwidth=0.88)
+        depth_panel.set(
+            xlabel="depth (m)", ylabel="corners", title=f"depth: {near:.2g} to {far:.2g} m"
+        )
+        for axes in glass_panels:
             chart_axes(axes, evidence)
             axes.plot(
-                *drawn(evidence, hits(evidence, evidence.pixels)),
+                *chart_to_panel(evidence, exit_points(evidence, evidence.pixels)),
                 ".",
                 markersize=2.2,
                 color=BLUE,
@@ -60,7 +71,7 @@ def coverage(evidence: Evidence) -> Drawing:
     return Drawing(
         "coverage",
         "Where the corners were",
-        draw("coverage", panel, paint),
+        draw_svg("coverage", panel, paint),
         "Empty cells hold no corner: there the model is extrapolated from its neighbours."
         + (" The frame on the glass is the image's border." if covered else ""),
     )

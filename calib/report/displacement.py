@@ -1,10 +1,11 @@
-"""How far pixels are from where a bare pinhole camera would have them, at any depth."""
+"""The distortion field: the displacement of pixels from the pinhole camera's, at any depth."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib.report.evidence import Array, Evidence
 from calib.undistortion.ray_field import RayField
@@ -23,30 +24,31 @@ class Displacement:
 
     @staticmethod
     def of(field: RayField, pixels: Array) -> Displacement:
-        """Args: pixels: (..., 2) px."""
+        """Return the displacement of (..., 2) px."""
         flat = pixels.reshape(-1, 2)
-        column, row = (
-            np.rint((at - own[0]) / (own[1] - own[0])).astype(int).clip(0, len(own) - 1)
-            for at, own in zip(flat.T, (field.nodes_x, field.nodes_y), strict=True)
-        )
-        far, near = (
-            np.where(field.valid[row, column, None], field.undistorted(flat, depth), np.nan)
-            for depth in (np.inf, 1.0)
-        )
+        column = _nearest_node(flat[:, 0], field.nodes_x)
+        row = _nearest_node(flat[:, 1], field.nodes_y)
+        valid = field.valid[row, column, None]
+        far = np.where(valid, field.undistorted(flat, np.inf), np.nan)
+        near = np.where(valid, field.undistorted(flat, 1.0), np.nan)
         return Displacement((far - flat).reshape(pixels.shape), (near - far).reshape(pixels.shape))
 
     def at(self, depth: float) -> Array:
-        """(..., 2) px at depth m."""
+        """Return (..., 2) px for a scene at a depth in m."""
         return self.at_infinity + self.parallax / depth
 
 
+def _nearest_node(pixels: Array, nodes: Array) -> NDArray[np.int64]:
+    """Return the (N,) indices of the uniform (n,) nodes nearest to (N,) px."""
+    index = np.rint((pixels - nodes[0]) / (nodes[1] - nodes[0])).astype(np.int64)
+    return np.asarray(index.clip(0, len(nodes) - 1))
+
+
 def lattice(evidence: Evidence, nodes: tuple[int, int]) -> tuple[Array, Array, Displacement]:
-    """x (w,) and y (h,) px of a grid over the image from border to border, and the displacement of
-    its (h, w) pixels.
+    """Return x (w,) and y (h,) px of a grid over the whole image, and the displacement of its
+    (h, w) pixels.
     """
     camera = evidence.calibration.camera
-    x, y = (
-        np.linspace(-0.5, size - 0.5, n)
-        for size, n in zip((camera.width, camera.height), nodes, strict=True)
-    )
+    x = np.linspace(-0.5, camera.width - 0.5, nodes[0])
+    y = np.linspace(-0.5, camera.height - 0.5, nodes[1])
     return x, y, Displacement.of(evidence.field, np.stack(np.meshgrid(x, y), -1))

@@ -1,4 +1,4 @@
-"""The distortion over the image, with contours: the paper's Fig. 7."""
+"""Figure: the distortion over the image, with contours (the paper's Fig. 7)."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,56 +10,65 @@ from calib.report.figure import Drawing
 from calib.report.ink import (
     FAINT,
     INK,
-    MORE,
+    ONE_SIDED,
     colour_bar,
-    draw,
-    fitted,
+    draw_svg,
     image_axes,
     label_lines,
+    panel_size,
     side_by_side,
 )
 
 NODES = (65, 49)
 ARROWS = (15, 11)
 LEVELS = (0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 25.0, 50.0, 100.0, 250.0, 500.0)
-"""px; three of them are the paper's."""
-MOST_LEVELS = 4
+"""Contours in px; 2.5, 5 and 10 are those of the paper."""
+MAX_LEVELS = 4
 
 
 def distortion_fields(evidence: Evidence) -> Drawing:
-    camera, moves = evidence.calibration.camera, not evidence.path.central
-    depths = list(dict.fromkeys((evidence.depths[0], evidence.depths[-1]))) if moves else [1.0]
+    camera, depends_on_depth = evidence.calibration.camera, not evidence.path.central
+    depths = (
+        list(dict.fromkeys((evidence.depths[0], evidence.depths[-1])))
+        if depends_on_depth
+        else [1.0]
+    )
     x, y, displacement = lattice(evidence, NODES)
     sizes = [np.linalg.norm(displacement.at(depth), axis=-1) for depth in depths]
-    most = max(float(np.nanmax(size)) for size in sizes)
-    levels = [level for level in LEVELS if level < most][-MOST_LEVELS:]
-    panel = fitted(camera.width / camera.height, 4.2)
+    largest = max(float(np.nanmax(size)) for size in sizes)
+    levels = [level for level in LEVELS if level < largest][-MAX_LEVELS:]
+    panel = panel_size(camera.width / camera.height, 4.2)
 
     def paint(figure: Figure) -> None:
         panels = side_by_side(figure, [panel[0]] * len(depths), (0.65, 0.25)[: len(depths)])
         for axes, depth, size in zip(panels, depths, sizes, strict=True):
             image_axes(axes, camera.width, camera.height)
             shown = axes.imshow(
-                size, cmap=MORE, vmin=0, vmax=most, extent=(*axes.get_xlim(), *axes.get_ylim())
+                size,
+                cmap=ONE_SIDED,
+                vmin=0,
+                vmax=largest,
+                extent=(*axes.get_xlim(), *axes.get_ylim()),
             )
             if levels:
                 lines = axes.contour(x, y, size, levels, colors=[INK], linewidths=0.9)
                 label_lines(axes, lines, "%g px")
             _arrows(axes, evidence, depth)
-            where = f"at {depth:g} m" if moves else "at every depth"
+            where = f"at {depth:g} m" if depends_on_depth else "at every depth"
             axes.set_title(f"{where}: {np.nanmin(size):.1f} to {np.nanmax(size):.1f} px")
-        for other in panels[1:]:
-            other.set(ylabel="", yticklabels=[])
+        for axes in panels[1:]:
+            axes.set(ylabel="", yticklabels=[])
         colour_bar(figure, shown, panels[-1], "px")
 
     return Drawing(
         "distortion",
         "The distortion over the image",
-        draw("distortion", panel, paint),
-        "Undistorted minus distorted pixel, for a scene at one depth. Lines join equal lengths;"
-        " arrows show the direction, each panel's longest drawn equally long."
+        draw_svg("distortion", panel, paint),
+        "Undistorted minus distorted pixel, for a scene at one depth. Contours are lines of"
+        " equal length; arrows show the direction, scaled so that the longest has the same size in"
+        " every panel."
         + (
-            " The panels differ because rays are shifted as well as turned."
+            " The panels differ because the cover shifts rays as well as bending them."
             if len(depths) == 2
             else ""
         ),

@@ -1,4 +1,6 @@
-"""What each effect that was added to the model changes on views that were held out."""
+"""The section of a report on the effects that a diagnosis added: the held-out error before and
+after.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,46 +16,49 @@ from calib.report.tables import bar, table
 class EffectRow:
     effect: str
     before_px: float
-    """Held out, without it."""
+    """The held-out error without the effect."""
     after_px: float
     parameters: str
-    """As people read them: names, values, standard deviations, units."""
+    """Text for people: names, values, standard deviations and units."""
 
 
 def effect_rows(calibration: Calibration) -> list[EffectRow]:
-    """What a diagnosis found, as the calibration keeps it."""
+    """Return the accepted effects that the calibration keeps from its diagnosis."""
     candidates = calibration.settings.get("diagnosis", {}).get("candidates", [])
     return [
         EffectRow(
-            one["effect"],
-            one["held_out_px_before"],
-            one["held_out_px_after"],
+            candidate["effect"],
+            candidate["held_out_px_before"],
+            candidate["held_out_px_after"],
             "; ".join(
                 found(
-                    one["effect"],
+                    candidate["effect"],
                     calibration,
-                    {name: ParameterEstimate(**said) for name, said in one["parameters"].items()},
+                    {
+                        name: ParameterEstimate(**estimate)
+                        for name, estimate in candidate["parameters"].items()
+                    },
                 )
             ),
         )
-        for one in candidates
-        if one["accepted"]
+        for candidate in candidates
+        if candidate["accepted"]
     ]
 
 
 def effects_html(rows: Sequence[EffectRow]) -> str:
-    """Empty without effects."""
+    """Return the section as HTML; an empty text without effects."""
     if not rows:
         return ""
-    most = max(max(row.before_px, row.after_px) for row in rows)
+    largest = max(max(row.before_px, row.after_px) for row in rows)
     cells = [
         (
             f"<b>{escape(row.effect)}</b>",
-            f"{bar(row.before_px, most)} {row.before_px:.3f} px",
-            f"{bar(row.after_px, most)} {row.after_px:.3f} px",
+            f"{bar(row.before_px, largest)} {row.before_px:.3f} px",
+            f"{bar(row.after_px, largest)} {row.after_px:.3f} px",
             f"{100 * (row.after_px / row.before_px - 1):+.0f} %",
             escape(row.parameters),
         )
         for row in rows
     ]
-    return table(("effect", "held out before", "and after", "change", "what it found"), cells)
+    return table(("effect", "held out before", "held out after", "change", "estimate"), cells)

@@ -1,4 +1,4 @@
-"""Everything that the figures of a report are drawn from, computed once."""
+"""The data that the figures of a report share, computed once."""
 
 from __future__ import annotations
 
@@ -24,43 +24,43 @@ from calib.undistortion.ray_field import RayField
 Array = NDArray[np.float64]
 
 CELLS = (16, 12)
-"""Across and down the image, for what is counted or averaged by place."""
+"""Columns and rows of the cells in which corners are counted and residuals averaged."""
 
-FEWEST_SEEN = 0.5
-"""Of a calibration's corners, that its own model sees: a fit drops a session in which a fifth
-cannot be.
+MIN_VISIBLE_FRACTION = 0.5
+"""The smallest fraction of a calibration's corners that its own model must see. A fit refuses a
+session in which it cannot see a fifth.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """A calibration with its model asked at the training corners (M of them) and over the image."""
+    """A calibration, and its model evaluated at the M training corners and over the image."""
 
     calibration: Calibration
     path: Path
     values: Values
-    missed: Residuals
-    """By the model."""
-    bare_missed: Residuals | None
-    """Without what was modelled: by the camera without its cover, or, if it has none, without its
-    lens distortion. None: the model is a pinhole already.
+    residuals: Residuals
+    """Residuals of the model."""
+    bare_residuals: Residuals | None
+    """Residuals of the camera without its cover or, if it has none, without its lens distortion.
+    None if the model is a pinhole already.
     """
     pixels: Array
     """(M, 2) px"""
     view: NDArray[np.int64]
-    """(M,) each corner's view."""
+    """(M,) the view of each corner."""
     depth: Array
     """(M,) m"""
     field: RayField
     sigma: SigmaField | None
     """None where the fit estimated no covariance."""
     depths: tuple[float, ...]
-    """m, near to far: where fields are shown."""
+    """The depths in m, near to far, at which fields are drawn."""
 
     @property
     def errors(self) -> Array:
         """(M, 2) px: the reprojection error; NaN where the model does not see the corner."""
-        return self.missed.image.numpy()
+        return self.residuals.image.numpy()
 
     @cached_property
     def cell(self) -> NDArray[np.int64]:
@@ -77,57 +77,55 @@ class Evidence:
 
     @cached_property
     def covered(self) -> float:
-        """Of the image, which part has corners."""
+        """The fraction of the image's cells with corners, 0 to 1."""
         return float((self.counts > 0).mean())
 
     @cached_property
     def rms_by_view(self) -> Array:
         """(V,) px"""
         squared = np.nan_to_num((self.errors**2).sum(-1))
-        seen = np.isfinite(self.errors).all(-1)
+        visible = np.isfinite(self.errors).all(-1)
         views = len(self.calibration.views)
         return np.asarray(
             np.sqrt(
                 np.bincount(self.view, squared, views)
-                / np.maximum(np.bincount(self.view, seen, views), 1)
+                / np.maximum(np.bincount(self.view, visible, views), 1)
             )
         )
 
     def sigma_at_corners(self, depth: float) -> Array:
-        """(n,) px: how sure the map of a depth (m) is where it was trained; empty without a
-        covariance.
+        """Return (n,) px, the standard deviation of the map of a depth (m) at the training corners;
+        empty without a covariance.
         """
         if not self.sigma:
             return np.zeros(0)
-        found = self.sigma.at(self.pixels[:, :1], self.pixels[:, 1:], depth)
-        return found[np.isfinite(found)].astype(np.float64)
+        sigma = self.sigma.at(self.pixels[:, :1], self.pixels[:, 1:], depth)
+        return sigma[np.isfinite(sigma)].astype(np.float64)
 
 
 def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) -> Evidence:
-    """Ask a calibration; without depths, its fields are shown at the nearest, the median and the
-    farthest corner's.
+    """Evaluate a calibration; without depths, fields are drawn at the depths of the nearest, the
+    median and the farthest corner.
     """
     if not (calibration.views and calibration.stages):
         advice = (
-            "bring it up to date by pictures taken there (calib check --update)"
+            "update it with pictures taken there (calib check --update)"
             if "immersed" in calibration.settings
             else "fit the session again"
         )
-        raise NotEnoughDataError(
-            f"the calibration keeps no views, of which a report would tell: {advice}."
-        )
+        raise NotEnoughDataError(f"the calibration has no views to report on: {advice}.")
     path, values = calibration.model()
     observations = calibration.observations
-    own = torch.from_numpy(calibration.poses)[observations.view]
-    depth = path.place(observations.corners, values, own)[:, 2].numpy()
-    missed, sigma = (
+    pose = torch.from_numpy(calibration.poses)[observations.view]
+    depth = path.place(observations.corners, values, pose)[:, 2].numpy()
+    residual, sigma = (
         residuals(path, values, observations, torch.from_numpy(calibration.poses)),
         predicted_sigma(calibration),
     )
-    seen = torch.isfinite(missed.image).all(-1).double().mean()
+    visible_fraction = torch.isfinite(residual.image).all(-1).double().mean()
     if (
         not (depth > 0).all()
-        or seen < FEWEST_SEEN
+        or visible_fraction < MIN_VISIBLE_FRACTION
         or (sigma and not np.isfinite(sigma.variance).any())
     ):
         raise InputError(NO_CORNERS)
@@ -135,8 +133,8 @@ def gather_evidence(calibration: Calibration, depths: tuple[float, ...] = ()) ->
         calibration=calibration,
         path=path,
         values=values,
-        missed=missed,
-        bare_missed=_without_model(calibration),
+        residuals=residual,
+        bare_residuals=_without_model(calibration),
         pixels=observations.pixels.numpy(),
         view=observations.view.numpy(),
         depth=depth,

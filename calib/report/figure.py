@@ -1,4 +1,4 @@
-"""A figure of the page: its drawing, what it shows, and how to read it."""
+"""A figure of the page with its title and caption."""
 
 from dataclasses import dataclass
 from html import escape
@@ -14,7 +14,5 @@ class Drawing:
     """Plain text."""
 
     def html(self) -> str:
-        return (
-            "<figure><div"
-            f' class="wide">{self.svg}</div><figcaption>{escape(self.caption)}</figcaption></figure>'  # noqa: E501
-        )
+        caption = f"<figcaption>{escape(self.caption)}</figcaption>"
+        return f'<figure><div class="wide">{self.svg}</div>{caption}</figure>'

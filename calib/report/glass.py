@@ -1,6 +1,4 @@
-"""The outer surface of the cover: how uneven it is, how sure that is, and where the corners were
-seen through it.
-"""
+"""Figure: the relief of the outer surface, its standard deviation, and the corners' exit points."""
 
 from dataclasses import dataclass
 
@@ -15,27 +13,35 @@ from numpy.typing import NDArray
 
 from calib.apply.map_uncertainty import root_of
 from calib.optics.relief import Relief
-from calib.report.chart import border, chart_axes, drawn, hits, units
+from calib.report.chart import border, chart_axes, chart_scale, chart_to_panel, exit_points
 from calib.report.evidence import Array, Evidence
 from calib.report.figure import Drawing
-from calib.report.ink import BELOW_AND_ABOVE, INK, MORE, colour_bar, draw, label_lines, side_by_side
+from calib.report.ink import (
+    INK,
+    ONE_SIDED,
+    TWO_SIDED,
+    colour_bar,
+    draw_svg,
+    label_lines,
+    side_by_side,
+)
 
 NODES = (81, 61)
-"""Of the chart, across and down."""
+"""Columns and rows of the grid over the chart."""
 PANEL = (3.9, 3.0)
-"""Inches"""
+"""Width and height in inches."""
 
 
 @dataclass(frozen=True, slots=True)
 class Heights:
-    """The relief over the chart, less its mean where the image sees it."""
+    """The relief over the chart, minus its mean over the visible part."""
 
-    across: Array
-    """(w,) as drawn."""
-    down: Array
-    """(h,)"""
-    seen: NDArray[np.bool_]
-    """(h, w) whether the image sees it."""
+    x: Array
+    """(w,) horizontal coordinates of the panel."""
+    y: Array
+    """(h,) vertical coordinates of the panel."""
+    visible: NDArray[np.bool_]
+    """(h, w) true where the image sees the glass."""
     height: Array
     """(h, w) um"""
     sigma: Array | None
@@ -46,13 +52,13 @@ class Heights:
 
 
 def glass_surface(evidence: Evidence) -> Drawing | None:
-    """None without a relief."""
+    """Return None without a relief."""
     relief = evidence.calibration.relief
     if not relief:
         return None
     glass = _heights(evidence, relief)
     low, high = _range(glass.height, glass)
-    most = max(-low, high) or 1.0
+    limit = max(-low, high) or 1.0
 
     def field(
         figure: Figure,
@@ -63,7 +69,7 @@ def glass_surface(evidence: Evidence) -> Drawing | None:
         extend: str,
     ) -> Polygon:
         frame = chart_axes(axes, evidence)
-        extent = (glass.across[0], glass.across[-1], glass.down[-1], glass.down[0])
+        extent = (glass.x[0], glass.x[-1], glass.y[-1], glass.y[0])
         shown = axes.imshow(
             values, cmap=cmap, vmin=limits[0], vmax=limits[1], extent=extent, aspect="auto"
         )
@@ -77,12 +83,12 @@ def glass_surface(evidence: Evidence) -> Drawing | None:
             [PANEL[0]] * (1 if glass.sigma is None else 2),
             (0.65, 0.95)[: 1 if glass.sigma is None else 2],
         )
-        frame = field(figure, panels[0], glass.height, BELOW_AND_ABOVE, (-most, most), "neither")
+        frame = field(figure, panels[0], glass.height, TWO_SIDED, (-limit, limit), "neither")
         if high > low:
             lines = panels[0].contour(
-                glass.across,
-                glass.down,
-                np.where(glass.seen, glass.height, np.nan),
+                glass.x,
+                glass.y,
+                np.where(glass.visible, glass.height, np.nan),
                 7,
                 colors=[INK],
                 linewidths=0.7,
@@ -94,68 +100,68 @@ def glass_surface(evidence: Evidence) -> Drawing | None:
                 figure,
                 panels[1],
                 glass.sigma,
-                MORE,
-                (0, 2 * float(np.median(glass.sigma[glass.seen]))),
+                ONE_SIDED,
+                (0, 2 * float(np.median(glass.sigma[glass.visible]))),
                 "max",
             )
             panels[1].plot(
-                *drawn(evidence, hits(evidence, evidence.pixels)),
+                *chart_to_panel(evidence, exit_points(evidence, evidence.pixels)),
                 ".",
                 markersize=1.8,
                 color="#808080",
                 rasterized=True,
             )
-            least, largest = _range(glass.sigma, glass)
-            panels[1].set_title(f"its standard deviation: {least:.2g} to {largest:.2g} µm")
+            smallest, largest = _range(glass.sigma, glass)
+            panels[1].set_title(f"its standard deviation: {smallest:.2g} to {largest:.2g} µm")
             panels[1].set_ylabel("")
 
     mean = f"{round(glass.mean, 1) + 0.0}" + (
         "" if glass.sigma is None else f" ± {glass.mean_sigma:.1f}"
     )
     caption = (
-        f"The relief of the outer surface where the image sees it, less its mean of {mean} µm: an"
-        " even layer bends light hardly at all, so it is known less well than what is uneven."
+        f"The relief of the outer surface where the image sees it, minus its mean of {mean} µm. An"
+        " even layer hardly bends light, so the mean is known less well than the unevenness."
     )
     if glass.sigma is not None:
-        caption += (
-            " Dots: where the corners' rays leave the glass. Away from them, the prior speaks."
-        )
-    return Drawing("glass", "The glass surface", draw("glass", PANEL, paint), caption)
+        caption += " Dots: exit points of the corners' rays. Far from them, the prior decides."
+    return Drawing("glass", "The glass surface", draw_svg("glass", PANEL, paint), caption)
 
 
 def _heights(evidence: Evidence, relief: Relief) -> Heights:
     edge = border(evidence)
-    low, high = edge.min(0), edge.max(0)
-    second, first = (
-        np.linspace(low[axis], high[axis], n) for axis, n in zip((1, 0), NODES, strict=True)
-    )
-    inside = Path(edge).contains_points(
-        np.stack(np.meshgrid(first, second, indexing="ij"), -1).reshape(-1, 2)
-    )
-    one, two = (
-        relief.bells(torch.from_numpy(c), axis)[0].numpy() for axis, c in enumerate((first, second))
-    )
-    basis = np.einsum("ip,jq->pqij", one, two).reshape(len(inside), -1)  # (h w, amplitudes)
-    mean = basis[inside].mean(0)
+    low = edge.min(0)
+    high = edge.max(0)
+    vertical = np.linspace(low[0], high[0], NODES[1])
+    horizontal = np.linspace(low[1], high[1], NODES[0])
+    points = np.stack(np.meshgrid(vertical, horizontal, indexing="ij"), -1).reshape(-1, 2)
+    visible = Path(edge).contains_points(points)
+    vertical_bells = relief.bells(torch.from_numpy(vertical), 0)[0].numpy()
+    horizontal_bells = relief.bells(torch.from_numpy(horizontal), 1)[0].numpy()
+    basis = np.einsum("ip,jq->pqij", vertical_bells, horizontal_bells)
+    basis = basis.reshape(len(points), -1)  # (h w, amplitudes)
+    mean = basis[visible].mean(0)
     amplitudes = evidence.calibration.amplitudes.ravel()
 
-    shape = len(first), len(second)
-    to_down, to_across = units(evidence)
-    whole = 1e6 * float(mean @ amplitudes)
-    height = 1e6 * ((basis - mean) @ amplitudes).reshape(shape)
+    shape = len(vertical), len(horizontal)
+    to_y, to_x = chart_scale(evidence)
     covariance = evidence.calibration.covariance[: len(amplitudes), : len(amplitudes)]
-    if not covariance.size:
-        return Heights(
-            second * to_across, first * to_down, inside.reshape(shape), height, None, whole, 0.0
-        )
-    root = 1e6 * root_of(covariance)
-    sigma = np.linalg.norm((basis - mean) @ root, axis=-1).reshape(shape)
-    mean_sigma = float(np.linalg.norm(mean @ root))
+    sigma = None
+    mean_sigma = 0.0
+    if covariance.size:
+        root = 1e6 * root_of(covariance)
+        sigma = np.linalg.norm((basis - mean) @ root, axis=-1).reshape(shape)
+        mean_sigma = float(np.linalg.norm(mean @ root))
     return Heights(
-        second * to_across, first * to_down, inside.reshape(shape), height, sigma, whole, mean_sigma
+        x=horizontal * to_x,
+        y=vertical * to_y,
+        visible=visible.reshape(shape),
+        height=1e6 * ((basis - mean) @ amplitudes).reshape(shape),
+        sigma=sigma,
+        mean=1e6 * float(mean @ amplitudes),
+        mean_sigma=mean_sigma,
     )
 
 
 def _range(values: Array, glass: Heights) -> tuple[float, float]:
-    seen = values[glass.seen]
-    return float(seen.min()), float(seen.max())
+    visible = values[glass.visible]
+    return float(visible.min()), float(visible.max())

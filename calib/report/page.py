@@ -1,6 +1,4 @@
-"""The page around the sections: title, verdict, contents, and the style that both colour schemes
-share.
-"""
+"""The page of a report: title, verdict, contents and sections, for light and dark themes."""
 
 import re
 from collections.abc import Sequence
@@ -22,7 +20,7 @@ class PageSection:
 
 
 def page(subject: str, summary: Summary, sections: Sequence[PageSection]) -> str:
-    """The whole file."""
+    """Return the HTML file of a report."""
     style = files("calib.report").joinpath("style.css").read_text(encoding="utf-8")
     contents = "".join(
         f'<a href="#{section.name}">{escape(section.title)}</a>' for section in sections
@@ -44,7 +42,7 @@ def page(subject: str, summary: Summary, sections: Sequence[PageSection]) -> str
 <h1>{escape(verdict.word.sentence.removesuffix("."))}</h1>
 <p class="lead">{lead}</p>
 {listed}
-<p>Next, where . is the folder of this report: <code>{escape(verdict.next)}</code></p>
+<p>Next (. is the folder of this report): <code>{escape(verdict.next)}</code></p>
 <nav>{contents}</nav>"""
     return document(
         f"Calibration of {escape(subject)}", style, header, body, good=not verdict.reasons
@@ -52,9 +50,11 @@ def page(subject: str, summary: Summary, sections: Sequence[PageSection]) -> str
 
 
 def document(title: str, style: str, header: str, body: str, *, good: bool) -> str:
-    """An HTML file that loads nothing.
+    """Return an HTML file that loads nothing from outside.
 
-    Args: all but style as HTML; good: whether the header is coloured as of something to rely on.
+    Args:
+        title: HTML, as are header and body.
+        good: true if the header has the colour of a trusted result.
     """
     return f"""<!doctype html>
 <html lang="en">

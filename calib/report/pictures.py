@@ -1,4 +1,4 @@
-"""The session's own pictures, small, inside the page."""
+"""Thumbnails of the session's pictures, embedded in the page."""
 
 from base64 import b64encode
 from pathlib import Path
@@ -19,20 +19,18 @@ JPEG = b"\xff\xd8\xff"
 
 
 def picture_of(session: Path, view: str) -> Path:
-    """Where a view's picture would be."""
+    """Return the path of a view's picture, which may not exist."""
     return session / "frames" / Path(view).name
 
 
 def read_small(path: Path, size: tuple[int, int], width: int) -> Grey | None:
-    """A picture shrunk to a width in px; None where it can not be read any more, or is not of this
-    size.
-    """
+    """Return a picture shrunk to a width in px; None if it cannot be read or has another size."""
     try:
-        pixels, shrunk = _read(path, size[0], width)
+        pixels, shrunk = _read_shrunk(path, size[0], width)
     except (RefracalError, OSError):
         return None
-    whole = tuple(-(-length // shrunk) for length in size)
-    if pixels is None or pixels.shape != whole[::-1]:
+    expected = tuple(-(-length // shrunk) for length in size)
+    if pixels is None or pixels.shape != expected[::-1]:
         return None
     return np.asarray(
         cv2.resize(
@@ -45,17 +43,18 @@ def read_small(path: Path, size: tuple[int, int], width: int) -> Grey | None:
 
 
 def data_url(pixels: Grey) -> str:
+    """Return a picture as the JPEG data URL of an HTML image."""
     return (
         "data:image/jpeg;base64,"
         + b64encode(cv2.imencode(".jpg", pixels, QUALITY)[1].tobytes()).decode()
     )
 
 
-def _read(path: Path, whole: int, width: int) -> tuple[NDArray | None, int]:
-    """Grey pixels, and by how much they are shrunk: a large JPEG is decoded at an eighth of its
-    size, in a fraction of the time.
+def _read_shrunk(path: Path, full_width: int, width: int) -> tuple[NDArray | None, int]:
+    """Return grey pixels and the factor by which they are shrunk. A large JPEG is decoded at an
+    eighth of its size, in a fraction of the time.
     """
-    if whole > 8 * width and (data := read_file(path)).startswith(JPEG):
+    if full_width > 8 * width and (data := read_file(path)).startswith(JPEG):
         return (
             cv2.imdecode(
                 np.frombuffer(data, np.uint8),

@@ -1,4 +1,4 @@
-"""How far the maps are likely to be off, at several depths."""
+"""Figure: the predicted standard deviation of the maps, at several depths."""
 
 import numpy as np
 from matplotlib.colors import Normalize
@@ -8,25 +8,25 @@ from calib.report.evidence import Evidence
 from calib.report.figure import Drawing
 from calib.report.ink import (
     INK,
-    MORE,
+    ONE_SIDED,
     colour_bar,
-    draw,
-    fitted,
+    draw_svg,
     image_axes,
     label_lines,
+    panel_size,
     side_by_side,
 )
 
 
 def predicted_errors(evidence: Evidence) -> Drawing | None:
-    """None where the fit estimated no covariance."""
+    """Return None if the fit estimated no covariance."""
     field = evidence.sigma
     if not field:
         return None
     camera, depths = evidence.calibration.camera, evidence.depths[:3]
     sigmas = [field.at_nodes(depth) for depth in depths]
-    panel = fitted(camera.width / camera.height, 2.7 if len(depths) > 2 else 4.0)
-    most = max(float(np.nanquantile(sigma, 0.98)) for sigma in sigmas)
+    panel = panel_size(camera.width / camera.height, 2.7 if len(depths) > 2 else 4.0)
+    limit = max(float(np.nanquantile(sigma, 0.98)) for sigma in sigmas)
 
     def paint(figure: Figure) -> None:
         panels = side_by_side(figure, [panel[0]] * len(depths), (0.65, 0.25, 0.25)[: len(depths)])
@@ -34,8 +34,8 @@ def predicted_errors(evidence: Evidence) -> Drawing | None:
             image_axes(axes, camera.width, camera.height)
             shown = axes.imshow(
                 sigma,
-                cmap=MORE,
-                norm=Normalize(0, most),
+                cmap=ONE_SIDED,
+                norm=Normalize(0, limit),
                 extent=(*axes.get_xlim(), *axes.get_ylim()),
             )
             axes.plot(
@@ -56,10 +56,10 @@ def predicted_errors(evidence: Evidence) -> Drawing | None:
 
     return Drawing(
         "sigma",
-        "How sure the maps are",
-        draw("sigma", panel, paint),
+        "Uncertainty of the maps",
+        draw_svg("sigma", panel, paint),
         "Predicted standard deviation of the undistorted position, x and y together, if the model"
-        " is right: from the corners' noise and the prior on the glass. The rigid motion of all"
-        " rays, which no board view fixes, is left out. Dots: corners; in the titles, the median"
-        " over them.",
+        " is right. It follows from the corners' noise and the prior on the glass. It excludes the"
+        " rigid motion of all rays, which no view of a board fixes. Dots: corners. The titles give"
+        " the median over them.",
     )

@@ -1,5 +1,5 @@
-"""Bent lines became straight: one of the session's pictures as it is and undistorted, its board's
-rows and columns drawn across it.
+"""The section of a report that shows a picture before and after undistortion, with the rows and
+columns of its board.
 """
 
 from __future__ import annotations
@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from html import escape
+from itertools import chain
 from pathlib import Path
 
 import cv2
@@ -19,39 +20,39 @@ from calib.report.pictures import data_url, picture_of, read_small
 from calib.undistortion.window import Window
 
 WIDTH = 640
-"""px of a picture, at most."""
-DRAWN = 0.035
-"""Of the image's width: how far the largest bend may be drawn."""
+"""The largest width of a picture in px."""
+MAX_DRAWN_BEND = 0.035
+"""The largest drawn bend, as a fraction of the image's width."""
 SAMPLES = 41
-"""Points of a line that is drawn."""
-ASKED = 5
-"""Pictures, from the largest board on: where none of them can be read, the session is gone."""
-UNSEEN = 96
-"""Grey where the camera sees nothing."""
+"""Points of a drawn line."""
+MAX_READS = 5
+"""Pictures to try, largest board first. If none of them can be read, the session is gone."""
+BLIND_GREY = 96
+"""The grey of pixels that the camera does not see."""
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
-    """A row or a column of a board, across the picture."""
+class BoardLine:
+    """A row or column of a board, continued across the picture."""
 
-    before: Array
-    """(n, 2) px, as the model sees it through lens and cover."""
-    after: Array
-    """(k, 2) px, undistorted: straight."""
-    seen: Array
-    """(c, 2) px, its corners as they were detected."""
+    distorted: Array
+    """(n, 2) px, the line through lens and cover, by the model."""
     undistorted: Array
-    """(c, 2) px, these undistorted."""
+    """(k, 2) px, the straight line."""
+    corners: Array
+    """(c, 2) px, the detected corners of the line."""
+    undistorted_corners: Array
+    """(c, 2) px, these corners undistorted."""
 
 
 def straight_html(evidence: Evidence, session: Path | None) -> str:
-    """Empty where the model is a pinhole, which bends nothing."""
-    if evidence.bare_missed is None:
+    """Return the section as HTML; empty for a pinhole, which bends nothing."""
+    if evidence.bare_residuals is None:
         return ""
     camera = evidence.calibration.camera
     size = camera.width, camera.height
     order = _largest_first(evidence)
-    for view in order[:ASKED]:
+    for view in order[:MAX_READS]:
         path = session and picture_of(session, evidence.calibration.views[view].name)
         if path and (picture := read_small(path, size, min(WIDTH, camera.width))) is not None:
             return _html(evidence, view, picture)
@@ -59,104 +60,95 @@ def straight_html(evidence: Evidence, session: Path | None) -> str:
 
 
 def _largest_first(evidence: Evidence) -> list[int]:
-    """The views by how much of the picture their corners span."""
-    own = [
+    """Return the views, those whose corners span most of the picture first."""
+    corners = [
         evidence.pixels[evidence.view == view] for view in range(len(evidence.calibration.views))
     ]
     return sorted(
-        range(len(own)),
-        key=lambda view: -float(np.prod(np.ptp(own[view], 0))) if len(own[view]) else 0.0,
+        range(len(corners)),
+        key=lambda view: -float(np.prod(np.ptp(corners[view], 0))) if len(corners[view]) else 0.0,
     )
 
 
-def lines_across(evidence: Evidence, view: int) -> Iterator[Line]:
-    board, camera = evidence.calibration.board, evidence.calibration.camera
+def lines_across(evidence: Evidence, view: int) -> Iterator[BoardLine]:
+    """Yield the rows and columns of a view's board that lie in the picture."""
+    board = evidence.calibration.board
+    camera = evidence.calibration.camera
     pose = evidence.calibration.poses[view, :6]
-    turn = cv2.Rodrigues(pose[:3])[0]
+    rotation = cv2.Rodrigues(pose[:3])[0]
     focal, centre = _pinhole(evidence)
-    flat = np.column_stack([board.points(), np.zeros(board.count)]) @ turn.T + pose[3:]
-    lattices = _lattices(evidence, view)
+    flat = np.column_stack([board.points(), np.zeros(board.count)]) @ rotation.T + pose[3:]
     places = (focal * flat[:, :2] / flat[:, 2:] + centre).reshape(board.rows, board.columns, 2)
-    for by_rows in (True, False):
-        ends, seen, undistorted = (
-            one if by_rows else one.swapaxes(0, 1) for one in (places, *lattices)
-        )
-        for along, own, straight in zip(ends, seen, undistorted, strict=True):
-            after = _across(along[0], along[-1], (camera.width, camera.height))
-            towards = np.column_stack([(after - centre) / focal, np.ones(len(after))]) @ turn[:, 2]
-            depth = (
-                pose[3:] @ turn[:, 2] / np.where(np.abs(towards) < 1e-6, np.nan, towards)
-            )  # m, on the board's plane
-            there = depth > evidence.depth.min() / 2  # not where the plane passes the camera
-            before, sees = evidence.field.distorted(after[there], depth[there])
-            found = np.isfinite(own).all(-1)
-            if sees.sum() > 2:
-                yield Line(before[sees], after, own[found], straight[found])
+    detected, undistorted = _corner_grids(evidence, view)
+    rows = zip(places, detected, undistorted, strict=True)
+    columns = zip(*(grid.swapaxes(0, 1) for grid in (places, detected, undistorted)), strict=True)
+    for place, corners, straight in chain(rows, columns):
+        line = _border_to_border(place[0], place[-1], (camera.width, camera.height))
+        directions = np.column_stack([(line - centre) / focal, np.ones(len(line))])
+        slope = directions @ rotation[:, 2]
+        slope = np.where(np.abs(slope) < 1e-6, np.nan, slope)
+        depth = pose[3:] @ rotation[:, 2] / slope  # m, on the board's plane
+        near = depth > evidence.depth.min() / 2  # excludes the plane's passage past the camera
+        distorted, visible = evidence.field.distorted(line[near], depth[near])
+        detections = np.isfinite(corners).all(-1)
+        if visible.sum() > 2:
+            yield BoardLine(distorted[visible], line, corners[detections], straight[detections])
 
 
-def _across(first: Array, last: Array, size: tuple[int, int]) -> Array:
-    """(SAMPLES, 2) px of the straight line through two points, from border to border of the
-    picture; none where it passes by.
+def _border_to_border(first: Array, last: Array, size: tuple[int, int]) -> Array:
+    """Return (SAMPLES, 2) px of the straight line through two points, from border to border of the
+    picture; (0, 2) if it misses the picture.
     """
-    along = last - first
-    steps = np.where(np.abs(along) < 1e-9, 1e-9, along)
-    ends = np.sort(
-        [(np.array([-0.5, -0.5]) - first) / steps, (np.array(size) - 0.5 - first) / steps], 0
-    )
-    low, high = ends[0].max(), ends[1].min()
-    return (
-        np.asarray(first + np.linspace(low, high, SAMPLES)[:, None] * along)
-        if low < high
-        else np.zeros((0, 2))
-    )
+    direction = last - first
+    steps = np.where(np.abs(direction) < 1e-9, 1e-9, direction)
+    crossings = np.stack([([-0.5, -0.5] - first) / steps, (np.array(size) - 0.5 - first) / steps])
+    low = crossings.min(0).max()
+    high = crossings.max(0).min()
+    if low >= high:
+        return np.zeros((0, 2))
+    return np.asarray(first + np.linspace(low, high, SAMPLES)[:, None] * direction)
 
 
-def _lattices(evidence: Evidence, view: int) -> Array:
-    """(2, rows, columns, 2) px: a view's corners as they were seen and undistorted, less what its
-    board's own bow or motion moves them by; NaN where not seen.
+def _corner_grids(evidence: Evidence, view: int) -> Array:
+    """Return (2, rows, columns, 2) px: a view's detected corners, and the same undistorted, both
+    without the shift by the board's bow or motion; NaN where a corner was not detected.
     """
-    board, observations = evidence.calibration.board, evidence.calibration.observations
-    own, poses = (
-        evidence.view == view,
-        torch.from_numpy(evidence.calibration.poses)[observations.view],
-    )
-    there = evidence.path.place(
-        observations.corners, observations.with_times(evidence.values), poses
-    )
-    flat = replace(evidence.path, target=Target()).place(observations.corners, {}, poses[:, :6])
-    shift = (
-        _pinhole(evidence)[0] * (flat[:, :2] / flat[:, 2:] - there[:, :2] / there[:, 2:]).numpy()
-    )
+    board = evidence.calibration.board
+    observations = evidence.calibration.observations
+    in_view = evidence.view == view
+    poses = torch.from_numpy(evidence.calibration.poses)[observations.view]
+    values = observations.with_times(evidence.values)
+    actual = evidence.path.place(observations.corners, values, poses)
+    flat_path = replace(evidence.path, target=Target())
+    flat = flat_path.place(observations.corners, {}, poses[:, :6])
+    focal, _ = _pinhole(evidence)
+    shift = focal * (flat[:, :2] / flat[:, 2:] - actual[:, :2] / actual[:, 2:]).numpy()
     undistorted = evidence.field.undistorted(evidence.pixels, evidence.depth)
-    lattices = np.full((2, board.count, 2), np.nan)
-    lattices[:, evidence.calibration.views[view].seen] = (
-        (evidence.pixels + shift)[own],
-        (undistorted + shift)[own],
-    )
-    return lattices.reshape(2, board.rows, board.columns, 2)
+    grids = np.full((2, board.count, 2), np.nan)
+    detected = evidence.calibration.views[view].seen
+    grids[0, detected] = (evidence.pixels + shift)[in_view]
+    grids[1, detected] = (undistorted + shift)[in_view]
+    return grids.reshape(2, board.rows, board.columns, 2)
 
 
 def _pinhole(evidence: Evidence) -> tuple[Array, Array]:
-    """(2,) px focal lengths and (2,) px principal point that undistorted pixels are of."""
+    """Return the focal lengths (2,) px and the principal point (2,) px of undistorted pixels."""
     k = evidence.calibration.camera.intrinsics
     assert k
     return np.array([k.fx.value, k.fy.value]), np.array([k.cx.value, k.cy.value])
 
 
-def _undistorted(evidence: Evidence, picture: np.ndarray, depth: float) -> np.ndarray:
-    """The shrunk picture as the bare pinhole camera would have taken it."""
+def _undistorted_picture(evidence: Evidence, picture: np.ndarray, depth: float) -> np.ndarray:
+    """Return the shrunk picture as the bare pinhole camera would have taken it."""
     camera = evidence.calibration.camera
     height, width = picture.shape
     zoom = camera.width / width, camera.height / height
-    made = evidence.field.map_at(
-        depth, Window(width, height, ((zoom[0] - 1) / 2, (zoom[1] - 1) / 2), zoom)
-    )
-    x, y = (
-        np.where(made.valid, (at + 0.5) / by - 0.5, -9).astype(np.float32)
-        for at, by in zip((made.x, made.y), zoom, strict=True)
-    )
+    window = Window(width, height, ((zoom[0] - 1) / 2, (zoom[1] - 1) / 2), zoom)
+    depth_map = evidence.field.map_at(depth, window)
+    x = np.where(depth_map.valid, (depth_map.x + 0.5) / zoom[0] - 0.5, -9).astype(np.float32)
+    y = np.where(depth_map.valid, (depth_map.y + 0.5) / zoom[1] - 0.5, -9).astype(np.float32)
     return cv2.remap(
-        picture, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT, borderValue=UNSEEN
+        picture, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT, borderValue=BLIND_GREY
     )
 
 
@@ -165,83 +157,77 @@ def _html(evidence: Evidence, view: int, picture: np.ndarray | None) -> str:
     if not lines:
         return ""
     depth = float(np.median(evidence.depth[evidence.view == view]))
-    bend = max(
-        float(np.linalg.norm(line.before - _feet(line.before, line.before), axis=-1).max())
+    bends = [
+        np.linalg.norm(line.distorted - _nearest_on_line(line.distorted, line.distorted), axis=-1)
         for line in lines
+    ]
+    bend = max(float(lengths.max()) for lengths in bends)
+    errors = np.concatenate(
+        [
+            line.undistorted_corners - _nearest_on_line(line.undistorted_corners, line.undistorted)
+            for line in lines
+        ]
     )
-    off = np.concatenate([line.undistorted - _feet(line.undistorted, line.after) for line in lines])
-    left = float(np.sqrt((off**2).sum(-1).mean()))
-    factor = max(
-        1, int(float(f"{0.95 * DRAWN * evidence.calibration.camera.width / max(bend, 1e-9):.0e}"))
+    rms = float(np.sqrt((errors**2).sum(-1).mean()))
+    largest = 0.95 * MAX_DRAWN_BEND * evidence.calibration.camera.width
+    factor = max(1, int(float(f"{largest / max(bend, 1e-9):.0e}")))
+    distorted_url = ""
+    undistorted_url = ""
+    if picture is not None:
+        distorted_url = data_url(picture)
+        undistorted_url = data_url(_undistorted_picture(evidence, picture, depth))
+    distorted_panel = _panel(
+        evidence,
+        [(line.distorted, line.corners) for line in lines],
+        factor,
+        distorted_url,
+        f"As taken: straight lines bend by up to {bend:.2g} px.",
     )
-    shown = (
-        (data_url(picture), data_url(_undistorted(evidence, picture, depth)))
-        if picture is not None
-        else ("", "")
+    undistorted_panel = _panel(
+        evidence,
+        [(line.undistorted, line.undistorted_corners) for line in lines],
+        factor,
+        undistorted_url,
+        f"Undistorted: corners are {rms:.2g} px (RMS) off straight lines.",
     )
-    before = [(line.before, line.seen) for line in lines]
-    after = [(line.after, line.undistorted) for line in lines]
-    panels = (
-        _panel(
-            evidence,
-            before,
-            factor,
-            shown[0],
-            f"As it was taken: straight lines bend by up to {bend:.2g} px.",
-        ),
-        _panel(
-            evidence,
-            after,
-            factor,
-            shown[1],
-            f"Undistorted: corners lie beside straight lines by {left:.2g} px (RMS).",
-        ),
-    )
-    said = f", drawn {factor} times as large" if factor > 1 else ""
+    scale = f", drawn {factor} times as large" if factor > 1 else ""
     name = escape(evidence.calibration.views[view].name)
-    gone = (
-        ""
-        if picture is not None
-        else (
-            " The session's pictures were not found, or it has none: only lines and corners are"
-            " drawn."
-        )
-    )
+    absent = " The session's pictures were not found: only lines and corners are drawn."
     return (
-        f'<div class="pair">{"".join(panels)}</div>'
-        f"<p>{name}, and the same undistorted for the depth of its board, {depth:.2g} m. Orange:"
-        " the board's rows and columns, continued "
-        "across the picture, as lens and cover show them; how far they are from straight lines,"
-        f" blue, is what they bend{said}. Dots: the "
-        f"corners that were detected, likewise, less what the board itself is bent.{gone}</p>"
+        f'<div class="pair">{distorted_panel}{undistorted_panel}</div>'
+        f"<p>{name}, and the same picture undistorted for the depth of its board, {depth:.2g} m."
+        " Orange: the rows and columns of the board, continued across the picture, as lens and"
+        f" cover show them. Blue: straight lines. The distance between them is the bend{scale}."
+        " Dots: the detected corners, on the same scale, without the bend of the board"
+        f" itself.{absent if picture is None else ''}</p>"
     )
 
 
-def _feet(points: Array, line: Array) -> Array:
-    """(n, 2) px on the straight line that misses the (k, 2) px of a line least, the nearest to (n,
-    2) px.
+def _nearest_on_line(points: Array, line: Array) -> Array:
+    """Return the (n, 2) px nearest to (n, 2) points on the straight line that fits a (k, 2) px line
+    best.
     """
     middle = line.mean(0)
-    along = np.linalg.svd(line - middle, full_matrices=False)[2][0]
-    return np.asarray(middle + np.outer((points - middle) @ along, along))
+    direction = np.linalg.svd(line - middle, full_matrices=False)[2][0]
+    return np.asarray(middle + np.outer((points - middle) @ direction, direction))
 
 
 def _panel(
     evidence: Evidence, lines: list[tuple[Array, Array]], factor: float, picture: str, title: str
 ) -> str:
-    """Args: lines: each with its corners."""
+    """Return a picture with lines and their corners as HTML; bends are enlarged by `factor`."""
     camera = evidence.calibration.camera
 
-    def drawn(points: Array, line: Array) -> list[str]:
-        feet = _feet(points, line)
-        return [f"{x:.1f} {y:.1f}" for x, y in feet + factor * (points - feet)]
+    def enlarged(points: Array, line: Array) -> list[str]:
+        nearest = _nearest_on_line(points, line)
+        return [f"{x:.1f} {y:.1f}" for x, y in nearest + factor * (points - nearest)]
 
     straight = "".join(
-        "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in _feet(line[[0, -1]], line))
+        "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in _nearest_on_line(line[[0, -1]], line))
         for line, _ in lines
     )
-    bent = "".join("M" + "L".join(drawn(line, line)) for line, _ in lines)
-    dots = "".join(f"M{place}h0" for line, corners in lines for place in drawn(corners, line))
+    bent = "".join("M" + "L".join(enlarged(line, line)) for line, _ in lines)
+    dots = "".join(f"M{place}h0" for line, corners in lines for place in enlarged(corners, line))
     image = f'<img src="{picture}" alt="">' if picture else ""
     return (
         '<div><div class="shot lines" style="aspect-ratio:'

@@ -1,6 +1,4 @@
-"""What opens a report: the verdict, and three sentences on what the calibration is of, what is
-left, and where it holds.
-"""
+"""The head of a report: the verdict, and a sentence each on camera, error and coverage."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,10 +16,10 @@ from calib.verdict.thresholds import BEYOND_NOISE
 from calib.verdict.verdict import Verdict
 
 NOISE_ALONE = 1.3
-"""Error over the corners' noise up to which the rest counts as noise."""
+"""The error over the corners' noise up to which the error counts as noise."""
 HERE = Path()
-"""What commands call the calibration's folder in a report, which lies there and tells of its
-author's disk no more than names.
+"""The calibration's folder in the commands of a report. The report lies in that folder, and reveals
+no path of its author's disk.
 """
 SHAPES = {"cone": "a cone", "cylinder": "a cylinder", "flat": "a flat window", "dome": "a dome"}
 
@@ -33,82 +31,80 @@ class Summary:
 
 
 def summarise(evidence: Evidence, depths: Sequence[float] = ()) -> Summary:
-    """Args: depths: m, for which maps are wanted."""
+    """Summarise a calibration; `depths` are those of the requested maps, in m."""
     session = Path(evidence.calibration.settings.get(KEY, {}).get("session", "SESSION")).name
     verdict = judge(evidence.calibration, depths=depths, folder=HERE, session=Path(session))
-    return Summary((_subject(evidence), _fit(evidence, verdict), _reach(evidence)), verdict)
+    return Summary((_subject(evidence), _fit(evidence, verdict), _coverage(evidence)), verdict)
 
 
 def _subject(evidence: Evidence) -> str:
-    c = evidence.calibration
+    calibration = evidence.calibration
     behind = ""
-    if c.cover.shape != "none":
-        thickness, index = (
-            c.cover.parameters[name].value for name in ("thickness", "refractive_index")
-        )
+    if calibration.cover.shape != "none":
+        thickness = calibration.cover.parameters["thickness"].value
+        index = calibration.cover.parameters["refractive_index"].value
         behind = (
-            f" behind {SHAPES[c.cover.shape]}, {1e3 * thickness:.3g} mm thick with index"
+            f" behind {SHAPES[calibration.cover.shape]}, {1e3 * thickness:.3g} mm thick with index"
             f" {index:.4g},"
         )
+    board = calibration.board
     near, far = evidence.depth.min(), evidence.depth.max()
-    size = f"{c.camera.width}x{c.camera.height}"
+    size = f"{calibration.camera.width}x{calibration.camera.height}"
     camera = (
-        c.camera.model
-        if size in c.camera.model
-        else f"{c.camera.model or 'A camera'} with {size} px"
+        calibration.camera.model
+        if size in calibration.camera.model
+        else f"{calibration.camera.model or 'A camera'} with {size} px"
     )
     return (
-        f"{camera}{behind} was calibrated from {len(c.views)} views of a {c.board} board with"
-        f" {1e3 * c.board.square:g} mm {c.board.part}s: {len(evidence.depth)} corners, {near:.2g}"
-        f" to {far:.2g} m away."
+        f"{camera}{behind} was calibrated from {len(calibration.views)} views of a {board} board"
+        f" with {1e3 * board.square:g} mm {board.part}s: {len(evidence.depth)} corners,"
+        f" {near:.2g} to {far:.2g} m away."
     )
 
 
 def _fit(evidence: Evidence, verdict: Verdict) -> str:
-    c = evidence.calibration
-    last, noise = c.stages[-1].rms_px, c.noise_px
-    said = f"The model leaves {last:.3f} px"
-    if len(c.stages) > 1:
-        said += f" of the {c.stages[0].rms_px:.3f} px that the camera alone leaves"
-    if not np.isfinite(noise):
-        said += "; there are too few corners to tell how much of that is noise"
-    elif last <= NOISE_ALONE * noise:
-        patterns = over_image(evidence).is_pattern or over_board(evidence).is_pattern
-        doubted = any(reason.sentence.startswith(NOT_ALL_NOISE) for reason in verdict.reasons)
-        rest = "most of what is left" if patterns or doubted else "what is left"
-        said += f", and the corners' own noise is about {noise:.3f} px: {rest} is noise"
-    elif last <= BEYOND_NOISE * noise:
-        said += (
-            f", where the corners' own noise is about {noise:.3f} px: a little more than noise is"
-            " left"
-        )
+    calibration = evidence.calibration
+    rms = calibration.stages[-1].rms_px
+    noise = calibration.noise_px
+    if len(calibration.stages) > 1:
+        bare_rms = calibration.stages[0].rms_px
+        text = f"The error is {rms:.3f} px, where the camera alone leaves {bare_rms:.3f} px"
     else:
-        said += (
-            f", {last / noise:.1f} times the corners' own noise of about {noise:.3f} px: the model"
+        text = f"The error is {rms:.3f} px"
+    if not np.isfinite(noise):
+        text += "; there are too few corners to tell how much of it is noise"
+    elif rms <= NOISE_ALONE * noise:
+        patterns = over_image(evidence).is_pattern or over_board(evidence).is_pattern
+        organised = any(reason.sentence.startswith(NOT_ALL_NOISE) for reason in verdict.reasons)
+        share = "most of the error" if patterns or organised else "the error"
+        text += f". The noise of the corners is about {noise:.3f} px: {share} is noise"
+    elif rms <= BEYOND_NOISE * noise:
+        text += f". The noise of the corners is about {noise:.3f} px: the error is a little larger"
+    else:
+        text += (
+            f", {rms / noise:.1f} times the noise of the corners (about {noise:.3f} px): the model"
             " lacks something"
         )
-    if not (kept := c.settings.get("cross_validation")):
-        return said + "; whether it overfits was not measured (calib fit --folds 5 does)."
-    validation = CrossValidation(**kept)
-    does = "overfits" if validation.overfits else "does not overfit"
-    return said + f"; views that were held out have {validation.held_out_px:.3f} px, so it {does}."
+    if not (settings := calibration.settings.get("cross_validation")):
+        return text + ". Overfitting was not measured (calib fit --folds 5 measures it)."
+    validation = CrossValidation(**settings)
+    result = "overfits" if validation.overfits else "does not overfit"
+    return text + f". On held-out views it is {validation.held_out_px:.3f} px, so the fit {result}."
 
 
-def _reach(evidence: Evidence) -> str:
-    said = f"Corners lie in {100 * evidence.covered:.0f} % of the image"
+def _coverage(evidence: Evidence) -> str:
+    text = f"Corners lie in {100 * evidence.covered:.0f} % of the image"
     if not evidence.sigma:
         return (
-            said
-            + "; how sure the maps are there is not predicted for this kind of fit, and elsewhere"
-            " they are extrapolated from there."
+            text + "; elsewhere the maps are extrapolated. This kind of fit does not predict the"
+            " uncertainty of the maps."
         )
-    at = ", ".join(
+    at_corners = ", ".join(
         f"{np.median(evidence.sigma_at_corners(depth)):.2g} px at {depth:g} m"
         for depth in evidence.depths
     )
     worst = max(float(np.nanmax(evidence.sigma.at_nodes(depth))) for depth in evidence.depths)
     return (
-        said
-        + f", where one standard deviation of the maps is predicted to be {at}; elsewhere it grows"
-        f" to {worst:.2g} px."
+        text + f". The predicted standard deviation of the maps is {at_corners} there, and up to"
+        f" {worst:.2g} px elsewhere."
     )

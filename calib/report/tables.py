@@ -1,4 +1,4 @@
-"""The stages of the fit, and the parameters of camera and cover."""
+"""Tables of a report: the stages of the fit, and the parameters of camera and cover."""
 
 from collections.abc import Sequence
 from html import escape
@@ -15,9 +15,7 @@ MEANING = {
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Cells are HTML already; where there is no room, each comes below the other beside its
-    label.
-    """
+    """Return a table of HTML cells. On a narrow screen, each cell is a line with its label."""
     first = "".join(f"<th>{escape(cell)}</th>" for cell in head)
     body = "".join(f"<tr>{''.join(map(_cell, head, row))}</tr>" for row in rows)
     return (
@@ -29,26 +27,27 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 def _cell(label: str, cell: str) -> str:
     if not cell:
         return "<td></td>"
-    said = f' data-label="{escape(label)}"' if label else ""
-    return f"<td{said}><div>{cell}</div></td>"
+    attribute = f' data-label="{escape(label)}"' if label else ""
+    return f"<td{attribute}><div>{cell}</div></td>"
 
 
-def bar(value: float, whole: float) -> str:
-    """A number's length beside others of the same whole."""
+def bar(value: float, full_length: float) -> str:
+    """Return a bar whose length shows a value in relation to `full_length`."""
     return (
         '<span class="bar" style="--part:'
-        f' {min(1.0, max(0.0, value / whole)) if whole > 0 else 0:.3f}"></span>'
+        f' {min(1.0, max(0.0, value / full_length)) if full_length > 0 else 0:.3f}"></span>'
     )
 
 
 def stages_html(evidence: Evidence) -> str:
+    """Return the table of the fit's stages and their errors."""
     stages = evidence.calibration.stages
-    most = max(stage.rms_px for stage in stages)
+    largest = max(stage.rms_px for stage in stages)
     rows = [
         (
             f"<b>{escape(stage.title)}</b>",
             escape(MEANING.get(stage.name, "")),
-            f"{bar(stage.rms_px, most)} {stage.rms_px:.3f} px",
+            f"{bar(stage.rms_px, largest)} {stage.rms_px:.3f} px",
             f"{stage.rmse_cm:.4f} cm",
             "" if stage is stages[0] else f"{100 * (stage.rms_px / stages[0].rms_px - 1):+.0f} %",
         )
@@ -60,28 +59,30 @@ def stages_html(evidence: Evidence) -> str:
 
 
 def parameters_html(evidence: Evidence) -> str:
-    """Every number as it was declared and as it was estimated, an effect's increment added; then
-    what effects have of their own.
+    """Return the table of every declared number and its estimate, with the increments of effects,
+    and of the parameters that only effects have.
     """
-    own = list(own_parameters(evidence.calibration))
-    rows = [*map(_row, comparisons(evidence.calibration)), *map(_row, own)]
-    numbers = table(("quantity", "declared ± tolerance", "estimated ± sigma", "apart"), rows)
-    if not own:
+    effect_parameters = list(own_parameters(evidence.calibration))
+    rows = [*map(_row, comparisons(evidence.calibration)), *map(_row, effect_parameters)]
+    numbers = table(("quantity", "declared ± tolerance", "estimated ± sigma", "difference"), rows)
+    if not effect_parameters:
         return numbers
+    names = escape(", ".join(parameter.name for parameter in effect_parameters))
+    return numbers + f"<p>No session declares {names}: the table shows the assumed value.</p>"
+
+
+def _row(comparison: Comparison) -> tuple[str, str, str, str]:
+    declared = (
+        comparison.stated
+        if comparison.source == DECLARED
+        else f"{comparison.stated} <small>{escape(comparison.source)}</small>"
+    )
+    if comparison.held:
+        return escape(comparison.name), declared, "held", ""
+    source = f" <small>by {escape(comparison.effect)}</small>" if comparison.effect else ""
     return (
-        numbers
-        + f"<p>No session declares {escape(', '.join(one.name for one in own))}: what is supposed"
-        " stands for it.</p>"
+        escape(comparison.name),
+        declared,
+        comparison.estimated + source,
+        f"{comparison.apart:.1f} sigma",
     )
-
-
-def _row(one: Comparison) -> tuple[str, str, str, str]:
-    said = (
-        one.stated
-        if one.source == DECLARED
-        else f"{one.stated} <small>{escape(one.source)}</small>"
-    )
-    if one.held:
-        return escape(one.name), said, "held", ""
-    by = f" <small>by {escape(one.effect)}</small>" if one.effect else ""
-    return escape(one.name), said, one.estimated + by, f"{one.apart:.1f} sigma"

@@ -1,5 +1,5 @@
-"""Every view with its picture and what the model leaves of it, the worst first; and the pictures
-that were not used.
+"""The section of a report with every view, its picture and its errors, the worst first, and the
+rejected pictures.
 """
 
 from collections.abc import Iterator
@@ -15,24 +15,24 @@ from calib.report.evidence import Evidence
 from calib.report.ink import hues
 from calib.report.pictures import data_url, picture_of, read_small
 
-WIDTH = 300
-"""px of a thumbnail."""
-MOST = 60
-"""Pictures in one page; further views are listed without."""
-DRAWN = 1 / 30
-"""Of the image's width: how long the typical error is drawn."""
+THUMBNAIL_WIDTH = 300
+"""The width of a thumbnail in px."""
+MAX_THUMBNAILS = 60
+"""Thumbnails in a page; further views are listed without a picture."""
+DRAWN_ERROR = 1 / 30
+"""The drawn length of a typical error, as a fraction of the image's width."""
 
 Thumbnails = dict[int, Future[str | None]]
 
 
-def begin_thumbnails(
+def start_thumbnails(
     evidence: Evidence, session: Path | None, pool: ThreadPoolExecutor
 ) -> Thumbnails:
-    """Start reading the pictures of the worst views from a session's folder."""
+    """Start to read the pictures of the worst views from a session's folder."""
     if not session:
         return {}
     camera, views = evidence.calibration.camera, evidence.calibration.views
-    worst = np.argsort(-evidence.rms_by_view)[:MOST].tolist()
+    worst = np.argsort(-evidence.rms_by_view)[:MAX_THUMBNAILS].tolist()
     return {
         v: pool.submit(
             _thumbnail, picture_of(session, views[v].name), (camera.width, camera.height)
@@ -42,17 +42,16 @@ def begin_thumbnails(
 
 
 def views_html(evidence: Evidence, thumbnails: Thumbnails) -> str:
+    """Return the section as HTML."""
     magnified = (
-        DRAWN
+        DRAWN_ERROR
         * evidence.calibration.camera.width
         / max(float(np.median(evidence.rms_by_view)), 1e-6)
     )
     order = np.argsort(-evidence.rms_by_view).tolist()
     pictures = {view: future.result() for view, future in thumbnails.items()}
     missing = (
-        ""
-        if any(pictures.values())
-        else " The pictures themselves were not found beside this calibration."
+        "" if any(pictures.values()) else " The pictures were not found beside this calibration."
     )
     cards = "".join(_card(evidence, view, pictures.get(view), magnified) for view in order)
     rejected = "".join(
@@ -60,34 +59,34 @@ def views_html(evidence: Evidence, thumbnails: Thumbnails) -> str:
         for r in evidence.calibration.rejected
     )
     return (
-        f"<p>The worst first. Each line is a corner's error, {float(f'{magnified:.2g}'):g} times as"
-        f" long as it is.{missing}</p>"
+        f"<p>The worst view comes first. Each line is the error of a corner, enlarged"
+        f" {float(f'{magnified:.2g}'):g} times.{missing}</p>"
         f'<div class="views">{cards}</div>'
         + (f"<h3>Not used</h3><ul>{rejected}</ul>" if rejected else "")
     )
 
 
 def _thumbnail(path: Path, size: tuple[int, int]) -> str | None:
-    """A data URL; None where the picture can not be read any more, or is not of this size."""
-    small = read_small(path, size, WIDTH)
+    """Return a data URL; None if the picture cannot be read or has another size."""
+    small = read_small(path, size, THUMBNAIL_WIDTH)
     return None if small is None else data_url(small)
 
 
 def _card(evidence: Evidence, view: int, picture: str | None, magnified: float) -> str:
     camera = evidence.calibration.camera
-    own = evidence.view == view
-    seen, depth = evidence.calibration.views[view], evidence.depth[own]
+    in_view = evidence.view == view
+    view_corners, depth = evidence.calibration.views[view], evidence.depth[in_view]
     tilt = np.degrees(
         np.arccos(
             min(1.0, abs(float(cv2.Rodrigues(evidence.calibration.poses[view, :3])[0][2, 2])))
         )
     )
     red, green, blue = (255 * hues(len(evidence.calibration.views))[view]).astype(int).tolist()
-    lines = "".join(_lines(evidence, own, magnified))
+    lines = "".join(_lines(evidence, in_view, magnified))
     image = f'<img src="{picture}" alt="">' if picture else ""
-    name = escape(seen.name)
-    times = evidence.calibration.settings.get(VIEW_NOISE, {}).get(seen.name)
-    noisier = f"<br>noisier by {times:.1f} times, so it weighs less" if times else ""
+    name = escape(view_corners.name)
+    times = evidence.calibration.settings.get(VIEW_NOISE, {}).get(view_corners.name)
+    noisier = f"<br>its noise is {times:.1f} times as large, so it weighs less" if times else ""
     size = camera.width, camera.height
     overlay = (
         f'<svg viewBox="0 0 {size[0]} {size[1]}" role="img" aria-label="errors of {name}"><path'
@@ -97,14 +96,14 @@ def _card(evidence: Evidence, view: int, picture: str | None, magnified: float) 
         f'<div class="view" style="--own: rgb({red} {green} {blue})"><div class="shot"'
         f' style="aspect-ratio: {size[0]}/{size[1]}">{image}{overlay}</div><p><i'
         f' class="dot"></i><b>{name}</b> <span class="number">{evidence.rms_by_view[view]:.3f}'
-        f" px</span><br><small>{seen.count} corners, {depth.mean():.2f} m, tilted"
+        f" px</span><br><small>{view_corners.count} corners, {depth.mean():.2f} m, tilted"
         f" {tilt:.0f}°{noisier}</small></p></div>"
     )
 
 
-def _lines(evidence: Evidence, own: np.ndarray, magnified: float) -> Iterator[str]:
+def _lines(evidence: Evidence, in_view: np.ndarray, magnified: float) -> Iterator[str]:
     for (x, y), (dx, dy) in zip(
-        evidence.pixels[own], magnified * evidence.errors[own], strict=True
+        evidence.pixels[in_view], magnified * evidence.errors[in_view], strict=True
     ):
         if np.isfinite(dx + dy):
             yield f"M{x:.0f} {y:.0f}l{dx:.0f} {dy:.0f}"

@@ -1,6 +1,4 @@
-"""report.html: one file that shows a calibration, without network or scripts, on light and on
-dark.
-"""
+"""Writing of report.html: one file that shows a calibration, without network or scripts."""
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -13,7 +11,7 @@ from calib.progress import Progress
 from calib.report.again import again_html
 from calib.report.board_errors import board_errors
 from calib.report.by_depth import distortion_by_depth
-from calib.report.coverage import coverage
+from calib.report.coverage import corner_coverage
 from calib.report.distortion import distortion_fields
 from calib.report.effects import EffectRow, effect_rows, effects_html
 from calib.report.evidence import Evidence, gather_evidence
@@ -25,7 +23,7 @@ from calib.report.sigma import predicted_errors
 from calib.report.straight import straight_html
 from calib.report.summary import summarise
 from calib.report.tables import parameters_html, stages_html
-from calib.report.views import begin_thumbnails, views_html
+from calib.report.views import start_thumbnails, views_html
 from calib.threads import single_thread
 
 NAME = "report.html"
@@ -36,7 +34,7 @@ DRAWINGS = (
     distortion_by_depth,
     glass_surface,
     predicted_errors,
-    coverage,
+    corner_coverage,
 )
 
 
@@ -52,16 +50,16 @@ def write_report(
     """Write report.html beside a saved calibration.
 
     Args:
-        depths: m, where fields are shown; by default at the nearest, the median and the farthest
-            corner's.
-        effects: what to say of them; None: what the diagnosis found that the calibration keeps.
-        pictures: the session, where it does not lie at the place that the calibration keeps.
+        depths: m, at which fields are drawn; by default those of the nearest, the median and the
+            farthest corner.
+        effects: rows of the table of effects; None: those of the calibration's own diagnosis.
+        pictures: the session's folder, if it is not where the calibration says.
     """
     advance = progress.task("Report", len(DRAWINGS) + 2)
     with single_thread(), ThreadPoolExecutor() as pool:
         evidence = gather_evidence(calibration, tuple(depths))
         session = _session(calibration, files.folder, pictures)
-        thumbnails = begin_thumbnails(evidence, session, pool)
+        thumbnails = start_thumbnails(evidence, session, pool)
         advance(1, "")
         drawn = {}
         for done, drawing in enumerate(DRAWINGS, start=2):
@@ -88,7 +86,7 @@ def _sections(
     drawings: Sequence[Drawing | None],
     effects: Sequence[EffectRow],
     views: str,
-    again: str,
+    reproduction: str,
 ) -> list[PageSection]:
     figures = [
         PageSection(drawing.name, drawing.title, drawing.html()) for drawing in drawings if drawing
@@ -99,19 +97,19 @@ def _sections(
         else []
     )
     return [
-        PageSection("stages", "How the error fell", stages_html(evidence)),
+        PageSection("stages", "The error after each stage", stages_html(evidence)),
         *before_after,
-        *([PageSection("straight", "Bent lines became straight", straight)] if straight else []),
+        *([PageSection("straight", "Before and after undistortion", straight)] if straight else []),
         *figures,
         PageSection("views", "The views", views),
         PageSection("numbers", "Camera and cover", parameters_html(evidence)),
-        PageSection("again", "To do it again", again),
+        PageSection("again", "How to reproduce it", reproduction),
     ]
 
 
 def _session(calibration: Calibration, folder: Path, pictures: Path | None) -> Path | None:
-    """Where the pictures are, if they still are: the session that was fitted, or the one that the
-    folder lies in.
+    """Return the folder of the session with the pictures: the fitted one, or else the parent of the
+    calibration's folder; None if neither has pictures.
     """
     fitted = str(calibration.settings.get(KEY, {}).get("session", ""))
     places = [place for place in (pictures, fitted and Path(fitted)) if place]

@@ -271,7 +271,7 @@ def test_a_calibration_without_views_has_no_report(
     nothing = np.zeros((0, 6))
     replace(few, views=(), poses=nothing, stages=()).save(tmp_path)
     assert main(["report", "--no-open", str(tmp_path)]) == 3
-    assert "keeps no views" in capsys.readouterr().err
+    assert "has no views to report on" in capsys.readouterr().err
     assert not (tmp_path / "report.html").exists()
 
 

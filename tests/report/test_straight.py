@@ -45,7 +45,7 @@ def test_lines_that_bend_become_straight(reported: Reported) -> None:
     assert len(before) == len(after) == 18, "nine rows and nine columns"
     assert most_bent(before) > 50, "of 3280 px: to be seen"
     assert most_bent(after) < 0.2, "places are written to a tenth of a pixel"
-    assert re.findall(r'aria-label="([^:"]+)', html) == ["As it was taken", "Undistorted"]
+    assert re.findall(r'aria-label="([^:"]+)', html) == ["As taken", "Undistorted"]
     assert len(re.findall(r"data:image/jpeg", html)) == 2
     assert len(html) < 300_000
 
@@ -63,13 +63,13 @@ def test_lines_are_where_the_model_sees_straight_lines_of_the_board(few: Calibra
         reach = np.linspace(-8, 8, 401)[:, None] * (along[-1] - along[0]) + along[0]
         pixels = few.project(np.column_stack([reach, np.zeros(len(reach))]) @ turn.T + at)
         pixels = pixels[np.isfinite(pixels).all(-1)]
-        for point in line.before:
+        for point in line.distorted:
             first, second = pixels[np.sort(np.linalg.norm(pixels - point, axis=-1).argsort()[:2])]
             step = (second - first) / np.linalg.norm(second - first)
             assert abs((point - first) @ [-step[1], step[0]]) < 0.02, (
                 "the field's splines keep 0.002 px"
             )
-        assert np.ptp(line.before, 0).max() > 1500, "across the picture"
+        assert np.ptp(line.distorted, 0).max() > 1500, "across the picture"
 
 
 def test_the_drawn_bend_is_the_real_one_times_the_stated_factor(few: Calibration) -> None:
@@ -90,7 +90,8 @@ def test_corners_lie_on_their_lines(few: Calibration) -> None:
     more if the cover is forgotten.
     """
     left = re.search(
-        r"beside straight lines by ([\d.]+) px", straight_html(gather_evidence(few), None)
+        r"corners are ([\d.]+) px \(RMS\) off straight lines",
+        straight_html(gather_evidence(few), None),
     )
     assert left
     assert 0.01 < float(left[1]) < 0.06
@@ -98,7 +99,8 @@ def test_corners_lie_on_their_lines(few: Calibration) -> None:
         few, amplitudes=3e-5 * np.random.default_rng(1).normal(size=few.amplitudes.shape)
     )
     worse = re.search(
-        r"beside straight lines by ([\d.]+) px", straight_html(gather_evidence(forgot), None)
+        r"corners are ([\d.]+) px \(RMS\) off straight lines",
+        straight_html(gather_evidence(forgot), None),
     )
     assert worse
     assert float(worse[1]) > 3 * float(left[1])
@@ -131,7 +133,7 @@ def test_a_bow_that_is_known_does_not_bend_the_lines(few: Calibration) -> None:
         straight_html(gather_evidence(made), None) for made in (replace(known, effects=()), known)
     )
     one_left, other_left = (
-        float(re.findall(r"lines by ([\d.e-]+) px", html)[0]) for html in (one, other)
+        float(re.findall(r"corners are ([\d.e-]+) px", html)[0]) for html in (one, other)
     )
     assert other_left < 0.01, (
         "to first order, as the board's flatness is taken away in undistorted pixels"

@@ -38,9 +38,9 @@ def test_a_good_calibration_is_trusted(reported: Reported) -> None:
         "3280x2464 px behind a cone, 1.15 mm thick with index 1.5, was calibrated from 45 views of"
         " a 9x9 board" in what
     )
-    assert "what is left is noise" in left
-    assert "so it does not overfit" in left
-    assert "one standard deviation of the maps" in where
+    assert ": the error is noise" in left
+    assert "so the fit does not overfit" in left
+    assert "predicted standard deviation of the maps" in where
     assert all(sentence.endswith(".") for sentence in summary.sentences)
 
 
@@ -48,12 +48,12 @@ def test_the_paragraph_says_what_the_verdict_says(
     reported: Reported, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     evidence = gather_evidence(reported.calibration)
-    assert ": what is left is noise" in summarise(evidence).sentences[1]
+    assert ": the error is noise" in summarise(evidence).sentences[1]
     doubted = Verdict(
         (Reason(f"{NOT_ALL_NOISE}: it may be board_shape.", "calib diagnose it"),), ""
     )
     monkeypatch.setattr("calib.report.summary.judge", lambda *_, **__: doubted)
-    assert ": most of what is left is noise" in summarise(evidence).sentences[1]
+    assert ": most of the error is noise" in summarise(evidence).sentences[1]
 
 
 def test_overfitting_is_said(reported: Reported) -> None:
@@ -66,7 +66,7 @@ def test_overfitting_is_said(reported: Reported) -> None:
             )
         )
     )
-    assert "held out have 0.200 px, so it overfits" in summary.sentences[1]
+    assert "On held-out views it is 0.200 px, so the fit overfits" in summary.sentences[1]
     assert "the fit overfits" in [reason.sentence[:16] for reason in summary.verdict.reasons]
 
 
@@ -94,7 +94,7 @@ def test_noise_leaves_no_pattern(reported: Reported) -> None:
     evidence = gather_evidence(reported.calibration)
     for means in (over_board(evidence), over_image(evidence)):
         assert not means.is_pattern
-        assert means.beyond.mean() < 0.05
+        assert means.significant.mean() < 0.05
 
 
 def test_what_is_missing_is_asked_for(tmp_path: Path) -> None:
