@@ -1,50 +1,52 @@
-"""Everything that can go wrong by someone's input, in one tree. The message is one sentence that
-says what to do.
+"""Errors that a user can cause and solve. The message is one sentence that says what to do.
 
-Anything else that is raised is a bug, and exits with 1.
+Any other exception is a bug, and a command that raises one exits with 1.
 """
 
 import unicodedata
 
-LONGEST = 400
-"""Characters of a message; `LEAST_END` of its end stay, for the end says what to do."""
-LEAST_END = 150
-SHOWN = 80
-"""Characters of one text that is not ours, within a message."""
+MAX_MESSAGE = 400
+"""Characters of a message. At least `MIN_ENDING` of its end are kept: the end says what to do."""
+MIN_ENDING = 150
+MAX_FOREIGN = 80
+"""Characters of foreign text within a message."""
 
 
-def harmless(foreign: str, most: int | None = None) -> str:
-    r"""A text that may be a stranger's, as a terminal may have it: on one line, and without
-    anything that it would obey or hide.
+def harmless(foreign: str, max_length: int | None = None) -> str:
+    r"""Return foreign text in a form that is safe to print in a terminal, on one line.
 
-    Control characters, line breaks, marks of direction, and bytes that are no UTF-8 are written as
-    their escapes, such as \x1b.
+    Control characters, line breaks, direction marks and bytes that are not UTF-8 become escapes,
+    such as \x1b.
 
     Args:
-        most: characters; a longer text is cut there. None: all of it.
+        most: the number of characters at which the text is cut. None: no limit.
     """
-    # To cut first is to be quick on a text of megabytes.
-    cut = foreign if most is None or len(foreign) <= most else f"{foreign[: most - 3]}..."
+    # Cutting first keeps this quick on megabytes of text.
+    cut = (
+        foreign
+        if max_length is None or len(foreign) <= max_length
+        else f"{foreign[: max_length - 3]}..."
+    )
     return "".join(c if c.isprintable() else _escaped(c) for c in cut)
 
 
 def brief(foreign: object) -> str:
-    """What a message repeats of a text that is not ours, or of an error that repeats one: harmless,
-    and 80 characters at most.
+    """Return a harmless quotation of foreign text, or of an error that contains some, of at most 80
+    characters.
     """
-    return harmless(str(foreign), SHOWN)
+    return harmless(str(foreign), MAX_FOREIGN)
 
 
 def _escaped(character: str) -> str:
-    if "\udc80" <= character <= "\udcff":  # how Python keeps a byte of a file name
+    if "\udc80" <= character <= "\udcff":  # a byte of a file name, in Python's encoding
         return f"\\x{ord(character) - 0xDC00:02x}"
-    if unicodedata.category(character) == "Zs":  # a space, if an unusual one
+    if unicodedata.category(character) == "Zs":  # an unusual space
         return " "
     return character.encode("unicode_escape").decode()
 
 
 class RefracalError(Exception):
-    """A problem that the person at the keyboard can solve.
+    """A problem that the user can solve.
 
     The command prints the sentence and exits with `exit_code`.
     """
@@ -52,18 +54,16 @@ class RefracalError(Exception):
     exit_code = 2
 
     def __init__(self, sentence: str) -> None:
-        """What it repeats of files and their names is made harmless here, and a sentence that
-        repeats too much is cut in its middle.
-        """
-        said = (
+        """Make the sentence harmless, and cut one that is too long in its middle."""
+        message = (
             harmless(sentence)
-            if len(sentence) <= LONGEST
-            else harmless(f"{sentence[:LONGEST]}\0{sentence[-LONGEST:]}")
+            if len(sentence) <= MAX_MESSAGE
+            else harmless(f"{sentence[:MAX_MESSAGE]}\0{sentence[-MAX_MESSAGE:]}")
         )
         super().__init__(
-            said
-            if len(said) <= LONGEST
-            else f"{said[: LONGEST - LEAST_END - 3]}...{said[-LEAST_END:]}"
+            message
+            if len(message) <= MAX_MESSAGE
+            else f"{message[: MAX_MESSAGE - MIN_ENDING - 3]}...{message[-MIN_ENDING:]}"
         )
 
 
@@ -78,4 +78,4 @@ class NotEnoughDataError(RefracalError):
 
 
 class OtherBoardError(NotEnoughDataError):
-    """The pictures show a board, but another than the declared one."""
+    """The pictures show a board that differs from the declared one."""

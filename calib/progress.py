@@ -1,22 +1,22 @@
-"""How long work says how far it is, without knowing where that is shown."""
+"""The interface by which long work reports its progress."""
 
 from collections.abc import Callable
 from typing import Protocol
 
 Advance = Callable[[int, str], None]
-"""Called with how many steps are done, and a few words on how it goes."""
+"""A function of the number of finished steps and a short remark."""
 
 
 class Progress(Protocol):
-    """Shows one bar after another."""
+    """A display of one progress bar after another."""
 
     def task(self, title: str, total: int) -> Advance:
-        """Begin a task of `total` steps; the one before it has ended."""
+        """Start a bar of `total` steps; the previous task has ended."""
         ...
 
 
 class Silent:
-    """Shows nothing."""
+    """A progress display that shows nothing."""
 
     def task(self, title: str, total: int) -> Advance:
         del title, total

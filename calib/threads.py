@@ -1,4 +1,4 @@
-"""How many threads torch and scipy may use."""
+"""The number of threads of torch and scipy."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,15 +9,15 @@ from threadpoolctl import threadpool_limits
 
 @contextmanager
 def single_thread() -> Iterator[None]:
-    """Within, torch and scipy compute on one thread.
+    """Limit torch and scipy to one thread within the context.
 
-    A fit is thousands of operations of some microseconds each. Sharing one out over threads costs
+    A fit is thousands of operations of some microseconds each. Distributing one over threads costs
     more than it saves, and on a busy machine ten to a hundred times more than the operation.
     """
-    before = torch.get_num_threads()
+    previous_threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
         with threadpool_limits(1, user_api="blas"):
             yield
     finally:
-        torch.set_num_threads(before)
+        torch.set_num_threads(previous_threads)

@@ -27,7 +27,7 @@ from calib.calibration import Calibration
 from calib.cli import main
 from calib.corners.corners_file import read_corners
 from calib.corners.detect_all import KEPT, detect
-from calib.errors import LONGEST, RefracalError
+from calib.errors import MAX_MESSAGE, RefracalError
 from calib.importing.from_kalibr import from_kalibr
 from calib.importing.from_mrcal import from_cameramodel
 from calib.importing.from_ros import from_tar
@@ -334,7 +334,7 @@ class Bench:
             "nothing is said"
         )  # 5 is the answer of a check, which stands on stdout
         for line in said.getvalue().splitlines():
-            assert len(SPEAKER.sub("", line)) <= LONGEST, f"{len(line)} characters: {line}"
+            assert len(SPEAKER.sub("", line)) <= MAX_MESSAGE, f"{len(line)} characters: {line}"
         assert "\x1b[2J" not in said.getvalue() + shown.getvalue()
         return code != 0
 
@@ -383,7 +383,7 @@ def _refused(reads: Sequence[Callable[[], object]]) -> bool:
 def _check(error: RefracalError) -> bool:
     said = str(error)
     assert said, "nothing is said"
-    assert len(said) <= LONGEST, f"{len(said)} characters: {said}"
+    assert len(said) <= MAX_MESSAGE, f"{len(said)} characters: {said}"
     assert said.isprintable(), repr(said)
     return True
 

@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib.errors import LONGEST, InputError, brief, harmless
+from calib.errors import MAX_MESSAGE, InputError, brief, harmless
 from tests.fuzz.__main__ import fuzz
 from tests.fuzz.cases import Bench, Kind, each_of, spoil
 from tests.fuzz.limits import Hang, Limits
@@ -47,7 +47,7 @@ def test_foreign_text_is_one_line_that_can_be_shown(text: str, most: int) -> Non
     assert said.isprintable()
     said.encode()
     assert harmless(text) == text or not text.isprintable(), "what does no harm is left as it is"
-    assert len(str(InputError(text * 100))) <= LONGEST
+    assert len(str(InputError(text * 100))) <= MAX_MESSAGE
     assert len(harmless(text)) >= len(text)
 
 
