@@ -25,12 +25,12 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from calib.checking.answer import Word
 from calib.checking.changes import changes_of
 from calib.checking.check import Checker
-from calib.checking.equations import Equations
 from calib.checking.picture_mode import PictureMode
 from calib.checking.pictures import Pictures
+from calib.checking.reduced_equations import ReducedEquations
+from calib.checking.result import CheckStatus
 from calib.checking.significance import ALPHA
 from calib.corners.view import View
 from calib.estimation.observations import Observations
@@ -118,18 +118,27 @@ def _outcome(
     names = tuple(change.name for change in answer.changes)
     if (
         kind == "bad_view"
-        and answer.word is Word.VALID
+        and answer.status is CheckStatus.VALID
         and [one.name for one in answer.rejected] == [views[0].name]
     ):
         names = (kind,)
-    return Outcome(shape, kind, size, answer.word.value, answer.p_value, names, float("nan"), spent)
+    return Outcome(
+        shape,
+        kind,
+        size,
+        answer.status.value,
+        answer.statistics.p_value if answer.statistics else float("nan"),
+        names,
+        float("nan"),
+        spent,
+    )
 
 
 def _absorbed(checker: Checker, later: Later) -> float:
     assert later.effect
     poses = later.made.poses
     observations = Observations.of(later.made.views, later.made.board).timed(None, HEIGHT)
-    equations = Equations.of(checker.known, (later.effect,), observations, poses)
+    equations = ReducedEquations.of(checker.prior, (later.effect,), observations, poses)
     vector = np.concatenate(
         [
             later.direction[u.param.name].numpy().ravel() / u.param.scale

@@ -79,7 +79,7 @@ def updated(calibration: Calibration, water: Path) -> Calibration:
     """By the first pictures taken there."""
     checker = Checker.of(calibration)
     pictures = read_pictures(sorted((water / "frames").glob("*.jpg"))[:POOL], calibration, Silent())
-    return update(calibration, checker.known, checker.check(pictures), pictures)[0]
+    return update(calibration, checker.prior, checker.check(pictures), pictures)[0]
 
 
 def drawn(seed: int) -> tuple[float, float, float]:

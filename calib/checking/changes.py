@@ -1,4 +1,4 @@
-"""What may have changed since a calibration was made, and how a person is told of it."""
+"""The changes that a check considers, and their wording."""
 
 from __future__ import annotations
 
@@ -31,79 +31,77 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """How a change is told."""
+    """The wording of a change."""
 
-    before: str
+    start: str
     """The sentence up to the size."""
     unit: str = "px"
-    """Of the size: px is the root mean square shift of the checked corners, for changes of many
-    numbers.
+    """The unit of the size. For changes of many numbers, the size is the root mean square shift of
+    the checked corners in px.
     """
     per_si: float = 1.0
-    """How many of the unit make one of the parameters' own."""
+    """The factor from the parameters' SI unit to the unit of the size."""
 
 
 KINDS: Mapping[type[Effect], Words] = {
     Focal: Words("the focus has moved: the focal length has changed by", "%", 100.0),
     PrincipalPoint: Words(
-        "the lens has moved against the sensor: the principal point is off by", "px", 1.0
+        "the lens has moved against the sensor: the principal point has shifted by", "px", 1.0
     ),
-    Lens: Words("the lens distorts otherwise, by"),
-    CoverTilt: Words("the cover is turned by", "degrees", float(np.degrees(1.0))),
+    Lens: Words("the lens distortion has changed, by"),
+    CoverTilt: Words("the cover has turned by", "degrees", float(np.degrees(1.0))),
     CoverSpin: Words(
-        "the cover is turned about its own axis by", "degrees", float(np.degrees(1.0))
+        "the cover has turned about its own axis by", "degrees", float(np.degrees(1.0))
     ),
     CoverOffset: Words("the cover has moved by", "mm", 1e3),
-    CoverRadius: Words("the cover is of another width, which shifts corners by"),
-    Thickness: Words("the cover is of another thickness, by", "mm", 1e3),
-    RefractiveIndex: Words(
-        "the cover is of another glass: its refractive index differs by", "", 1.0
-    ),
+    CoverRadius: Words("the cover has another radius, which shifts corners by"),
+    Thickness: Words("the thickness of the cover differs by", "mm", 1e3),
+    RefractiveIndex: Words("the cover has another glass: its refractive index differs by", "", 1.0),
     Wedge: Words(
-        "the cover's faces are turned against each other by", "degrees", float(np.degrees(1.0))
+        "the faces of the cover are turned against each other by", "degrees", float(np.degrees(1.0))
     ),
-    InnerSurface: Words("the cover is uneven otherwise, which shifts corners by"),
+    InnerSurface: Words("the cover is uneven in another way, which shifts corners by"),
     BoardScale: Words(
-        "the board is not the one of then: it is longer one way than the other by", "%", 100.0
+        "the board is not that of the calibration: its two sides differ in scale by", "%", 100.0
     ),
-    BoardShape: Words(
-        "the board is not the one of then, or no longer flat: it is bent by", "mm", 1e3
-    ),
+    BoardShape: Words("the board is not that of the calibration, or it has bent, by", "mm", 1e3),
     PictureMode: Words(
-        "the pictures come from another mode, cropped, binned or zoomed: a pixel of the calibration"
-        " is so many of theirs:",
+        "the pictures come from another mode, cropped, binned or zoomed; their pixels per pixel of"
+        " the calibration:",
         "",
     ),
 }
-"""In the order of a ray's way; what is about the pictures themselves is last."""
+"""The kinds of changes with their wording, in the order of the ray path; those of the pictures
+themselves are last.
+"""
 WORDS = {kind.name: words for kind, words in KINDS.items()}
 
 
 def changes_of(calibration: Calibration) -> tuple[Effect, ...]:
-    """Every change that this camera can have had.
+    """Return every change that applies to this camera.
 
-    One that the calibration has as an effect is a change of that effect's numbers.
+    If the calibration has an effect of the same name, the change is one of that effect's numbers.
     """
     path, values = calibration.model()
     camera = calibration.camera
-    there = Surroundings(calibration.board, camera.width, camera.height, path, values)
-    own = {added.effect.name: added.effect for added in calibration.effects}
-    found: list[Effect] = []
+    context = Surroundings(calibration.board, camera.width, camera.height, path, values)
+    effects = {added.effect.name: added.effect for added in calibration.effects}
+    changes: list[Effect] = []
     for kind in KINDS:
-        if kind.name in own:
-            found.append(own[kind.name])
-        elif kind is BoardShape:  # a board that is bent anew bends like a dish
-            found.append(BoardShape(*calibration.board.half, DEGREES[0]))
-        elif kind is BoardScale:  # as its words have it
-            found.append(BoardScale())
+        if kind.name in effects:
+            changes.append(effects[kind.name])
+        elif kind is BoardShape:  # a newly bent board is dish-shaped
+            changes.append(BoardShape(*calibration.board.half, DEGREES[0]))
+        elif kind is BoardScale:  # matches its wording
+            changes.append(BoardScale())
         elif possible(kind, path):
-            found += kind.propose(there)
-    return tuple(found)
+            changes += kind.propose(context)
+    return tuple(changes)
 
 
 @dataclass(frozen=True, slots=True)
 class Size:
-    """How large a change is, in the unit of its words."""
+    """The size of a change, in the unit of its wording."""
 
     value: float
     sigma: float
@@ -111,18 +109,18 @@ class Size:
 
 
 def size_of(change: Effect, vector: Array, covariance: Array, shift: Array) -> Size:
-    """The length of a change.
+    """Return the size of a change.
 
     Args:
-        vector: (k,) its parameters over their scales.
-        covariance: (k, k) of them.
-        shift: (k, k) px^2: v^T shift v is the mean square shift of the corners.
+        vector: (k,) the parameters over their scales.
+        covariance: (k, k) the covariance of `vector`.
+        shift: (k, k) px^2; v^T shift v is the mean square shift of the corners.
     """
     words = WORDS[change.name]
     if isinstance(change, PictureMode):
-        grown = math.exp(-vector[0] * change.unknowns[0].param.scale)
+        scale = math.exp(-vector[0] * change.unknowns[0].param.scale)
         return Size(
-            grown, grown * change.unknowns[0].param.scale * float(covariance[0, 0]) ** 0.5, ""
+            scale, scale * change.unknowns[0].param.scale * float(covariance[0, 0]) ** 0.5, ""
         )
     scales = np.concatenate(
         [np.full(math.prod(u.param.shape), u.param.scale) for u in change.unknowns]

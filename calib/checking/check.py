@@ -1,4 +1,4 @@
-"""Whether a calibration still holds, from a few pictures of its board; and if not, what changed."""
+"""The check of a calibration by a few pictures of its board, and the search for what changed."""
 
 from __future__ import annotations
 
@@ -10,16 +10,23 @@ import torch
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration
-from calib.checking.answer import Answer, Change, Word
 from calib.checking.changes import changes_of
-from calib.checking.dispersion import Dispersion
-from calib.checking.equations import Equations
-from calib.checking.hypotheses import GROSS, TURNED, UNCOVERED, Hypothesis, Seen, hypotheses
-from calib.checking.known import Known
-from calib.checking.naming import named, probabilities, shift_of
+from calib.checking.hypotheses import (
+    GROSS,
+    TURNED,
+    UNCOVERED,
+    CheckedViews,
+    Hypothesis,
+    rank_hypotheses,
+)
+from calib.checking.naming import name_changes, probabilities, rms_shift
+from calib.checking.overdispersion import Overdispersion
 from calib.checking.picture_mode import PictureMode
 from calib.checking.pictures import Pictures
-from calib.checking.significance import significance
+from calib.checking.prior import CalibrationPrior
+from calib.checking.reduced_equations import ReducedEquations
+from calib.checking.result import Change, CheckResult, CheckStatistics, CheckStatus
+from calib.checking.significance import Significance, significance
 from calib.corners.view import Rejected, View
 from calib.effects.effect import Effect
 from calib.errors import InputError
@@ -33,220 +40,225 @@ from calib.session.board import Board
 from calib.threads import single_thread
 
 NOTICEABLE = 1 / 3
-"""Of the corners' noise: what a change adds to the error below that makes it larger by less than a
-twentieth, and is not worth a word.
+"""Relative to the corners' noise: a change that adds less enlarges the error by less than a
+twentieth, and is not reported.
 """
 BROKEN_PX = 1.0
-"""px: from there on what is added is a fault that people see in undistorted pictures."""
-BROKEN = 3.0
-"""Times the corners' noise, where that is more."""
-OTHER_PICTURES = frozenset({TURNED, UNCOVERED, PictureMode.name})
-"""Changes of which there is no little: no pixel is what it was."""
-NOISIER = 1.3
-"""Times the variance of the corners' noise, from which it changes what is most probable."""
-OUT_OF_REACH = 3.0
-"""Times the error of the best: what leaves more is not the most probable, whatever the corners'
-noise.
+"""The smallest added error in px that people see as a fault in undistorted pictures."""
+BROKEN_RATIO = 3.0
+"""The smallest added error over the corners' noise of a broken calibration, if that is more than
+BROKEN_PX.
 """
+OTHER_PICTURES = frozenset({TURNED, UNCOVERED, PictureMode.name})
+"""Changes that move every pixel, and so have no small size."""
+NOISE_CHANGE = 1.3
+"""The ratio of noise variances above which the ranking of changes may depend on it."""
+OUT_OF_REACH = 3.0
+"""The ratio of its error to the best error above which a change cannot be the most probable."""
 STAGES = 3
-ONE_PICTURE = 0.01
-"""px"""
+SAME_PICTURE_PX = 0.01
+"""The largest difference in px between the corners of one picture, read twice."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Checker:
-    """A calibration that is ready to be checked, its own views' dispersion computed once."""
+    """A calibration ready for checks, with the overdispersion of its own views."""
 
     calibration: Calibration
-    known: Known
+    prior: CalibrationPrior
     changes: tuple[Effect, ...]
-    dispersion: Dispersion
+    overdispersion: Overdispersion
     noise: float
-    """px, of the calibration's own corners at short scale; NaN where it has too few."""
+    """The short-scale noise of the calibration's own corners in px; NaN if it has too few."""
 
     @staticmethod
     def of(calibration: Calibration) -> Checker:
+        """Prepare a calibration for checks."""
         with single_thread():
-            known, changes = Known.of(calibration), changes_of(calibration)
+            prior = CalibrationPrior.of(calibration)
+            changes = changes_of(calibration)
             noise = float("nan")
             if calibration.views:
                 poses = torch.from_numpy(calibration.poses)
-                missed = residuals(
-                    known.model.path, known.model.means, calibration.observations, poses
+                residual = residuals(
+                    prior.model.path, prior.model.means, calibration.observations, poses
                 )
-                noise = short_scale_noise(
-                    on_board(missed.image, calibration.views), calibration.board
-                )
-            return Checker(
-                calibration, known, changes, Dispersion.of(calibration, known, changes), noise
-            )
+                grid = on_board(residual.image, calibration.views)
+                noise = short_scale_noise(grid, calibration.board)
+            overdispersion = Overdispersion.of(calibration, prior, changes)
+            return Checker(calibration, prior, changes, overdispersion, noise)
 
-    def check(self, pictures: Pictures, progress: Progress = Silent()) -> Answer:
-        """The answer.
+    def check(self, pictures: Pictures, progress: Progress = Silent()) -> CheckResult:
+        """Check the calibration by pictures.
 
         Raises:
-            InputError: the views admit no pose of the board.
+            InputError: no view has a pose of the board that explains its corners.
         """
-        if pictures.other:
-            return _without_views(pictures)
+        if pictures.mismatch:
+            change = Change(pictures.mismatch_name, pictures.mismatch, 1.0)
+            return CheckResult(CheckStatus.BROKEN, None, (change,), pictures.rejected)
         advance = progress.task("Check", STAGES)
         with single_thread():
-            answer = replace(self._check(pictures, advance), known=self._known(pictures.views))
+            result = self._check(pictures, advance)
         advance(STAGES, "")
-        return answer
+        assert result.statistics
+        statistics = replace(result.statistics, reused_views=self._reused_views(pictures.views))
+        return replace(result, statistics=statistics)
 
-    def _check(self, pictures: Pictures, advance: Callable[[int, str], None]) -> Answer:
-        views, poses, missed, lost = self._posed(pictures)
-        rejected = (*pictures.rejected, *lost)
+    def _check(self, pictures: Pictures, advance: Callable[[int, str], None]) -> CheckResult:
+        views, poses, residual, unexplained = self._fit_poses(pictures)
+        rejected = (*pictures.rejected, *unexplained)
         camera = self.calibration.camera
         observations = Observations.of(views, pictures.board).timed(None, camera.height)
         advance(1, "test")
-        equations = Equations.of(self.known, self.changes, observations, poses)
-        louder = self._louder(missed, views, pictures.board)
-        found = significance(equations, self.dispersion, louder)
-        expected = self._expected(equations, observations, louder)
-        error = missed.rms_px
-        answer = Answer(
-            Word.VALID,
-            found.p_value,
-            found.statistic,
-            found.freedom,
-            error,
-            expected,
-            expected * found.allowed**0.5,
-            max(0.0, error**2 - expected**2) ** 0.5,
-            2**0.5 * self.known.sigma * louder**0.5,
-            louder**0.5,
-            len(views),
-            (),
-            rejected,
-        )
-        if not found.significant:
-            return answer
+        equations = ReducedEquations.of(self.prior, self.changes, observations, poses)
+        noise_ratio = self._noise_ratio(residual, views, pictures.board)
+        test = significance(equations, self.overdispersion, noise_ratio)
+        expected = self._expected_error(equations, observations, noise_ratio)
+        statistics = self._statistics(test, residual.rms_px, expected, noise_ratio, len(views))
+        result = CheckResult(CheckStatus.VALID, statistics, (), rejected)
+        if not test.significant:
+            return result
         advance(2, "what has changed")
-        seen = Seen(observations, poses, equations, camera.width, camera.height)
-        guesses, louder = self._guesses(seen, views, pictures.board, error, louder)
-        first, chances = guesses[0], probabilities(guesses)
-        if first.view >= 0 and chances[0] > NAME_ALONE and len(views) > 1:
-            out = views[first.view]
-            rest = tuple(view for view in views if view is not out)
-            return self._check(
-                Pictures(rest, pictures.board, (*rejected, Rejected(out.name, first.words))),
-                advance,
-            )
-        noise = 2**0.5 * self.known.sigma * (louder * self.dispersion.typical) ** 0.5
-        shift = shift_of(first, seen)
-        added = (
-            shift
-            if shift < GROSS * noise
-            else max(0.0, error**2 - self._expected(equations, observations, louder) ** 2) ** 0.5
+        checked = CheckedViews(observations, poses, equations, camera.width, camera.height)
+        ranking, noise_ratio = self._ranking(
+            checked, views, pictures.board, residual.rms_px, noise_ratio
         )
+        best = ranking[0]
+        if best.view >= 0 and probabilities(ranking)[0] > NAME_ALONE and len(views) > 1:
+            bad_view = views[best.view]
+            remaining = tuple(view for view in views if view is not bad_view)
+            rejected = (*rejected, Rejected(bad_view.name, best.words))
+            return self._check(Pictures(remaining, pictures.board, rejected), advance)
+        noise = self._noise_px(noise_ratio * self.overdispersion.typical)
+        added = rms_shift(best, checked)
+        if not added < GROSS * noise:  # too large for the first order, or without a size
+            expected = self._expected_error(equations, observations, noise_ratio)
+            added = max(0.0, residual.rms_px**2 - expected**2) ** 0.5
+        statistics = replace(statistics, added_px=added)
         if added < NOTICEABLE * noise:
-            return replace(answer, added_px=added)
-        word = (
-            Word.BROKEN
-            if added > max(BROKEN_PX, BROKEN * noise) or first.name in OTHER_PICTURES
-            else Word.DEGRADED
-        )
+            return replace(result, statistics=statistics)
+        broken = added > max(BROKEN_PX, BROKEN_RATIO * noise) or best.name in OTHER_PICTURES
+        excess, _ = self.overdispersion.lacking.get(best.name, (0.0, 1.0))
         return replace(
-            answer,
-            word=word,
-            added_px=added,
-            changes=named(guesses, seen),
-            noise_px=2**0.5 * self.known.sigma * louder**0.5,
-            louder=louder**0.5,
-            lacking=first.name if self.dispersion.lacking.get(first.name, (0.0,))[0] > 0 else "",
+            result,
+            status=CheckStatus.BROKEN if broken else CheckStatus.DEGRADED,
+            statistics=replace(
+                statistics, noise_px=self._noise_px(noise_ratio), noise_ratio=noise_ratio**0.5
+            ),
+            changes=name_changes(ranking, checked),
+            lacking=best.name if excess > 0 else "",
         )
 
-    def _known(self, views: tuple[View, ...]) -> int:
-        """How many of these views the calibration was made from: their corners are the same."""
+    def _statistics(
+        self, test: Significance, error: float, expected: float, noise_ratio: float, views: int
+    ) -> CheckStatistics:
+        return CheckStatistics(
+            p_value=test.p_value,
+            statistic=test.statistic,
+            freedom=test.freedom,
+            error_px=error,
+            expected_px=expected,
+            allowed_px=expected * test.allowed**0.5,
+            added_px=max(0.0, error**2 - expected**2) ** 0.5,
+            noise_px=self._noise_px(noise_ratio),
+            noise_ratio=noise_ratio**0.5,
+            views=views,
+        )
+
+    def _noise_px(self, variance_ratio: float) -> float:
+        """Return the two-dimensional noise in px for a ratio of variances to the calibration's."""
+        return float(2**0.5 * self.prior.sigma * variance_ratio**0.5)
+
+    def _reused_views(self, views: tuple[View, ...]) -> int:
+        """Return how many of these views have the corners of a view of the calibration."""
         return sum(
-            any(_same(view.corners, own.corners) for own in self.calibration.views)
+            any(_same_corners(view.corners, fitted.corners) for fitted in self.calibration.views)
             for view in views
         )
 
-    def _guesses(
-        self, seen: Seen, views: tuple[View, ...], board: Board, error: float, louder: float
+    def _ranking(
+        self,
+        checked: CheckedViews,
+        views: tuple[View, ...],
+        board: Board,
+        error: float,
+        noise_ratio: float,
     ) -> tuple[list[Hypothesis], float]:
-        """What may have changed, the most probable first, with the noise that is left at the best
-        of them: a large change looks like noise where it bends from square to square.
+        """Return the hypotheses, the most probable first, and the noise variance ratio that the
+        best one leaves. A large change that bends from square to square looks like noise.
         """
-        if error < GROSS * 2**0.5 * self.known.sigma:
-            return self._asked(seen, error, louder), louder
-        guesses = self._asked(seen, error, 1.0)
-        best = guesses[0].missed
+        if error < self._noise_px(GROSS**2):
+            return self._ranking_at(checked, error, noise_ratio), noise_ratio
+        ranking = self._ranking_at(checked, error, 1.0)
+        best = ranking[0].residuals
         if best is None:
-            return guesses, louder
-        quieter = self._louder(best, views, board)
-        if quieter <= NOISIER:
-            return guesses, quieter
-        near = {
-            one.name
-            for one in guesses
-            if one.missed and one.missed.rms_px < OUT_OF_REACH * best.rms_px
+            return ranking, noise_ratio
+        best_ratio = self._noise_ratio(best, views, board)
+        if best_ratio <= NOISE_CHANGE:
+            return ranking, best_ratio
+        names = {
+            hypothesis.name
+            for hypothesis in ranking
+            if hypothesis.residuals and hypothesis.residuals.rms_px < OUT_OF_REACH * best.rms_px
         }
-        return self._asked(seen, error, quieter, near), quieter
+        return self._ranking_at(checked, error, best_ratio, names), best_ratio
 
-    def _asked(
-        self, seen: Seen, error: float, louder: float, names: Container[str] | None = None
+    def _ranking_at(
+        self,
+        checked: CheckedViews,
+        error: float,
+        noise_ratio: float,
+        names: Container[str] | None = None,
     ) -> list[Hypothesis]:
-        """Args: names: of the changes that are worth a fit; None: all."""
-        sigma = self.known.sigma * (louder * self.dispersion.typical) ** 0.5
+        """Rank hypotheses; `names` are those of the changes that are worth a fit, None all."""
+        sigma = self.prior.sigma * (noise_ratio * self.overdispersion.typical) ** 0.5
         changes = [change for change in self.changes if names is None or change.name in names]
-        return hypotheses(self.known, changes, seen, sigma, error)
+        return rank_hypotheses(self.prior, changes, checked, sigma, error)
 
-    def _posed(
+    def _fit_poses(
         self, pictures: Pictures
     ) -> tuple[tuple[View, ...], torch.Tensor, Residuals, tuple[Rejected, ...]]:
-        views, poses, lost = posable(pictures.views, pictures.board, self.known.model.means)
+        views, poses, rejected = posable(pictures.views, pictures.board, self.prior.model.means)
         if not views:
             raise InputError(
-                "No picture can be checked: no pose of the board explains the corners of any; take"
-                " some that show it whole."
+                "No picture can be checked: no pose of the board explains the corners of any"
+                " picture. Take pictures that show the whole board."
             )
-        observations = Observations.of(views, pictures.board).timed(
-            None, self.calibration.camera.height
-        )
-        poses, missed = self.known.posed(observations, poses)
-        return views, poses, missed, lost
+        height = self.calibration.camera.height
+        observations = Observations.of(views, pictures.board).timed(None, height)
+        poses, residual = self.prior.fit_poses(observations, poses)
+        return views, poses, residual, rejected
 
-    def _louder(self, missed: Residuals, views: tuple[View, ...], board: Board) -> float:
-        """The variance of the corners' noise over that of the calibration's own, at short scale; at
-        least 1.
+    def _noise_ratio(self, residual: Residuals, views: tuple[View, ...], board: Board) -> float:
+        """Return the short-scale noise variance of the corners over that of the calibration's own,
+        at least 1.
         """
-        grid = on_board(missed.image, views)
-        noise = float(
-            np.median(
-                [short_scale_noise(grid[view : view + 1], board) for view in range(len(views))]
-            )
-        )  # whatever one of them has
+        grid = on_board(residual.image, views)
+        noises = [short_scale_noise(grid[view : view + 1], board) for view in range(len(views))]
+        noise = float(np.median(noises))  # robust against a single bad view
         return max(1.0, (noise / self.noise) ** 2) if np.isfinite(noise) and self.noise > 0 else 1.0
 
-    def _expected(self, equations: Equations, observations: Observations, louder: float) -> float:
-        """px, the error of a valid calibration."""
-        squares = float(equations.freedom.sum()) * self.dispersion.typical * louder + float(
-            equations.spared.sum()
-        )
+    def _expected_error(
+        self, equations: ReducedEquations, observations: Observations, noise_ratio: float
+    ) -> float:
+        """Return the mean error of a valid calibration in px."""
+        noise = float(equations.freedom.sum()) * self.overdispersion.typical * noise_ratio
+        squares = noise + float(equations.calibration_variance.sum())
         corners = len(observations.pixels)
-        each = 2 * self.known.sigma**2 * float((observations.weight**-2).mean())
-        return float(np.sqrt(each * squares / (2 * corners)))
+        variance = 2 * self.prior.sigma**2 * float((observations.weight**-2).mean())
+        return float(np.sqrt(variance * squares / (2 * corners)))
 
 
-def check(calibration: Calibration, pictures: Pictures, progress: Progress = Silent()) -> Answer:
-    """As `Checker.check`."""
+def check(
+    calibration: Calibration, pictures: Pictures, progress: Progress = Silent()
+) -> CheckResult:
+    """Check a calibration by pictures, as `Checker.check` does."""
     return Checker.of(calibration).check(pictures, progress)
 
 
-def _without_views(pictures: Pictures) -> Answer:
-    nan = float("nan")
-    change = Change(pictures.name, pictures.other, 1.0)
-    return Answer(
-        Word.BROKEN, nan, nan, 0, nan, nan, nan, nan, nan, nan, 0, (change,), pictures.rejected
-    )
-
-
-def _same(one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
-    """Whether corners are of one picture: of two, noise alone puts some farther apart."""
-    return one.shape == other.shape and bool(
-        np.nanmax(np.abs(one - other), initial=0.0) < ONE_PICTURE
+def _same_corners(first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
+    """Return True if corners are those of one picture; noise separates those of two pictures."""
+    return first.shape == second.shape and bool(
+        np.nanmax(np.abs(first - second), initial=0.0) < SAME_PICTURE_PX
     )

@@ -1,6 +1,4 @@
-"""The cover is turned about an axis of its own symmetry: its shape stays, its unevenness comes
-along.
-"""
+"""The change that the cover has turned about an axis of symmetry: only its relief moves."""
 
 from __future__ import annotations
 
@@ -19,23 +17,23 @@ SPIN = Tolerance(0.05, "rad", 1e-2, "nothing but friction holds a round cover in
 
 @dataclass(frozen=True, slots=True)
 class CoverSpin(Effect):
-    """Turned about the axes about which its smooth shape is round.
+    """A rotation about the axes of symmetry of the cover.
 
-    Nobody sees it of a cover without relief.
+    It has no effect on a cover without relief.
     """
 
     axes: str
-    """y of a cone or cylinder, z of a window, xyz of a dome."""
+    """The axes: y for a cone or cylinder, z for a window, xyz for a dome."""
     name: ClassVar[str] = "cover_spin"
     about: ClassVar[str] = "the cover"
     on_cover: ClassVar[bool] = True
     advice: ClassVar[str] = "hold the board where the cover is most uneven"
 
     @classmethod
-    def propose(cls, there: Surroundings) -> tuple[Self, ...]:
-        if not there.path.relief:
+    def propose(cls, context: Surroundings) -> tuple[Self, ...]:
+        if not context.path.relief:
             return ()
-        match there.path.cover[-1].surface:
+        match context.path.cover[-1].surface:
             case Cone():
                 return (cls("y"),)
             case Flat():

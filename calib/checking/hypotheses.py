@@ -1,11 +1,9 @@
-"""Every candidate's evidence, given the corners, for what may have changed.
+"""The evidence of every candidate explanation of the checked corners.
 
-Each candidate is fitted to the checked views with the calibration's covariance as the prior of
-everything else, and their marginal likelihoods are compared, equal odds beforehand, as the
-diagnosis compares the rivals of an effect. Beside the changes that have a name
-stand two that have none: that a single view is bad, and that it is something else, of which no more
-    is assumed than that the error is
-larger.
+Each candidate change is fitted to the checked views, with the calibration's covariance as the prior
+of everything else. The marginal likelihoods are compared at equal prior odds, as in the diagnosis.
+Two candidates have no named cause: a single bad view, and an unknown change, of which only a larger
+error is assumed.
 
 Source: R. E. Kass, A. E. Raftery, Bayes factors (1995).
 """
@@ -20,9 +18,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from calib.checking.equations import Equations, spread_of
-from calib.checking.known import Known
 from calib.checking.picture_mode import SCALES, PictureMode
+from calib.checking.prior import CalibrationPrior
+from calib.checking.reduced_equations import ReducedEquations, prior_spread
 from calib.checking.refit import refit
 from calib.effects.effect import Effect, linear_evidence
 from calib.estimation.observations import Observations
@@ -33,248 +31,256 @@ from calib.verdict.orientation import ALL as ORIENTATIONS
 Array = NDArray[np.float64]
 
 GROSS = 2.0
-"""Times the noise: from there on the first order says little: every candidate is fitted, and other
-modes are tried.
+"""The error over the noise above which the first order is not trusted: every candidate is fitted,
+and other picture modes are tried.
 """
 TURNED = "turned_pictures"
 UNCOVERED = "no_cover"
-FORGOTTEN = "the cover was not before the camera: put it back, and take them again"
-UNKNOWN = "what has changed is none of the causes that are known here"
+FORGOTTEN = "the cover was not before the camera: put it back, and take the pictures again"
+UNKNOWN = "what has changed is none of the causes that this check considers"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypothesis:
-    """One explanation with its evidence."""
+    """A candidate explanation with its evidence."""
 
     name: str
     log_evidence: float
     change: Effect | None = None
     vector: Array = field(default_factory=lambda: np.zeros(0))
-    """(k,) the change's parameters over their scales,"""
+    """(k,) the change's parameters over their scales."""
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    """(k, k) and their covariance."""
-    missed: Residuals | None = None
-    """What it leaves; None to first order."""
+    """(k, k) the covariance of `vector`."""
+    residuals: Residuals | None = None
+    """The residuals of the fit; None for a candidate that was not fitted."""
     words: str = ""
     view: int = -1
-    """Of a bad one."""
+    """The index of a bad view."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Seen:
-    """The views that are checked."""
+class CheckedViews:
+    """The views of a check, linearised at the calibration."""
 
     observations: Observations
     poses: Tensor
     """(V, B) through the calibration."""
-    equations: Equations
+    equations: ReducedEquations
     width: int
     height: int
 
 
-def hypotheses(
-    known: Known, changes: Sequence[Effect], seen: Seen, sigma: float, error: float
+def rank_hypotheses(
+    prior: CalibrationPrior,
+    changes: Sequence[Effect],
+    views: CheckedViews,
+    sigma: float,
+    error: float,
 ) -> list[Hypothesis]:
-    """All explanations, the most probable first; evidence is that against a valid calibration.
+    """Return all explanations, the most probable first, with their evidence relative to a valid
+    calibration.
 
     Args:
-        sigma: px per axis, of the corners of these pictures.
-        error: px, what the calibration leaves.
+        sigma: the noise of the corners in these pictures, px per axis.
+        error: the error of the calibration in px.
     """
-    variance = (sigma / known.sigma) ** 2
-    together = seen.equations.predicted() / variance
-    if error > GROSS * 2**0.5 * known.sigma:
-        tried = [_fitted(known, change, seen, sigma) for change in changes]
-        tried = [
-            *(one for one in tried if one and one.name != PictureMode.name),
-            _other_mode(known, changes, seen, sigma, error),
-        ]
-        found = [_against(one, together) for one in tried if one]
+    variance = (sigma / prior.sigma) ** 2
+    products = views.equations.predicted() / variance
+    if error > GROSS * 2**0.5 * prior.sigma:
+        fits = [_fit_change(prior, change, views, sigma) for change in changes]
+        candidates = [fit for fit in fits if fit and fit.name != PictureMode.name]
+        if mode := _fit_mode(prior, changes, views, sigma, error):
+            candidates.append(mode)
+        ranking = [_relative(candidate, products) for candidate in candidates]
     else:
-        found = [_first_order(change, together, seen.equations) for change in changes]
-    found += [
-        _against(one, together)
-        for one in (*_turned(known, seen, sigma), *_uncovered(known, seen, sigma))
-    ]
-    found.append(
-        Hypothesis(
-            "unknown", _of_variance(together[0, 0], seen.equations.freedom.sum()), words=UNKNOWN
-        )
-    )
-    found += _bad_views(seen, variance)
-    return sorted(found, key=lambda one: -one.log_evidence)
+        ranking = [_first_order(change, products, views.equations) for change in changes]
+    whole_pictures = (*_turned(prior, views, sigma), *_uncovered(prior, views, sigma))
+    ranking += [_relative(candidate, products) for candidate in whole_pictures]
+    evidence = _variance_evidence(products[0, 0], views.equations.freedom.sum())
+    ranking.append(Hypothesis("unknown", evidence, words=UNKNOWN))
+    ranking += _bad_views(views, variance)
+    return sorted(ranking, key=lambda hypothesis: -hypothesis.log_evidence)
 
 
-def _against(one: Hypothesis, together: Array) -> Hypothesis:
-    """With its evidence against that of a valid calibration."""
-    return replace(one, log_evidence=one.log_evidence + float(together[0, 0]) / 2)
+def _relative(hypothesis: Hypothesis, products: Array) -> Hypothesis:
+    """Return the hypothesis with its evidence relative to a valid calibration."""
+    log_evidence = hypothesis.log_evidence + float(products[0, 0]) / 2
+    return replace(hypothesis, log_evidence=log_evidence)
 
 
-def _first_order(change: Effect, together: Array, equations: Equations) -> Hypothesis:
-    """Args: together: inner products over the noise's variance."""
-    own, spread = equations.columns(change.name), spread_of(change)
-    information, score = together[own, own], together[own, 0]
+def _first_order(change: Effect, products: Array, equations: ReducedEquations) -> Hypothesis:
+    """Estimate a change to first order; `products` are inner products over the noise variance."""
+    columns = equations.columns(change.name)
+    spread = prior_spread(change)
+    information = products[columns, columns]
+    score = products[columns, 0]
     covariance = np.asarray(np.linalg.inv(information + np.diag(spread**-2.0)), np.float64)
-    return Hypothesis(
-        change.name,
-        linear_evidence(information, score, spread),
-        change,
-        -covariance @ score,
-        covariance,
-    )
+    evidence = linear_evidence(information, score, spread)
+    return Hypothesis(change.name, evidence, change, -covariance @ score, covariance)
 
 
-def _fitted(
-    known: Known,
+def _fit_change(
+    prior: CalibrationPrior,
     change: Effect,
-    seen: Seen,
+    views: CheckedViews,
     sigma: float,
     poses: Tensor | None = None,
-    begin: dict[str, Tensor] | None = None,
+    start: dict[str, Tensor] | None = None,
 ) -> Hypothesis | None:
-    """With the change as large as it shows itself, first by itself, then, to first order around
-    that, beside what the calibration does not know. Its evidence is not yet against that of a valid
-    calibration. None: there is no such fit.
+    """Fit a change alone, then, to first order around that fit, together with the uncertainty of
+    the calibration.
+
+    The evidence is absolute. Returns None if there is no such fit.
     """
-    start = seen.poses if poses is None else poses
+    start_poses = views.poses if poses is None else poses
     try:
-        fit = refit(known, change, seen.observations, start, sigma, begin=begin, held=True)
-    except ValueError:  # no corner is seen where it would begin
+        fit = refit(
+            prior, change, views.observations, start_poses, sigma, start=start, change_only=True
+        )
+    except ValueError:  # no corner is visible at the start
         return None
     if not fit.finite:
         return None
-    equations = Equations.of(known, (change,), seen.observations, fit.poses, fit.values)
-    together, own = (
-        equations.predicted() * (known.sigma / sigma) ** 2,
-        equations.columns(change.name),
-    )
-    information, score, spread = together[own, own], together[own, 0], spread_of(change)
+    equations = ReducedEquations.of(prior, (change,), views.observations, fit.poses, fit.values)
+    products = equations.predicted() * (prior.sigma / sigma) ** 2
+    columns = equations.columns(change.name)
+    spread = prior_spread(change)
+    information = products[columns, columns]
+    score = products[columns, 0]
     covariance = np.asarray(np.linalg.inv(information + np.diag(spread**-2.0)), np.float64)
-    there = fit.shared.numpy()
-    vector = covariance @ (information @ there - score)
-    move = vector - there
-    cost = (
-        together[0, 0]
-        + 2 * score @ move
-        + move @ information @ move
-        + float(((vector / spread) ** 2).sum())
-    )
-    narrowed = np.linalg.slogdet(np.eye(len(spread)) + spread[:, None] * information * spread)[1]
+    fitted = fit.shared.numpy()
+    vector = covariance @ (information @ fitted - score)
+    step = vector - fitted
+    prior_cost = float(((vector / spread) ** 2).sum())
+    cost = products[0, 0] + 2 * score @ step + step @ information @ step + prior_cost
+    occam = np.linalg.slogdet(np.eye(len(spread)) + spread[:, None] * information * spread)[1]
     return Hypothesis(
-        change.name,
-        -float(cost + narrowed) / 2,
-        change,
-        vector,
-        covariance,
-        fit.missed(seen.observations),
+        name=change.name,
+        log_evidence=-float(cost + occam) / 2,
+        change=change,
+        vector=vector,
+        covariance=covariance,
+        residuals=fit.residuals(views.observations),
     )
 
 
-def _of_variance(squares: float, freedom: float) -> float:
-    """The evidence of an error of any form: the corners' variance is as large as it shows itself,
-    for which one number is paid.
+def _variance_evidence(squares: float, freedom: float) -> float:
+    """Return the evidence of an error of any form: the variance of the corners is estimated, at the
+    cost of one parameter.
     """
     ratio = squares / freedom
     gain = freedom / 2 * (ratio - 1 - np.log(ratio)) if ratio > 1 else 0.0
     return float(gain - np.log(freedom) / 2)
 
 
-def _bad_views(seen: Seen, variance: float) -> list[Hypothesis]:
-    """One for each view, whose own variance is as large as it shows itself, while the others are as
-    the calibration has them.
+def _bad_views(views: CheckedViews, variance: float) -> list[Hypothesis]:
+    """Return a hypothesis for each view: its variance is estimated, and the calibration holds for
+    the other views.
     """
-    equations, every = seen.equations, np.arange(len(seen.observations.names))
-    if len(every) < 2:
+    equations = views.equations
+    indices = np.arange(len(views.observations.names))
+    if len(indices) < 2:
         return []
-    squares, spread = equations.predicted()[0, 0], equations.log_determinant(every)
-    found = []
-    for view in every:
-        rest = every[every != view]
-        gain = (
-            (squares - equations.predicted(rest)[0, 0]) / variance
-            + spread
-            - equations.log_determinant(rest)
-        ) / 2
-        found.append(
-            _bad_view(seen, int(view), gain, float(equations.products[view, 0, 0]) / variance)
-        )
-    return found
+    squares = equations.predicted()[0, 0]
+    log_determinant = equations.log_determinant(indices)
+    hypotheses = []
+    for view in indices:
+        good_views = indices[indices != view]
+        decrease = (squares - equations.predicted(good_views)[0, 0]) / variance
+        gain = (decrease + log_determinant - equations.log_determinant(good_views)) / 2
+        view_squares = float(equations.products[view, 0, 0]) / variance
+        hypotheses.append(_bad_view(views, int(view), gain, view_squares))
+    return hypotheses
 
 
-def _bad_view(seen: Seen, view: int, gain: float, squares: float) -> Hypothesis:
-    """Args: gain: half of what the others' sum of squares is smaller by without it; squares: its
-    own, over the noise's variance.
+def _bad_view(views: CheckedViews, view: int, gain: float, squares: float) -> Hypothesis:
+    """Return the hypothesis that one view is bad.
+
+    Args:
+        gain: half of the decrease of the sum of squares without the view.
+        squares: the view's own sum of squares, over the noise variance.
     """
-    name, freedom = seen.observations.names[view], float(seen.equations.freedom[view])
+    name = views.observations.names[view]
+    freedom = float(views.equations.freedom[view])
     evidence = gain - freedom / 2 * (1 + np.log(max(1.0, squares / freedom)))
-    words = f"{name} alone does not fit: the board or the camera moved, or it is blurred"
     return Hypothesis(
-        "bad_view",
-        float(evidence - np.log(freedom) / 2 - np.log(len(seen.observations.names))),
-        words=words,
+        name="bad_view",
+        log_evidence=float(evidence - np.log(freedom) / 2 - np.log(len(views.observations.names))),
+        words=f"{name} alone does not fit: the board or the camera moved, or it is blurred",
         view=view,
     )
 
 
-def _other_mode(
-    known: Known, changes: Sequence[Effect], seen: Seen, sigma: float, error: float
+def _fit_mode(
+    prior: CalibrationPrior,
+    changes: Sequence[Effect],
+    views: CheckedViews,
+    sigma: float,
+    error: float,
 ) -> Hypothesis | None:
-    """From the best of the modes that cameras have."""
+    """Fit another picture mode, starting from the best of the usual scales."""
     mode = next((change for change in changes if isinstance(change, PictureMode)), None)
     if not mode:
         return None
-    path = known.model.with_effect(mode).path
+    path = prior.model.with_effect(mode).path
     scale = mode.unknowns[0].param.name
-    starts: list[tuple[float, dict[str, Tensor], Tensor]] = [(error, {}, seen.poses)]
+    starts: list[tuple[float, dict[str, Tensor], Tensor]] = [(error, {}, views.poses)]
     for factor in SCALES:
-        begin = {scale: torch.tensor(np.log(factor), dtype=torch.float64)}
-        values = {**known.model.means, **known.model.neutral(mode), **begin}
-        moved = replace(
-            seen.observations, pixels=path.adjustments[0](seen.observations.pixels, values)[0]
-        )
-        if (found := _posed(known, moved)) is not None:
-            starts.append((found[1].rms_px / factor, begin, found[0]))
-    _, begin, poses = min(starts, key=lambda one: one[0])
-    return _fitted(known, mode, seen, sigma, poses, begin)
+        start = {scale: torch.tensor(np.log(factor), dtype=torch.float64)}
+        values = {**prior.model.means, **prior.model.neutral(mode), **start}
+        pixels = path.adjustments[0](views.observations.pixels, values)[0]
+        observations = replace(views.observations, pixels=pixels)
+        if (fit := _fit_poses(prior, observations)) is not None:
+            poses, residuals = fit
+            starts.append((residuals.rms_px / factor, start, poses))
+    _, start, poses = min(starts, key=lambda candidate: candidate[0])
+    return _fit_change(prior, mode, views, sigma, poses, start)
 
 
-def _turned(known: Known, seen: Seen, sigma: float) -> list[Hypothesis]:
-    """The ways in which a picture of the same size can be turned and mirrored."""
-    found = []
-    for way in ORIENTATIONS[1:]:
-        if way.quarters % 2 and seen.width != seen.height:
+def _turned(prior: CalibrationPrior, views: CheckedViews, sigma: float) -> list[Hypothesis]:
+    """Return a hypothesis for each way in which pictures of this size can be turned or mirrored."""
+    hypotheses = []
+    for orientation in ORIENTATIONS[1:]:
+        if orientation.quarters % 2 and views.width != views.height:
             continue
-        observations = way.apply(seen.observations, seen.width, seen.height)
-        if (posed := _posed(known, observations)) is not None:
-            cost = (
-                Equations.of(known, (), observations, posed[0]).predicted()[0, 0]
-                * (known.sigma / sigma) ** 2
-            )
-            words = f"the pictures come from another mode: {way}, they fit"
-            found.append(Hypothesis(TURNED, -float(cost) / 2, missed=posed[1], words=words))
-    return found
+        observations = orientation.apply(views.observations, views.width, views.height)
+        if (fit := _fit_poses(prior, observations)) is not None:
+            poses, residuals = fit
+            words = f"the pictures come from another mode: {orientation}, they fit"
+            evidence = _fixed_evidence(prior, observations, poses, sigma)
+            hypotheses.append(Hypothesis(TURNED, evidence, residuals=residuals, words=words))
+    return hypotheses
 
 
-def _uncovered(known: Known, seen: Seen, sigma: float) -> list[Hypothesis]:
-    """Without the cover, of a camera that has one: glass of no thickness would do as well, and
-    nobody has any.
+def _uncovered(prior: CalibrationPrior, views: CheckedViews, sigma: float) -> list[Hypothesis]:
+    """Return the hypothesis that the cover is absent, for a camera that has one.
+
+    Glass of no thickness would explain it as well, but does not exist.
     """
-    if not known.model.path.cover:
+    if not prior.model.path.cover:
         return []
-    bare = known.uncovered()
-    if (posed := _posed(bare, seen.observations)) is None:
+    bare = prior.uncovered()
+    if (fit := _fit_poses(bare, views.observations)) is None:
         return []
-    cost = (
-        Equations.of(bare, (), seen.observations, posed[0]).predicted()[0, 0]
-        * (known.sigma / sigma) ** 2
-    )
-    return [Hypothesis(UNCOVERED, -float(cost) / 2, missed=posed[1], words=FORGOTTEN)]
+    poses, residuals = fit
+    evidence = _fixed_evidence(bare, views.observations, poses, sigma)
+    return [Hypothesis(UNCOVERED, evidence, residuals=residuals, words=FORGOTTEN)]
 
 
-def _posed(known: Known, observations: Observations) -> tuple[Tensor, Residuals] | None:
-    """Poses and what they leave; None where a view has none."""
-    poses = pinhole_poses(observations, known.model.means)
+def _fixed_evidence(
+    prior: CalibrationPrior, observations: Observations, poses: Tensor, sigma: float
+) -> float:
+    """Return the evidence of a hypothesis without parameters."""
+    products = ReducedEquations.of(prior, (), observations, poses).predicted()
+    return -float(products[0, 0] * (prior.sigma / sigma) ** 2) / 2
+
+
+def _fit_poses(
+    prior: CalibrationPrior, observations: Observations
+) -> tuple[Tensor, Residuals] | None:
+    """Return fitted poses and residuals; None if a view has no pose."""
+    poses = pinhole_poses(observations, prior.model.means)
     if not bool(torch.isfinite(poses).all()):
         return None
-    poses, missed = known.posed(observations, poses)
-    return (poses, missed) if np.isfinite(missed.rms_px) else None
+    poses, residuals = prior.fit_poses(observations, poses)
+    return (poses, residuals) if np.isfinite(residuals.rms_px) else None

@@ -1,6 +1,4 @@
-"""What each stage of a fit would have left of a calibration's views, where it was made for another
-medium and its own fit saw others.
-"""
+"""The stages of a fit for views that the fit did not see, such as those of another medium."""
 
 from __future__ import annotations
 
@@ -16,8 +14,8 @@ from calib.optics.build import covered_path, pinhole_path
 
 
 def stages_of(calibration: Calibration) -> tuple[Stage, ...]:
-    """The camera alone and the smooth cover by their declared numbers, and the calibration as it
-    is.
+    """Return the errors of the camera alone and of the smooth cover, both at their declared
+    numbers, and of the calibration.
     """
     return tuple(_stages(calibration))
 
@@ -26,13 +24,13 @@ def _stages(calibration: Calibration) -> Iterator[Stage]:
     declared, observations = calibration.declared, calibration.observations
     path, values = pinhole_path(declared.intrinsics)
     poses = pinhole_poses(observations, values)
-    alone = residuals(path, values, observations, poses)
-    yield Stage("pinhole", alone.rms_px, alone.rmse_cm)
+    bare = residuals(path, values, observations, poses)
+    yield Stage("pinhole", bare.rms_px, bare.rmse_cm)
     path, values = covered_path(declared.intrinsics, declared.cover)
     smooth = residuals(
         path, values, observations, refine_poses(path, values, observations, poses).blocks
     )
     yield Stage("cover", smooth.rms_px, smooth.rmse_cm)
     path, values = calibration.model()
-    left = residuals(path, values, observations, torch.from_numpy(calibration.poses))
-    yield Stage(STAGE if calibration.effects else "cover+rbf", left.rms_px, left.rmse_cm)
+    final = residuals(path, values, observations, torch.from_numpy(calibration.poses))
+    yield Stage(STAGE if calibration.effects else "cover+rbf", final.rms_px, final.rmse_cm)

@@ -1,5 +1,5 @@
-"""What changed, in words: one explanation that is almost sure, or all that are worth naming, with
-their sizes and probabilities.
+"""Names of changes: one explanation that is almost sure, or all probable ones, with their sizes and
+probabilities.
 """
 
 from __future__ import annotations
@@ -10,74 +10,84 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.checking.answer import Change
 from calib.checking.changes import WORDS, size_of
-from calib.checking.hypotheses import Hypothesis, Seen
+from calib.checking.hypotheses import CheckedViews, Hypothesis
+from calib.checking.result import Change
 from calib.effects.effect import Effect
 from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
 
 Array = NDArray[np.float64]
 
 
-def probabilities(found: Sequence[Hypothesis]) -> Array:
-    """(n,) of each, one of them being so."""
-    logs = np.array([one.log_evidence for one in found])
+def probabilities(ranking: Sequence[Hypothesis]) -> Array:
+    """Return the (n,) probabilities of the hypotheses, given that one of them is true."""
+    logs = np.array([hypothesis.log_evidence for hypothesis in ranking])
     odds = np.exp(logs - logs.max())
     return np.asarray(odds / odds.sum())
 
 
-def named(found: Sequence[Hypothesis], seen: Seen) -> tuple[Change, ...]:
-    """One that is almost sure, alone; else all that are worth naming."""
-    chances = probabilities(found)
-    worth = [
-        (one, float(chance))
-        for one, chance in zip(found, chances, strict=True)
+def name_changes(ranking: Sequence[Hypothesis], views: CheckedViews) -> tuple[Change, ...]:
+    """Return the change that is almost sure, or else all probable changes."""
+    chances = probabilities(ranking)
+    probable = [
+        (hypothesis, float(chance))
+        for hypothesis, chance in zip(ranking, chances, strict=True)
         if chance > MIN_MEMBER_PROBABILITY
     ]
-    if worth[0][1] > NAME_ALONE:
-        worth = worth[:1]
-    return tuple(_told(one, chance, seen) for one, chance in worth)
+    if probable[0][1] > NAME_ALONE:
+        probable = probable[:1]
+    return tuple(_describe(hypothesis, chance, views) for hypothesis, chance in probable)
 
 
-def shift_of(one: Hypothesis, seen: Seen) -> float:
-    """px, root mean square, by which a change moves the checked corners, their poses adapted; NaN
-    of one that has no size.
+def rms_shift(hypothesis: Hypothesis, views: CheckedViews) -> float:
+    """Return the root mean square shift of the checked corners in px that remains after their poses
+    adapt to a change; NaN for a hypothesis without a size.
     """
     return (
-        max(0.0, float(one.vector @ _shift(one.change, seen) @ one.vector)) ** 0.5
-        if one.change
+        max(
+            0.0,
+            float(hypothesis.vector @ _shift_metric(hypothesis.change, views) @ hypothesis.vector),
+        )
+        ** 0.5
+        if hypothesis.change
         else float("nan")
     )
 
 
-def _told(one: Hypothesis, chance: float, seen: Seen) -> Change:
-    if not one.change:
-        return Change(one.name, one.words, chance)
-    vector, covariance = one.vector, one.covariance
-    size = size_of(one.change, vector, covariance, _shift(one.change, seen))
+def _describe(hypothesis: Hypothesis, chance: float, views: CheckedViews) -> Change:
+    if not hypothesis.change:
+        return Change(hypothesis.name, hypothesis.words, chance)
+    vector, covariance = hypothesis.vector, hypothesis.covariance
+    size = size_of(hypothesis.change, vector, covariance, _shift_metric(hypothesis.change, views))
     sigmas = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
     numbers: list[tuple[str, float, float, str]] = []
-    at = 0
-    for unknown in one.change.unknowns:
+    index = 0
+    for unknown in hypothesis.change.unknowns:
         if not unknown.param.shape:
             scale = unknown.param.scale
             numbers.append(
                 (
                     unknown.param.name,
-                    float(vector[at] * scale),
-                    float(sigmas[at] * scale),
+                    float(vector[index] * scale),
+                    float(sigmas[index] * scale),
                     unknown.param.unit,
                 )
             )
-        at += math.prod(unknown.param.shape)
+        index += math.prod(unknown.param.shape)
     return Change(
-        one.name, WORDS[one.name].before, chance, size.value, size.sigma, size.unit, tuple(numbers)
+        hypothesis.name,
+        WORDS[hypothesis.name].start,
+        chance,
+        size.value,
+        size.sigma,
+        size.unit,
+        tuple(numbers),
     )
 
 
-def _shift(change: Effect, seen: Seen) -> Array:
-    """(k, k) px^2 as `size_of` has it."""
-    place = seen.equations.places[change.name]
-    squares = seen.equations.products[:, place, place].sum(0)
-    weight = float((seen.observations.weight**2).mean())
-    return np.asarray(squares * seen.equations.sigma**2 / weight / len(seen.observations.pixels))
+def _shift_metric(change: Effect, views: CheckedViews) -> Array:
+    """Return the (k, k) px^2 metric of `size_of`."""
+    place = views.equations.places[change.name]
+    squares = views.equations.products[:, place, place].sum(0)
+    weight = float((views.observations.weight**2).mean())
+    return np.asarray(squares * views.equations.sigma**2 / weight / len(views.observations.pixels))

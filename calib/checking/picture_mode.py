@@ -1,4 +1,4 @@
-"""The pictures are cut from, or scaled by, the sensor otherwise than those of the calibration."""
+"""The change that the pictures come from another mode of the sensor: cropped, binned or zoomed."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from calib.optics.params import Param, Values
 from calib.optics.path import Path
 
 SCALES = (1 / 3, 0.5, 2 / 3, 0.75, 0.8, 1.25, 4 / 3, 1.5, 2.0, 3.0)
-"""By which cameras' modes differ: pixels of one for each of another."""
+"""Usual ratios between the pixel sizes of two modes of a camera."""
 
 
 @dataclass(frozen=True, slots=True)
 class PictureMode(Effect):
-    """A pixel p of these pictures is the calibration's middle + exp(log_scale) (p - middle) +
-    shift: cropped, binned or zoomed pictures, the lens and the cover as they were.
+    """Another mode: pixel p of these pictures is pixel middle + exp(log_scale) (p - middle) + shift
+    of the calibration. Lens and cover have not changed.
     """
 
     width: int
@@ -29,8 +29,8 @@ class PictureMode(Effect):
     advice: ClassVar[str] = "read the mode from the camera's driver"
 
     @classmethod
-    def propose(cls, there: Surroundings) -> tuple[Self, ...]:
-        return (cls(there.width, there.height),)
+    def propose(cls, context: Surroundings) -> tuple[Self, ...]:
+        return (cls(context.width, context.height),)
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
@@ -51,9 +51,13 @@ class PictureMode(Effect):
         return replace(path, adjustments=(self, *path.adjustments))
 
     def __call__(self, pixels: Tensor, values: Values) -> tuple[Tensor, Values]:
-        scale, across, down = (values[param.name] for param in self.params)
+        scale = values["picture_mode.log_scale"]
+        shift_x = values["picture_mode.shift.x"]
+        shift_y = values["picture_mode.shift.y"]
         x, y = pixels.unbind(-1)
-        middle_x, middle_y = (self.width - 1) / 2, (self.height - 1) / 2
-        grown = scale.exp()
-        moved = middle_x + grown * (x - middle_x) + across, middle_y + grown * (y - middle_y) + down
-        return torch.stack(moved, -1), values
+        middle_x = (self.width - 1) / 2
+        middle_y = (self.height - 1) / 2
+        factor = scale.exp()
+        mapped_x = middle_x + factor * (x - middle_x) + shift_x
+        mapped_y = middle_y + factor * (y - middle_y) + shift_y
+        return torch.stack((mapped_x, mapped_y), -1), values

@@ -1,6 +1,4 @@
-"""What is to be checked: a session, a folder of pictures, or some picture files, to their
-corners.
-"""
+"""The input of a check: the corners of a session, of a folder of pictures, or of picture files."""
 
 from __future__ import annotations
 
@@ -27,20 +25,18 @@ class Pictures:
     views: tuple[View, ...]
     board: Board
     rejected: tuple[Rejected, ...] = ()
-    other: str = ""
-    """Why they cannot be of the calibrated camera as it was: its other mode, or another board; then
-    there are no views.
-    """
-    name: str = ""
-    """Of that, in a word."""
+    mismatch: str = ""
+    """The reason why the pictures cannot be checked, another mode or board; no views then."""
+    mismatch_name: str = ""
+    """other_mode or other_board."""
 
 
 def read_pictures(paths: Sequence[Path], calibration: Calibration, progress: Progress) -> Pictures:
-    """The corners of a session, of a folder's pictures, or of picture files; without a session,
-    board and camera are the calibration's.
+    """Return the corners of a session, of the pictures of a folder, or of picture files; without a
+    session, board and camera are those of the calibration.
 
     Raises:
-        InputError: nothing there can be read, or no picture shows a board.
+        InputError: no file can be read, or no picture shows a board.
     """
     with reading(paths[0]):
         is_session = len(paths) == 1 and (paths[0] / "session.yaml").exists()
@@ -51,31 +47,31 @@ def read_pictures(paths: Sequence[Path], calibration: Calibration, progress: Pro
     else:
         session, sizes, rejected = _without_session(paths, calibration)
     camera = calibration.camera
-    if other := sizes - {(camera.width, camera.height)}:
-        width, height = min(other)
+    if other_sizes := sizes - {(camera.width, camera.height)}:
+        width, height = min(other_sizes)
         words = (
             f"the pictures come from another mode: {width}x{height} px where the calibration has"
             f" {camera.width}x{camera.height}"
         )
         return Pictures((), session.board, rejected, words, "other_mode")
     try:
-        views, unseen = read_views(session, progress, fewest=1)
+        views, undetected = read_views(session, progress, fewest=1)
     except OtherBoardError as error:
         return Pictures(
             (),
             session.board,
             rejected,
-            f"the board is not the one of then: {error}".rstrip("."),
+            f"the board is not that of the calibration: {error}".rstrip("."),
             "other_board",
         )
     except NotEnoughDataError as error:
         raise InputError(f"No picture can be checked: {error}") from error
-    views, few = with_poses(views, session.board)
-    rejected = (*rejected, *unseen, *few)
+    views, too_few = with_poses(views, session.board)
+    rejected = (*rejected, *undetected, *too_few)
     if not views:
         raise InputError(
-            f"No picture can be checked ({rejected[0].name}: {rejected[0].reason}): take some that"
-            " show the whole board."
+            f"No picture can be checked ({rejected[0].name}: {rejected[0].reason}): take pictures"
+            " that show the whole board."
         )
     return Pictures(views, session.board, rejected)
 
@@ -83,25 +79,25 @@ def read_pictures(paths: Sequence[Path], calibration: Calibration, progress: Pro
 def _without_session(
     paths: Sequence[Path], calibration: Calibration
 ) -> tuple[Session, set[tuple[int, int]], tuple[Rejected, ...]]:
-    """A session of these pictures, their sizes in px, and those that are damaged."""
+    """Return a session of these pictures, their sizes in px, and the damaged ones."""
     files = [file for path in paths for file in _files(path)]
-    whole: list[Path] = []
+    readable: list[Path] = []
     sizes: set[tuple[int, int]] = set()
     rejected = []
     for file in files:
         try:
             sizes.add(image_size(file))
-            whole.append(file)
+            readable.append(file)
         except InputError as error:
             rejected.append(Rejected(file.name, str(error)))
-    if not whole:
+    if not readable:
         raise InputError(f"No picture can be checked: {rejected[0].reason}")
     session = Session(
-        whole[0].parent,
+        readable[0].parent,
         calibration.board,
         calibration.camera,
         calibration.cover,
-        tuple(whole),
+        tuple(readable),
         None,
         None,
     )
@@ -121,6 +117,6 @@ def _files(path: Path) -> Sequence[Path]:
     if not files:
         raise InputError(
             f"{folder} has no pictures: give a session, a folder of png, jpg, tiff, bmp or npy"
-            " files, or such files."
+            " files, or the files themselves."
         )
     return files

@@ -1,6 +1,4 @@
-"""A fit of the checked views with what the calibration knows as its prior, with or without a
-change.
-"""
+"""A fit of the checked views with the calibration as its prior, with or without a change."""
 
 from __future__ import annotations
 
@@ -12,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from torch import Tensor
 
-from calib.checking.equations import spread_of, widened
-from calib.checking.known import Known
+from calib.checking.prior import CalibrationPrior
+from calib.checking.reduced_equations import parameters_with_changes, prior_spread
 from calib.effects.effect import Effect
 from calib.estimation.joint_fit import inverse
 from calib.estimation.levenberg_marquardt import Outcome, minimise
@@ -27,25 +25,25 @@ from calib.optics.path import Path
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-5
-ROUGH = 1e-3
-"""Of a change alone, around which all is linearised again."""
-STEPS = 40
+ROUGH_TOLERANCE = 1e-3
+"""The tolerance for a change alone; its fit is linearised again afterwards."""
+MAX_STEPS = 40
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refit:
-    """Where such a fit ended."""
+    """The result of a refit."""
 
     path: Path
     parameters: Parameters
-    """What was free: the known ones, then the change's."""
+    """The estimated parameters: the calibrated ones, then those of the change."""
     shared: Tensor
-    """(S,) deviations of them from the calibration and from no change."""
+    """(S,) their deviations from the calibration and from no change, over their scales."""
     poses: Tensor
     covariance: Array
     """(S, S); NaN where the fit failed."""
     cost: float
-    """The corners' robust squares over those of sigma, and the priors'."""
+    """The robust sum of squares of the corners over sigma^2, plus that of the priors."""
     iterations: int
 
     @property
@@ -56,73 +54,82 @@ class Refit:
     def finite(self) -> bool:
         return bool(np.isfinite(self.covariance).all())
 
-    def missed(self, observations: Observations) -> Residuals:
+    def residuals(self, observations: Observations) -> Residuals:
+        """Return the residuals of the fit."""
         return residuals(self.path, self.values, observations, self.poses)
 
 
 def refit(
-    known: Known,
+    prior: CalibrationPrior,
     change: Effect | None,
     observations: Observations,
     poses: Tensor,
     sigma: float,
     *,
-    begin: dict[str, Tensor] | None = None,
-    held: bool = False,
+    start: dict[str, Tensor] | None = None,
+    change_only: bool = False,
 ) -> Refit:
-    """The most probable parameters.
+    """Return the most probable parameters.
 
     Args:
-        poses: (V, B) to start from.
-        sigma: px per axis.
-        begin: values to start from, where they are not the calibration's.
-        held: what the calibration knows stays as it is: only the change is fitted.
+        poses: (V, B) initial poses.
+        sigma: the noise of a corner, px per axis.
+        start: initial values that differ from the calibration's.
+        change_only: True to hold the calibrated parameters and fit the change alone.
     """
     changes = [change] if change else []
-    parameters, new = widened(known, changes)
-    path = known.model.with_effects(new).path
-    if held and change:
+    parameters, new = parameters_with_changes(prior, changes)
+    path = prior.model.with_effects(new).path
+    if change_only and change:
         parameters = Parameters(
             parameters.origin, None, tuple(u.param for u in change.unknowns), parameters.priors
         )
-        precision = torch.from_numpy(np.diag(spread_of(change) ** -2.0))
+        precision = torch.from_numpy(np.diag(prior_spread(change) ** -2.0))
     else:
-        precision = torch.from_numpy(_precision(known, parameters, change, new))
-    shared = parameters.vector({**parameters.origin, **(begin or {})})
-    start = parameters.values(shared)
-    lands = (
-        path.land(observations.pixels, observations.with_times(start), poses[observations.view])[1]
-        == 0
-    )
-    seen = observations.kept(lands)
-    weights = pixel_weights(path, start, seen, poses, sigma)
+        precision = torch.from_numpy(_precision(prior, parameters, change, new))
+    shared = parameters.vector({**parameters.origin, **(start or {})})
+    initial = parameters.values(shared)
+    timed = observations.with_times(initial)
+    _, failure = path.land(observations.pixels, timed, poses[observations.view])
+    visible_observations = observations.kept(failure == 0)
+    weights = pixel_weights(path, initial, visible_observations, poses, sigma)
     problem = LandingProblem(
         parameters,
-        tuple(landings(path, parameters, seen, weights, start)),
+        tuple(landings(path, parameters, visible_observations, weights, initial)),
         precision,
         view_precision(path, poses),
     )
-    found = minimise(problem, shared, poses, steps=STEPS, tolerance=ROUGH if held else TOLERANCE)
-    hessian, _ = found.equations.schur_complement()
+    solution = minimise(
+        problem,
+        shared,
+        poses,
+        steps=MAX_STEPS,
+        tolerance=ROUGH_TOLERANCE if change_only else TOLERANCE,
+    )
+    hessian, _ = solution.equations.schur_complement()
     covariance = inverse(hessian + precision).numpy()
-    if found.outcome is Outcome.NOT_FINITE:
+    if solution.outcome is Outcome.NOT_FINITE:
         covariance = np.full_like(covariance, np.nan)
     return Refit(
-        path, parameters, found.shared, found.blocks, covariance, found.cost, found.iterations
+        path=path,
+        parameters=parameters,
+        shared=solution.shared,
+        poses=solution.blocks,
+        covariance=covariance,
+        cost=solution.cost,
+        iterations=solution.iterations,
     )
 
 
 def _precision(
-    known: Known, parameters: Parameters, change: Effect | None, new: list[Effect]
+    prior: CalibrationPrior, parameters: Parameters, change: Effect | None, new: list[Effect]
 ) -> Array:
-    """(S, S) what is known beforehand: the calibration's covariance, widened by what may have
-    changed.
-    """
-    covariance = known.root @ known.root.T
+    """Return the (S, S) prior precision: the calibration's covariance, widened by the change."""
+    covariance = prior.root @ prior.root.T
     if change and change in new:
-        covariance = block_diag(covariance, np.diag(spread_of(change) ** 2))
+        covariance = block_diag(covariance, np.diag(prior_spread(change) ** 2))
     elif change:
         entries = parameters.entries(u.param.name for u in change.unknowns)
         covariance = covariance.copy()
-        covariance[entries, entries] += spread_of(change) ** 2
+        covariance[entries, entries] += prior_spread(change) ** 2
     return inverse(torch.from_numpy(covariance)).numpy()

@@ -1,11 +1,11 @@
-"""The test: whether what the pictures leave is more than the calibration's sigma and the corners'
-noise allow.
+"""The test of a check: is the residual of the pictures larger than the calibration's sigma and the
+corners' noise allow?
 
-Two questions are asked. Along every change that is known here, is the residual farther from nothing
-than the calibration's own views, left out in turn, are in those directions? And whatever its form,
-is it larger, and not by noise of the corners alone? Each has its share of the false alarms, and the
-first divides its share among the changes (Bonferroni), so that the rate stated is the most there
-is.
+The test asks two questions. Along the directions of every change in the list, is the residual
+larger than that of the calibration's own views, each left out in turn? And is the residual as a
+whole larger, in a way that noise of the corners does not explain? Each question has its share of
+the false alarms. The first divides its share among the changes (Bonferroni), so the stated rate is
+an upper bound.
 """
 
 from __future__ import annotations
@@ -16,81 +16,95 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc, stdtr, stdtrit
 
-from calib.checking.dispersion import Dispersion, explained
-from calib.checking.equations import Equations
+from calib.checking.overdispersion import Overdispersion, explained_squares
+from calib.checking.reduced_equations import ReducedEquations
 
 Array = NDArray[np.float64]
 
 ALPHA = 0.01
-"""The rate of false alarms that is stated."""
-FOR_SIZE = 0.5
-"""The share of the second question."""
+"""The stated rate of false alarms."""
+SIZE_SHARE = 0.5
+"""The share of false alarms of the second question."""
 
 
 @dataclass(frozen=True, slots=True)
 class Significance:
-    """The answer of the test."""
+    """The result of the test."""
 
     p_value: float
-    """Of both questions and all changes together: below ALPHA in at most that part of the checks of
-    a valid calibration.
+    """The p-value of both questions and all changes together. At most a fraction ALPHA of the
+    checks of a valid calibration has a smaller one.
     """
     statistic: float
-    """The mean of the views' squares over what is predicted, the calibration's own dispersion and
-    the pictures' noise allowed for: 1 for a valid calibration, on average.
+    """The mean over the views of the squares over their prediction, which includes overdispersion
+    and the noise of the pictures. Its mean is 1 for a valid calibration.
     """
     allowed: float
-    """From where the statistic is an alarm by itself."""
+    """The largest statistic that is no alarm by itself."""
     freedom: int
-    """Residuals less the poses' numbers."""
+    """Degrees of freedom: residuals minus pose parameters."""
 
     @property
     def significant(self) -> bool:
+        """True if the pictures contradict the calibration."""
         return self.p_value < ALPHA
 
 
-def significance(equations: Equations, dispersion: Dispersion, louder: float) -> Significance:
-    """Args: louder: the variance of the pictures' corners over that of the calibration's, at least
-    1.
+def significance(
+    equations: ReducedEquations, overdispersion: Overdispersion, noise_ratio: float
+) -> Significance:
+    """Test views; `noise_ratio` is the noise variance of their corners over that of the
+    calibration's, at least 1.
     """
-    together = equations.predicted()
+    products = equations.predicted()
     by_change = [
-        _of_change(together, equations, dispersion, name, louder) for name in equations.places
+        _change_p_value(products, equations, overdispersion, name, noise_ratio)
+        for name in equations.places
     ]
-    of_changes = len(by_change) * min(by_change, default=1.0)
-    statistic, allowed, of_size = _of_size(equations, dispersion, louder)
-    p_value = min(of_changes / (1 - FOR_SIZE), of_size / FOR_SIZE, 1.0)
+    change_p_value = len(by_change) * min(by_change, default=1.0)
+    statistic, allowed, size_p_value = _size_test(equations, overdispersion, noise_ratio)
+    p_value = min(change_p_value / (1 - SIZE_SHARE), size_p_value / SIZE_SHARE, 1.0)
     return Significance(p_value, statistic, allowed, int(equations.freedom.sum()))
 
 
-def _of_change(
-    together: Array, equations: Equations, dispersion: Dispersion, name: str, louder: float
+def _change_p_value(
+    products: Array,
+    equations: ReducedEquations,
+    overdispersion: Overdispersion,
+    name: str,
+    noise_ratio: float,
 ) -> float:
-    square, directions = explained(together, equations.columns(name))
+    square, directions = explained_squares(products, equations.columns(name))
     if not directions:
         return 1.0
-    scale = dispersion.scale(name, together, equations.columns(name), directions, louder)
-    return float(fdtrc(directions, min(dispersion.freedom[name], 1e9), square / directions / scale))
+    scale = overdispersion.scale(name, products, equations.columns(name), directions, noise_ratio)
+    return float(
+        fdtrc(directions, min(overdispersion.freedom[name], 1e9), square / directions / scale)
+    )
 
 
-def _of_size(
-    equations: Equations, dispersion: Dispersion, louder: float
+def _size_test(
+    equations: ReducedEquations, overdispersion: Overdispersion, noise_ratio: float
 ) -> tuple[float, float, float]:
-    """The statistic, its largest unsuspicious value, and its p-value: Student's test of the
-    logarithms of the views' squares.
+    """Return the statistic, its largest value without alarm, and its p-value by Student's test of
+    the logarithms of the views' squares.
     """
     views = len(equations.freedom)
-    each = [
+    ratios = [
         equations.predicted(slice(view, view + 1))[0, 0] / max(1.0, equations.freedom[view])
         for view in range(views)
     ]
-    logs = np.log(np.maximum(each, 1e-12)) - np.log(louder)
-    own = dispersion.logs if dispersion.logs.size else np.zeros(1)
+    logs = np.log(np.maximum(ratios, 1e-12)) - np.log(noise_ratio)
+    reference = overdispersion.logs if overdispersion.logs.size else np.zeros(1)
     by_theory = float(np.sqrt((2 / np.maximum(equations.freedom, 1)).mean()))
-    spread = max(float(own.std(ddof=1)), by_theory) if own.size > 1 else by_theory
-    freedom = own.size - 1 if own.size > 1 else 1e9
-    error = spread * (1 / views + 1 / own.size) ** 0.5 if own.size > 1 else spread / views**0.5
-    typical = max(0.0, float(own.mean()))
+    spread = max(float(reference.std(ddof=1)), by_theory) if reference.size > 1 else by_theory
+    freedom = reference.size - 1 if reference.size > 1 else 1e9
+    error = (
+        spread * (1 / views + 1 / reference.size) ** 0.5
+        if reference.size > 1
+        else spread / views**0.5
+    )
+    typical = max(0.0, float(reference.mean()))
     distance = float(logs.mean()) - typical
-    allowed = float(np.exp(float(stdtrit(freedom, 1 - ALPHA * FOR_SIZE)) * error))
+    allowed = float(np.exp(float(stdtrit(freedom, 1 - ALPHA * SIZE_SHARE)) * error))
     return float(np.exp(distance)), allowed, float(stdtr(freedom, -distance / error))

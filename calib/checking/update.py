@@ -1,9 +1,8 @@
-"""A calibration brought up to date: fitted to the checked views with all that it knew as the prior,
-its history kept.
+"""Update of a calibration: a fit to the checked views with the calibration as the prior.
 
-Of a valid calibration the new views tell its numbers better, and are added to its own. Where one
-change of the camera or its cover has a name, that change is fitted beside them, and only the new
-views go on, for the old ones show the camera as it was.
+The new views of a valid calibration make its numbers more precise, and are added to its own views.
+If one named change of the camera or its cover is found, that change is fitted as well, and only the
+new views remain, because the old ones show the camera before the change. The history is kept.
 """
 
 from __future__ import annotations
@@ -16,14 +15,14 @@ import numpy as np
 import torch
 
 from calib.calibration import Calibration
-from calib.checking.answer import Answer, Word
 from calib.checking.changes import KINDS, changes_of
 from calib.checking.cover_spin import CoverSpin
-from calib.checking.known import Known
 from calib.checking.later_stages import stages_of
 from calib.checking.picture_mode import PictureMode
 from calib.checking.pictures import Pictures
+from calib.checking.prior import CalibrationPrior
 from calib.checking.refit import Refit, refit
+from calib.checking.result import CheckResult, CheckStatus
 from calib.corners.view import View
 from calib.effects.effect import Effect
 from calib.errors import InputError, NotEnoughDataError
@@ -37,146 +36,143 @@ from calib.optics.relief import AMPLITUDES
 from calib.threads import single_thread
 
 UPDATES = "updates"
-"""Of a calibration's settings: the checks that it was brought up to date by, the first first."""
-KEPT_APART = frozenset({CoverSpin.name, PictureMode.name, "board_scale", "board_shape"})
-"""Changes that a calibration cannot carry, or that are none of the camera."""
+"""The key in a calibration's settings for the list of its updates, the oldest first."""
+NOT_IN_CALIBRATION = frozenset({CoverSpin.name, PictureMode.name, "board_scale", "board_shape"})
+"""Changes that a calibration cannot contain, or that are not changes of the camera."""
 
 
 @dataclass(frozen=True, slots=True)
-class Moved:
-    """One number of a calibration before and after, in the unit that session.yaml has."""
+class NumberUpdate:
+    """A number of a calibration and its update, in the unit of session.yaml."""
 
     name: str
     unit: str
-    before: float
-    sigma_before: float
-    after: float
-    sigma_after: float
+    prior: float
+    prior_sigma: float
+    updated: float
+    updated_sigma: float
 
     @property
     def sigmas(self) -> float:
-        """How far it moved, in standard deviations of what it was known to before."""
-        return (self.after - self.before) / self.sigma_before if self.sigma_before > 0 else 0.0
+        """The shift in standard deviations of the prior."""
+        shift = self.updated - self.prior
+        return shift / self.prior_sigma if self.prior_sigma > 0 else 0.0
 
     def as_json(self) -> dict[str, object]:
         return {
             "unit": self.unit,
-            "before": self.before,
-            "sigma_before": self.sigma_before,
-            "after": self.after,
-            "sigma_after": self.sigma_after,
+            "before": self.prior,
+            "sigma_before": self.prior_sigma,
+            "after": self.updated,
+            "sigma_after": self.updated_sigma,
             "moved_sigmas": self.sigmas,
         }
 
 
 def update(
-    calibration: Calibration, known: Known, answer: Answer, pictures: Pictures
-) -> tuple[Calibration, tuple[Moved, ...]]:
-    """The calibration after the pictures, and how far each of its numbers moved.
+    calibration: Calibration, prior: CalibrationPrior, result: CheckResult, pictures: Pictures
+) -> tuple[Calibration, tuple[NumberUpdate, ...]]:
+    """Return the updated calibration, and the update of each of its numbers.
 
     Raises:
         InputError: the pictures show another board.
-        NotEnoughDataError: what changed is nothing that a calibration of this camera can carry, or
-            the fit is not finite.
+        NotEnoughDataError: a calibration of this camera cannot contain the change, or the fit is
+            not finite.
     """
-    ours, theirs = calibration.board, pictures.board
-    if (ours.columns, ours.rows, ours.square) != (theirs.columns, theirs.rows, theirs.square):
+    board = calibration.board
+    pictured = pictures.board
+    same_grid = (board.columns, board.rows) == (pictured.columns, pictured.rows)
+    if not same_grid or board.square != pictured.square:
         raise InputError(
-            f"--update needs pictures of the calibration's own board, {ours}, not of {theirs}: take"
-            " some of it, or fit anew."
+            f"--update needs pictures of the calibration's own board, {board}, not of {pictured}:"
+            " take pictures of that board, or fit a new session."
         )
-    change = _change(answer, calibration, known)
-    views = tuple(
-        view for view in pictures.views if view.name not in {one.name for one in answer.rejected}
-    )
+    change = _change(result, calibration, prior)
+    rejected = {view.name for view in result.rejected}
+    views = tuple(view for view in pictures.views if view.name not in rejected)
     with single_thread():
         observations = Observations.of(views, pictures.board).timed(None, calibration.camera.height)
-        poses, _ = known.posed(observations, pinhole_poses(observations, known.model.means))
-        fit = refit(known, change, observations, poses, known.sigma * max(1.0, answer.louder))
+        poses, _ = prior.fit_poses(observations, pinhole_poses(observations, prior.model.means))
+        fit = refit(prior, change, observations, poses, prior.sigma * _noise_ratio(result))
         if not fit.finite:
             raise NotEnoughDataError(
-                "The calibration cannot be brought up to date by these pictures: fit a session of"
-                " more views."
+                "These pictures cannot update the calibration: fit a session of more views."
             )
-        updated = _with(calibration, known, change, fit, views)
-    moved = tuple(_moved(calibration, updated))
-    said = {
+        updated = _apply_fit(calibration, prior, change, fit, views)
+    numbers = tuple(_number_updates(calibration, updated))
+    record = {
         "calibration_sha256": calibration.digest,
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
-        "answer": answer.word.value,
+        "answer": result.status.value,
         "views": [view.name for view in views],
         "change": change.name if change else "",
-        "moved_sigmas": {one.name: one.sigmas for one in moved},
+        "moved_sigmas": {number.name: number.sigmas for number in numbers},
     }
-    return (
-        replace(
-            updated,
-            settings=updated.settings | {UPDATES: [*calibration.settings.get(UPDATES, []), said]},
-        ),
-        moved,
+    history = [*calibration.settings.get(UPDATES, []), record]
+    return replace(updated, settings=updated.settings | {UPDATES: history}), numbers
+
+
+def is_updatable(result: CheckResult) -> bool:
+    """Return True if nothing has changed, or one named change that a calibration can contain."""
+    names = [change.name for change in result.changes]
+    return result.status is CheckStatus.VALID or (
+        len(names) == 1 and names[0] in {kind.name for kind in KINDS} - NOT_IN_CALIBRATION
     )
 
 
-def carries(answer: Answer) -> bool:
-    """Whether what has changed, if anything, has one name and is something that a calibration can
-    carry.
-    """
-    names = [change.name for change in answer.changes]
-    return answer.word is Word.VALID or (
-        len(names) == 1 and names[0] in {kind.name for kind in KINDS} - KEPT_APART
-    )
-
-
-def _change(answer: Answer, calibration: Calibration, known: Known) -> Effect | None:
-    if not known.parameters.count:
+def _change(
+    result: CheckResult, calibration: Calibration, prior: CalibrationPrior
+) -> Effect | None:
+    if not prior.parameters.count:
         raise NotEnoughDataError(
-            "The calibration does not say how sure it is of its numbers, so few pictures cannot"
-            " update it: fit anew."
+            "The calibration has no covariance, so a few pictures cannot update it: fit a new"
+            " session."
         )
-    if answer.word is Word.VALID:
+    if result.status is CheckStatus.VALID:
         return None
-    if not carries(answer):
-        what = (
-            str(answer.changes[0])
-            if len(answer.changes) == 1
-            else "what has changed has no one name"
+    if not is_updatable(result):
+        reason = (
+            str(result.changes[0])
+            if len(result.changes) == 1
+            else "no single change explains the pictures"
         )
         raise NotEnoughDataError(
-            f"The calibration cannot be brought up to date ({what}): record a new session and"
-            " fit it."
+            f"The calibration cannot be updated ({reason}): record a new session and fit it."
         )
     return next(
-        change for change in changes_of(calibration) if change.name == answer.changes[0].name
+        change for change in changes_of(calibration) if change.name == result.changes[0].name
     )
 
 
-def _with(
+def _apply_fit(
     calibration: Calibration,
-    known: Known,
+    prior: CalibrationPrior,
     change: Effect | None,
     fit: Refit,
     views: tuple[View, ...],
 ) -> Calibration:
-    """The calibration with the fit's numbers, and the views that show the camera as it is now."""
-    there = {effect.name for effect in known.model.effects}
-    model = known.model.with_effects([change] if change and change.name not in there else [])
+    """Return the calibration with the numbers of the fit and the views of the camera's new
+    state.
+    """
+    effect_names = {effect.name for effect in prior.model.effects}
+    model = prior.model.with_effects([change] if change and change.name not in effect_names else [])
     poses = fit.poses
     taken = {view.name for view in calibration.views}
-    views = tuple(replace(view, name=_free(view.name, taken)) for view in views)
+    views = tuple(replace(view, name=_free_name(view.name, taken)) for view in views)
     if not change:
         views = (*calibration.views, *views)
-        if calibration.views:  # one that was made for another medium has none
-            before = torch.from_numpy(calibration.poses)
-            old, _ = refit_poses(
-                fit.path, fit.values, calibration.observations, before, sigma=known.sigma
+        if calibration.views:  # a calibration for another medium has none
+            initial = torch.from_numpy(calibration.poses)
+            old_poses, _ = refit_poses(
+                fit.path, fit.values, calibration.observations, initial, sigma=prior.sigma
             )
-            poses = torch.cat([old, poses])
+            poses = torch.cat([old_poses, poses])
     joint = JointFit(
         values=fit.values,
         poses=poses,
         covariance=torch.from_numpy(fit.covariance),
         cost=fit.cost,
-        sigma=known.sigma,
+        sigma=prior.sigma,
         smoothness=None,
         parameters=fit.parameters,
         outcome=Outcome.CONVERGED,
@@ -185,32 +181,42 @@ def _with(
         log_marginal=float("nan"),
     )
     base = replace(calibration, views=views)
-    found = with_fit(base, model, joint, base.observations)
-    order = found.camera_model().parameters  # where a change's numbers stand among the others
+    updated = with_fit(base, model, joint, base.observations)
+    order = updated.camera_model().parameters  # the order of the parameters
     names = [*([AMPLITUDES] if order.relief else []), *(param.name for param in order.free)]
     places = fit.parameters.entries(names)
-    found = replace(found, covariance=fit.covariance[np.ix_(places, places)])
-    if not calibration.stages:  # its own fit saw no view of this medium
-        found = replace(found, stages=stages_of(found))
-    kept = {
+    updated = replace(updated, covariance=fit.covariance[np.ix_(places, places)])
+    if not calibration.stages:  # its fit saw no view of this medium
+        updated = replace(updated, stages=stages_of(updated))
+    settings = {
         key: calibration.settings[key]
         for key in ("relief_prior", "log_evidence")
         if key in calibration.settings
     }
-    return replace(found, settings=found.settings | kept)
+    return replace(updated, settings=updated.settings | settings)
 
 
-def _free(name: str, taken: set[str]) -> str:
-    """What a view is called that is not of the calibration's own session, which may have a picture
-    of the same name.
-    """
+def _free_name(name: str, taken: set[str]) -> str:
+    """Return a name for a later view that no view of the calibration has."""
     name = f"later-{name}"
-    return _free(name, taken) if name in taken else name
+    return _free_name(name, taken) if name in taken else name
 
 
-def _moved(before: Calibration, after: Calibration) -> Iterator[Moved]:
-    later = {one.name: one for one in comparisons(after)}
-    for one in comparisons(before):
-        then = later[one.name]
-        if one.sigma > 0:
-            yield Moved(one.name, one.unit, one.estimate, one.sigma, then.estimate, then.sigma)
+def _number_updates(prior: Calibration, updated: Calibration) -> Iterator[NumberUpdate]:
+    estimates = {number.name: number for number in comparisons(updated)}
+    for number in comparisons(prior):
+        estimate = estimates[number.name]
+        if number.sigma > 0:
+            yield NumberUpdate(
+                name=number.name,
+                unit=number.unit,
+                prior=number.estimate,
+                prior_sigma=number.sigma,
+                updated=estimate.estimate,
+                updated_sigma=estimate.sigma,
+            )
+
+
+def _noise_ratio(result: CheckResult) -> float:
+    """Return the noise of the checked corners over that of the calibration's, at least 1."""
+    return max(1.0, result.statistics.noise_ratio) if result.statistics else 1.0

@@ -43,11 +43,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     with quickly():
         from calib.calibration import DERIVED, Calibration
-        from calib.checking.answer import Word
         from calib.checking.check import Checker
         from calib.checking.pictures import read_pictures
-        from calib.checking.update import Moved, update
-        from calib.commands.check_lines import next_command, print_answer
+        from calib.checking.result import CheckStatus
+        from calib.checking.update import NumberUpdate, update
+        from calib.commands.check_lines import next_command, print_result
         from calib.commands.console import Bars
         from calib.commands.printing import print_json
         from calib.errors import InputError
@@ -61,31 +61,31 @@ def run(args: argparse.Namespace) -> int:
     with Bars() as bars:
         pictures = read_pictures(args.pictures, calibration, bars)
         checker = Checker.of(calibration)
-        answer = checker.check(pictures, bars)
-    moved: tuple[Moved, ...] = ()
+        result = checker.check(pictures, bars)
+    numbers: tuple[NumberUpdate, ...] = ()
     written: list[Path] = []
     if args.update:
         output = args.output or folder_of(args.calibration) / "updated"
-        updated, moved = update(calibration, checker.known, answer, pictures)
+        updated, numbers = update(calibration, checker.prior, result, pictures)
         with FileSet(output) as files:
             written = [updated.write(files)]
             files.commit(instead_of=DERIVED)
     following = next_command(
-        answer,
+        result,
         written[0].parent if written else args.calibration,
         args.pictures,
         updated=bool(written),
     )
     if args.json:
-        told = {"moved": {one.name: one.as_json() for one in moved}} if args.update else {}
+        updates = {number.name: number.as_json() for number in numbers}
         print_json(
-            answer.as_json()
-            | told
+            result.as_json()
+            | ({"moved": updates} if args.update else {})
             | {
                 "next": following,
                 "written": [str(path) for path in written],
             }
         )
     else:
-        print_answer(answer, moved, written, following)
-    return 0 if answer.word is Word.VALID else NOT_VALID
+        print_result(result, numbers, written, following)
+    return 0 if result.status is CheckStatus.VALID else NOT_VALID

@@ -1,4 +1,4 @@
-"""The answer of a check on the terminal."""
+"""The result of a check on the terminal."""
 
 from __future__ import annotations
 
@@ -8,31 +8,28 @@ from pathlib import Path
 
 from rich.console import Console
 
-from calib.checking.answer import Answer, Word
+from calib.checking.result import CheckResult, CheckStatistics, CheckStatus
 from calib.checking.significance import ALPHA
-from calib.checking.update import Moved
+from calib.checking.update import NumberUpdate
 from calib.commands.program import as_typed
 from calib.errors import harmless
 from calib.fitting.rounding import with_sigma
 
-NOISIER = 1.3
-"""Times the noise of the calibration's own corners, from which a person is told of it."""
-
-FEWEST = 3
-"""Views that a check should have."""
+NOISY = 1.3
+"""The ratio to the noise of the calibration's own corners above which the noise is reported."""
+MIN_VIEWS = 3
+"""The fewest views that a check should have."""
 SMALLEST_P = 1e-99
-"""That is told as a number: smaller ones underflow."""
+"""The smallest printed p-value; smaller ones underflow."""
 
 
-def print_answer(
-    answer: Answer, moved: Sequence[Moved], written: Sequence[Path], following: str
+def print_result(
+    result: CheckResult, numbers: Sequence[NumberUpdate], written: Sequence[Path], following: str
 ) -> None:
-    """The word, the figure that it rests on, what has changed, what an update moved, and what to
-    type next.
-    """
+    """Print the status, its reasons, the changes, the updated numbers and the next command."""
     console = Console(markup=False, highlight=False, soft_wrap=True)
-    console.print(answer.word.sentence, style="bold")
-    for line in answer_lines(answer, moved):
+    console.print(result.status.sentence, style="bold")
+    for line in result_lines(result, numbers):
         console.print(line)
     for path in written:
         console.print(harmless(f"Wrote {path}"))
@@ -40,72 +37,72 @@ def print_answer(
 
 
 def next_command(
-    answer: Answer, calibration: Path, pictures: Sequence[Path], *, updated: bool
+    result: CheckResult, calibration: Path, pictures: Sequence[Path], *, updated: bool
 ) -> str:
-    """What to type next: a valid or updated calibration is looked at and put to use, and what is
-    not valid is recorded anew.
+    """Return the command to type next: a report of a valid or updated calibration, a diagnosis of
+    one that lacks an effect, and a new recording otherwise.
     """
-    if answer.lacking and not updated:
+    if result.lacking and not updated:
         return f"calib diagnose {shlex.quote(str(calibration))}"
-    if updated or answer.word is Word.VALID:
+    if updated or result.status is CheckStatus.VALID:
         return f"calib report {shlex.quote(str(calibration))}"
     session = pictures[0] if pictures[0].is_dir() else pictures[0].parent
-    named = (
-        session if session.name.strip(".") else session.resolve()
-    )  # "." and ".." have no name of their own
-    return f"capture {shlex.quote(str(named.with_name(f'{named.name}-again')))}"
+    if not session.name.strip("."):  # "." and ".." are not names
+        session = session.resolve()
+    return f"capture {shlex.quote(str(session.with_name(f'{session.name}-again')))}"
 
 
-def answer_lines(answer: Answer, moved: Sequence[Moved] = ()) -> Iterator[str]:
-    """What the word rests on, for people, harmless."""
-    for line in _reasons(answer):
+def result_lines(result: CheckResult, numbers: Sequence[NumberUpdate] = ()) -> Iterator[str]:
+    """Yield the reasons for the status as harmless text."""
+    for line in _reasons(result):
         yield harmless(f"- {line}")
-    for one in answer.rejected:
-        yield harmless(f"Left out {one.name}: {one.reason}")
-    for number in moved:
-        before, after = (
-            with_sigma(number.before, number.sigma_before),
-            with_sigma(number.after, number.sigma_after),
-        )
+    for rejected in result.rejected:
+        yield harmless(f"Left out {rejected.name}: {rejected.reason}")
+    for number in numbers:
+        prior = with_sigma(number.prior, number.prior_sigma)
+        updated = with_sigma(number.updated, number.updated_sigma)
         yield (
-            f"{number.name}: {before} -> {after} {number.unit}".rstrip()
+            f"{number.name}: {prior} -> {updated} {number.unit}".rstrip()
             + f" ({number.sigmas:+.1f} sigma)"
         )
 
 
-def _reasons(answer: Answer) -> Iterator[str]:
-    if answer.views:
-        views = f"{answer.views} view{'s' * (answer.views > 1)}"
-        yield (
-            f"{answer.error_px:.3f} px are left on {views}, where {answer.expected_px:.3f} px are"
-            f" expected and up to {answer.allowed_px:.3f} px allowed; p {_p(answer.p_value)}, where"
-            f" less than {ALPHA:g} is an alarm."
-        )
-        if answer.word is not Word.VALID:
-            yield f"the change adds {answer.added_px:.3f} px to the corners."
-        if answer.louder > NOISIER:
-            yield (
-                f"the corners are {answer.louder:.1f} times as noisy as those of the calibration:"
-                " sharper pictures tell more."
-            )
-        if answer.known:
-            those = "they are" if answer.known == answer.views else f"{answer.known} of them are"
-            yield (
-                f"{those} of pictures that the calibration was made from, which say nothing of"
-                " today: take new ones."
-            )
-        if answer.views < FEWEST:
-            yield (
-                "that is little to go by: three to five views of a tilted board, near and far, tell"
-                " more."
-            )
-    alone = len(answer.changes) == 1
-    for change in answer.changes:
+def _reasons(result: CheckResult) -> Iterator[str]:
+    if result.statistics:
+        yield from _test_reasons(result.statistics, result.status)
+    alone = len(result.changes) == 1
+    for change in result.changes:
         yield f"{change}." if alone else f"{100 * change.probability:.0f} %: {change}."
-    if answer.lacking:
+    if result.lacking:
         yield (
-            f"the calibration's own views show {answer.lacking} as well: it may be no change, but"
-            " what the model has always lacked."
+            f"the calibration's own views show {result.lacking} as well: probably nothing has"
+            " changed, and the model has always lacked this effect."
+        )
+
+
+def _test_reasons(statistics: CheckStatistics, status: CheckStatus) -> Iterator[str]:
+    count = statistics.views
+    yield (
+        f"the error on {count} view{'s' * (count > 1)} is {statistics.error_px:.3f} px;"
+        f" {statistics.expected_px:.3f} px are expected and up to {statistics.allowed_px:.3f} px"
+        f" allowed (p {_p(statistics.p_value)}; less than {ALPHA:g} is an alarm)."
+    )
+    if status is not CheckStatus.VALID:
+        yield f"the change adds {statistics.added_px:.3f} px to the corners."
+    if statistics.noise_ratio > NOISY:
+        yield (
+            f"the corners are {statistics.noise_ratio:.1f} times as noisy as those of the"
+            " calibration: sharper pictures give a stricter check."
+        )
+    if reused := statistics.reused_views:
+        subject = "all of them" if reused == count else f"{reused} of them"
+        yield (
+            f"the calibration was fitted to {subject}, so they say nothing about today: take new"
+            " pictures."
+        )
+    if count < MIN_VIEWS:
+        yield (
+            "that is few: three to five views of a tilted board, near and far, give a better check."
         )
 
 

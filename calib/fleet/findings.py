@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from scipy.stats import norm
 
-from calib.checking.answer import Word as Answered
+from calib.checking.result import CheckStatus
 from calib.errors import harmless
 from calib.fitting.rounding import with_sigma
 from calib.fleet.control import ALPHA, Chart, charts
@@ -131,7 +131,7 @@ def _against_prior(result: Result, beyond: float, alarm: float) -> Iterator[Find
     answer = result.check
     if (
         answer
-        and answer["answer"] != Answered.VALID.value
+        and answer["answer"] != CheckStatus.VALID.value
         and not (answer["p_value"] or 0.0) > alarm
     ):
         changes = " or ".join(change["sentence"] for change in answer["changes"][:2])

@@ -15,9 +15,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from calib.calibration import DERIVED, Calibration
-from calib.checking.answer import Answer
 from calib.checking.check import check
 from calib.checking.pictures import read_pictures
+from calib.checking.result import CheckResult
 from calib.diagnosis.diagnose import diagnose
 from calib.errors import InputError, NotEnoughDataError, RefracalError, brief
 from calib.export.export import Export, export
@@ -218,7 +218,7 @@ def asks_for_diagnosis(verdict: Verdict) -> bool:
 
 def _checked(
     entry: Entry, session: Path
-) -> tuple[Calibration | None, Answer | None, tuple[str, ...]]:
+) -> tuple[Calibration | None, CheckResult | None, tuple[str, ...]]:
     """The prior, what the session's views say of it, and why they say nothing."""
     if not entry.prior:
         return None, None, ()

@@ -45,7 +45,7 @@ class Result:
     effects: tuple[str, ...] = ()
     """What its diagnosis found."""
     check: Mapping[str, Any] = field(default_factory=dict)
-    """Against its prior, as `Answer.as_json`; empty without a prior."""
+    """Against its prior, as `CheckResult.as_json`; empty without a prior."""
     moved: Mapping[str, Moved] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     """What could not be done beside the calibration."""

@@ -14,7 +14,7 @@ def check_calibration(
     """Answer as `calib check` does, and with `updated` write the calibration brought up to date
     there, as its --update does.
 
-    Returns the answer's word and sentence, a text of what it rests on, whether these pictures can
+    Returns the result's word and sentence, a text of what it rests on, whether these pictures can
     bring the calibration up to date, whether it was made from them, and the file that was written,
     if one was.
     """
@@ -22,27 +22,27 @@ def check_calibration(
     from calib.calibration import DERIVED, Calibration
     from calib.checking.check import Checker
     from calib.checking.pictures import read_pictures
-    from calib.checking.update import Moved, carries, update
-    from calib.commands.check_lines import answer_lines
+    from calib.checking.update import NumberUpdate, is_updatable, update
+    from calib.commands.check_lines import result_lines
     from calib.io.file_set import FileSet
 
     calibration = Calibration.load(place)
     found = read_pictures([pictures], calibration, progress)
     checker = Checker.of(calibration)
-    answer = checker.check(found, progress)
-    moved: tuple[Moved, ...] = ()
+    result = checker.check(found, progress)
+    numbers: tuple[NumberUpdate, ...] = ()
     written = ""
     if updated:
-        better, moved = update(calibration, checker.known, answer, found)
+        better, numbers = update(calibration, checker.prior, result, found)
         with FileSet(updated) as files:
             written = str(better.write(files))
             files.commit(instead_of=DERIVED)
-    text = "\n\n".join(answer_lines(answer, moved))
+    text = "\n\n".join(result_lines(result, numbers))
     return {
-        "word": answer.word.value,
-        "sentence": answer.word.sentence,
+        "word": result.status.value,
+        "sentence": result.status.sentence,
         "text": text,
-        "usable": bool(found.views) and carries(answer),
-        "known": bool(answer.views) and answer.known == answer.views,
+        "usable": bool(found.views) and is_updatable(result),
+        "known": result.statistics is not None and not result.has_new_views,
         "written": written,
     }

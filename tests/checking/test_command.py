@@ -10,7 +10,7 @@ import yaml
 
 from calib.calibration import Calibration
 from calib.checking.pictures import Pictures
-from calib.checking.update import carries
+from calib.checking.update import is_updatable
 from calib.cli import main
 from calib.corners.view import View
 from calib.session.session import session_to_yaml
@@ -97,10 +97,10 @@ def test_not_valid_exits_with_5_and_says_what_changed(
     assert first["unit"] == "mm"
     assert first["probability"] > 0.95
     found = checker.check(Pictures(Later.drawn(made, change, 302, 3).views(10), made.board))
-    assert not carries(found), "as the terminal UI asks"
-    assert carries(checker.check(Pictures(made.views, made.board)))
+    assert not is_updatable(found), "as the terminal UI asks"
+    assert is_updatable(checker.check(Pictures(made.views, made.board)))
     assert main(["check", str(saved), str(later), "--update", "-o", str(tmp_path / "out")]) == 3
-    assert "cannot be brought up to date" in capsys.readouterr().err
+    assert "cannot be updated" in capsys.readouterr().err
     assert not (tmp_path / "out" / "calibration.yaml").exists()
 
 

@@ -4,8 +4,8 @@ is not taken for one.
 
 import pytest
 
-from calib.checking.answer import Word
 from calib.checking.pictures import Pictures
+from calib.checking.result import CheckStatus
 from fixtures.later import NOISE, Later, mirrored, shaken, uncovered, zoomed
 from tests.checking.conftest import Made
 
@@ -28,11 +28,12 @@ def test_a_change_is_named_with_its_size(cameras: Made, shape: str, kind: str) -
     change = next(change for change in checker.changes if change.name == kind)
     later = Later.drawn(made, change, 102, 4)
     assert later.possible(10)
-    answer = checker.check(Pictures(later.views(10), made.board))
-    assert answer.word is not Word.VALID
-    assert answer.p_value < 1e-6
-    assert answer.changes[0].name == kind
-    for name, value, sigma, _ in answer.changes[0].parameters:
+    result = checker.check(Pictures(later.views(10), made.board))
+    assert result.status is not CheckStatus.VALID
+    assert result.statistics
+    assert result.statistics.p_value < 1e-6
+    assert result.changes[0].name == kind
+    for name, value, sigma, _ in result.changes[0].parameters:
         assert abs(value - 10 * float(later.direction[name])) < 5 * sigma, name
 
 
@@ -40,9 +41,9 @@ def test_a_change_is_named_with_its_size(cameras: Made, shape: str, kind: str) -
 def test_pictures_of_twice_the_zoom_come_from_another_mode(cameras: Made) -> None:
     made, checker = cameras["flat"]
     later = Later.drawn(made, None, 103, 3)
-    answer = checker.check(Pictures(zoomed(later.views()), made.board))
-    (change,) = answer.changes
-    assert (answer.word, change.name) == (Word.BROKEN, "picture_mode")
+    result = checker.check(Pictures(zoomed(later.views()), made.board))
+    (change,) = result.changes
+    assert (result.status, change.name) == (CheckStatus.BROKEN, "picture_mode")
     assert change.value is not None
     assert change.sigma is not None
     assert abs(change.value - 2) < 5 * change.sigma
@@ -52,43 +53,49 @@ def test_pictures_of_twice_the_zoom_come_from_another_mode(cameras: Made) -> Non
 def test_mirrored_pictures_are_told(cameras: Made) -> None:
     made, checker = cameras["dome"]
     later = Later.drawn(made, None, 104, 3)
-    answer = checker.check(Pictures(mirrored(later.views(), made.board), made.board))
-    assert answer.word is Word.BROKEN
-    assert str(answer.changes[0]) == "the pictures come from another mode: mirrored, they fit"
+    result = checker.check(Pictures(mirrored(later.views(), made.board), made.board))
+    assert result.status is CheckStatus.BROKEN
+    assert str(result.changes[0]) == "the pictures come from another mode: mirrored, they fit"
 
 
 @pytest.mark.parametrize("shape", [pytest.param("cone", marks=pytest.mark.slow), "flat"])
 def test_a_cover_that_was_forgotten_is_no_thinner_glass(cameras: Made, shape: str) -> None:
     made, checker = cameras[shape]
-    answer = checker.check(Pictures(Later.drawn(uncovered(made), None, 107, 4).views(), made.board))
-    assert (answer.word, [change.name for change in answer.changes]) == (Word.BROKEN, ["no_cover"])
+    result = checker.check(Pictures(Later.drawn(uncovered(made), None, 107, 4).views(), made.board))
+    assert (result.status, [change.name for change in result.changes]) == (
+        CheckStatus.BROKEN,
+        ["no_cover"],
+    )
 
 
 def test_a_bad_view_is_left_out_and_the_others_answer(cameras: Made) -> None:
     made, checker = cameras["dome"]
     later = Later.drawn(made, None, 105, 4)
-    answer = checker.check(Pictures(shaken(later.views(), 1), made.board))
-    assert answer.word is Word.VALID
-    assert answer.views == 3
-    assert [one.name for one in answer.rejected] == [later.views()[0].name]
-    assert "alone does not fit" in answer.rejected[0].reason
+    result = checker.check(Pictures(shaken(later.views(), 1), made.board))
+    assert result.status is CheckStatus.VALID
+    assert result.statistics
+    assert result.statistics.views == 3
+    assert [one.name for one in result.rejected] == [later.views()[0].name]
+    assert "alone does not fit" in result.rejected[0].reason
 
 
 def test_noise_alone_is_no_change(cameras: Made) -> None:
     """Pictures in poor light: three times the noise, which is told."""
     made, checker = cameras["cone"]
-    answer = checker.check(
+    result = checker.check(
         Pictures(Later.drawn(made, None, 106, 4).views(noise=3 * NOISE), made.board)
     )
-    assert answer.word is Word.VALID
-    assert answer.louder == pytest.approx(3, rel=0.2)
+    assert result.status is CheckStatus.VALID
+    assert result.statistics
+    assert result.statistics.noise_ratio == pytest.approx(3, rel=0.2)
 
 
 def test_as_it_was(cameras: Made) -> None:
     for made, checker in cameras.values():
         for seed in range(3):
-            answer = checker.check(
+            result = checker.check(
                 Pictures(Later.drawn(made, None, 200 + seed, 3).views(), made.board)
             )
-            assert answer.word is Word.VALID
-            assert answer.error_px < answer.allowed_px
+            assert result.status is CheckStatus.VALID
+            assert result.statistics
+            assert result.statistics.error_px < result.statistics.allowed_px

@@ -1,5 +1,5 @@
-"""What a calibration knows of its camera before pictures are checked: its parameters with their
-covariance, and the corners' noise.
+"""A calibration as the prior of a check: its parameters with their covariance, and the corners'
+noise.
 """
 
 from __future__ import annotations
@@ -22,43 +22,43 @@ from calib.optics.board_target import with_parts
 
 Array = NDArray[np.float64]
 
-LEAST_NOISE = 1e-3
-"""px: corners that were computed are not trusted to be better."""
+MIN_NOISE = 1e-3
+"""The smallest noise in px; computed corners are not assumed to be better."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Known:
-    """A calibration as a prior."""
+class CalibrationPrior:
+    """A calibration as the prior of a later fit."""
 
     model: CameraModel
-    """Its means are the calibration's values."""
+    """The model; its means are the calibration's values."""
     parameters: Parameters
-    """Those whose covariance is known, with the calibration's values as origin."""
+    """The parameters with a covariance; their origin is the calibration's values."""
     root: Array
-    """(S, S) R with R R^T their covariance, over their scales."""
+    """(S, S) R, where R R^T is the covariance of the parameters over their scales."""
     sigma: float
-    """px per axis: a corner's noise."""
+    """The noise of a corner, px per axis."""
 
     @staticmethod
-    def of(calibration: Calibration) -> Known:
-        """A number without a covariance is held: all of them, where the fit estimated none."""
+    def of(calibration: Calibration) -> CalibrationPrior:
+        """Make the prior; numbers without a covariance are held."""
         model = calibration.camera_model()
         parameters = model.parameters
         if calibration.covariance.size:
             root = root_of(calibration.covariance)
         elif parameters.relief:
             parameters, root = Parameters.none(model.means), np.zeros((0, 0))
-        else:  # of a camera without a cover, whose covariance stands beside its intrinsics
+        else:  # without a cover, the intrinsics hold the covariance
             root = parameters.free_root()
-        return Known(model, parameters, root, _sigma(calibration, model))
+        return CalibrationPrior(model, parameters, root, _sigma(calibration, model))
 
-    def uncovered(self) -> Known:
-        """The same camera without its cover."""
+    def uncovered(self) -> CalibrationPrior:
+        """Return the prior of the same camera without its cover."""
         path = replace(self.model.path, cover=())
-        there = {param.name for param in path.params}
-        free = tuple(param for param in self.parameters.free if param.name in there)
-        kept = self.parameters.entries(param.name for param in free)
-        covariance = self.root[kept] @ self.root[kept].T if len(kept) else np.zeros((0, 0))
+        names = {param.name for param in path.params}
+        free = tuple(param for param in self.parameters.free if param.name in names)
+        entries = self.parameters.entries(param.name for param in free)
+        covariance = self.root[entries] @ self.root[entries].T if len(entries) else np.zeros((0, 0))
         parameters = replace(self.parameters, relief=None, free=free)
         return replace(
             self,
@@ -67,9 +67,9 @@ class Known:
             root=root_of(covariance),
         )
 
-    def posed(self, observations: Observations, poses: Tensor) -> tuple[Tensor, Residuals]:
-        """The (V, B) poses of views through the calibration, from (V, 6) to start from, and what
-        they leave.
+    def fit_poses(self, observations: Observations, poses: Tensor) -> tuple[Tensor, Residuals]:
+        """Return the (V, B) poses of views through the calibration, fitted from the (V, 6) poses,
+        and the residuals.
         """
         path, values = self.model.path, self.model.means
         return refit_poses(
@@ -82,4 +82,4 @@ def _sigma(calibration: Calibration, model: CameraModel) -> float:
     if not np.isfinite(sigma) and calibration.views:
         poses = torch.from_numpy(calibration.poses)
         sigma = residuals(model.path, model.means, calibration.observations, poses).rms_px / 2**0.5
-    return max(sigma, LEAST_NOISE) if np.isfinite(sigma) else 1.0
+    return max(sigma, MIN_NOISE) if np.isfinite(sigma) else 1.0

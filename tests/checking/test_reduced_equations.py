@@ -9,8 +9,8 @@ import pytest
 from scipy.linalg import block_diag, null_space
 from scipy.stats import chi2, kstest
 
-from calib.checking.dispersion import Dispersion, explained
-from calib.checking.equations import Equations, widened
+from calib.checking.overdispersion import Overdispersion, explained_squares
+from calib.checking.reduced_equations import ReducedEquations, parameters_with_changes
 from calib.checking.significance import significance
 from calib.effects.focal import Focal
 from calib.estimation.elimination import view_equations
@@ -26,17 +26,17 @@ def test_dense_algebra_says_the_same(cameras: Made) -> None:
     made, checker = cameras["flat"]
     later = Later.drawn(made, None, 5, 3)
     seen = Observations.of(later.views(), made.board).timed(None, HEIGHT)
-    poses, known = later.made.poses, checker.known
+    poses, prior = later.made.poses, checker.prior
     changes = checker.changes[:2]
-    equations = Equations.of(known, changes, seen, poses)
-    parameters, new = widened(known, changes)
+    equations = ReducedEquations.of(prior, changes, seen, poses)
+    parameters, new = parameters_with_changes(prior, changes)
     views = list(
-        view_equations(known.model.with_effects(new).path, parameters, seen, poses, known.sigma)
+        view_equations(prior.model.with_effects(new).path, parameters, seen, poses, prior.sigma)
     )
     still = block_diag(*(null_space(view.own.T).T for view in views))  # all that no pose does
     residual = still @ np.concatenate([view.residual for view in views])
     shared = still @ np.concatenate([view.shared for view in views])
-    jacobian, columns = shared[:, : len(known.root)] @ known.root, shared[:, len(known.root) :]
+    jacobian, columns = shared[:, : len(prior.root)] @ prior.root, shared[:, len(prior.root) :]
     covariance = np.eye(len(residual)) + jacobian @ jacobian.T
     rows = np.column_stack([residual, columns])
     dense = rows.T @ np.linalg.solve(covariance, rows)
@@ -66,7 +66,7 @@ def test_a_view_is_left_out_as_a_fit_without_it_would() -> None:
         np.column_stack([data[v] - jacobian[v] @ estimate, jacobian[v] @ root, change[v]])
         for v in range(views)
     ]
-    equations = Equations(
+    equations = ReducedEquations(
         np.array([own.T @ own for own in columns]),
         np.full(views, float(rows)),
         count,
@@ -87,24 +87,24 @@ def test_what_is_drawn_from_a_valid_calibration_gives_uniform_p_values(cameras: 
     made, checker = cameras["dome"]
     later = Later.drawn(made, None, 6, 4)
     seen = Observations.of(later.views(), made.board).timed(None, HEIGHT)
-    known, changes = checker.known, checker.changes
-    parameters, new = widened(known, changes)
+    prior, changes = checker.prior, checker.changes
+    parameters, new = parameters_with_changes(prior, changes)
     views = list(
         view_equations(
-            known.model.with_effects(new).path, parameters, seen, later.made.poses, known.sigma
+            prior.model.with_effects(new).path, parameters, seen, later.made.poses, prior.sigma
         )
     )
-    equations = Equations.of(known, changes, seen, later.made.poses)
+    equations = ReducedEquations.of(prior, changes, seen, later.made.poses)
     columns = np.concatenate(
         [parameters.entries(u.param.name for u in change.unknowns) for change in changes]
     )
     bases = [null_space(view.own.T).T for view in views]
     rows = [
-        np.column_stack([view.shared[:, : len(known.root)] @ known.root, view.shared[:, columns]])
+        np.column_stack([view.shared[:, : len(prior.root)] @ prior.root, view.shared[:, columns]])
         for view in views
     ]
     rows = [basis @ own for basis, own in zip(bases, rows, strict=True)]
-    theory = Dispersion(
+    theory = Overdispersion(
         {c.name: 1.0 for c in changes},
         {c.name: np.inf for c in changes},
         {c.name: (0.0, 1.0) for c in changes},
@@ -114,15 +114,17 @@ def test_what_is_drawn_from_a_valid_calibration_gives_uniform_p_values(cameras: 
     tails: dict[str, list[float]] = {change.name: [] for change in changes}
     answers = []
     for _ in range(DRAWS):
-        wrong = rng.normal(size=equations.known)
+        wrong = rng.normal(size=equations.calibrated)
         drawn = [
-            np.column_stack([rng.normal(size=len(own)) + own[:, : equations.known] @ wrong, own])
+            np.column_stack(
+                [rng.normal(size=len(own)) + own[:, : equations.calibrated] @ wrong, own]
+            )
             for own in rows
         ]
         one = replace(equations, products=np.array([own.T @ own for own in drawn]))
         together = one.predicted()
         for name, own in tails.items():
-            square, directions = explained(together, one.columns(name))
+            square, directions = explained_squares(together, one.columns(name))
             own.append(float(chi2.sf(square, directions)))
         answers.append(significance(one, theory, 1.0))
     for name, own in tails.items():
@@ -142,9 +144,9 @@ def test_a_change_is_measured_with_its_sign(cameras: Made) -> None:
     truth = float(later.direction["focal.change"]) / Focal().unknowns[0].param.scale
     seen = Observations.of(later.views(1, noise=0.0), made.board).timed(None, HEIGHT)
     poses = later.made.poses
-    equations = Equations.of(checker.known, (Focal(),), seen, poses)
-    before = Equations.of(
-        checker.known,
+    equations = ReducedEquations.of(checker.prior, (Focal(),), seen, poses)
+    before = ReducedEquations.of(
+        checker.prior,
         (Focal(),),
         Observations.of(later.views(0, noise=0.0), made.board).timed(None, HEIGHT),
         poses,
