@@ -74,7 +74,7 @@ def test_valid_exits_with_0(
     )
     assert main(["check", str(saved), str(later)]) == 0
     said = capsys.readouterr().out
-    assert said.startswith("The calibration is valid.\n- 0.1")
+    assert said.startswith("The calibration is valid.\n- the error on 3 views is 0.1")
     assert "px are expected" in said
     assert f"Next: calib report {saved}" in said
 
