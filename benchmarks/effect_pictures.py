@@ -26,7 +26,7 @@ from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.estimation.poses import refit_poses
 from calib.estimation.priors import NONE, Priors
-from calib.inference.score_test import Optimum
+from calib.inference.score_test import FittedModel
 from calib.optics.board_target import FLEX, MOTION
 from calib.optics.build import covered_path, footprint, with_relief
 from calib.optics.params import LINE, TIME
@@ -413,7 +413,7 @@ def _print_alike() -> None:
         observations = seen(model, dict(model.means), poses)
         noise = torch.from_numpy(np.random.default_rng(1).normal(0, 0.1, observations.pixels.shape))
         observations = replace(observations, pixels=observations.pixels + noise)
-        at = Optimum(model, observations, model.fitted(observations, torch.from_numpy(poses)))
+        at = FittedModel(model, observations, model.fitted(observations, torch.from_numpy(poses)))
         columns = at.candidates(proposed(tuple(k for k in KINDS if k not in FIELDS), model))
         spans = {
             c.effect.name + _choices(c.effect)[1].join("()" * bool(_choices(c.effect)[1])): c

@@ -30,12 +30,12 @@ from calib.corners.corners_file import write_corners
 from calib.corners.detect import refine
 from calib.corners.detect_all import detect
 from calib.corners.view import View
-from calib.diagnosis.requested_effects import with_named
+from calib.diagnosis.requested_effects import with_requested
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit import fit
 from calib.fitting.stages import Settings
-from calib.inference.calibration_model import model_of
-from calib.inference.cross_validation import folds, hold_out
+from calib.inference.calibration_model import full_model
+from calib.inference.cross_validation import fold_split, hold_out
 from calib.progress import Silent
 from calib.session.board import Board
 from calib.session.session import read_session
@@ -138,16 +138,18 @@ def take(folder: Folder, name: str, kept: Sequence[bool], *, weighted: bool) -> 
 
 def judged(path: Path, effects: Sequence[str]) -> tuple[float, float]:
     """Fitted and held out, px RMS."""
-    made = with_named(fit(read_session(path), Settings(), Silent()), (*effects, *PATTERN), Silent())
+    made = with_requested(
+        fit(read_session(path), Settings(), Silent()), (*effects, *PATTERN), Silent()
+    )
     if (path / "holdout").is_dir():
         return (
             made.stages[-1].rms_px,
             evaluate(made, read_session(path / "holdout"), Silent()).rms_px,
         )
-    model, observations = model_of(made), made.observations
+    model, observations = full_model(made), made.observations
     with single_thread():
         joint = model.fitted(observations, torch.from_numpy(made.poses))
-        left = hold_out(model, observations, joint, folds(range(len(made.views))))
+        left = hold_out(model, observations, joint, fold_split(range(len(made.views))))
     return made.stages[-1].rms_px, left.rms
 
 

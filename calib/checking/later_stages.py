@@ -9,7 +9,7 @@ import torch
 from calib.calibration import Calibration, Stage
 from calib.estimation.poses import pinhole_poses, refine_poses
 from calib.estimation.residuals import residuals
-from calib.fitting.fit_result import STAGE
+from calib.fitting.fit_result import EFFECTS_STAGE
 from calib.optics.build import covered_path, pinhole_path
 
 
@@ -33,4 +33,4 @@ def _stages(calibration: Calibration) -> Iterator[Stage]:
     yield Stage("cover", smooth.rms_px, smooth.rmse_cm)
     path, values = calibration.model()
     final = residuals(path, values, observations, torch.from_numpy(calibration.poses))
-    yield Stage(STAGE if calibration.effects else "cover+rbf", final.rms_px, final.rmse_cm)
+    yield Stage(EFFECTS_STAGE if calibration.effects else "cover+rbf", final.rms_px, final.rmse_cm)

@@ -6,8 +6,8 @@ from rich.console import Console
 from rich.table import Table
 
 from calib.calibration import Calibration
+from calib.diagnosis.effect_description import describe_effect
 from calib.diagnosis.finding import Candidate, Diagnosis
-from calib.diagnosis.found import found
 from calib.effects.plainly import plainly
 from calib.errors import harmless
 
@@ -27,7 +27,7 @@ def print_diagnosis(finding: Diagnosis, better: Calibration) -> None:
     console.print(_errors(finding))
     for candidate in finding.candidates:
         if candidate.accepted:
-            said = "; ".join(found(candidate.effect, better, candidate.parameters))
+            said = "; ".join(describe_effect(candidate.effect, better, candidate.parameters))
             console.print(
                 f"{candidate.title}: {plainly(candidate.effect)} {said}",
                 markup=False,

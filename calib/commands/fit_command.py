@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> None:
         from calib.commands.verdict_lines import print_verdict
         from calib.diagnosis.diagnose import diagnose
         from calib.diagnosis.possible_effects import check_possible
-        from calib.diagnosis.requested_effects import with_named
+        from calib.diagnosis.requested_effects import with_requested
         from calib.export.npz import write_npz
         from calib.fitting.fit import fit
         from calib.fitting.provenance import asked
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> None:
             if args.effects == ("auto",):
                 calibration, finding = diagnose(calibration, bars)
             elif args.effects:
-                calibration = with_named(calibration, args.effects, bars)
+                calibration = with_requested(calibration, args.effects, bars)
             calibration = asked(calibration, args.effects, args.depth)
             written = [calibration.write(files), *write_npz(calibration, args.depth, files, bars)]
         seconds = time.monotonic() - begun

@@ -1,8 +1,8 @@
-"""A calibration with every number estimated that is not exact: those, too, that its fit held as
-declared, as the views allow that.
+"""A calibration with all inexact numbers estimated, including those that its fit held at their
+declared values.
 
-In its own medium such a number is as good as exact. In another it may move every ray, so its
-tolerance has to be in the covariance.
+The views allow to hold such a number in their own medium. In another medium it may move every ray,
+so its tolerance must be in the covariance.
 """
 
 from dataclasses import replace
@@ -12,26 +12,26 @@ import torch
 from calib.calibration import Calibration, Declared
 from calib.errors import NotEnoughDataError
 from calib.fitting.fit_result import with_fit
-from calib.inference.calibration_model import model_of
+from calib.inference.calibration_model import full_model
 from calib.session.freeing import ALL, AUTO, with_free
 from calib.threads import single_thread
 
 
 def all_free(calibration: Calibration) -> Calibration:
-    """The calibration itself where nothing was held that is not exact, or where its fit was told
-    what to hold.
+    """Return the refitted calibration, or the same one if only exact numbers were held, or if the
+    user chose the numbers to hold.
     """
     declared = calibration.declared
     intrinsics, cover = with_free(declared.intrinsics, declared.cover, (ALL,))
-    same = (intrinsics, cover) == (declared.intrinsics, declared.cover)
+    is_unchanged = (intrinsics, cover) == (declared.intrinsics, declared.cover)
     if (
-        same
+        is_unchanged
         or AUTO not in calibration.settings.get("free", ())
         or not (calibration.views and calibration.covariance.size)
     ):
         return calibration
     freed = replace(calibration, stated=Declared(intrinsics, cover, declared.doubted))
-    model, observations = model_of(freed), calibration.observations
+    model, observations = full_model(freed), calibration.observations
     with single_thread():
         joint = model.fitted(observations, torch.from_numpy(calibration.poses))
     if not joint.finite:

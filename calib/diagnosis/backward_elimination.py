@@ -1,79 +1,80 @@
-"""The backward pass of the loop: effects that the others have made idle are dropped."""
+"""Backward elimination: effects that later ones make idle are dropped."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
-from calib.diagnosis.trial import LEAST_GAIN, worth
+from calib.diagnosis.search_state import SearchState, effects_without
+from calib.diagnosis.trial import MIN_GAIN, is_worthwhile
 from calib.effects.effect import Effect
 from calib.estimation.joint_fit import ROUNDS
-from calib.inference.cross_validation import gain
+from calib.inference.cross_validation import held_out_gain
 from calib.inference.score_test import ModelFit
-from calib.inference.vuong import agreement
+from calib.inference.vuong import vuong_statistic
 
-if TYPE_CHECKING:
-    from calib.diagnosis.search import Loop
-
-NEEDED = 0.05
-"""p-value from which an accepted effect counts as needed beside those that came after it."""
-PLAINLY = 3.0
-"""Times the least gain: what is taken off the error by an effect that is needed without asking
-held-out views.
+MAX_P_VALUE = 0.05
+"""The largest p-value at which an accepted effect counts as needed beside later ones."""
+CLEAR_GAIN = 3.0
+"""A multiple of the smallest gain: with a larger one, an effect may be needed without held-out
+tests.
 """
-OF_ONE_MIND = 6.0
-"""Standard deviations of the views' disagreement, from which they are not asked."""
+CLEAR_AGREEMENT = 6.0
+"""The Vuong statistic above which an effect is needed without held-out tests."""
 
 
-def drop_idle(loop: Loop, newest: Effect | None = None) -> bool:
-    """Drop what is no longer needed, the oldest first, and say whether there was any; the newest
-    has just been asked for. What parameters of every view do as well is not dropped for it: an
-    effect for all views is judged beside its like only, unless the corners are more probable
-    without it, those parameters integrated out.
+def drop_idle(state: SearchState, newest: Effect | None = None) -> tuple[SearchState, bool]:
+    """Drop effects that are no longer needed, the oldest first; return True if there were any.
+
+    The newest effect was just confirmed, and stays. A shared effect is compared with shared effects
+    only: per-view parameters can imitate it and must not displace it, unless the evidence without
+    it is larger with those parameters integrated out.
     """
-    before = loop.dropped.copy()
-    for effect in loop.model.effects:
-        if effect is newest or _surely_needed(loop, effect, loop.model.effects):
+    dropped = state.dropped
+    for effect in state.model.effects:
+        if effect is newest or _is_clearly_needed(state, effect, state.model.effects):
             continue
-        private = loop.model.path.private and not effect.per_view
-        idle = not private and _idle(loop, effect)
-        if not (idle or private):
+        imitated = state.model.path.private and not effect.per_view
+        idle = not imitated and _is_idle(state, effect)
+        if not (idle or imitated):
             continue
-        fewer = loop.with_only(_others(effect, loop.model.effects))
-        joint = fewer.model.fitted(loop.observations, fewer.joint.poses, fewer.joint.start, ROUNDS)
-        if joint.finite and (
-            idle or joint.log_marginal > loop.joint.log_marginal or _idle(loop, effect)
-        ):
-            loop.go_on_with(ModelFit(fewer.model, joint))
-            loop.dropped.add(effect.name)
-    return loop.dropped != before
+        fit = state.evaluations.refit_without(effect)
+        observations = state.problem.observations
+        joint = fit.model.fitted(observations, fit.joint.poses, fit.joint.start, ROUNDS)
+        if not joint.finite:
+            continue
+        if idle or joint.log_marginal > state.joint.log_marginal or _is_idle(state, effect):
+            state = state.with_fit(ModelFit(fit.model, joint))
+            state = replace(state, dropped=state.dropped | {effect.name})
+    return state, state.dropped != dropped
 
 
-def _surely_needed(loop: Loop, effect: Effect, beside: Sequence[Effect]) -> bool:
-    """Whether views need not be held out to know that it is needed beside others: fits without it
-    are worse, and so much that the views are of one mind.
+def _is_clearly_needed(state: SearchState, effect: Effect, effects: Sequence[Effect]) -> bool:
+    """Return True if an effect is needed beside `effects` without a held-out test: the fit without
+    it is much worse, and the views agree on that.
     """
-    with_it, without = loop.with_only(beside), loop.with_only(_others(effect, beside))
-    apart = with_it.joint.log_marginal - without.joint.log_marginal
-    raised = (without.joint.cost / with_it.joint.cost) ** 0.5 - 1
-    return (
-        raised > PLAINLY * LEAST_GAIN
-        and agreement(with_it, without, apart, loop.observations) > OF_ONE_MIND
-    )
-
-
-def _idle(loop: Loop, effect: Effect) -> bool:
-    """Whether held-out views do without it beside its like."""
-    beside = [e for e in loop.model.effects if effect.per_view or not e.per_view]
-    if _surely_needed(loop, effect, beside):
+    extended = state.evaluations.refit_with(effects)
+    base = state.evaluations.refit_with(effects_without(effect, effects))
+    error_increase = (base.joint.cost / extended.joint.cost) ** 0.5 - 1
+    if error_increase <= CLEAR_GAIN * MIN_GAIN:
         return False
-    half = any(e.per_view for e in beside)
-    left = (
-        loop.left() if len(beside) == len(loop.model.effects) else loop.left_of(beside, half=half)
-    )
-    lost = gain(loop.left_of(_others(effect, beside), half=half), left)
-    return min(lost.p_value, lost.presence) > NEEDED or not worth(lost)
+    difference = extended.joint.log_marginal - base.joint.log_marginal
+    statistic = vuong_statistic(extended, base, difference, state.problem.observations)
+    return statistic > CLEAR_AGREEMENT
 
 
-def _others(effect: Effect, effects: Sequence[Effect]) -> list[Effect]:
-    return [e for e in effects if e is not effect]
+def _is_idle(state: SearchState, effect: Effect) -> bool:
+    """Return True if held-out views do not need the effect beside effects of its kind."""
+    effects = [e for e in state.model.effects if effect.per_view or not e.per_view]
+    if _is_clearly_needed(state, effect, effects):
+        return False
+    half = any(e.per_view for e in effects)
+    evaluations = state.evaluations
+    if len(effects) == len(state.model.effects):
+        extended = evaluations.held_out_errors()
+    else:
+        extended = evaluations.held_out_errors_with(effects, half=half)
+    base = evaluations.held_out_errors_with(effects_without(effect, effects), half=half)
+    gain = held_out_gain(base, extended)
+    p_value = min(gain.p_value, gain.presence_p_value)
+    return p_value > MAX_P_VALUE or not is_worthwhile(gain)

@@ -1,5 +1,5 @@
-"""From a calibration to a better one: find the residual, name the effect, add it, and say what that
-changed on held-out views.
+"""The diagnosis of a calibration: find the structure of its residual, name the missing effects, add
+them, and report the error on held-out views before and after.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.corners.view import are_timed, board_poses
-from calib.diagnosis.equivalence import settle
+from calib.diagnosis.equivalence import find_families
 from calib.diagnosis.finding import Candidate, Diagnosis, Family, ParameterEstimate, Quality
-from calib.diagnosis.search import MOST_EFFECTS, TRIED, Loop
-from calib.diagnosis.sentences import formulas_of, remarks, unconfirmed_scores, verdict
+from calib.diagnosis.search import MAX_EFFECTS, MAX_FITS, run_search, score
+from calib.diagnosis.search_state import SearchProblem, SearchState
+from calib.diagnosis.sentences import printed_forms, remarks, trial_verdict, unconfirmed_scores
 from calib.effects.effect import Effect
 from calib.effects.registry import EFFECTS
 from calib.errors import NotEnoughDataError
-from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.noise import burst_noise, on_board, short_scale_noise
 from calib.estimation.observations import Observations
@@ -27,198 +27,215 @@ from calib.estimation.residuals import Residuals, residuals
 from calib.fitting.evaluate import evaluate
 from calib.fitting.fit_result import with_fit
 from calib.fitting.view_noise import VIEW_NOISE, noisier
-from calib.inference.calibration_model import base_model, model_of
-from calib.inference.cross_validation import FOLDS, bands, folds
-from calib.inference.residual_structure import organising_of, split_of
-from calib.progress import Progress, Silent
+from calib.inference.calibration_model import base_model, full_model
+from calib.inference.cross_validation import FOLDS, depth_split, fold_split
+from calib.inference.residual_structure import (
+    VarianceShare,
+    significant_shares,
+    variance_shares,
+)
+from calib.inference.score_test import ModelFit
+from calib.progress import Advance, Progress, Silent
 from calib.session.session import Session
 from calib.threads import single_thread
 
-FEWEST_VIEWS = FOLDS
-CONFIRMING_VIEWS = 2 * FOLDS
-"""With fewer the scores are given, and nothing is accepted."""
+MIN_VIEWS = FOLDS
+MIN_CONFIRMING_VIEWS = 2 * FOLDS
+"""The fewest views with which an effect can be accepted; with fewer, scores are reported."""
+STEPS = MAX_EFFECTS + 2 * MAX_FITS
+"""The length of the progress bar."""
 
 
 def diagnose(
     calibration: Calibration, progress: Progress = Silent(), holdout: Session | None = None
 ) -> tuple[Calibration, Diagnosis]:
-    """Run the loop.
+    """Diagnose a calibration.
 
     Args:
         holdout: views that no fit has seen; without them, held-out errors are those of folds over
             the calibration's own views.
 
     Returns:
-        The calibration with the accepted effects, or an equal one where there are none, and the
-        finding.
+        The calibration with the accepted effects, or an equal one without any, and the diagnosis.
 
     Raises:
-        NotEnoughDataError: too few views to hold any out, or no fit of them is finite.
+        NotEnoughDataError: there are too few views to hold any out, or the fit is not finite.
     """
     poses = board_poses(calibration.views)
-    if (count := len(set(poses.tolist()))) < FEWEST_VIEWS:
+    if (count := len(set(poses.tolist()))) < MIN_VIEWS:
         raise NotEnoughDataError(
-            f"A diagnosis holds views out in turn and needs {FEWEST_VIEWS} or more, but the"
+            f"A diagnosis holds views out in turn and needs {MIN_VIEWS} or more, but the"
             f" calibration has {count}: take more pictures."
         )
     observations = calibration.observations
-    advance = progress.task("Diagnosis", MOST_EFFECTS + 2 * TRIED)
+    advance = progress.task("Diagnosis", STEPS)
     with single_thread():
-        model = model_of(calibration)
+        model = full_model(calibration)
         advance(1, "fit")
-        joint = model.fitted(observations, torch.from_numpy(calibration.poses))
-        if not joint.finite:
-            raise NotEnoughDataError(joint.outcome.value)
-        loop = Loop(
-            calibration.board,
-            calibration.camera,
-            observations,
-            folds(poses),
-            bands(_depths(model, joint, observations), poses),
-            base_model(calibration),
-            model,
-            joint,
-            lambda done, words: advance(min(1 + done, MOST_EFFECTS + 2 * TRIED - 1), words),
-            lambda model, joint: bool(
-                organising_of(
-                    split_of(
-                        calibration, model, joint, observations, _missed(model, joint, observations)
-                    )
-                )
+        base = ModelFit(model, model.fitted(observations, torch.from_numpy(calibration.poses)))
+        if not base.joint.finite:
+            raise NotEnoughDataError(base.joint.outcome.value)
+        problem = SearchProblem(
+            board=calibration.board,
+            camera=calibration.camera,
+            observations=observations,
+            folds=fold_split(poses),
+            depth_bands=depth_split(_view_depths(base, observations), poses),
+            base=base_model(calibration),
+            report=_Reporter(advance),
+            has_structure=lambda fit: bool(
+                significant_shares(_shares(calibration, fit, observations))
             ),
         )
+        state = SearchState.begin(problem, base)
+        base_held_out = state.evaluations.held_out_errors().rms
         families: tuple[Family, ...] = ()
-        if count < CONFIRMING_VIEWS:
-            first = loop.left()
-            unconfirmed = unconfirmed_scores(loop.scores(EFFECTS), count, CONFIRMING_VIEWS)
+        scores: tuple[str, ...] = ()
+        if count < MIN_CONFIRMING_VIEWS:
+            state, tests = score(state, EFFECTS)
+            scores = unconfirmed_scores(tests, count, MIN_CONFIRMING_VIEWS)
         else:
-            first = loop.run()
-            advance(MOST_EFFECTS + 2 * TRIED - 1, "rivals")
-            families = settle(loop)
-            unconfirmed = ()
-        last = loop.left()
-        advance(MOST_EFFECTS + 2 * TRIED, "")
-        before, after = (
-            _missed(model, joint, observations),
-            _missed(loop.model, loop.joint, observations),
+            state = run_search(state)
+            advance(STEPS - 1, "rivals")
+            state, families = find_families(state)
+        held_out = state.evaluations.held_out_errors().rms
+        advance(STEPS, "")
+        formulas = tuple(printed_forms(state))
+        structure = significant_shares(_shares(calibration, state.fit, observations))
+        timed = are_timed(calibration.views)
+        noisy_views = noisier(calibration.settings.get(VIEW_NOISE, {}))
+        sentences = (
+            *scores,
+            *([noisy_views] if noisy_views else []),
+            *remarks(state, families, formulas, structure, timed=timed),
         )
-        shares = split_of(calibration, model, joint, observations, before)
-        organising = organising_of(
-            split_of(calibration, loop.model, loop.joint, observations, after)
-        )
-        formulas = tuple(formulas_of(loop))
-        worse = filter(None, [noisier(calibration.settings.get(VIEW_NOISE, {}))])
-        said = (
-            *unconfirmed,
-            *worse,
-            *remarks(loop, families, formulas, organising, timed=are_timed(calibration.views)),
-        )
-    accepted = tuple(effect.name for effect in loop.model.effects)
-    found = with_fit(calibration, loop.model, loop.joint, observations)
-    held = first.rms, last.rms
+    extended = with_fit(calibration, state.model, state.joint, observations)
     if holdout:
-        base = with_fit(calibration, model, joint, observations)
-        halves = loop.model.path.private
-        held = (
-            evaluate(base, holdout, progress, halves=halves).rms_px,
-            evaluate(found, holdout, progress, halves=halves).rms_px,
-        )
-    grid = on_board(after.image, calibration.views)
-    still = burst_noise(grid, poses)
-    noise = still if np.isfinite(still) else short_scale_noise(grid, calibration.board)
-    finding = Diagnosis(
+        refitted = with_fit(calibration, base.model, base.joint, observations)
+        halves = state.model.path.private
+        base_held_out = evaluate(refitted, holdout, progress, halves=halves).rms_px
+        held_out = evaluate(extended, holdout, progress, halves=halves).rms_px
+    base_residuals = _residuals(base, observations)
+    residuals_left = _residuals(state.fit, observations)
+    noise, noise_source = _noise(calibration, residuals_left, poses)
+    accepted = tuple(effect.name for effect in state.model.effects)
+    diagnosis = Diagnosis(
         noise_px=noise,
-        noise_from=(
-            "pictures of one pose of the board"
-            if np.isfinite(still)
-            else "the residual's short-scale part"
-        ),
-        residual=tuple(shares),
-        candidates=tuple(_candidates(loop, accepted)),
+        noise_from=noise_source,
+        residual=tuple(_shares(calibration, base, observations)),
+        candidates=tuple(_candidates(state, accepted)),
         accepted=accepted,
         families=families,
         formulas=formulas,
-        before=Quality(before.rms_px, before.rmse_cm, held[0]),
-        after=Quality(after.rms_px, after.rmse_cm, held[1]),
-        unexplained=_unexplained(after, noise, observations, loop.joint),
-        organised_by=organising[0].organised_by if organising else "",
-        remarks=said,
+        before=Quality(base_residuals.rms_px, base_residuals.rmse_cm, base_held_out),
+        after=Quality(residuals_left.rms_px, residuals_left.rmse_cm, held_out),
+        unexplained=_unexplained(residuals_left, noise, observations, state.joint),
+        organised_by=structure[0].organised_by if structure else "",
+        remarks=sentences,
     )
-    return (
-        replace(found, noise_px=noise, settings=found.settings | {"diagnosis": finding.as_json()}),
-        finding,
+    settings = extended.settings | {"diagnosis": diagnosis.as_json()}
+    return replace(extended, noise_px=noise, settings=settings), diagnosis
+
+
+class _Reporter:
+    """Progress of a search whose number of steps is not known beforehand."""
+
+    def __init__(self, advance: Advance) -> None:
+        self._advance = advance
+        self._steps = 1
+
+    def __call__(self, remark: str) -> None:
+        self._steps += 1
+        self._advance(min(self._steps, STEPS - 1), remark)
+
+
+def _view_depths(fit: ModelFit, observations: Observations) -> NDArray[np.float64]:
+    """Return (V,) m, the mean depth of the corners of each view."""
+    timed = observations.with_times(fit.joint.values)
+    poses = fit.joint.poses[observations.view]
+    depth = fit.model.path.place(observations.corners, timed, poses)[:, 2].numpy()
+    view = observations.view.numpy()
+    return np.asarray(np.bincount(view, depth) / np.bincount(view))
+
+
+def _residuals(fit: ModelFit, observations: Observations) -> Residuals:
+    return residuals(fit.model.path, fit.joint.values, observations, fit.joint.poses)
+
+
+def _shares(
+    calibration: Calibration, fit: ModelFit, observations: Observations
+) -> list[VarianceShare]:
+    """Return the structure of the residual of a fit."""
+    return variance_shares(
+        calibration, fit.model, fit.joint, observations, _residuals(fit, observations)
     )
 
 
-def _depths(model: CameraModel, joint: JointFit, observations: Observations) -> NDArray[np.float64]:
-    """(V,) m, of each view's corners on average."""
-    timed = observations.with_times(joint.values)
-    depth = model.path.place(observations.corners, timed, joint.poses[observations.view])[
-        :, 2
-    ].numpy()
-    return np.asarray(
-        np.bincount(observations.view.numpy(), depth) / np.bincount(observations.view.numpy())
-    )
-
-
-def _missed(model: CameraModel, joint: JointFit, observations: Observations) -> Residuals:
-    return residuals(model.path, joint.values, observations, joint.poses)
+def _noise(
+    calibration: Calibration, residual: Residuals, poses: NDArray[np.int64]
+) -> tuple[float, str]:
+    """Return the noise floor in px, and its source in words."""
+    grid = on_board(residual.image, calibration.views)
+    noise = burst_noise(grid, poses)
+    if np.isfinite(noise):
+        return noise, "pictures of one pose of the board"
+    return short_scale_noise(grid, calibration.board), "the residual's short-scale part"
 
 
 def _unexplained(
-    missed: Residuals, noise: float, observations: Observations, joint: JointFit
+    residual: Residuals, noise: float, observations: Observations, joint: JointFit
 ) -> float:
-    """The fraction of the residual's variance above the noise floor, fitted parameters allowed
-    for.
+    """Return the fraction of the residual's variance above the noise floor, corrected for the
+    degrees of freedom; NaN if the noise is unknown.
     """
-    freedom = max(1, 2 * len(observations.pixels) - joint.poses.numel()) / (
-        2 * len(observations.pixels)
-    )
-    return (
-        max(0.0, 1.0 - noise**2 * freedom / missed.rms_px**2)
-        if np.isfinite(noise)
-        else float("nan")
-    )
+    if not np.isfinite(noise):
+        return float("nan")
+    count = 2 * len(observations.pixels)
+    freedom = max(1, count - joint.poses.numel()) / count
+    return max(0.0, 1.0 - noise**2 * freedom / residual.rms_px**2)
 
 
-def _candidates(loop: Loop, accepted: tuple[str, ...]) -> list[Candidate]:
-    listed = []
-    for (name, shape), trial in loop.trials.items():
-        taken = name in accepted and any(
-            e.name == name and e.form == shape for e in loop.model.effects
-        )
-        joint = loop.joint if taken else trial.fit and trial.fit.joint
-        effect = (
-            next(e for e in loop.model.effects if e.name == name) if taken else trial.test.effect
-        )
-        listed.append(
+def _candidates(state: SearchState, accepted: tuple[str, ...]) -> list[Candidate]:
+    """Return every trial of the search as a candidate of the diagnosis."""
+    effects = {effect.name: effect for effect in state.model.effects}
+    candidates = []
+    for (name, form), trial in state.trials.items():
+        is_accepted = name in accepted and effects[name].form == form
+        joint = state.joint if is_accepted else trial.fit and trial.fit.joint
+        effect = effects[name] if is_accepted else trial.test.effect
+        gain = trial.gain
+        bands = trial.depth_gain
+        candidates.append(
             Candidate(
                 effect=name,
-                form=shape,
+                form=form,
                 chi2=trial.test.chi2,
                 dof=trial.test.dof,
                 p_value=trial.test.p_value,
                 absorbed=trial.test.absorbed,
-                held_out_px_before=trial.gain.before if trial.gain else None,
-                held_out_px_after=trial.gain.after if trial.gain else None,
-                gain_ci95=trial.gain.ci95 if trial.gain else None,
-                parameters=_parameters(effect, joint) if joint and joint.finite else {},
-                confounded_with=tuple(sorted(loop.confounded.get(name, ()))),
-                accepted=taken,
-                verdict=verdict(trial, taken=taken),
-                depth_bands_px=(trial.bands.before, trial.bands.after) if trial.bands else None,
+                held_out_px_before=gain.base_px if gain else None,
+                held_out_px_after=gain.extended_px if gain else None,
+                gain_ci95=gain.ci95 if gain else None,
+                parameters=_estimates(effect, joint) if joint and joint.finite else {},
+                confounded_with=tuple(sorted(state.confounded.get(name, ()))),
+                accepted=is_accepted,
+                verdict=trial_verdict(trial, accepted=is_accepted),
+                depth_bands_px=(bands.base_px, bands.extended_px) if bands else None,
             )
         )
-    return listed
+    return candidates
 
 
-def _parameters(effect: Effect, joint: JointFit) -> dict[str, ParameterEstimate]:
-    """Numbers by themselves; of a field, its root mean square."""
-    found = {}
+def _estimates(effect: Effect, joint: JointFit) -> dict[str, ParameterEstimate]:
+    """Return the estimate of each scalar parameter, and the root mean square of each field."""
+    estimates = {}
     for unknown in effect.unknowns:
-        name, unit = unknown.param.name, unknown.param.unit
-        value, sigma = joint.values[name], joint.sigma_of(name)
+        name = unknown.param.name
+        value = joint.values[name]
+        sigma = joint.sigma_of(name)
         if unknown.param.shape:
-            name, value, sigma = f"{name}.rms", (value**2).mean().sqrt(), (sigma**2).mean().sqrt()
-        found[name] = ParameterEstimate(float(value), float(sigma), unit)
-    return found
+            name = f"{name}.rms"
+            value = (value**2).mean().sqrt()
+            sigma = (sigma**2).mean().sqrt()
+        estimates[name] = ParameterEstimate(float(value), float(sigma), unknown.param.unit)
+    return estimates

@@ -1,10 +1,10 @@
-"""What these views cannot tell apart: the rivals of every accepted effect, and how probable each
-is.
+"""Effects that these views cannot tell apart: the rivals of every accepted effect with their
+probabilities.
 
-An accepted effect is taken out, every other that can do much of what it does is fitted in its
-place, and the corners' marginal likelihoods are compared (Bayes factors, with the effects' odds
-beforehand). A name stands alone if it is almost sure, by these views alone too; else it is the most
-probable of a family.
+Each accepted effect is removed, and every other effect that can do much of what it does is fitted
+in its place. Their marginal likelihoods are compared (Bayes factors, with the prior odds of the
+effects). A name stands alone if it is almost sure, with equal prior odds too; otherwise it is the
+most probable member of a family.
 
 Source: R. E. Kass, A. E. Raftery, Bayes factors (1995).
 """
@@ -20,32 +20,32 @@ from scipy.special import ndtr
 from calib.diagnosis.backward_elimination import drop_idle
 from calib.diagnosis.finding import Family
 from calib.diagnosis.most_probable_form import with_most_probable
-from calib.diagnosis.search import Loop
+from calib.diagnosis.search import simplify
+from calib.diagnosis.search_state import SearchState
 from calib.diagnosis.sentences import separation
+from calib.diagnosis.trial import Trial
 from calib.effects.effect import Effect
 from calib.effects.registry import KINDS
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
-from calib.inference.effect_context import surroundings
+from calib.inference.cross_validation import held_out_gain
+from calib.inference.effect_context import effect_context
 from calib.inference.naming import MIN_MEMBER_PROBABILITY, NAME_ALONE
-from calib.inference.score_test import ModelFit, Optimum, ScoreTest
-from calib.inference.vuong import agreement
+from calib.inference.score_test import FittedModel, ModelFit, ScoreTest
+from calib.inference.vuong import vuong_statistic
 from calib.inference.warm_start import rough_fit
 
-MUCH = 0.5
-"""A rival does so much of what the accepted effect does: of the squares of its shifts, beside what
-other parameters can do; where one of them has parameters of single views, of what the sum of
-squares would fall by.
+MIN_OVERLAP = 0.5
+"""The smallest part of an accepted effect that a rival can do: of the squares of its shifts that
+other parameters cannot do; if one of the two has parameters of single views, of the decrease of the
+sum of squares.
 """
-
-BEYOND_HOPE = 12.0
-"""Standard deviations of the views' disagreement, from which a rival's rough fit is behind beyond
-hope.
-"""
-PASSES = 3
-"""How often each effect is asked at most: one that gave way changes what its neighbours' rivals are
-worth.
+HOPELESS_STATISTIC = 12.0
+"""The Vuong statistic above which a rival is excluded after its rough fit."""
+MAX_PASSES = 3
+"""The largest number of comparisons of each effect. Replacing an effect changes the rivals of the
+others.
 """
 
 
@@ -54,154 +54,159 @@ class Rival:
     """Another effect in the place of an accepted one."""
 
     test: ScoreTest
-    without: CameraModel
-    """The model with neither."""
-    model: CameraModel
-    joint: JointFit
+    base: CameraModel
+    """The model with neither effect."""
+    fit: ModelFit
+    """The fit with the rival."""
 
 
-def settle(loop: Loop) -> tuple[Family, ...]:
-    """The families of the accepted effects. Where a rival took the place of one, what stood beside
-    that may have done the rival's work, and is dropped if it is not needed any more. Effects are in
-    the simplest forms that the others leave them.
+def find_families(state: SearchState) -> tuple[SearchState, tuple[Family, ...]]:
+    """Return the families of the accepted effects.
+
+    A more probable rival replaces an accepted effect. Effects that then become idle are dropped,
+    and the others get the simplest forms that suffice.
     """
-    loop.simplify()
-    before = loop.model
-    families = _settled(loop)
-    if loop.model is before:
-        return families
-    after = loop.model
-    drop_idle(loop)
-    loop.simplify()
-    return families if loop.model is after else _settled(loop)
+    state = simplify(state)
+    previous = state.model
+    state, families = _compare_all(state)
+    if state.model is previous:
+        return state, families
+    previous = state.model
+    state, _ = drop_idle(state)
+    state = simplify(state)
+    return (state, families) if state.model is previous else _compare_all(state)
 
 
-def _settled(loop: Loop) -> tuple[Family, ...]:
-    """A rival that is more probable than what was accepted takes its place in the loop's model;
-    what was said of others is then out of date, and is asked again.
-    """
-    known = dict[str, tuple[CameraModel, Family | None]]()
-    for _ in range(PASSES * len(loop.model.effects)):
+def _compare_all(state: SearchState) -> tuple[SearchState, tuple[Family, ...]]:
+    """Compare every effect with its rivals, again after each replacement."""
+    results = dict[str, tuple[CameraModel, Family | None]]()
+    for _ in range(MAX_PASSES * len(state.model.effects)):
         stale = [
             effect
-            for effect in loop.model.effects
-            if effect.name not in known or known[effect.name][0] is not loop.model
+            for effect in state.model.effects
+            if effect.name not in results or results[effect.name][0] is not state.model
         ]
         if not stale:
             break
-        name, family = _family(loop, stale[0])
-        known[name] = loop.model, family
-    asked = (known[effect.name] for effect in loop.model.effects if effect.name in known)
-    return tuple(family for _, family in asked if family)
+        state, name, family = _compare(state, stale[0])
+        results[name] = state.model, family
+    families = [results[e.name][1] for e in state.model.effects if e.name in results]
+    return state, tuple(family for family in families if family)
 
 
-def _family(loop: Loop, effect: Effect) -> tuple[str, Family | None]:
-    """The name of the most probable in the place of an accepted effect, and the family where it is
-    not almost sure.
+def _compare(state: SearchState, effect: Effect) -> tuple[SearchState, str, Family | None]:
+    """Compare an effect with its rivals.
+
+    Returns:
+        The state, in which the most probable rival may have replaced the effect; the name of the
+        most probable one; and the family, if it is not almost sure.
     """
-    rivals = _rivals(loop, effect)
-    names = [effect, *(rival.test.effect for rival in rivals)]
-    fits = [
-        ModelFit(loop.model, loop.joint),
-        *(ModelFit(rival.model, rival.joint) for rival in rivals),
-    ]
+    rivals = _rivals(state, effect)
+    members = [effect, *(rival.test.effect for rival in rivals)]
+    fits = [state.fit, *(rival.fit for rival in rivals)]
     likeliest = int(np.argmax([fit.joint.log_marginal for fit in fits]))
-    odds = np.array([_odds(fit, fits[likeliest], loop.observations) for fit in fits])
-    even = odds / odds.sum()
-    weighed = odds * [one.beforehand for one in names]
-    chances = weighed / weighed.sum()
-    best = int(np.argmax(chances))
+    observations = state.problem.observations
+    odds = np.array([_odds(fit, fits[likeliest], observations) for fit in fits])
+    equal_prior = odds / odds.sum()
+    weighted = odds * [member.beforehand for member in members]
+    probabilities = weighted / weighted.sum()
+    best = int(np.argmax(probabilities))
     if best:
-        better = rivals[best - 1]
-        loop.replace(better.test, better.without, better.model, better.joint)
-    if min(chances[best], even[best]) >= NAME_ALONE:  # the views must say so by themselves
-        return names[best].name, None
-    members = [
-        names[index]
-        for index in np.argsort(-chances, kind="stable")
-        if max(chances[index], even[index]) > MIN_MEMBER_PROBABILITY
+        state = _replace_effect(state, rivals[best - 1])
+    name = members[best].name
+    if min(probabilities[best], equal_prior[best]) >= NAME_ALONE:  # by these views alone, too
+        return state, name, None
+    reported = [
+        index
+        for index in np.argsort(-probabilities, kind="stable")
+        if max(probabilities[index], equal_prior[index]) > MIN_MEMBER_PROBABILITY
     ]
-    shares = {one.name: float(chances[names.index(one)]) for one in members}
-    place = " or ".join(dict.fromkeys(one.about for one in members))
-    return names[best].name, Family(
-        f"something about {place}", shares, separation(loop, members[0], members[1:])
-    )
+    family = [members[index] for index in reported]
+    shares = {member.name: float(probabilities[members.index(member)]) for member in family}
+    subject = " or ".join(dict.fromkeys(member.about for member in family))
+    experiment = separation(state, family[0], family[1:])
+    return state, name, Family(f"something about {subject}", shares, experiment)
+
+
+def _replace_effect(state: SearchState, rival: Rival) -> SearchState:
+    """Return the state with the rival in the model, and its trial."""
+    half = rival.fit.model.path.private
+    base_errors = state.evaluations.held_out_errors_with(rival.base.effects, half=half)
+    state = state.with_fit(rival.fit)
+    gain = held_out_gain(base_errors, state.evaluations.held_out_errors(half=half))
+    return state.with_trial(Trial(rival.test, rival.fit, gain=gain))
 
 
 def _odds(fit: ModelFit, best: ModelFit, observations: Observations) -> float:
-    """Of a fit against the most probable one: by their marginal likelihoods or, where that is less
-    sure of itself, by how the views agree that these differ (Vuong's test, in which neither model
-    need be right).
+    """Return the odds of a fit against the most probable one: those of their marginal likelihoods
+    or, if these are less decisive, those of Vuong's test, which does not assume a true model.
     """
     if fit is best:
         return 1.0
-    apart = best.joint.log_marginal - fit.joint.log_marginal
-    agreed = float(ndtr(-agreement(best, fit, apart, observations)))
-    return max(float(np.exp(-apart)), agreed / (1 - agreed))
+    difference = best.joint.log_marginal - fit.joint.log_marginal
+    p_value = float(ndtr(-vuong_statistic(best, fit, difference, observations)))
+    return max(float(np.exp(-difference)), p_value / (1 - p_value))
 
 
-def _rivals(loop: Loop, effect: Effect) -> list[Rival]:
-    """The others that do much of what it does, fitted in its place.
+def _rivals(state: SearchState, effect: Effect) -> list[Rival]:
+    """Return the other effects that do much of what an effect does, fitted in its place.
 
-    What has no cause takes no name's place.
+    Effects without a cause are no rivals.
     """
-    fewer = loop.with_only([e for e in loop.model.effects if e is not effect])
-    without, at = fewer.model, Optimum(fewer.model, loop.observations, fewer.joint)
-    if not at.joint.finite:
+    base = state.evaluations.refit_without(effect)
+    problem = state.problem
+    fitted = FittedModel(base.model, problem.observations, base.joint)
+    if not base.joint.finite:
         return []
-    present = {e.name for e in loop.model.effects}
-    there = surroundings(at, loop.board, loop.camera, place=False)
-    own = at.test(effect)
-    moved = _moved(own, loop.joint)
-    rivals = []
-    proposed = [
-        e
+    present = {e.name for e in state.model.effects}
+    context = effect_context(fitted, problem.board, problem.camera, locate=False)
+    test = fitted.test(effect)
+    shift = _corner_shift(test, state.joint)
+    proposals = [
+        proposal
         for kind in KINDS
         if kind.has_cause and kind.name not in present
-        for e in kind.propose(there)
+        for proposal in kind.propose(context)
     ]
-    for test in at.candidates(proposed):
-        shared = moved.size and test.jacobian.size
-        done = (
-            float(((test.span().T @ moved) ** 2).sum() / (moved @ moved))
-            if shared
-            else test.chi2 / own.chi2
-        )
-        if done < MUCH or (test.effect.name, test.effect.form) in loop.hopeless:
+    rivals = []
+    for candidate in fitted.candidates(proposals):
+        if shift.size and candidate.jacobian.size:
+            overlap = float(((candidate.span().T @ shift) ** 2).sum() / (shift @ shift))
+        else:
+            overlap = candidate.chi2 / test.chi2
+        is_hopeless = (candidate.effect.name, candidate.effect.form) in state.hopeless
+        if overlap < MIN_OVERLAP or is_hopeless:
             continue
-        if (rough := _near(loop, without, test.effect, at.joint)) is None:
+        if (rough := _competitive_fit(state, base, candidate.effect)) is None:
             continue
-        model, joint = with_most_probable(without, test.effect, loop.observations, rough)
-        if (
-            joint.finite and joint.log_marginal > at.joint.log_marginal
-        ):  # else its fit did not come down, or it does nothing
-            rivals.append(Rival(replace(test, effect=model.effects[-1]), without, model, joint))
+        model, joint = with_most_probable(base.model, candidate.effect, problem.observations, rough)
+        # A smaller evidence means that the fit did not converge, or that the effect does nothing.
+        if joint.finite and joint.log_marginal > base.joint.log_marginal:
+            candidate = replace(candidate, effect=model.effects[-1])
+            rivals.append(Rival(candidate, base.model, ModelFit(model, joint)))
     return rivals
 
 
-def _near(loop: Loop, without: CameraModel, effect: Effect, begin: JointFit) -> JointFit | None:
-    """A rough fit with another effect, unless it is so much worse that a better one would not make
-    up for it.
-    """
-    model = without.with_effect(effect)
-    joint = rough_fit(model, loop.observations, begin)
+def _competitive_fit(state: SearchState, base: ModelFit, effect: Effect) -> JointFit | None:
+    """Return a rough fit with another effect; None if a better fit cannot make it competitive."""
+    observations = state.problem.observations
+    model = base.model.with_effect(effect)
+    joint = rough_fit(model, observations, base.joint)
     if not joint.finite:
         return None
-    apart = loop.joint.log_marginal - joint.log_marginal
-    behind = agreement(
-        ModelFit(loop.model, loop.joint), ModelFit(model, joint), apart, loop.observations
-    )
-    return None if behind > BEYOND_HOPE else joint
+    difference = state.joint.log_marginal - joint.log_marginal
+    statistic = vuong_statistic(state.fit, ModelFit(model, joint), difference, observations)
+    return None if statistic > HOPELESS_STATISTIC else joint
 
 
-def _moved(test: ScoreTest, joint: JointFit) -> NDArray[np.float64]:
-    """(2M,) by how much a fitted effect moves corners, over sigma, beside what the other parameters
-    can do; (0,) of parameters of views.
+def _corner_shift(test: ScoreTest, joint: JointFit) -> NDArray[np.float64]:
+    """Return (2M,) the shifts of the corners by a fitted effect, over sigma, that other parameters
+    cannot do; (0,) for parameters of single views.
     """
     if not test.jacobian.size:
         return np.zeros(0)
-    sizes = [
+    vector = [
         (joint.values[u.param.name].numpy().ravel() - u.neutral) / u.param.scale
         for u in test.effect.unknowns
     ]
-    return np.asarray(test.jacobian @ np.concatenate(sizes))
+    return np.asarray(test.jacobian @ np.concatenate(vector))

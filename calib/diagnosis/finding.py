@@ -1,4 +1,4 @@
-"""What a diagnosis found, as the command prints it and a calibration keeps it."""
+"""The result of a diagnosis, which the command prints and the calibration keeps."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Any
 from calib.diagnosis.printed_patterns import ClosedForm
 from calib.fitting.declared import PREFIXES
 from calib.fitting.rounding import with_sigma
-from calib.inference.residual_structure import Share
+from calib.inference.residual_structure import VarianceShare
 
 
 @dataclass(frozen=True, slots=True)
 class ParameterEstimate:
-    """A number of an effect."""
+    """The estimate of a parameter of an effect."""
 
     value: float
     sigma: float
@@ -30,24 +30,25 @@ PLAIN = {
     "not asked for": "nothing points to it",
     "not finite": "cannot be fitted",
 }
-"""What people are told of a candidate, where its verdict in JSON says little to them."""
+"""Plain words for verdicts whose JSON text is unclear."""
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One effect that was considered, at the step where it came closest to being accepted."""
+    """A candidate effect, at the step where it came closest to acceptance."""
 
     effect: str
     form: str
-    """Which of an effect's forms: what lies behind a window, say. Empty where there is one."""
+    """The form of the effect, such as the medium behind a window; empty if there is one form."""
     chi2: float
     dof: int
     p_value: float
     absorbed: float
-    """The fraction of it that the parameters fitted before can imitate."""
+    """The fraction of the effect that the previously fitted parameters can imitate."""
     held_out_px_before: float | None
-    """Corners weighted by how surely they are predicted, and clipped where bad, so not quite the
-    whole model's. None: the score was too low to fit it.
+    """The held-out error without the effect. Corners are weighted by the precision of their
+    prediction and clipped, so it differs slightly from that of the whole model. None: the score was
+    too low for a fit.
     """
     held_out_px_after: float | None
     gain_ci95: tuple[float, float] | None
@@ -57,14 +58,14 @@ class Candidate:
     accepted: bool
     verdict: str
     depth_bands_px: tuple[float, float] | None = None
-    """Before and after, with near, middle and far views held out in turn.
+    """The errors without and with the effect, with near, middle and far views held out in turn.
 
-    None: there are no such bands, or folds gave no gain.
+    None: there are no such bands, or folds show no gain.
     """
 
     @property
     def title(self) -> str:
-        """The effect, and its form where there are several."""
+        """The effect, and its form if there are several."""
         return f"{self.effect} ({self.form})" if self.form else self.effect
 
     @property
@@ -75,26 +76,26 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """Effects of which one is present, and these views do not say which."""
+    """Effects of which one is present; these views do not tell which."""
 
     name: str
-    """In plain words."""
+    """The common subject in plain words."""
     members: Mapping[str, float]
-    """The probability of each, the most probable first."""
+    """The probabilities of the members, the most probable first."""
     experiment: str
-    """The sentence that says what would decide."""
+    """The advice that would decide between them."""
 
     def __str__(self) -> str:
-        among = ", ".join(f"{name} ({chance:.2f})" for name, chance in self.members.items())
+        members = ", ".join(f"{name} ({chance:.2f})" for name, chance in self.members.items())
         return (
-            f"What was found is {self.name}, but these views do not say what: {among}."
+            f"The diagnosis found {self.name}, but these views do not tell which effect: {members}."
             f" {self.experiment}"
         )
 
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """How far a model is off."""
+    """The errors of a model."""
 
     rms_px: float
     rmse_cm: float
@@ -103,32 +104,32 @@ class Quality:
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """The whole finding."""
+    """The result of a diagnosis."""
 
     noise_px: float
-    """The noise floor, two-dimensional."""
+    """The two-dimensional noise floor."""
     noise_from: str
-    residual: tuple[Share, ...]
-    """Of the fit that was diagnosed."""
+    residual: tuple[VarianceShare, ...]
+    """The structure of the residual of the diagnosed fit."""
     candidates: tuple[Candidate, ...]
     accepted: tuple[str, ...]
-    """Of a family, the most probable member."""
+    """The accepted effects; of a family, the most probable member."""
     before: Quality
     after: Quality
     unexplained: float
-    """The fraction of the residual's variance that is not noise, after."""
+    """The fraction of the final residual's variance that is not noise."""
     organised_by: str
-    """What organises it; empty where it is noise."""
+    """The coordinate that explains most of it; empty if it is noise."""
     remarks: tuple[str, ...]
-    """What cannot be told, a sentence each."""
+    """Sentences on what the views leave open."""
     families: tuple[Family, ...] = ()
-    """Of the accepted effects that these views cannot tell from others."""
+    """The families of accepted effects that these views cannot tell from others."""
     formulas: tuple[ClosedForm, ...] = ()
     """The closed forms nearest to an accepted free field, the best first."""
 
     def as_json(self) -> dict[str, Any]:
-        """The contract's object."""
-        before, after = asdict(self.before), asdict(self.after)
+        """Return the JSON object of the command contract."""
+        base_quality, final_quality = asdict(self.before), asdict(self.after)
         return {
             "residual": {
                 "rms_px": self.before.rms_px,
@@ -140,8 +141,8 @@ class Diagnosis:
             "accepted": list(self.accepted),
             "families": [asdict(family) for family in self.families],
             "formulas": [asdict(formula) for formula in self.formulas],
-            "before": before,
-            "after": after,
+            "before": base_quality,
+            "after": final_quality,
             "unexplained": {"fraction": self.unexplained, "organised_by": self.organised_by},
             "remarks": list(self.remarks),
         }

@@ -1,9 +1,8 @@
-"""Of the forms of an effect that differ in how many parameters they have, the one that a fit's
-evidence chooses.
+"""The most probable form of an effect, among forms with different numbers of parameters.
 
-A form with fewer parameters is one with more whose others are nothing. So one fit says how probable
-all of them are: by how probable nothing is for these others after the fit, over how probable it was
-beforehand.
+A form with fewer parameters is the largest form with the other parameters at their neutral values.
+So one fit gives the evidence of all forms: the density of the neutral values after the fit over
+their density in the prior (the Savage-Dickey ratio).
 
 Source: J. M. Dickey, The weighted likelihood ratio, linear hypotheses on normal location parameters
     (1971).
@@ -20,75 +19,79 @@ from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import ROUNDS, JointFit, inverse
 from calib.estimation.objective import view_precision
 from calib.estimation.observations import Observations
-from calib.inference.laplace_evidence import Linearised
-from calib.inference.score_test import Optimum
-from calib.inference.warm_start import begun, start_of_fewer
+from calib.inference.laplace_evidence import LaplaceEvidence
+from calib.inference.score_test import FittedModel
+from calib.inference.warm_start import start_with_effect, start_without_effects
 
 
 def with_most_probable(
-    model: CameraModel, effect: Effect, observations: Observations, begin: JointFit
+    model: CameraModel, effect: Effect, observations: Observations, start: JointFit
 ) -> tuple[CameraModel, JointFit]:
-    """The model with the effect, in the most probable of its forms, and the fit; noise and prior
-    are estimated anew.
+    """Return the model with the effect in its most probable form, and its fit with noise and prior
+    estimated again.
 
     Args:
-        begin: of the model, with the effect or without: where the fits start.
+        start: a fit of the model with or without the effect, from which the fits start.
     """
     forms = [model.with_effect(form) for form in effect.alternatives() or (effect,)]
     if effect.per_view:
-        return _of_most_probable_size(forms, observations, begin)
-    at = begun(forms[-1], observations, begin)
-    joint = forms[-1].fitted(observations, at.poses, at.start, ROUNDS)
-    best = (
-        int(np.argmax([odds_of(form, forms[-1], joint) for form in forms]))
-        if joint.finite
-        else len(forms) - 1
-    )
-    if forms[best] is forms[-1]:
-        return forms[-1], joint
-    start = start_of_fewer(forms[best], forms[-1], joint, observations)
-    return forms[best], forms[best].fitted(observations, joint.poses, start, ROUNDS)
+        return _fit_most_probable_size(forms, observations, start)
+    largest = forms[-1]
+    moved = start_with_effect(largest, observations, start)
+    joint = largest.fitted(observations, moved.poses, moved.start, ROUNDS)
+    if not joint.finite:
+        return largest, joint
+    best = forms[int(np.argmax([savage_dickey_log_odds(form, largest, joint) for form in forms]))]
+    if best is largest:
+        return largest, joint
+    best_start = start_without_effects(best, largest, joint, observations)
+    return best, best.fitted(observations, joint.poses, best_start, ROUNDS)
 
 
-def odds_of(form: CameraModel, most: CameraModel, joint: JointFit) -> float:
-    """The logarithm of a form's probability over that of the one with the most parameters, which
-    was fitted.
-    """
-    parameters, fewer = joint.parameters, {param.name for param in form.parameters.free}
-    others = [param for param in parameters.free if param.name not in fewer]
-    if not others:
+def savage_dickey_log_odds(form: CameraModel, largest: CameraModel, joint: JointFit) -> float:
+    """Return the log evidence of a form minus that of the largest form, whose fit is `joint`."""
+    names = {param.name for param in form.parameters.free}
+    parameters = joint.parameters
+    removed = [param for param in parameters.free if param.name not in names]
+    if not removed:
         return 0.0
-    entries = parameters.entries(param.name for param in others)
-    nothing = parameters.vector(most.means)[entries]
-    away = parameters.vector(joint.values)[entries] - nothing
+    entries = parameters.entries(param.name for param in removed)
+    neutral = parameters.vector(largest.means)[entries]
+    distance = parameters.vector(joint.values)[entries] - neutral
     covariance = joint.covariance[entries][:, entries]
-    spread = np.concatenate(
-        [np.ravel(most.priors.sigmas[param.name]) / param.scale for param in others]
-    )
-    after = -float(away @ inverse(covariance) @ away + covariance.slogdet().logabsdet) / 2
-    return float(after + np.log(spread).sum())
+    sigmas = [np.ravel(largest.priors.sigmas[param.name]) / param.scale for param in removed]
+    square = distance @ inverse(covariance) @ distance
+    log_posterior = -float(square + covariance.slogdet().logabsdet) / 2
+    return float(log_posterior + np.log(np.concatenate(sigmas)).sum())
 
 
-def _of_most_probable_size(
-    forms: Sequence[CameraModel], observations: Observations, begin: JointFit
+def _fit_most_probable_size(
+    forms: Sequence[CameraModel], observations: Observations, start: JointFit
 ) -> tuple[CameraModel, JointFit]:
-    """Of models that differ in how large what single views have for themselves may be. Around one
-    fit the corners' probability at every other size is known without another, so that it goes from
-    size to size until it stays.
+    """Return the most probable of models that differ in the prior size of per-view parameters.
+
+    The evidence at every other size is known around one fit, so the search moves from size to size
+    until it stays.
     """
     fits = dict[int, JointFit]()
-    middle, joint = len(forms) // 2, begin
+    joint = start
 
-    def likeliest(around: int) -> int:
-        at = Linearised.around(Optimum(forms[around], observations, joint))
-        return int(np.argmax([at.best(view_precision(form.path, joint.poses)) for form in forms]))
+    def most_probable(index: int) -> int:
+        evidence = LaplaceEvidence.of(FittedModel(forms[index], observations, joint))
+        return int(
+            np.argmax(
+                [evidence.max_log_evidence(view_precision(f.path, joint.poses)) for f in forms]
+            )
+        )
 
-    fitted_so = begin.poses.shape == forms[middle].padded(begin.poses).shape
-    place = likeliest(middle) if fitted_so else middle
-    while place not in fits:
-        fits[place] = joint = forms[place].fitted(observations, joint.poses, joint.start, ROUNDS)
+    middle = len(forms) // 2
+    is_fit_of_forms = start.poses.shape == forms[middle].padded(start.poses).shape
+    index = most_probable(middle) if is_fit_of_forms else middle
+    while index not in fits:
+        joint = forms[index].fitted(observations, joint.poses, joint.start, ROUNDS)
+        fits[index] = joint
         if not joint.finite:
             break
-        place = likeliest(place)
-    best = max(fits, key=lambda place: fits[place].log_marginal)
+        index = most_probable(index)
+    best = max(fits, key=lambda index: fits[index].log_marginal)
     return forms[best], fits[best]

@@ -1,4 +1,4 @@
-"""Which named effects come nearest to a field without a name."""
+"""The named effects that come nearest to a field without a name."""
 
 from __future__ import annotations
 
@@ -8,35 +8,36 @@ import numpy as np
 import torch
 
 from calib.effects.effect import Effect
-from calib.inference.score_test import Optimum
+from calib.inference.score_test import FittedModel
 
-NEAR = 0.1
-"""The part of the field that a named effect must be able to do, to be worth a word."""
-MOST = 3
-"""Of the names."""
+MIN_SHARE = 0.1
+"""The smallest fraction of the field that a reported effect explains."""
+MAX_EFFECTS = 3
+"""The number of reported effects."""
 
 
 def nearest_named(
-    at: Optimum, field: Effect, values: dict[str, torch.Tensor], named: Sequence[Effect]
+    fitted: FittedModel,
+    field: Effect,
+    values: dict[str, torch.Tensor],
+    candidates: Sequence[Effect],
 ) -> list[tuple[str, float]]:
-    """What each named effect can do of the shifts that a fitted field makes, beside what the fit
-    without either can do, best first.
+    """Return the effects that explain most of the shifts by a fitted field, beside the parameters
+    of the fit without the field.
 
     Args:
-        at: where the fit without the field ended.
-        values: of the fitted field.
+        fitted: the fit without the field.
+        values: the values of the fitted field.
 
     Returns:
-        Names, and fractions of the field's sum of squares.
+        Names, and fractions of the field's sum of squares, the largest first.
     """
-    columns = at.test(field).jacobian
-    moved = columns @ np.concatenate(
-        [(values[u.param.name] / u.param.scale).numpy().ravel() for u in field.unknowns]
-    )
+    vector = [(values[u.param.name] / u.param.scale).numpy().ravel() for u in field.unknowns]
+    shift = fitted.test(field).jacobian @ np.concatenate(vector)
     shares = dict[str, float]()
-    for scored in at.candidates(named):
-        if scored.jacobian.size:  # parameters of every view could do anything
-            share = float(((scored.span().T @ moved) ** 2).sum() / (moved @ moved))
-            shares[scored.effect.name] = max(share, shares.get(scored.effect.name, 0.0))
-    near = sorted(((share, name) for name, share in shares.items() if share >= NEAR), reverse=True)
-    return [(name, share) for share, name in near[:MOST]]
+    for test in fitted.candidates(candidates):
+        if test.jacobian.size:  # parameters of single views could explain anything
+            share = float(((test.span().T @ shift) ** 2).sum() / (shift @ shift))
+            shares[test.effect.name] = max(share, shares.get(test.effect.name, 0.0))
+    large = [(share, name) for name, share in shares.items() if share >= MIN_SHARE]
+    return [(name, share) for share, name in sorted(large, reverse=True)[:MAX_EFFECTS]]

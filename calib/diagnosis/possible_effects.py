@@ -1,8 +1,7 @@
-"""Whether effects that a person asks for by name can be added to a fit: known before it, from the
-session and what is to be estimated.
-"""
+"""The check, before a fit, that requested effects are possible for a session and settings."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import torch
 
@@ -17,49 +16,42 @@ from calib.session.camera import Intrinsics
 from calib.session.schema import Number
 from calib.session.session import Session
 
-FOUND = Number(1e3, sigma=1.0)
-TO_BE_FOUND = Intrinsics(FOUND, FOUND, FOUND, FOUND)
-"""In place of intrinsics that the session leaves to its pictures: estimated, whatever they are."""
+ESTIMATED = Number(1e3, sigma=1.0)
+ESTIMATED_INTRINSICS = Intrinsics(ESTIMATED, ESTIMATED, ESTIMATED, ESTIMATED)
+"""A placeholder for intrinsics that the session does not give: all are estimated."""
 RELIEF = Relief((-1.0, -1.0), (1.0, 1.0), (2, 2))
-"""In place of the one that a fit makes."""
+"""A placeholder for the relief of the fit."""
 
 
 def check_possible(session: Session, settings: Settings, names: Sequence[str]) -> None:
-    """Nothing, where these effects can be added one after the other to a fit with these settings.
+    """Check that these effects can be added one after the other to a fit with these settings.
 
     Raises:
-        InputError: this cover or camera can have no such effect, or the fit estimates what it
-            changes.
+        InputError: this camera or cover cannot have the effect, or the fit estimates the number
+            that the effect changes.
     """
     camera = session.camera
-    setup = Setup(session.board, camera, camera.intrinsics or TO_BE_FOUND, session.cover).freed(
-        settings
-    )
+    setup = Setup(
+        session.board, camera, camera.intrinsics or ESTIMATED_INTRINSICS, session.cover
+    ).freed(settings)
     path, values = covered_path(setup.intrinsics, setup.cover)
     if path.cover:
-        path, values = (
-            with_relief(path, RELIEF),
-            values | {AMPLITUDES: torch.zeros(RELIEF.grid, dtype=torch.float64)},
-        )
+        path = with_relief(path, RELIEF)
+        values = values | {AMPLITUDES: torch.zeros(RELIEF.grid, dtype=torch.float64)}
     free = frozenset(priors_of(setup.intrinsics, setup.cover, path).sigmas)
     kinds = {kind.name: kind for kind in KINDS}
     for name in names:
-        held, fitted = (
-            kinds[name].propose(
-                Surroundings(
-                    session.board,
-                    camera.width,
-                    camera.height,
-                    path,
-                    values,
-                    estimated,
-                    camera.shutter,
-                    torch.zeros(2),
-                )
-            )
-            for estimated in (frozenset[str](), free)
+        context = Surroundings(
+            session.board,
+            camera.width,
+            camera.height,
+            path,
+            values,
+            frozenset(),
+            camera.shutter,
+            torch.zeros(2),
         )
-        if not held:
+        if not kinds[name].propose(context):
             shutter = (
                 " and a global shutter" if camera.shutter and not camera.shutter.rolling else ""
             )
@@ -67,9 +59,10 @@ def check_possible(session: Session, settings: Settings, names: Sequence[str]) -
                 f"--effects {name}: with cover.shape: {session.cover.shape}{shutter} there can be"
                 f" no {name}: leave it out."
             )
-        if not fitted:
+        forms = kinds[name].propose(replace(context, estimated=free))
+        if not forms:
             raise InputError(
                 f"--effects {name}: the fit estimates what {name} would change: leave it out, or"
                 " call that exact in session.yaml."
             )
-        path = fitted[0].apply(path)
+        path = forms[0].apply(path)

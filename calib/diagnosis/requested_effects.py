@@ -1,4 +1,4 @@
-"""Effects that a person asks for by name: added without asking held-out views."""
+"""Effects that the user requests by name: they are added without a held-out test."""
 
 from collections.abc import Sequence
 
@@ -14,52 +14,54 @@ from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.residuals import residuals
 from calib.fitting.fit_result import with_fit
-from calib.inference.calibration_model import model_of
-from calib.inference.effect_context import surroundings
-from calib.inference.score_test import Optimum
-from calib.inference.warm_start import begun
+from calib.inference.calibration_model import full_model
+from calib.inference.effect_context import effect_context
+from calib.inference.score_test import FittedModel
+from calib.inference.warm_start import start_with_effect
 from calib.progress import Progress
 from calib.threads import single_thread
 
 NAMES = tuple(kind.name for kind in KINDS)
 
 
-def with_named(calibration: Calibration, names: Sequence[str], progress: Progress) -> Calibration:
-    """Fit again with these effects; of an effect's forms, the one with the smallest error.
+def with_requested(
+    calibration: Calibration, names: Sequence[str], progress: Progress
+) -> Calibration:
+    """Fit again with these effects; of the forms of an effect, the one with the smallest error.
 
     Raises:
-        InputError: there can be no such effect in this set-up.
+        InputError: an effect is not possible with this camera and cover.
     """
     kinds = {kind.name: kind for kind in KINDS}
     observations = calibration.observations
     advance = progress.task("Effects", len(names))
     with single_thread():
-        model = model_of(calibration)
+        model = full_model(calibration)
         joint = model.fitted(observations, torch.from_numpy(calibration.poses))
         for done, name in enumerate(names, start=1):
-            at = Optimum(model, observations, joint)
-            there = surroundings(
-                at, calibration.board, calibration.camera, place=kinds[name].needs_place
+            fitted = FittedModel(model, observations, joint)
+            context = effect_context(
+                fitted, calibration.board, calibration.camera, locate=kinds[name].needs_place
             )
-            forms = kinds[name].propose(there)
+            forms = kinds[name].propose(context)
             if not forms:
                 raise InputError(
-                    f"--effects {name}: this set-up can have no {name}, or the fit estimates it"
+                    f"--effects {name}: this set-up cannot have {name}, or the fit estimates it"
                     " already: leave it out."
                 )
-            tried: list[tuple[float, CameraModel, JointFit]] = []
-            for test in at.candidates(forms):
-                wider = model.with_effect(test.effect)
-                begin = begun(wider, observations, joint)
-                fitted = wider.fitted(observations, begin.poses, begin.start)
-                tried.append((_left(wider, fitted, observations), wider, fitted))
-            _, wider, fitted = min(tried, key=lambda one: one[0])
-            model, joint = with_most_probable(model, wider.effects[-1], observations, fitted)
+            trials: list[tuple[float, CameraModel, JointFit]] = []
+            for test in fitted.candidates(forms):
+                extended = model.with_effect(test.effect)
+                start = start_with_effect(extended, observations, joint)
+                fit = extended.fitted(observations, start.poses, start.start)
+                trials.append((_median_square(extended, fit, observations), extended, fit))
+            _, extended, fit = min(trials, key=lambda trial: trial[0])
+            model, joint = with_most_probable(model, extended.effects[-1], observations, fit)
             advance(done, name)
     return with_fit(calibration, model, joint, observations)
 
 
-def _left(model: CameraModel, joint: JointFit, observations: Observations) -> float:
-    """px^2: the median, which single bad corners do not move."""
-    missed = residuals(model.path, joint.values, observations, joint.poses).image
-    return float(np.nanmedian((missed**2).sum(-1).numpy()))
+def _median_square(model: CameraModel, joint: JointFit, observations: Observations) -> float:
+    """Return the median squared error in px^2, which is robust against bad corners."""
+    image = residuals(model.path, joint.values, observations, joint.poses).image
+    return float(np.nanmedian((image**2).sum(-1).numpy()))

@@ -1,358 +1,289 @@
-"""Closing the loop: forward selection of the effects that the model lacks, then backward
-elimination of those it does not need.
+"""The search for missing effects: forward selection, then backward elimination.
 
-In each round every effect is scored (score_test), the best few are fitted, and the one that lowers
-the error on held-out views most is added, if it does so beyond chance (held_out) with all
-candidates tried so far allowed for (Bonferroni). It ends when none is.
+In each round every effect is scored (score_test), and the best few are fitted. The one that lowers
+the error on held-out views most is added, if its gain is more than chance after a correction for
+all candidates of the round (Bonferroni). The search ends when no effect passes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
 from calib.diagnosis.backward_elimination import drop_idle
-from calib.diagnosis.fewer_effects import FewerEffects
 from calib.diagnosis.most_probable_form import with_most_probable
+from calib.diagnosis.search_state import SearchState
 from calib.diagnosis.simpler_forms import simplified
-from calib.diagnosis.trial import LEAST_GAIN, Trial
+from calib.diagnosis.trial import MIN_GAIN, Trial
 from calib.effects.effect import Effect
 from calib.effects.registry import EFFECTS, FIELDS
-from calib.estimation.camera_model import CameraModel
-from calib.estimation.joint_fit import JointFit
-from calib.estimation.observations import Observations
-from calib.inference.cross_validation import HeldOut, Split, gain, hold_out
-from calib.inference.effect_context import surroundings
-from calib.inference.model_discrepancy import gain as gain_of_structure
-from calib.inference.score_test import ModelFit, Optimum, ScoreTest
+from calib.inference.cross_validation import held_out_gain, hold_out
+from calib.inference.effect_context import effect_context
+from calib.inference.model_discrepancy import discrepancy_gain
+from calib.inference.score_test import FittedModel, ModelFit, ScoreTest
 from calib.inference.warm_start import rough_fit
-from calib.progress import Advance
-from calib.session.board import Board
-from calib.session.camera import Camera
 
-WORTH_TRYING = 0.05
-"""p-value of the score."""
-TRIED = 4
-"""Candidates that are fitted in a round, best scores first; those whose neutral point says little
-of them come on top.
+MAX_SCORE_P_VALUE = 0.05
+"""The largest p-value of the score of a candidate that is fitted."""
+MAX_FITS = 4
+"""The number of candidates that are fitted in a round, best scores first. Candidates whose score at
+the neutral point says little are fitted in addition.
 """
-HOPELESS = 3.0
-"""Times the error without it."""
-MOST_EFFECTS = 6
-"""Effects at most. One that turns out idle makes room for another."""
-CONFOUNDED = 0.9
-"""Squared correlation from which two effects count as the same to these views."""
+HOPELESS_RATIO = 3.0
+"""The ratio of the errors with and without an effect above which it is not tried again."""
+MAX_EFFECTS = 6
+"""The largest number of effects. Dropping an idle effect makes room for another."""
+MIN_CONFOUNDED_CORRELATION = 0.9
+"""The squared correlation above which two effects are the same to these views."""
 
 
-@dataclass(slots=True, eq=False)
-class Loop:
-    """Forward selection, then a backward pass."""
+def run_search(state: SearchState) -> SearchState:
+    """Add the missing effects and drop those that others make idle."""
+    previous = state.model
+    state = _add_effects(state)
+    added = state.model is not previous
+    is_full = len(state.model.effects) == MAX_EFFECTS
+    while True:
+        # Without an addition, the effects of an earlier diagnosis may still be idle.
+        state, dropped = drop_idle(state, state.model.effects[-1] if added else None)
+        if not (dropped and is_full):
+            return state
+        previous = state.model
+        state = _add_effects(state)
+        if state.model is previous:
+            return state
+        added = True
+        is_full = len(state.model.effects) == MAX_EFFECTS
 
-    board: Board
-    camera: Camera
-    observations: Observations
-    folds: Split
-    bands: Split | None
-    base: CameraModel
-    """Without any effect."""
-    model: CameraModel
-    joint: JointFit
-    advance: Advance
-    organised: Callable[[CameraModel, JointFit], bool]
-    """Whether what a fit leaves is more than noise."""
-    trials: dict[tuple[str, str], Trial] = field(default_factory=dict)
-    """By effect and form: where each came closest."""
-    hopeless: set[tuple[str, str]] = field(default_factory=set)
-    """Those of which a fit left so much more that they are none of the causes, whatever else there
-    is: they are not asked again.
+
+def simplify(state: SearchState) -> SearchState:
+    """Give effects simpler forms where these are more probable."""
+    fit = simplified(state.fit, state.problem.base, state.problem.observations)
+    return state if fit.model is state.model else state.with_fit(fit)
+
+
+def score(state: SearchState, kinds: Sequence[type[Effect]]) -> tuple[SearchState, list[ScoreTest]]:
+    """Score effects on the residual of the current fit."""
+    problem = state.problem
+    locate = any(kind.needs_place for kind in kinds)
+    context = effect_context(state.fitted_model, problem.board, problem.camera, locate=locate)
+    excluded = state.dropped | {effect.name for effect in state.model.effects}
+    proposals = [
+        effect for kind in kinds if kind.name not in excluded for effect in kind.propose(context)
+    ]
+    tests = state.fitted_model.candidates(proposals)
+    for test in tests:
+        trial = state.trials.get((test.effect.name, test.effect.form))
+        if trial is None or (not trial.gain and test.p_value < trial.test.p_value):
+            state = state.with_trial(Trial(test))
+    return _with_confounded(state, tests), tests
+
+
+def _with_confounded(state: SearchState, tests: Sequence[ScoreTest]) -> SearchState:
+    """Note pairs of effects where one can do all that the other, of fewer directions, does."""
+    spans = [(test.effect.name, test.span()) for test in tests if test.jacobian.size]
+    confounded = dict(state.confounded)
+    for (first, first_span), (second, second_span) in combinations(spans, 2):
+        if first == second or not (first_span.size and second_span.size):
+            continue
+        correlations = np.linalg.svd(first_span.T @ second_span, compute_uv=False)
+        if correlations[-1] ** 2 > MIN_CONFOUNDED_CORRELATION:
+            confounded[first] = confounded.get(first, frozenset()) | {second}
+            confounded[second] = confounded.get(second, frozenset()) | {first}
+    return replace(state, confounded=confounded)
+
+
+def _add_effects(state: SearchState) -> SearchState:
+    """Add effects, one after the other, as long as one passes."""
+    while len(state.model.effects) < MAX_EFFECTS:
+        state, trial = _best_trial(state)
+        if trial is None:
+            break
+        state = _accept(state, trial)
+    return state
+
+
+def _best_trial(state: SearchState) -> tuple[SearchState, Trial | None]:
+    """Return the next effect to add.
+
+    Parameters of single views can imitate much. So they are tried only if no effect with a few
+    parameters for all views passes. They must have a larger evidence, with these parameters
+    integrated out, than the current model, and than a field without a name that all views share.
     """
-    confounded: dict[str, set[str]] = field(default_factory=dict)
-    dropped: set[str] = field(default_factory=set)
-    """Effects that were accepted and that what came after them did without: they are not asked
-    again.
+    shared = [kind for kind in EFFECTS if not kind.per_view]
+    single = [kind for kind in EFFECTS if kind.per_view]
+    state, lowering = _lowering(state, shared)
+    state, best = _first_passing(state, lowering, lambda fit: fit.joint.log_evidence)
+    if best:
+        return state, best
+    state, lowering = _lowering(state, single, previous=len(shared))
+    state, probable = _more_probable(state, lowering)
+    causes = _beside_discrepancy(state, probable)
+    state, best = _first_passing(state, causes, lambda fit: fit.joint.log_marginal)
+    if not (best or state.problem.has_structure(state.fit)):
+        return state, None
+    lead = best.fitted.joint.log_marginal - state.joint.log_marginal if best else 0.0
+    state, lowering = _lowering(state, FIELDS, previous=len(EFFECTS), min_log_odds=lead)
+    state, fields = _more_probable(state, lowering)
+    if best:
+        evidence = best.fitted.joint.log_marginal
+        fields = [field for field in fields if field.fitted.joint.log_marginal > evidence]
+    state, field = _first_passing(state, fields, lambda fit: fit.joint.log_marginal)
+    return state, field or best
+
+
+def _lowering(
+    state: SearchState,
+    kinds: Sequence[type[Effect]],
+    previous: int = 0,
+    min_log_odds: float = 0.0,
+) -> tuple[SearchState, list[Trial]]:
+    """Score effects, fit the best few, and return those that lower the error enough to hold views
+    out.
+
+    Args:
+        previous: the number of candidates that did not pass before.
+        min_log_odds: the gain in log evidence that an effect must be able to reach, which is at
+            most half of its chi2.
     """
-    done: int = 0
-    known: dict[tuple[bool, bool], HeldOut] = field(default_factory=dict)
-    """What the model leaves on held-out views, by `half` and `banded`."""
-    apart: dict[tuple[tuple[str, ...], bool], HeldOut] = field(default_factory=dict)
-    """What some of its effects alone leave there, by these and `half`."""
-    fewer: FewerEffects = field(init=False)
-    structured: float | None = None
-    """By how much structure of no cause beside the model makes the corners more probable: the
-    logarithm.
+    state, tests = score(state, kinds)
+    promising = [
+        test
+        for test in tests
+        if test.effect.judged_by_score
+        and test.chi2 / 2 > min_log_odds
+        and test.p_value < MAX_SCORE_P_VALUE
+        and test.promises > MIN_GAIN
+    ]
+    unscored = [
+        test
+        for test in tests
+        if not test.effect.judged_by_score
+        and (test.effect.name, test.effect.form) not in state.hopeless
+    ]
+    promising.sort(key=lambda test: 2 * test.dof - test.chi2)
+    trials = []
+    for test in unscored + promising[:MAX_FITS]:
+        state, trial = _fit_trial(state, test, previous + len(tests))
+        trials.append(trial)
+    return state, [
+        trial for trial in trials if trial.error_decrease > MIN_GAIN and not trial.improbable
+    ]
+
+
+def _fit_trial(state: SearchState, test: ScoreTest, among: int) -> tuple[SearchState, Trial]:
+    """Fit a candidate to all views, roughly."""
+    state.problem.report(f"trying {test.effect.name}")
+    model = state.model.with_effect(test.effect)
+    joint = rough_fit(model, state.problem.observations, state.joint)
+    error_decrease = -np.inf
+    log_odds = -np.inf
+    if joint.finite:
+        error_decrease = 1 - (joint.cost / state.joint.cost) ** 0.5
+        log_odds = joint.log_evidence - state.joint.log_evidence
+    shared = not test.effect.per_view
+    trial = Trial(
+        test=test,
+        fit=ModelFit(model, joint),
+        error_decrease=error_decrease,
+        among=among,
+        log_odds=log_odds if shared else -np.inf,
+        improbable=shared and log_odds <= 0,
+    )
+    if joint.finite and error_decrease < 1 - HOPELESS_RATIO:
+        state = replace(state, hopeless=state.hopeless | {trial.key})
+    if not state.trials[trial.key].gain:
+        state = state.with_trial(trial)
+    return state, trial
+
+
+def _more_probable(state: SearchState, trials: Sequence[Trial]) -> tuple[SearchState, list[Trial]]:
+    """Return the trials, in their most probable forms, whose evidence is larger than that of the
+    current model. It compares models whose numbers of parameters have no common measure.
     """
-
-    def __post_init__(self) -> None:
-        self.fewer = FewerEffects(self.base, self.observations)
-
-    def run(self) -> HeldOut:
-        """Add what is missing; returns what was left on held-out views before."""
-        first = self.left()
-        added = self._add_what_helps()  # if nothing, what was added before may still be idle
-        full = len(self.model.effects) == MOST_EFFECTS
-        while (
-            drop_idle(self, self.model.effects[-1] if added else None)
-            and full
-            and (added := self._add_what_helps())
-        ):
-            full = len(self.model.effects) == MOST_EFFECTS
-        return first
-
-    def _add_what_helps(self) -> bool:
-        """Effects, one after the other; whether there was any."""
-        before = self.model
-        while len(self.model.effects) < MOST_EFFECTS and (best := self._best()):
-            self._accept(best)
-        return self.model is not before
-
-    def replace(
-        self, test: ScoreTest, without: CameraModel, model: CameraModel, joint: JointFit
-    ) -> None:
-        """Go on with another model, whose last effect, scored so, was not there `without`."""
-        half = model.path.private
-        before = self.left_of(without.effects, half=half)
-        self.go_on_with(ModelFit(model, joint))
-        shown = gain(before, self.left(half=half))
-        self.trials[test.effect.name, test.effect.form] = Trial(
-            test, ModelFit(model, joint), gain=shown
+    probable = []
+    for trial in trials:
+        model, joint = with_most_probable(
+            state.model, trial.test.effect, state.problem.observations, trial.fitted.joint
         )
-
-    def _best(self) -> Trial | None:
-        """The next effect. Parameters of every view can imitate much, so they wait until no effect
-        with a few for all views helps; and they are taken only if they make the corners more
-        probable, themselves integrated out, than the model as it is, and than a field without a
-        name that all views share.
-        """
-        shared, single = (
-            [e for e in EFFECTS if bool(e.per_view) is alone] for alone in (False, True)
+        trial = replace(
+            trial,
+            fit=ModelFit(model, joint),
+            finished=True,
+            log_odds=-np.inf,
+            improbable=joint.log_marginal <= state.joint.log_marginal,
         )
-        fitted = self._lowering(shared)
-        if passing := self._first_passing(fitted, lambda fit: fit.joint.log_evidence):
-            return passing
-        moving = self._more_probable(self._lowering(single, among=len(shared)))
-        private = self._first_passing(self._caused(moving), lambda fit: fit.joint.log_marginal)
-        if not (private or self.organised(self.model, self.joint)):
-            return None
-        ahead = private.fitted.joint.log_marginal - self.joint.log_marginal if private else 0.0
-        fields = self._more_probable(self._lowering(FIELDS, among=len(EFFECTS), least=ahead))
-        better = [
-            field
-            for field in fields
-            if not private or field.fitted.joint.log_marginal > private.fitted.joint.log_marginal
-        ]
-        return self._first_passing(better, lambda fit: fit.joint.log_marginal) or private
+        if trial.improbable:
+            state = state.with_trial(trial)
+        else:
+            probable.append(trial)
+    return state, probable
 
-    def _lowering(
-        self, effects: Sequence[type[Effect]], among: int = 0, least: float = 0.0
-    ) -> list[Trial]:
-        """Score all effects, fit the best few, and return those that lower the error enough to be
-        worth holding views out.
 
-        Args:
-            among: candidates of which none passed before.
-            least: the logarithm by which one must be able to make the corners more probable: by
-                half of its chi2 at best.
-        """
-        scores = self.scores(effects)
-        judged = (c for c in scores if c.effect.judged_by_score and c.chi2 / 2 > least)
-        promising = (c for c in judged if c.p_value < WORTH_TRYING and c.promises > LEAST_GAIN)
-        always = [
-            c
-            for c in scores
-            if not (c.effect.judged_by_score or (c.effect.name, c.effect.form) in self.hopeless)
-        ]
-        chosen = always + sorted(promising, key=lambda c: 2 * c.dof - c.chi2)[:TRIED]
-        tried = [self._try(test, among + len(scores)) for test in chosen]
-        return [trial for trial in tried if trial.lowers > LEAST_GAIN and not trial.improbable]
+def _beside_discrepancy(state: SearchState, trials: Sequence[Trial]) -> list[Trial]:
+    """Return the trials of parameters of single views that a model discrepancy does not replace.
 
-    def scores(self, effects: Sequence[type[Effect]]) -> list[ScoreTest]:
-        """What the residual says of each effect."""
-        at = Optimum(self.model, self.observations, self.joint)
-        there = surroundings(
-            at, self.board, self.camera, place=any(kind.needs_place for kind in effects)
+    If a model lacks something in single views, any parameters of single views imitate it, whatever
+    they mean.
+    """
+    decisive = []
+    for trial in trials:
+        fit = trial.fitted
+        fitted = FittedModel(fit.model, state.problem.observations, fit.joint)
+        difference = discrepancy_gain(fitted) - state.evaluations.discrepancy_gain
+        log_odds = fit.joint.log_marginal - state.joint.log_marginal + difference
+        trial = replace(trial, log_odds=log_odds)
+        if trial.decisive:
+            decisive.append(trial)
+    return decisive
+
+
+def _first_passing(
+    state: SearchState, trials: Sequence[Trial], evidence: Callable[[ModelFit], float]
+) -> tuple[SearchState, Trial | None]:
+    """Return the most probable trial that held-out views confirm."""
+    for trial in sorted(trials, key=lambda trial: evidence(trial.fitted), reverse=True):
+        state, evaluated = _hold_out_trial(state, trial)
+        if evaluated.passes:
+            return state, evaluated
+    return state, None
+
+
+def _hold_out_trial(state: SearchState, trial: Trial) -> tuple[SearchState, Trial]:
+    """Return the trial with its gain on held-out views."""
+    problem = state.problem
+    model = trial.fitted.model
+    joint = trial.fitted.joint
+    if not trial.finished:  # finish the fit once, or every fold must
+        joint = model.fitted(problem.observations, joint.poses, joint.start)
+        trial = replace(trial, fit=ModelFit(model, joint))
+    half = model.path.private
+    errors = hold_out(model, problem.observations, joint, problem.folds, half=half)
+    base_errors = state.evaluations.held_out_errors(half=half)
+    trial = replace(trial, gain=held_out_gain(base_errors, errors))
+    if trial.large and problem.depth_bands:
+        errors = hold_out(model, problem.observations, joint, problem.depth_bands, half=half)
+        base_errors = state.evaluations.held_out_errors(half=half, by_depth=True)
+        trial = replace(trial, depth_gain=held_out_gain(base_errors, errors))
+    best = state.trials[trial.key].gain
+    if not (best and trial.gain and best.relative > trial.gain.relative):
+        state = state.with_trial(trial)
+    return state, trial
+
+
+def _accept(state: SearchState, trial: Trial) -> SearchState:
+    """Add an effect and estimate noise and prior again; if that fit is not finite, the fit of the
+    trial is taken.
+    """
+    fit = trial.fitted
+    if not trial.finished:
+        model, joint = with_most_probable(
+            state.model, trial.test.effect, state.problem.observations, fit.joint
         )
-        taken = self.dropped | {effect.name for effect in self.model.effects}
-        found = at.candidates(
-            [effect for kind in effects if kind.name not in taken for effect in kind.propose(there)]
-        )
-        for test in found:
-            key = test.effect.name, test.effect.form
-            if key not in self.trials or (
-                not self.trials[key].gain and test.p_value < self.trials[key].test.p_value
-            ):
-                self.trials[key] = Trial(test)
-        self._note_confounded(found)
-        return found
-
-    def _try(self, test: ScoreTest, among: int) -> Trial:
-        """ModelFit to all views."""
-        self._say(f"trying {test.effect.name}")
-        wider = self.model.with_effect(test.effect)
-        joint = rough_fit(wider, self.observations, self.joint)
-        lowers = 1 - (joint.cost / self.joint.cost) ** 0.5 if joint.finite else -np.inf
-        odds = joint.log_evidence - self.joint.log_evidence if joint.finite else -np.inf
-        shared = not test.effect.per_view
-        if joint.finite and lowers < 1 - HOPELESS:
-            self.hopeless.add((test.effect.name, test.effect.form))
-        trial = Trial(
-            test,
-            ModelFit(wider, joint),
-            lowers,
-            among,
-            odds if shared else -np.inf,
-            improbable=shared and odds <= 0,
-        )
-        key = test.effect.name, test.effect.form
-        if not self.trials[key].gain:
-            self.trials[key] = trial
-        return trial
-
-    def _more_probable(self, trials: Sequence[Trial]) -> list[Trial]:
-        """Of trials whose numbers of parameters have no common measure, those that make the corners
-        more probable than the model as it is, in their most probable forms.
-        """
-        found = []
-        for trial in trials:
-            model, joint = with_most_probable(
-                self.model, trial.test.effect, self.observations, trial.fitted.joint
-            )
-            trial = replace(
-                trial,
-                fit=ModelFit(model, joint),
-                finished=True,
-                odds=-np.inf,
-                improbable=joint.log_marginal <= self.joint.log_marginal,
-            )
-            if trial.improbable:
-                self.trials[trial.test.effect.name, trial.test.effect.form] = trial
-            else:
-                found.append(trial)
-        return found
-
-    def _caused(self, trials: Sequence[Trial]) -> list[Trial]:
-        """Of trials of what single views have for themselves, those without which structure of no
-        cause does not make the corners as
-        probable: what a model lacks in single views, small numbers in single views follow, whatever
-            they are called.
-        """
-        found = []
-        for trial in trials:
-            odds = (
-                trial.fitted.joint.log_marginal
-                - self.joint.log_marginal
-                + self._structure_left(trial)
-            )
-            known = replace(trial, odds=odds)
-            if known.sure:
-                found.append(known)
-        return found
-
-    def _structure_left(self, trial: Trial) -> float:
-        """By how much more, or less where it is negative, structure of no cause has to explain with
-        the trial than without.
-        """
-        if self.structured is None:
-            self.structured = gain_of_structure(Optimum(self.model, self.observations, self.joint))
-        return (
-            gain_of_structure(Optimum(trial.fitted.model, self.observations, trial.fitted.joint))
-            - self.structured
-        )
-
-    def _first_passing(
-        self, trials: Sequence[Trial], probable: Callable[[ModelFit], float]
-    ) -> Trial | None:
-        """The most probable of the trials that held-out views confirm."""
-        for trial in sorted(trials, key=lambda trial: probable(trial.fitted), reverse=True):
-            if (held := self._held_out(trial)).passes:
-                return held
-        return None
-
-    def _held_out(self, trial: Trial) -> Trial:
-        """A trial with its errors on views that no fit has seen."""
-        model, joint = trial.fitted.model, trial.fitted.joint
-        if not trial.finished:  # once, or every fold has to
-            joint = model.fitted(self.observations, joint.poses, joint.start)
-            trial = replace(trial, fit=ModelFit(model, joint))
-        half = model.path.private
-        held = hold_out(model, self.observations, joint, self.folds, half=half)
-        trial = replace(trial, gain=gain(self.left(half=half), held))
-        if trial.large and self.bands:
-            there = hold_out(model, self.observations, joint, self.bands, half=half)
-            trial = replace(trial, bands=gain(self.left(half=half, banded=True), there))
-        key = trial.test.effect.name, trial.test.effect.form
-        known = self.trials[key]
-        if not (known.gain and trial.gain and known.gain.relative > trial.gain.relative):
-            self.trials[key] = trial
-        return trial
-
-    def _accept(self, trial: Trial) -> None:
-        """Take an effect in, with the noise and the prior estimated anew; where such a fit is not
-        finite, the trial's stands.
-        """
-        wider, joint = trial.fitted.model, trial.fitted.joint
-        if not trial.finished:
-            anew = with_most_probable(self.model, trial.test.effect, self.observations, joint)
-            wider, joint = anew if anew[1].finite else (wider, joint)
-        self.fewer.passed(ModelFit(self.model, self.joint))
-        self.go_on_with(ModelFit(wider, joint))
-        self._say(f"found {trial.test.effect.name}")
-
-    def simplify(self) -> None:
-        """Effects in simpler forms where the corners are more probable so."""
-        fit = simplified(ModelFit(self.model, self.joint), self.base, self.observations)
-        if fit.model is not self.model:
-            self.go_on_with(fit)
-
-    def with_only(self, effects: Sequence[Effect]) -> ModelFit:
-        """The model with some of its effects alone, with its noise and prior."""
-        return self.fewer.fitted(ModelFit(self.model, self.joint), effects)
-
-    def left_of(self, effects: Sequence[Effect], *, half: bool) -> HeldOut:
-        """What the model leaves on held-out views with some of its effects alone."""
-        key = tuple(effect.name for effect in effects), half
-        if key not in self.apart:
-            self._say("what is needed")
-            fit = self.with_only(effects)
-            self.apart[key] = hold_out(
-                fit.model, self.observations, fit.joint, self.folds, half=half
-            )
-        return self.apart[key]
-
-    def left(self, *, half: bool | None = None, banded: bool = False) -> HeldOut:
-        """What the model leaves on held-out views; whether its views' own parameters ask for half
-        of the corners, it knows itself.
-        """
-        key = self.model.path.private if half is None else half, banded
-        if key not in self.known:
-            split = self.bands if banded and self.bands else self.folds
-            self.known[key] = hold_out(
-                self.model, self.observations, self.joint, split, half=key[0]
-            )
-        return self.known[key]
-
-    def _note_confounded(self, scores: Sequence[ScoreTest]) -> None:
-        """Pairs of which the whole of the one that has fewer directions can be done by the
-        other.
-        """
-        spans = [(test.effect.name, test.span()) for test in scores if test.jacobian.size]
-        for (one, ours), (other, theirs) in combinations(spans, 2):
-            if one == other or not (ours.size and theirs.size):
-                continue
-            if np.linalg.svd(ours.T @ theirs, compute_uv=False)[-1] ** 2 > CONFOUNDED:
-                self.confounded.setdefault(one, set()).add(other)
-                self.confounded.setdefault(other, set()).add(one)
-
-    def go_on_with(self, fit: ModelFit) -> None:
-        """What was known of the model of before is known no more."""
-        self.model, self.joint = fit.model, fit.joint
-        self.known.clear()
-        self.apart.clear()
-        self.fewer.forget()
-        self.structured = None
-
-    def _say(self, words: str) -> None:
-        self.done += 1
-        self.advance(self.done, words)
+        fit = ModelFit(model, joint) if joint.finite else fit
+    state = state.with_fit(fit, keep_previous=True)
+    state.problem.report(f"found {trial.test.effect.name}")
+    return state

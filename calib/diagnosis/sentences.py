@@ -1,4 +1,4 @@
-"""What a diagnosis says in sentences."""
+"""The sentences of a diagnosis."""
 
 from collections.abc import Iterator, Sequence
 
@@ -7,34 +7,30 @@ import torch
 from calib.diagnosis.finding import Family
 from calib.diagnosis.nearest_effects import nearest_named
 from calib.diagnosis.printed_patterns import ClosedForm, closed_forms
-from calib.diagnosis.search import Loop
+from calib.diagnosis.search_state import SearchState
 from calib.diagnosis.separating_view import separating_view
-from calib.diagnosis.trial import ALPHA, LEAST_GAIN, Trial
+from calib.diagnosis.trial import ALPHA, MIN_GAIN, Trial
 from calib.effects.effect import Effect, possible
 from calib.effects.free_field import FreeField
-from calib.inference.residual_structure import Share
-from calib.inference.score_test import Optimum, ScoreTest
+from calib.inference.residual_structure import VarianceShare
+from calib.inference.score_test import FittedModel, ScoreTest
 from calib.planning.hints import words
 
 ABSORBED = 0.95
-"""The part of an effect that the fitted parameters can imitate, from which it is said to be
-absorbed.
+"""The fraction of an effect that the fitted parameters can imitate above which it is absorbed."""
+MIN_FORMULA_FRACTION = 0.5
+"""The smallest fraction of a field that a reported formula explains; noise alone gives up to a
+fifth (tests/diagnosis/test_printed_patterns).
 """
-
-MUCH = 0.5
-"""The part of a field that a formula must be, to be worth a word: noise alone makes up to a fifth
-(tests/diagnosis/test_printed_patterns).
-"""
-SCORED = 3
-"""Effects that are named by their scores alone."""
-TELLS = 1.2
-"""The factor on an effect's sigma from which a pose of the board is said to tell it from its like.
-"""
+MAX_SCORED = 3
+"""The number of effects that are reported by their scores alone."""
+MIN_SIGMA_FACTOR = 1.2
+"""The smallest factor on an effect's sigma of a pose that is proposed for separating effects."""
 
 
-def verdict(trial: Trial, *, taken: bool) -> str:
-    """What became of a candidate."""
-    if taken:
+def trial_verdict(trial: Trial, *, accepted: bool) -> str:
+    """Return the outcome of a candidate in a few words."""
+    if accepted:
         return "found"
     if trial.test.absorbed > ABSORBED:
         return "absorbed"
@@ -45,7 +41,7 @@ def verdict(trial: Trial, *, taken: bool) -> str:
             return "not finite"
         if trial.improbable:
             return "too many numbers for what it explains"
-        return "another helped more" if trial.lowers > LEAST_GAIN else "too small"
+        return "another helped more" if trial.error_decrease > MIN_GAIN else "too small"
     if trial.passes:
         return "another helped more"
     if trial.large:
@@ -54,115 +50,118 @@ def verdict(trial: Trial, *, taken: bool) -> str:
 
 
 def remarks(
-    loop: Loop,
+    state: SearchState,
     families: Sequence[Family],
     formulas: Sequence[ClosedForm],
-    left: Sequence[Share],
+    structure: Sequence[VarianceShare],
     *,
     timed: bool,
 ) -> Iterator[str]:
-    """What cannot be told, and what is left."""
+    """Yield sentences on effects that these views cannot separate, and on unexplained structure."""
     yield from map(str, families)
-    told = {name for family in families for name in family.members}
-    for effect in loop.model.effects:
-        present = {e.name for e in loop.model.effects}
-        asked = {e.name: e for e in _asked(loop)}
-        like = sorted(loop.confounded.get(effect.name, set()) & (asked.keys() | present))
-        if like and effect.name not in told:
-            others = {name: asked[name] for name in like if name not in present}
+    in_families = {name for family in families for name in family.members}
+    present = {effect.name for effect in state.model.effects}
+    candidates = {effect.name: effect for effect in _possible_candidates(state)}
+    for effect in state.model.effects:
+        confounded = state.confounded.get(effect.name, frozenset())
+        similar = sorted(confounded & (candidates.keys() | present))
+        if similar and effect.name not in in_families:
+            absent = [candidates[name] for name in similar if name not in present]
             yield (
-                f"These views cannot tell {effect.name} from {' or '.join(like)}."
-                f" {separation(loop, effect, tuple(others.values()))}"
+                f"These views cannot tell {effect.name} from {' or '.join(similar)}."
+                f" {separation(state, effect, absent)}"
             )
         if not effect.has_cause:
             yield (
-                "free_field has no name: it describes the error and mends it, but what causes it"
-                f" is not known. {_nearest(loop, effect)}"
+                "free_field has no name: it describes and corrects the error, but its cause is"
+                f" not known. {_nearest_effects(state, effect)}"
             )
             yield from map(str, formulas[:1])
-    if not timed and any(effect.name == "focal_drift" for effect in loop.model.effects):
-        yield "There are no times in frames.csv, so the order of the files stood for them."
-    for share in left[:1]:
+    if not timed and "focal_drift" in present:
+        yield "frames.csv has no times, so the order of the files was used instead."
+    for share in structure[:1]:
         yield (
-            f"{100 * share.fraction:.0f} % of what is left goes with {share.organised_by}, where"
-            f" noise would give {100 * share.chance:.0f} %: something there is not explained."
+            f"{100 * share.fraction:.0f} % of the remaining error goes with {share.organised_by},"
+            f" where noise would give {100 * share.chance:.0f} %: something there is not explained."
         )
 
 
-def _asked(loop: Loop) -> list[Effect]:
-    """The effects that were asked about and that there can be in the model as it is: one on a
-    window that was dropped is none.
+def _possible_candidates(state: SearchState) -> list[Effect]:
+    """Return the tried effects that are possible in the current model; an effect on a window that
+    was dropped is not.
     """
-    every = (trial.test.effect for trial in loop.trials.values())
-    return [effect for effect in every if possible(effect, loop.model.path)]
+    effects = [trial.test.effect for trial in state.trials.values()]
+    return [effect for effect in effects if possible(effect, state.model.path)]
 
 
-def formulas_of(loop: Loop) -> list[ClosedForm]:
-    """The closed forms that are much of an accepted free field."""
-    fields = [effect for effect in loop.model.effects if isinstance(effect, FreeField)]
-    points = loop.board.points()
+def printed_forms(state: SearchState) -> list[ClosedForm]:
+    """Return the closed forms that explain much of an accepted free field."""
+    points = state.problem.board.points()
     x, y = torch.from_numpy(points).unbind(-1)
-    moved = [field.printed(x, y, loop.joint.values) for field in fields]
-    near = [
-        closed_forms(points, torch.stack([one.across, one.down], -1).numpy(), loop.board.square)
-        for one in moved
-    ]
-    return [form for forms in near for form in forms if form.explains > MUCH]
+    forms = []
+    for effect in state.model.effects:
+        if isinstance(effect, FreeField):
+            shift = effect.printed(x, y, state.joint.values)
+            shifts = torch.stack([shift.across, shift.down], -1).numpy()
+            forms += closed_forms(points, shifts, state.problem.board.square)
+    return [form for form in forms if form.explains > MIN_FORMULA_FRACTION]
 
 
-def unconfirmed_scores(scores: Sequence[ScoreTest], views: int, needed: int) -> tuple[str, ...]:
-    """What the scores alone say of a session that has too few views to confirm anything."""
-    alpha = ALPHA / max(1, len(scores))
-    strong = [
-        s for s in scores if s.p_value < alpha and s.promises > LEAST_GAIN and s.absorbed < ABSORBED
+def unconfirmed_scores(tests: Sequence[ScoreTest], views: int, required: int) -> tuple[str, ...]:
+    """Return a sentence on the scores of a session with too few views to confirm an effect."""
+    alpha = ALPHA / max(1, len(tests))
+    significant = [
+        test
+        for test in tests
+        if test.p_value < alpha and test.promises > MIN_GAIN and test.absorbed < ABSORBED
     ]
-    best = {
-        s.effect.name: s for s in sorted(strong, key=lambda s: s.promises)
-    }  # of an effect's forms, the one that promises most
-    said = f"With {views} views nothing can be confirmed on held-out ones: take {needed} or more."
+    significant.sort(key=lambda test: test.promises)
+    best = {test.effect.name: test for test in significant}  # the best form of each effect
+    text = (
+        f"With {views} views nothing can be confirmed on held-out views: take {required} or more."
+    )
     if not best:
-        return (f"{said} No effect's score stands out.",)
-    named = [
-        f"{name} (error down by up to {100 * one.promises:.0f} %)"
-        for name, one in reversed(best.items())
+        return (f"{text} No effect's score stands out.",)
+    descriptions = [
+        f"{name} (error down by up to {100 * test.promises:.0f} %)"
+        for name, test in reversed(best.items())
     ]
-    return (f"{said} Not confirmed, by their scores alone: {', '.join(named[:SCORED])}.",)
+    listed = ", ".join(descriptions[:MAX_SCORED])
+    return (f"{text} Not confirmed, by their scores alone: {listed}.",)
 
 
-def separation(loop: Loop, effect: Effect, others: Sequence[Effect]) -> str:
-    """What would tell an effect of the model from others that are not in it."""
-    at = Optimum(loop.model, loop.observations, loop.joint)
-    asked = effect.unknowns and all(
-        other.unknowns for other in others
-    )  # what single views have for themselves, no pose tells
-    view = (
-        separating_view(at, loop.board, loop.camera, effect, others) if others and asked else None
-    )
-    if view is None or view.shrinks < TELLS:
+def separation(state: SearchState, effect: Effect, rivals: Sequence[Effect]) -> str:
+    """Return the advice that separates an effect of the model from others that are not in it."""
+    camera = state.problem.camera
+    # No pose of the board separates parameters of single views.
+    separable = rivals and effect.unknowns and all(rival.unknowns for rival in rivals)
+    view = None
+    if separable:
+        view = separating_view(state.fitted_model, state.problem.board, camera, effect, rivals)
+    if view is None or view.sigma_factor < MIN_SIGMA_FACTOR:
         return f"To separate them, {effect.advice}."
-    where = words(
-        view.pose, view.corners, (loop.camera.width, loop.camera.height), None, view.reach
-    )
-    turned = ", turned by 90 degrees" if view.turned else ""
-    smaller = f"one such view makes the sigma of {effect.name} {view.shrinks:.1f} times smaller"
-    return f"To separate them, hold the board {where}{turned}: {smaller}."
-
-
-def _nearest(loop: Loop, effect: Effect) -> str:
-    """The named effects that can do part of what a field does."""
-    without = loop.with_only([e for e in loop.model.effects if e is not effect])
-    named = [effect for effect in _asked(loop) if effect.has_cause]
-    present = {e.name for e in loop.model.effects}
-    near = nearest_named(
-        Optimum(without.model, loop.observations, without.joint),
-        effect,
-        loop.joint.values,
-        [e for e in named if e.name not in present],
-    )
-    if not near:
-        return "No named effect comes near it."
+    place = words(view.pose, view.corners, (camera.width, camera.height), None, view.depth_range)
+    turn = ", turned by 90 degrees" if view.turned else ""
     return (
-        "Nearest to it: "
-        + ", ".join(f"{name}, which can do {100 * share:.0f} % of it" for name, share in near)
-        + "."
+        f"To separate them, hold the board {place}{turn}: one such view makes the sigma of"
+        f" {effect.name} {view.sigma_factor:.1f} times smaller."
     )
+
+
+def _nearest_effects(state: SearchState, field: Effect) -> str:
+    """Return a sentence on the named effects that explain part of a free field."""
+    base = state.evaluations.refit_without(field)
+    present = {effect.name for effect in state.model.effects}
+    absent = [
+        effect
+        for effect in _possible_candidates(state)
+        if effect.has_cause and effect.name not in present
+    ]
+    fitted = FittedModel(base.model, state.problem.observations, base.joint)
+    nearest = nearest_named(fitted, field, state.joint.values, absent)
+    if not nearest:
+        return "No named effect comes near it."
+    effects = ", ".join(
+        f"{name}, which explains {100 * share:.0f} % of it" for name, share in nearest
+    )
+    return f"Nearest to it: {effects}."

@@ -1,8 +1,8 @@
-"""The pose of the board that would tell effects apart which the views there are confound.
+"""The pose of the board that best separates effects which the existing views confound.
 
-Where one effect can do what another does, the information on both has a near-null direction. The
-view is wanted that shortens it most: of a bank of poses, the one that leaves the smallest predicted
-sigma of the effect, with the others free beside it.
+If one effect can do what another does, the information on both has a near-null direction. The best
+view of a bank of poses is the one that leaves the smallest predicted sigma of the effect, with its
+rivals free as well.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from calib.corners.view import View
 from calib.effects.effect import Effect
 from calib.estimation.observations import Observations
-from calib.inference.score_test import Optimum
+from calib.inference.score_test import FittedModel
 from calib.optics.projection import project
 from calib.session.board import Board
 from calib.session.camera import Camera
@@ -25,85 +25,93 @@ from calib.session.camera import Camera
 Array = NDArray[np.float64]
 
 DEPTHS = (0.5, 1.0, 2.0)
-"""Of what the views have."""
+"""Depths of the bank, relative to the median depth of the views."""
 PLACES = (0.25, 0.5, 0.75)
-"""Of the picture's width and height, for the board's middle."""
+"""Places of the board's centre, as fractions of the picture's width and height."""
 TILT = float(np.radians(40.0))
 TILTS = ((0.0, 0.0), (-TILT, 0.0), (TILT, 0.0), (0.0, -TILT), (0.0, TILT))
-"""About x and y."""
+"""Rotations about x and y in rad."""
 TURNS = (0.0, np.pi / 2)
-"""About the board's normal."""
+"""Rotations about the board's normal in rad."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeparatingView:
-    """A view that tells more than others."""
+    """The view of the bank that separates effects best."""
 
     pose: Array
     """(6,) T_camera_board: rotation vector (rad) and translation (m)."""
     corners: Array
-    """(count, 2) px, where it would show them."""
+    """(count, 2) px, the corners in the view."""
     turned: bool
-    """Whether the board is turned by 90 degrees about its normal."""
-    reach: tuple[float, float]
-    """m, the nearest and the farthest depth of the bank."""
-    shrinks: float
-    """By which factor it alone makes the effect's sigma smaller."""
+    """True if the board is turned by 90 degrees about its normal."""
+    depth_range: tuple[float, float]
+    """The smallest and the largest depth of the bank in m."""
+    sigma_factor: float
+    """The factor by which this view alone reduces the effect's sigma."""
 
 
 def separating_view(
-    at: Optimum, board: Board, camera: Camera, effect: Effect, others: Sequence[Effect]
+    fitted: FittedModel, board: Board, camera: Camera, effect: Effect, rivals: Sequence[Effect]
 ) -> SeparatingView | None:
-    """The best view of the bank.
+    """Return the best view of the bank; None if no pose shows the whole board.
 
     Args:
-        at: where the fit with `effect` ended.
-        others: those that it is confounded with, not in the fit.
+        fitted: the fit with `effect`.
+        rivals: the effects that it is confounded with, which are not in the fit.
     """
-    poses = torch.from_numpy(np.array(list(_bank(at, camera))))
+    poses = torch.from_numpy(np.array(list(_pose_bank(fitted, camera))))
     corners = torch.from_numpy(board.points())
-    path, values, count = at.model.path, at.joint.values, board.count
+    path = fitted.model.path
+    values = fitted.joint.values
+    count = board.count
     index = torch.arange(len(poses)).repeat_interleave(count)
-    motionless = at.model.padded(poses)
-    pixels = project(
-        path, values, path.place(corners.repeat(len(poses), 1), values, motionless[index])
-    )
-    inside = ((pixels >= 0) & (pixels <= torch.tensor([camera.width - 1, camera.height - 1]))).all(
-        -1
-    )
-    seen = inside.reshape(-1, count).all(-1)
-    if not bool(seen.any()):
+    static = fitted.model.padded(poses)
+    points = path.place(corners.repeat(len(poses), 1), values, static[index])
+    pixels = project(path, values, points)
+    last = torch.tensor([camera.width - 1, camera.height - 1])
+    in_picture = ((pixels >= 0) & (pixels <= last)).all(-1)
+    visible = in_picture.reshape(-1, count).all(-1)
+    if not bool(visible.any()):
         return None
-    shown = pixels.reshape(-1, count, 2)[seen].numpy()
-    views = [View(str(number), own, np.ones(count)) for number, own in enumerate(shown)]
+    pictured = pixels.reshape(-1, count, 2)[visible].numpy()
+    views = [View(str(n), pixels, np.ones(count)) for n, pixels in enumerate(pictured)]
     observations = Observations.of(views, board).timed(None, camera.height)
-    bank = replace(at, observations=observations, joint=replace(at.joint, poses=motionless[seen]))
-    known = at.information(others).sum(0) + at.prior_precision(others)
-    sigma, after = (_sigma(known + more, at, effect) for more in (0.0, bank.information(others)))
-    best = int(after.argmin())
-    pose = poses[seen][best].numpy()
-    turned = bool(np.flatnonzero(seen.numpy())[best] % len(TURNS))
-    reach = float(poses[:, 5].min()), float(poses[:, 5].max())
-    return SeparatingView(pose, shown[best], turned, reach, float(sigma / after[best]))
-
-
-def _bank(at: Optimum, camera: Camera) -> Iterator[Array]:
-    """(6,) poses, wherever the middle of the board lies in the picture of a pinhole."""
-    seen = at.observations
-    timed = seen.with_times(at.joint.values)
-    depth = float(
-        at.model.path.place(seen.corners, timed, at.joint.poses[seen.view])[:, 2].median()
+    joint = replace(fitted.joint, poses=static[visible])
+    bank = replace(fitted, observations=observations, joint=joint)
+    information = fitted.information(rivals).sum(0) + fitted.prior_precision(rivals)
+    sigma = _sigma(information, fitted, effect)
+    new_sigmas = _sigma(information + bank.information(rivals), fitted, effect)
+    best = int(new_sigmas.argmin())
+    return SeparatingView(
+        pose=poses[visible][best].numpy(),
+        corners=pictured[best],
+        turned=bool(np.flatnonzero(visible.numpy())[best] % len(TURNS)),
+        depth_range=(float(poses[:, 5].min()), float(poses[:, 5].max())),
+        sigma_factor=float(sigma / new_sigmas[best]),
     )
-    focal, cx, cy = (float(at.joint.values[f"camera.{name}"]) for name in ("fx", "cx", "cy"))
-    for part, right, down, tilt, turn in product(DEPTHS, PLACES, PLACES, TILTS, TURNS):
-        z = part * depth
-        middle = np.array([right * camera.width - cx, down * camera.height - cy, focal]) / focal * z
+
+
+def _pose_bank(fitted: FittedModel, camera: Camera) -> Iterator[Array]:
+    """Yield (6,) poses that place the board's centre over the picture of a pinhole."""
+    observations = fitted.observations
+    values = fitted.joint.values
+    timed = observations.with_times(values)
+    view_poses = fitted.joint.poses[observations.view]
+    points = fitted.model.path.place(observations.corners, timed, view_poses)
+    median_depth = float(points[:, 2].median())
+    focal = float(values["camera.fx"])
+    cx = float(values["camera.cx"])
+    cy = float(values["camera.cy"])
+    for ratio, x, y, tilt, turn in product(DEPTHS, PLACES, PLACES, TILTS, TURNS):
+        depth = ratio * median_depth
+        ray = np.array([x * camera.width - cx, y * camera.height - cy, focal]) / focal
         rotation = Rotation.from_rotvec([*tilt, 0.0]) * Rotation.from_rotvec([0.0, 0.0, turn])
-        yield np.concatenate([rotation.as_rotvec(), middle])
+        yield np.concatenate([rotation.as_rotvec(), ray * depth])
 
 
-def _sigma(information: Array, at: Optimum, effect: Effect) -> Array:
-    """(...) root of the mean variance of the effect's parameters over their scales."""
-    own = at.parameters().entries(unknown.param.name for unknown in effect.unknowns)
-    variance = np.linalg.inv(information)[..., own, own]
+def _sigma(information: Array, fitted: FittedModel, effect: Effect) -> Array:
+    """Return (...), the root mean square sigma of the effect's parameters over their scales."""
+    entries = fitted.parameters().entries(unknown.param.name for unknown in effect.unknowns)
+    variance = np.linalg.inv(information)[..., entries, entries]
     return np.asarray(np.sqrt(variance.mean(-1)))

@@ -1,42 +1,35 @@
-"""Effects in simpler forms than they were found in: what another one that came later took over,
-they need no more.
-"""
+"""Simpler forms of effects: a later effect may have taken over some of their parameters."""
 
 from __future__ import annotations
 
-from calib.diagnosis.most_probable_form import odds_of
+from calib.diagnosis.most_probable_form import savage_dickey_log_odds
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import ROUNDS
 from calib.estimation.observations import Observations
 from calib.inference.score_test import ModelFit
-from calib.inference.warm_start import start_of_fewer
+from calib.inference.warm_start import start_without_effects
 
 
 def simplified(fit: ModelFit, base: CameraModel, observations: Observations) -> ModelFit:
-    """The same fit, or one in which effects that all views share have fewer parameters and the
-    corners are more probable.
+    """Return the fit, or one with a larger evidence in which shared effects have fewer parameters.
 
     Args:
-        base: the model without any effect.
+        base: the model without effects.
     """
-    for place, effect in enumerate(fit.model.effects):
-        forms = (
-            []
-            if effect.per_view
-            else [
-                form for form in effect.alternatives() if len(form.unknowns) < len(effect.unknowns)
-            ]
-        )
+    for index, effect in enumerate(fit.model.effects):
+        if effect.per_view:
+            continue
+        forms = [f for f in effect.alternatives() if len(f.unknowns) < len(effect.unknowns)]
         effects = fit.model.effects
         models = [
-            base.with_effects([*effects[:place], form, *effects[place + 1 :]]) for form in forms
+            base.with_effects([*effects[:index], form, *effects[index + 1 :]]) for form in forms
         ]
-        odds = [odds_of(model, fit.model, fit.joint) for model in models]
-        if not odds or max(odds) <= 0:
+        log_odds = [savage_dickey_log_odds(model, fit.model, fit.joint) for model in models]
+        if not log_odds or max(log_odds) <= 0:
             continue
-        fewer = models[odds.index(max(odds))]
-        start = start_of_fewer(fewer, fit.model, fit.joint, observations)
-        joint = fewer.fitted(observations, fit.joint.poses, start, ROUNDS)
+        model = models[log_odds.index(max(log_odds))]
+        start = start_without_effects(model, fit.model, fit.joint, observations)
+        joint = model.fitted(observations, fit.joint.poses, start, ROUNDS)
         if joint.finite and joint.log_marginal > fit.joint.log_marginal:
-            fit = ModelFit(fewer, joint)
+            fit = ModelFit(model, joint)
     return fit

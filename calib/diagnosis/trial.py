@@ -1,92 +1,95 @@
-"""One candidate effect in one round of the loop, and how much it must do to be taken."""
+"""The trial of one candidate effect in a round of the search, and the criteria of acceptance."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-from calib.inference.cross_validation import Gain
+from calib.inference.cross_validation import HeldOutGain
 from calib.inference.score_test import ModelFit, ScoreTest
 
 ALPHA = 0.05
-"""Chance of a false acceptance in a whole round, over all the candidates that are tried."""
-LEAST_GAIN = 0.01
-"""Of the held-out error: less is not worth an effect."""
-LEAST_EXPLAINED = 0.003
-"""px of the held-out error, nor is less than this: all corners of a picture may be off by 0.0013 px
-(docs/corners.md).
+"""The probability of a false acceptance in a round, over all candidates of the round."""
+MIN_GAIN = 0.01
+"""The smallest relative decrease of the held-out error that is worth an effect."""
+MIN_EXPLAINED_PX = 0.003
+"""The smallest part of the held-out error in px that is worth an effect: all corners of a picture
+may have an error of 0.0013 px (docs/corners.md).
 """
 
 
-def worth(found: Gain) -> bool:
-    """Whether it is large enough for an effect."""
-    return found.relative > LEAST_GAIN and found.explained > LEAST_EXPLAINED
+def is_worthwhile(gain: HeldOutGain) -> bool:
+    """Return True if the gain is large enough for an effect."""
+    return gain.relative > MIN_GAIN and gain.explained_px > MIN_EXPLAINED_PX
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """What was asked of it: a score, then a fit if that promises something, then held-out views if
+    """A candidate: its score test, then a fit if the score is promising, then its held-out gain if
     it is the most probable.
     """
 
     test: ScoreTest
     fit: ModelFit | None = None
-    lowers: float = -math.inf
-    """The fraction by which the fit lowers the root mean square of the views that it is a fit to.
-    """
+    error_decrease: float = -math.inf
+    """The relative decrease of the root mean square error of the fitted views."""
     among: int = 1
-    """How many candidates there were."""
-    odds: float = -math.inf
-    """The logarithm by which the fit makes the corners more probable than the model without: at the
-    optimum where both have the same parameters of single views; else with these integrated out,
-    beside structure of no cause.
+    """The number of candidates."""
+    log_odds: float = -math.inf
+    """The log evidence of the fit minus that of the model without the effect. If only one of them
+    has parameters of single views, these are integrated out, beside a model discrepancy.
     """
     improbable: bool = False
-    """Whether the corners are no more probable with it, its parameters integrated out."""
+    """True if the evidence with the effect, its parameters integrated out, is not larger."""
     finished: bool = False
-    """Whether the fit is that of the most probable form, with the noise and the priors estimated
-    anew.
-    """
-    gain: Gain | None = None
-    bands: Gain | None = None
-    """On depth bands that were held out, where there are such and the folds agree."""
+    """True if the fit has the most probable form of the effect, and its own noise and priors."""
+    gain: HeldOutGain | None = None
+    depth_gain: HeldOutGain | None = None
+    """The gain on held-out depth bands, if there are bands and the folds show a gain."""
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """The name and the form of the effect."""
+        return self.test.effect.name, self.test.effect.form
 
     @property
     def fitted(self) -> ModelFit:
-        """Of a trial that is known to have one."""
+        """The fit of a trial that has one."""
         assert self.fit
         return self.fit
 
     @property
     def confirmed(self) -> bool:
-        """Whether held-out views say that it is not chance, all candidates of the round allowed
-        for: by the test of its gain or, where its odds are sure, by the test of this candidate
-        alone, or by whether they leave what the other views say of it. Where views are few or an
-        effect is small, that it is there can be told long before how much of their error it takes.
+        """True if held-out views show that the effect is not chance.
+
+        The test of the gain allows for all candidates of the round (Bonferroni). For decisive odds,
+        the test of this candidate alone suffices, or the agreement of the held-out residuals with
+        the prediction by the other views. With few views or a small effect, its presence is
+        detectable long before the size of its gain.
         """
         if self.gain is None:
             return False
-        if self.sure and self.gain.presence < ALPHA:
+        if self.decisive and self.gain.presence_p_value < ALPHA:
             return True
-        return self.gain.ci95[0] > 0 and self.gain.p_value < (
-            ALPHA if self.sure else ALPHA / self.among
-        )
+        alpha = ALPHA if self.decisive else ALPHA / self.among
+        return self.gain.ci95[0] > 0 and self.gain.p_value < alpha
 
     @property
-    def sure(self) -> bool:
-        """Whether its odds are those of no chance, all candidates of the round allowed for."""
-        return self.odds > math.log(self.among / ALPHA)
+    def decisive(self) -> bool:
+        """True if the odds survive the Bonferroni correction for the candidates of the round."""
+        return self.log_odds > math.log(self.among / ALPHA)
 
     @property
     def large(self) -> bool:
-        """Whether its gain is confirmed, and worth it."""
-        return self.confirmed and self.gain is not None and worth(self.gain)
+        """True if the gain is confirmed and worth an effect."""
+        return self.confirmed and self.gain is not None and is_worthwhile(self.gain)
 
     @property
     def passes(self) -> bool:
-        """Whether what it says of some depths helps at the others, too; of one whose odds are sure,
-        whether it does not harm there.
+        """True if the effect is large, and helps at depths that it was not fitted to; with decisive
+        odds, if it does no harm there.
         """
-        return self.large and (
-            self.bands is None or self.bands.relative > 0 or (self.sure and self.bands.ci95[1] > 0)
-        )
+        if not self.large or self.depth_gain is None:
+            return self.large
+        harmless = self.decisive and self.depth_gain.ci95[1] > 0
+        return self.depth_gain.relative > 0 or harmless

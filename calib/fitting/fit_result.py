@@ -1,4 +1,4 @@
-"""A calibration as a fit with effects leaves it."""
+"""A calibration with the result of another fit."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ from calib.estimation.observations import Observations
 from calib.estimation.residuals import residuals
 from calib.estimation.stated_priors import with_estimates
 
-STAGE = "cover+rbf+effects"
+EFFECTS_STAGE = "cover+rbf+effects"
 
 
 def with_fit(
     calibration: Calibration, model: CameraModel, joint: JointFit, observations: Observations
 ) -> Calibration:
-    """The calibration with another fit's parameters and effects."""
+    """Return the calibration with the parameters and effects of another fit."""
     assert calibration.camera.intrinsics
     intrinsics, cover = with_estimates(calibration.camera.intrinsics, calibration.cover, joint)
     effects = tuple(
         AddedEffect(
-            e,
+            effect,
             {
-                u.param.name: (
-                    joint.values[u.param.name].numpy(),
-                    joint.sigma_of(u.param.name).numpy(),
+                unknown.param.name: (
+                    joint.values[unknown.param.name].numpy(),
+                    joint.sigma_of(unknown.param.name).numpy(),
                 )
-                for u in e.unknowns
+                for unknown in effect.unknowns
             },
         )
-        for e in model.effects
+        for effect in model.effects
     )
-    missed = residuals(model.path, joint.values, observations, joint.poses)
-    stages = tuple(stage for stage in calibration.stages if stage.name != STAGE)
+    residual = residuals(model.path, joint.values, observations, joint.poses)
+    stages = tuple(stage for stage in calibration.stages if stage.name != EFFECTS_STAGE)
     return replace(
         calibration,
         camera=replace(calibration.camera, intrinsics=intrinsics),
@@ -47,6 +47,8 @@ def with_fit(
         poses=joint.poses.numpy(),
         covariance=joint.known_covariance,
         effects=effects,
-        stages=(*stages, Stage(STAGE, missed.rms_px, missed.rmse_cm)) if effects else stages,
+        stages=(*stages, Stage(EFFECTS_STAGE, residual.rms_px, residual.rmse_cm))
+        if effects
+        else stages,
         settings=calibration.settings | joint.said(),
     )

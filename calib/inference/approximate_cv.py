@@ -1,13 +1,13 @@
-"""Fits without some of the views, from the fit to all of them, and what they leave of these views.
+"""Approximate cross-validation: fits without some of the views, from the fit to all views.
 
-A fit's equations are the sums of its views' own, so what is left without some is known, and one
-step of Gauss and Newton from the fit to all leads where a fit without them ends, to first order.
-Where it does not do what it promised, a shorter one may, or another from where it led; where that
-fails, the other views are fitted. The views that were left out adapt by a step of their own.
+The equations of a fit are sums over its views, so the equations without some views are known. One
+Gauss-Newton step from the fit to all views reaches the fit without them, to first order. If a step
+does not lower the cost as predicted, a damped step is tried, or a further step from the end of the
+first. If these fail as well, the remaining views are fitted. The own parameters of a view that is
+left out follow by a step of their own.
 
 Source: K. R. Rad, A. Maleki, A scalable estimate of the out-of-sample prediction error via
-    approximate leave-one-out cross-validation
-(2020).
+    approximate leave-one-out cross-validation (2020).
 """
 
 from __future__ import annotations
@@ -23,259 +23,283 @@ from calib.estimation.elimination import eliminated, problem_at
 from calib.estimation.joint_fit import JointFit, inverse
 from calib.estimation.objective import LandingProblem, view_precision
 from calib.estimation.residuals import residuals
-from calib.inference.laplace_evidence import columns_of, schur_factors
-from calib.inference.score_test import Optimum
+from calib.inference.laplace_evidence import schur_factors, view_columns
+from calib.inference.score_test import FittedModel
 
-STEPS = 4
-"""At most, before the others are fitted."""
-AMISS = 0.1
-"""Of the noise's square for each shared parameter, a third of its sigma: a step may do so much more
-or less than it promises.
+MAX_STEPS = 4
+"""The largest number of steps before the remaining views are fitted."""
+TOLERANCE = 0.1
+"""The tolerated difference between the predicted and the actual decrease of the cost, per shared
+parameter, over the noise variance. It corresponds to a third of a parameter's sigma.
 """
-AMISS_OUT = 0.3
-"""The same for each view that was left out: of a hundred numbers and more, a seventh of what is
-worth an effect, or less.
+VIEW_TOLERANCE = 0.3
+"""The same per view that is left out. A view has over a hundred residuals, so this is at most a
+seventh of the gain that an effect must have.
 """
 DAMPINGS = (0.0, 1e-7, 1e-5, 1e-3)
-"""Of the diagonal: a step along what views leave open goes far for nothing, and off the valley's
-floor.
+"""Levenberg-Marquardt damping, relative to the diagonal. In directions that the views leave open,
+an undamped step is long and leaves the valley.
 """
-SHORT = 0.15
-"""Of what the first whole step promised, that the last one may leave."""
+DAMPED_REMAINDER = 0.15
+"""The part of the first step's predicted decrease that a damped last step may leave."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LeftOut:
-    """The fit without some views."""
+class FitWithout:
+    """A fit without some views."""
 
     joint: JointFit
-    """With the poses of all views: those that were left out stand where their corners are met best.
+    """The fit with the poses of all views. Views that are left out have the poses that fit them
+    best.
     """
-    missed: Tensor
-    """(m, 2) px, what is left of the corners of the views that were left out; infinite where the
-    model cannot see one.
+    residual: Tensor
+    """(m, 2) px, the residual of the views that are left out; infinite where the model cannot see a
+    corner.
     """
-    spread: Tensor
-    """(m,) of what the covariance of the fit's parameters makes of these corners, over the noise's
+    prediction_variance: Tensor
+    """(m,) the variance of these corners due to the covariance of the fit, over the noise
     variance.
     """
 
 
-def without_each(
-    at: Optimum, part: NDArray[np.int64], known: Tensor | None = None
-) -> list[LeftOut]:
-    """The fits without each part of the views, with the noise and the prior of the fit to all.
+def fits_without(
+    fitted: FittedModel, groups: NDArray[np.int64], pose_corners: Tensor | None = None
+) -> list[FitWithout]:
+    """Return the fits without each group of views, with the noise and prior of the fit to all.
 
     Args:
-        part: (V,) from 0 on.
-        known: (M,) the corners to which a view's own parameters are fitted when it was left out;
-            None: all.
+        groups: (V,) the group of each view, from 0.
+        pose_corners: (M,) bool, the corners to which the own parameters of a view are fitted when
+            it is left out; None for all.
     """
-    known = torch.ones(len(at.observations.pixels), dtype=torch.bool) if known is None else known
-    steps = _Steps.of(at, known)
-    return [steps.without(torch.from_numpy(part == index)) for index in range(int(part.max()) + 1)]
+    if pose_corners is None:
+        pose_corners = torch.ones(len(fitted.observations.pixels), dtype=torch.bool)
+    expansion = _Expansion.of(fitted, pose_corners)
+    indices = range(int(groups.max()) + 1)
+    return [expansion.without(torch.from_numpy(groups == index)) for index in indices]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Tried:
-    """A step without some views. All but the first two are squares over the noise's."""
+class _Step:
+    """A step towards the fit without some views. Costs are over the noise variance."""
 
     joint: JointFit
-    """There, with all views' poses."""
-    missed: Tensor
+    """The end of the step, with the poses of all views."""
+    residual: Tensor
     """(M, 2) px"""
-    gained: float
-    """Of the views that stay."""
-    promised: float
-    short: float
-    """What the whole step promises beyond this one."""
-    lags: float
-    """What the views that were left out have left there, beyond what their own steps promised."""
+    decrease: float
+    """The actual decrease of the cost of the remaining views."""
+    predicted: float
+    """The predicted decrease."""
+    remainder: float
+    """The predicted decrease of an undamped step beyond this one."""
+    view_excess: float
+    """The cost of the views that are left out beyond the prediction of their own steps."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Steps:
-    """What the equations say where the fit to all views ended, or where a step from there led."""
+class _Expansion:
+    """The second-order expansion of the cost at the fit to all views or after a step from it."""
 
-    at: Optimum
-    known: Tensor
-    """(M,) as `without_each` has it."""
+    fitted: FittedModel
+    pose_corners: Tensor
+    """(M,) bool, see `fits_without`."""
     columns: list[Tensor]
-    """(2m, B + S + 1) of each view."""
+    """(2m, B + S + 1) for each view, see `view_columns`."""
     schur: Tensor
-    """(V, S + 1, S + 1) what each view says of the shared parameters, its own eliminated."""
-    moves: Tensor
-    """(V, B, S + 1) by which its own parameters follow the shared ones."""
-    schur_known: Tensor
-    """(V, S + 1, S + 1) the same by the corners that are known of a view that was left out."""
-    moves_known: Tensor
+    """(V, S + 1, S + 1) products of the shared columns of each view, its own eliminated."""
+    own_steps: Tensor
+    """(V, B, S + 1) the response of each view's own parameters to the shared ones."""
+    pose_schur: Tensor
+    """(V, S + 1, S + 1) `schur` from `pose_corners` alone."""
+    pose_own_steps: Tensor
+    """(V, B, S + 1) `own_steps` from `pose_corners` alone."""
     problem: LandingProblem
     losses: Tensor
-    """(M,) there."""
+    """(M,) the losses of the corners."""
     squares: Tensor
-    """(V,) of the corners that are known of a view that was left out, and of what is known of its
-    own parameters, there.
+    """(V,) the squares of the residuals at `pose_corners` and of the prior of the own
+    parameters.
     """
 
     @classmethod
-    def of(cls, at: Optimum, known: Tensor) -> _Steps:
-        columns = list(columns_of(at))
-        precision = view_precision(at.model.path, at.joint.poses)
-        schur, moves = _own_eliminated(columns, precision)
-        schur_known, moves_known = schur, moves
-        if not bool(known.all()):
-            rows = at.observations.per_view(known)
-            some = [own[kept.repeat_interleave(2)] for own, kept in zip(columns, rows, strict=True)]
-            schur_known, moves_known = _own_eliminated(some, precision)
+    def of(cls, fitted: FittedModel, pose_corners: Tensor) -> _Expansion:
+        joint = fitted.joint
+        columns = list(view_columns(fitted))
+        precision = view_precision(fitted.model.path, joint.poses)
+        schur, own_steps = _eliminate_own(columns, precision)
+        pose_schur = schur
+        pose_own_steps = own_steps
+        if not bool(pose_corners.all()):
+            rows = fitted.observations.per_view(pose_corners)
+            selected = [
+                view_columns[mask.repeat_interleave(2)]
+                for view_columns, mask in zip(columns, rows, strict=True)
+            ]
+            pose_schur, pose_own_steps = _eliminate_own(selected, precision)
         problem = problem_at(
-            at.model.path, at.parameters(), at.observations, at.joint.poses, at.joint.sigma
+            fitted.model.path, fitted.parameters(), fitted.observations, joint.poses, joint.sigma
         )
-        losses = problem.losses(
-            *problem.missed(
-                torch.zeros(at.model.parameters.count, dtype=torch.float64), at.joint.poses
-            )
+        origin = torch.zeros(fitted.model.parameters.count, dtype=torch.float64)
+        losses = problem.losses(*problem.missed(origin, joint.poses))
+        shared = torch.from_numpy(np.append(fitted.deviation, 1.0)).expand(len(columns), -1)
+        point = torch.cat([joint.poses * (precision > 0), shared], 1)
+        residual = torch.cat(
+            [matrix @ vector for matrix, vector in zip(columns, point, strict=True)]
         )
-        there = torch.cat(
-            [
-                at.joint.poses * (precision > 0),
-                torch.from_numpy(np.append(at.deviation, 1.0)).expand(len(columns), -1),
-            ],
-            1,
-        )
-        left = (
-            torch.cat([own @ here for own, here in zip(columns, there, strict=True)])
-            .reshape(-1, 2)
-            .square()
-            .sum(1)
-        )
-        squares = _by_view(at, torch.where(known, left, 0.0)) + problem.prior_of_blocks(
-            at.joint.poses
-        )
+        corner_squares = residual.reshape(-1, 2).square().sum(1)
+        squares = _sum_by_view(fitted, torch.where(pose_corners, corner_squares, 0.0))
         return cls(
-            at, known, columns, schur, moves, schur_known, moves_known, problem, losses, squares
+            fitted=fitted,
+            pose_corners=pose_corners,
+            columns=columns,
+            schur=schur,
+            own_steps=own_steps,
+            pose_schur=pose_schur,
+            pose_own_steps=pose_own_steps,
+            problem=problem,
+            losses=losses,
+            squares=squares + problem.prior_of_blocks(joint.poses),
         )
 
-    def without(self, out: Tensor, steps: int = STEPS, least: float = 0.0) -> LeftOut:
-        """Without (V,) the views; a last step may leave so much to gain."""
-        at, enough = self.at, AMISS * self.at.model.parameters.count
+    def without(
+        self, removed: Tensor, max_steps: int = MAX_STEPS, max_remainder: float = 0.0
+    ) -> FitWithout:
+        """Return the fit without the views of (V,) `removed`.
+
+        Args:
+            max_remainder: the predicted decrease that the last step may leave.
+        """
+        fitted = self.fitted
+        tolerance = TOLERANCE * fitted.model.parameters.count
         best = None
         for damping in DAMPINGS:
-            tried = self._tried(out, damping)
-            least = max(least, SHORT * (tried.short + tried.promised))
-            if (
-                tried.short <= least and abs(tried.gained - tried.promised) <= enough
-            ):  # not true of what is not a number
-                return self._left(tried, out)
-            if tried.gained > (best.gained if best else 0):
-                best = tried
-            if (
-                not tried.short <= least or tried.gained > tried.promised
-            ):  # a shorter one would not gain more
+            step = self._step(removed, damping)
+            full_decrease = step.remainder + step.predicted
+            max_remainder = max(max_remainder, DAMPED_REMAINDER * full_decrease)
+            # Written so that NaN fails the comparisons.
+            is_last = step.remainder <= max_remainder
+            if is_last and abs(step.decrease - step.predicted) <= tolerance:
+                return self._score_step(step, removed)
+            if step.decrease > (best.decrease if best else 0):
+                best = step
+            if not is_last or step.decrease > step.predicted:  # more damping gains nothing
                 break
-        if best and steps > 1:
-            return _Steps.of(replace(at, joint=best.joint), self.known).without(
-                out, steps - 1, least
-            )
-        return self._seen(_fitted(at, out), out)
+        if best and max_steps > 1:
+            expansion = _Expansion.of(replace(fitted, joint=best.joint), self.pose_corners)
+            return expansion.without(removed, max_steps - 1, max_remainder)
+        return self._score_fit(_fit_remaining(fitted, removed), removed)
 
-    def _tried(self, out: Tensor, damping: float) -> _Tried:
-        """A step towards the others' optimum, shorter in directions that they say little of."""
-        at, parameters = self.at, self.at.model.parameters
-        precision, here = torch.from_numpy(at.prior_precision()), torch.from_numpy(at.deviation)
-        left = self.schur[~out].sum(0)
-        hessian = left[:-1, :-1] + precision
+    def _step(self, removed: Tensor, damping: float) -> _Step:
+        """Step towards the optimum of the remaining views."""
+        fitted = self.fitted
+        joint = fitted.joint
+        parameters = fitted.model.parameters
+        precision = torch.from_numpy(fitted.prior_precision())
+        start = torch.from_numpy(fitted.deviation)
+        reduced = self.schur[~removed].sum(0)
+        hessian = reduced[:-1, :-1] + precision
         covariance = inverse(hessian)
-        best = -covariance @ left[:-1, -1]
-        vector = (
-            here
-            + inverse(hessian + damping * hessian.diagonal().diag()) @ (hessian @ (best - here))
-            if damping
-            else best
-        )
+        optimum = -covariance @ reduced[:-1, -1]
+        vector = optimum
+        if damping:
+            damped = inverse(hessian + damping * hessian.diagonal().diag())
+            vector = start + damped @ (hessian @ (optimum - start))
         values = parameters.values(vector)
         values |= {
             param.name: values[param.name].clamp_min(param.least) for param in parameters.free
         }
-        whole = torch.cat([vector, vector.new_ones(1)])
-        stay = at.joint.poses * (view_precision(at.model.path, at.joint.poses) == 0)
-        poses = stay - torch.where(out[:, None, None], self.moves_known, self.moves) @ whole
-        residual, lands = self.problem.missed(self.problem.parameters.vector(values), poses)
-        worse = self.problem.losses(residual, lands) - self.losses
-        own = self.problem.prior_of_blocks(poses) - self.problem.prior_of_blocks(at.joint.poses)
-        short = float((vector - best) @ hessian @ (vector - best))
-        missed = residual * (at.joint.sigma / at.observations.weight)[:, None]
-        least = torch.einsum("s,vst,t->v", whole, self.schur_known, whole) - self.squares
-        return _Tried(
-            joint=replace(at.joint, values=values, poses=poses, covariance=covariance),
-            missed=torch.where(lands[:, None], missed, torch.inf).nan_to_num(torch.inf),
-            gained=float(here @ precision @ here - vector @ precision @ vector)
-            - float((_by_view(at, worse) + own)[~out].sum()),
-            promised=float((here - best) @ hessian @ (here - best)) - short,
-            short=short,
-            lags=float(
-                (_by_view(at, torch.where(self.known, worse, 0.0)) + own - least)[out].sum()
-            ),
+        homogeneous = torch.cat([vector, vector.new_ones(1)])
+        without_prior = view_precision(fitted.model.path, joint.poses) == 0
+        own_steps = torch.where(removed[:, None, None], self.pose_own_steps, self.own_steps)
+        poses = joint.poses * without_prior - own_steps @ homogeneous
+        residual, visible = self.problem.missed(self.problem.parameters.vector(values), poses)
+        increase = self.problem.losses(residual, visible) - self.losses
+        own_increase = self.problem.prior_of_blocks(poses)
+        own_increase = own_increase - self.problem.prior_of_blocks(joint.poses)
+        prior_decrease = float(start @ precision @ start - vector @ precision @ vector)
+        remaining_increase = (_sum_by_view(fitted, increase) + own_increase)[~removed].sum()
+        remainder = float((vector - optimum) @ hessian @ (vector - optimum))
+        full_decrease = float((start - optimum) @ hessian @ (start - optimum))
+        pixels = residual * (joint.sigma / fitted.observations.weight)[:, None]
+        minimum = torch.einsum("s,vst,t->v", homogeneous, self.pose_schur, homogeneous)
+        pose_increase = _sum_by_view(fitted, torch.where(self.pose_corners, increase, 0.0))
+        excess = pose_increase + own_increase - (minimum - self.squares)
+        return _Step(
+            joint=replace(joint, values=values, poses=poses, covariance=covariance),
+            residual=torch.where(visible[:, None], pixels, torch.inf).nan_to_num(torch.inf),
+            decrease=prior_decrease - float(remaining_increase),
+            predicted=full_decrease - remainder,
+            remainder=remainder,
+            view_excess=float(excess[removed].sum()),
         )
 
-    def _left(self, tried: _Tried, out: Tensor) -> LeftOut:
-        """What is left after a step that did what it promised."""
-        if not abs(tried.lags) <= AMISS_OUT * int(out.sum()):
-            return self._seen(tried.joint, out)
-        return LeftOut(
-            tried.joint,
-            tried.missed[out[self.at.observations.view]],
-            self._spread(tried.joint.covariance, out),
+    def _score_step(self, step: _Step, removed: Tensor) -> FitWithout:
+        """Return the fit at the end of a step whose decrease is as predicted."""
+        if not abs(step.view_excess) <= VIEW_TOLERANCE * int(removed.sum()):
+            return self._score_fit(step.joint, removed)
+        return FitWithout(
+            step.joint,
+            step.residual[removed[self.fitted.observations.view]],
+            self._prediction_variance(step.joint.covariance, removed),
         )
 
-    def _seen(self, rest: JointFit, out: Tensor) -> LeftOut:
-        """The views that were left out of a fit, fitted to it."""
-        at = self.at
-        test = at.observations.without(~out)
-        poses = rest.poses.clone()
-        poses[out] = at.model.seen(
-            rest, test.kept(self.known[out[at.observations.view]]), rest.poses[out]
+    def _score_fit(self, joint: JointFit, removed: Tensor) -> FitWithout:
+        """Fit the poses of the removed views to a fit without them."""
+        fitted = self.fitted
+        views = fitted.observations.without(~removed)
+        poses = joint.poses.clone()
+        pose_corners = self.pose_corners[removed[fitted.observations.view]]
+        poses[removed] = fitted.model.seen(joint, views.kept(pose_corners), joint.poses[removed])
+        residual = residuals(fitted.model.path, joint.values, views, poses[removed]).image
+        return FitWithout(
+            replace(joint, poses=poses),
+            residual.nan_to_num(torch.inf),
+            self._prediction_variance(joint.covariance, removed),
         )
-        missed = residuals(at.model.path, rest.values, test, poses[out]).image.nan_to_num(torch.inf)
-        return LeftOut(replace(rest, poses=poses), missed, self._spread(rest.covariance, out))
 
-    def _spread(self, covariance: Tensor, out: Tensor) -> Tensor:
-        own = self.schur.shape[-1] - 1
-        found = []
-        for columns in (
-            columns for columns, there in zip(self.columns, out.tolist(), strict=True) if there
-        ):
-            left = torch.from_numpy(
-                eliminated(columns[:, : -own - 1].numpy(), columns[:, -own - 1 : -1].numpy())
-            )
-            found.append(((left @ covariance) * left).sum(1).reshape(-1, 2).mean(1))
-        return torch.cat(found).nan_to_num(torch.inf)
+    def _prediction_variance(self, covariance: Tensor, removed: Tensor) -> Tensor:
+        size = self.schur.shape[-1] - 1
+        variances = []
+        for columns, is_removed in zip(self.columns, removed.tolist(), strict=True):
+            if is_removed:
+                own_columns = columns[:, : -size - 1].numpy()
+                shared_columns = columns[:, -size - 1 : -1].numpy()
+                jacobian = torch.from_numpy(eliminated(own_columns, shared_columns))
+                variance = ((jacobian @ covariance) * jacobian).sum(1)
+                variances.append(variance.reshape(-1, 2).mean(1))
+        return torch.cat(variances).nan_to_num(torch.inf)
 
 
-def _own_eliminated(columns: list[Tensor], precision: Tensor) -> tuple[Tensor, Tensor]:
-    """(V, S + 1, S + 1) products of the other columns with themselves once each view's own
-    parameters adapt, and (V, B, S + 1) how.
+def _eliminate_own(columns: list[Tensor], precision: Tensor) -> tuple[Tensor, Tensor]:
+    """Return (V, S + 1, S + 1) products of the shared columns with each view's own parameters
+    eliminated, and (V, B, S + 1) the response of the own parameters.
     """
-    own = len(precision)
-    schur, moves = [], []
-    for each in columns:
-        through, factor = (
-            found[0] for found in schur_factors((each[:, :own].mT @ each)[None], precision)
-        )
-        others = each[:, own:]
-        schur.append(others.mT @ others - through.mT @ through)
-        moves.append(torch.linalg.solve_triangular(factor.mT, through, upper=True))
-    return torch.stack(schur), torch.stack(moves)
+    size = len(precision)
+    schur = []
+    own_steps = []
+    for matrix in columns:
+        crosses, factors = schur_factors((matrix[:, :size].mT @ matrix)[None], precision)
+        cross = crosses[0]
+        shared = matrix[:, size:]
+        schur.append(shared.mT @ shared - cross.mT @ cross)
+        own_steps.append(torch.linalg.solve_triangular(factors[0].mT, cross, upper=True))
+    return torch.stack(schur), torch.stack(own_steps)
 
 
-def _by_view(at: Optimum, losses: Tensor) -> Tensor:
-    return losses.new_zeros(len(at.joint.poses)).index_add(0, at.observations.view, losses)
+def _sum_by_view(fitted: FittedModel, losses: Tensor) -> Tensor:
+    """Return (V,) sums of (M,) losses over the corners of each view."""
+    sums = losses.new_zeros(len(fitted.joint.poses))
+    return sums.index_add(0, fitted.observations.view, losses)
 
 
-def _fitted(at: Optimum, out: Tensor) -> JointFit:
-    close = AMISS * at.model.parameters.count / at.joint.cost
-    rest = at.model.fitted(
-        at.observations.without(out), at.joint.poses[~out], at.joint.start, (close,)
+def _fit_remaining(fitted: FittedModel, removed: Tensor) -> JointFit:
+    """Fit the remaining views from the fit to all."""
+    joint = fitted.joint
+    tolerance = TOLERANCE * fitted.model.parameters.count / joint.cost
+    remaining = fitted.model.fitted(
+        fitted.observations.without(removed), joint.poses[~removed], joint.start, (tolerance,)
     )
-    poses = at.joint.poses.clone()
-    poses[~out] = rest.poses
-    return replace(rest, poses=poses)
+    poses = joint.poses.clone()
+    poses[~removed] = remaining.poses
+    return replace(remaining, poses=poses)

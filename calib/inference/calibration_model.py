@@ -1,6 +1,4 @@
-"""The model that a diagnosis starts from: a calibration's, with what its fit estimated free
-again.
-"""
+"""The model of a calibration, with the parameters that its fit estimated free again."""
 
 from dataclasses import replace
 
@@ -17,7 +15,9 @@ from calib.session.tolerances import OWN_CENTRE, OWN_COEFFICIENT, OWN_FOCAL
 
 
 def base_model(calibration: Calibration) -> CameraModel:
-    """What the calibration's fit started from, as far as it says, without any effect."""
+    """Return the model at the declared values from which the calibration was fitted, without
+    effects.
+    """
     declared = calibration.declared
     as_declared = replace(
         calibration,
@@ -32,18 +32,18 @@ def base_model(calibration: Calibration) -> CameraModel:
     priors = priors_of(intrinsics, cover, path)
     if calibration.settings.get("intrinsics_from") == "views":
         focal = OWN_FOCAL.sigma * float(values["camera.fx"])
-        own = {
+        sigmas = {
             "camera.fx": focal,
             "camera.fy": focal,
             "camera.cx": OWN_CENTRE.sigma,
             "camera.cy": OWN_CENTRE.sigma,
         }
-        own = {
-            param.name: own.get(param.name, OWN_COEFFICIENT.sigma)
+        sigmas = {
+            param.name: sigmas.get(param.name, OWN_COEFFICIENT.sigma)
             for param in path.lens.params
             if not param.shape
         }
-        priors = Priors({**priors.sigmas, **own})
+        priors = Priors({**priors.sigmas, **sigmas})
     if calibration.relief:
         values[AMPLITUDES] = torch.from_numpy(
             expected_amplitudes(calibration.relief, declared.cover.glass)
@@ -51,6 +51,6 @@ def base_model(calibration: Calibration) -> CameraModel:
     return CameraModel(path, values, priors)
 
 
-def model_of(calibration: Calibration) -> CameraModel:
-    """The same, with the calibration's effects."""
-    return base_model(calibration).with_effects(found.effect for found in calibration.effects)
+def full_model(calibration: Calibration) -> CameraModel:
+    """Return `base_model` with the calibration's effects."""
+    return base_model(calibration).with_effects(added.effect for added in calibration.effects)

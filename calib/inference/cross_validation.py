@@ -1,9 +1,9 @@
-"""Cross-validation of one model against another: their errors on held-out views, and whether the
-difference is more than chance.
+"""Cross-validation of two models: their errors on held-out views, and whether the difference is
+more than chance.
 
-Whole poses of the board are held out, by folds or by bands of depth, never single corners. An
-interval comes from a bootstrap over views, a p-value from a permutation test that flips the signs
-of the views' gains.
+Whole poses of the board are held out, by folds or by depth bands, never single corners. A bootstrap
+over views gives the interval of the gain. A permutation test that flips the signs of the views'
+gains gives the p-value.
 
 Source: B. Efron, R. Tibshirani, An introduction to the bootstrap (1993), chapter 13.
 """
@@ -21,198 +21,199 @@ from numpy.typing import NDArray
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
-from calib.inference.approximate_cv import without_each
-from calib.inference.score_test import Optimum
-from calib.inference.sign_flip_test import views_agree, views_gain
+from calib.inference.approximate_cv import fits_without
+from calib.inference.score_test import FittedModel
+from calib.inference.sign_flip_test import gain_p_value, sign_flip_p_value
 
 Array = NDArray[np.float64]
 
 FOLDS = 5
-BANDS = 3
-"""Of depth."""
-BANDED = 1.3
-"""The farthest band's depth over the nearest's, from which a session has bands."""
-DRAWS = 4000
-"""Of the bootstrap."""
+DEPTH_BANDS = 3
+MIN_DEPTH_RATIO = 1.3
+"""The smallest ratio between the depths of the farthest and the nearest band."""
+BOOTSTRAP_DRAWS = 4000
 CLIP = 2.5
-"""Times the typical error of a corner: what is farther off counts as that far, for single bad
-corners are not the model's.
+"""A multiple of the typical corner error. Larger errors count as that large, because the model is
+not responsible for single bad corners.
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HeldOut:
-    """Each view's error when it was held out."""
+class HeldOutErrors:
+    """The errors of each view in the fit without it."""
 
-    missed: Array
-    """(M, 2) px, what is left of every corner; NaN where it was not scored, infinite where the
-    model cannot see it.
-    """
+    residual: Array
+    """(M, 2) px for every corner; NaN if it was not scored, infinite if the model cannot see it."""
     view: NDArray[np.int64]
     """(M,) the pose of the board."""
     weight: Array
-    """(M,) from 0 to 1, how surely the fit that did not see a corner predicts it: the noise's part
-    of the predicted variance.
-    """
+    """(M,) from 0 to 1, the part of the predicted variance that is noise."""
     half: bool
-    """Whether the views' own parameters are those of half of their corners, and the others were
-    scored.
+    """True if the views' own parameters were fitted to half of their corners, and the other half
+    was scored.
     """
 
     @property
     def squares(self) -> Array:
-        """(M,) px^2 of every corner, NaN or infinite as it is."""
-        return np.asarray((self.missed**2).sum(1))
+        """(M,) px^2 of every corner; NaN or infinite like `residual`."""
+        return np.asarray((self.residual**2).sum(1))
 
     def by_view(self, limit: float, weight: Array) -> Array:
-        """(V,) px^2, weighted mean of the clipped squares."""
+        """Return (V,) px^2, the weighted means of the squares, clipped at `limit` px^2."""
         squares = self.squares
         scored = ~np.isnan(squares)
-        own, view = weight[scored], self.view[scored]
-        total = np.bincount(view, own * np.minimum(squares, limit)[scored], self.view.max() + 1)
-        return np.asarray(total / np.bincount(view, own, self.view.max() + 1).clip(1e-300))
+        weights = weight[scored]
+        view = self.view[scored]
+        views = self.view.max() + 1
+        sums = np.bincount(view, weights * np.minimum(squares, limit)[scored], views)
+        return np.asarray(sums / np.bincount(view, weights, views).clip(1e-300))
 
     @property
     def rms(self) -> float:
-        """px, of all corners that the model sees."""
+        """The root mean square error in px of all corners that the model sees."""
         squares = self.squares
         return float(np.sqrt(squares[np.isfinite(squares)].mean()))
 
     @property
     def limit(self) -> float:
-        """px^2: `by_view`'s, from these errors."""
+        """The limit in px^2 for `by_view`, from these errors."""
         return float(CLIP**2 * np.nanmedian(self.squares) / np.log(2))
 
 
 @dataclass(frozen=True, slots=True)
-class Gain:
-    """By how much one model leaves less than another on held-out views."""
+class HeldOutGain:
+    """The decrease of the held-out error from a base model to an extended one."""
 
-    before: float
-    """px RMS"""
-    after: float
+    base_px: float
+    """The root mean square error of the base model."""
+    extended_px: float
+    """The root mean square error of the extended model."""
     ci95: tuple[float, float]
-    """px, of the difference."""
+    """The 95 % interval of the difference in px."""
     p_value: float
-    """How often chance alone does as much."""
-    presence: float
-    """How often chance alone makes what other views say of the difference agree as well with what
-    held-out views leave. 1 where halves of views were scored.
+    """The probability of such a gain by chance."""
+    presence_p_value: float
+    """The probability that the difference which other views predict agrees by chance as well with
+    the residual of held-out views. 1 if halves of views were scored.
     """
 
     @property
     def relative(self) -> float:
-        return 1.0 - self.after / self.before
+        """The relative decrease of the error."""
+        return 1.0 - self.extended_px / self.base_px
 
     @property
-    def explained(self) -> float:
-        """px RMS, what the one model explains of the error and the other does not; 0 where it
-        leaves more.
+    def explained_px(self) -> float:
+        """The root mean square in px of the part of the error that only the extended model
+        explains; 0 if its error is larger.
         """
-        return math.sqrt(max(0.0, self.before**2 - self.after**2))
+        return math.sqrt(max(0.0, self.base_px**2 - self.extended_px**2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Split:
-    """Views that are held out together, one part after the other."""
+    """A partition of views into groups that are held out in turn."""
 
-    part: NDArray[np.int64]
-    """(V,) from 0 on."""
+    group: NDArray[np.int64]
+    """(V,) the group of each view, from 0."""
     pose: NDArray[np.int64]
-    """(V,) of the board, from 0 on: the pictures of a burst share one.
-
-    They are always in the same part, and count as one view.
+    """(V,) the pose of the board in each view, from 0. The pictures of a burst share a pose; they
+    are in the same group and count as one view.
     """
 
 
-def folds(poses: Sequence[int] | NDArray[np.int64]) -> Split:
-    """Every FOLDS-th pose of the board."""
-    pose = _numbered(poses)
+def fold_split(poses: Sequence[int] | NDArray[np.int64]) -> Split:
+    """Return folds: every FOLDS-th pose of the board is in the same group."""
+    pose = _consecutive(poses)
     return Split(pose % FOLDS, pose)
 
 
-def bands(depths: Array, poses: Sequence[int] | NDArray[np.int64]) -> Split | None:
-    """Near, middle and far poses, equally many each; None where all are at much the same depth.
+def depth_split(depths: Array, poses: Sequence[int] | NDArray[np.int64]) -> Split | None:
+    """Return bands of near, middle and far poses of equal size; None if all have similar depths.
 
     Args:
         depths: (V,) m.
-        poses: (V,)
+        poses: (V,) labels of the board's poses.
     """
-    pose = _numbered(poses)
+    pose = _consecutive(poses)
     depth = np.bincount(pose, depths) / np.bincount(pose)
-    band = depth.argsort().argsort() * BANDS // len(depth)
-    nearest, farthest = (np.median(depth[band == end]) for end in (0, BANDS - 1))
-    return Split(band[pose], pose) if farthest > BANDED * nearest else None
+    band = depth.argsort().argsort() * DEPTH_BANDS // len(depth)
+    nearest = np.median(depth[band == 0])
+    farthest = np.median(depth[band == DEPTH_BANDS - 1])
+    return Split(band[pose], pose) if farthest > MIN_DEPTH_RATIO * nearest else None
 
 
-def _numbered(poses: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
-    return np.unique(poses, return_inverse=True)[1].astype(np.int64)
+def _consecutive(labels: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
+    return np.unique(labels, return_inverse=True)[1].astype(np.int64)
 
 
 def hold_out(
     model: CameraModel,
     observations: Observations,
-    fitted: JointFit,
+    fit: JointFit,
     split: Split,
     *,
     half: bool = False,
-) -> HeldOut:
-    """Fit without each part of the views, and score it.
+) -> HeldOutErrors:
+    """Fit without each group of views, and score that group.
 
     Args:
-        fitted: to all views; the other fits start there, with its noise and prior.
-        half: fit the parameters of a held-out view to every other corner and score the rest, as
-            parameters of single views ask for.
+        fit: the fit to all views; the other fits start there, with its noise and prior.
+        half: fit the own parameters of a held-out view to every other corner and score the
+            remaining corners, as parameters of single views require.
     """
     scored = torch.ones(len(observations.pixels), dtype=torch.bool)
-    part = torch.from_numpy(split.part)[observations.view]
+    group = torch.from_numpy(split.group)[observations.view]
     if half:
-        for index in range(int(part.max()) + 1):
-            scored[(part == index).nonzero()[::2]] = False
-    missed, weight = (
-        torch.full((len(scored), 2), torch.nan, dtype=torch.float64),
-        torch.zeros(len(scored), dtype=torch.float64),
-    )
-    each = without_each(Optimum(model, observations, fitted), split.part, ~scored if half else None)
-    for index, left in enumerate(each):
-        out = part == index
-        missed[out] = torch.where(scored[out, None], left.missed, torch.nan)
-        weight[out] = 1 / (1 + left.spread)
-    return HeldOut(missed.numpy(), split.pose[observations.view.numpy()], weight.numpy(), half)
+        for index in range(int(group.max()) + 1):
+            scored[(group == index).nonzero()[::2]] = False
+    residual = torch.full((len(scored), 2), torch.nan, dtype=torch.float64)
+    weight = torch.zeros(len(scored), dtype=torch.float64)
+    fitted = FittedModel(model, observations, fit)
+    for index, held_out in enumerate(fits_without(fitted, split.group, ~scored if half else None)):
+        rows = group == index
+        residual[rows] = torch.where(scored[rows, None], held_out.residual, torch.nan)
+        weight[rows] = 1 / (1 + held_out.prediction_variance)
+    pose = split.pose[observations.view.numpy()]
+    return HeldOutErrors(residual.numpy(), pose, weight.numpy(), half)
 
 
-def gain(before: HeldOut, after: HeldOut) -> Gain:
-    """Compare on the same views: an interval by bootstrap over views, and a test by flipping the
-    signs of the views' gains, which are as often losses if the models are alike. A corner counts
-    the less, the less surely the first fit predicts it.
+def held_out_gain(base: HeldOutErrors, extended: HeldOutErrors) -> HeldOutGain:
+    """Compare two models on the same views.
+
+    The interval is from a bootstrap over views. The test flips the signs of the views' gains, which
+    are losses equally often if the models are alike. A corner weighs less if the base fit predicts
+    it less precisely.
     """
-    one, two = (held.by_view(before.limit, before.weight) for held in (before, after))
-    rng = np.random.default_rng(0)
-    drawn = rng.integers(0, len(one), (DRAWS, len(one)))
-    low, high = np.quantile(
-        np.sqrt(one[drawn].mean(1)) - np.sqrt(two[drawn].mean(1)), [0.025, 0.975]
+    base_squares = base.by_view(base.limit, base.weight)
+    extended_squares = extended.by_view(base.limit, base.weight)
+    count = len(base_squares)
+    draws = np.random.default_rng(0).integers(0, count, (BOOTSTRAP_DRAWS, count))
+    base_rms = np.sqrt(base_squares[draws].mean(1))
+    extended_rms = np.sqrt(extended_squares[draws].mean(1))
+    low, high = np.quantile(base_rms - extended_rms, [0.025, 0.975])
+    presence = 1.0 if extended.half else sign_flip_p_value(_agreement(base, extended))
+    return HeldOutGain(
+        base_px=float(np.sqrt(base_squares.mean())),
+        extended_px=float(np.sqrt(extended_squares.mean())),
+        ci95=(float(low), float(high)),
+        p_value=gain_p_value(base_squares, extended_squares),
+        presence_p_value=presence,
     )
-    presence = 1.0 if after.half else views_agree(_agreement(before, after))
-    return Gain(
-        float(np.sqrt(one.mean())),
-        float(np.sqrt(two.mean())),
-        (float(low), float(high)),
-        views_gain(one, two),
-        presence,
-    )
 
 
-def _agreement(before: HeldOut, after: HeldOut) -> Array:
-    """(V,) px^2, of what the one model leaves with what the other takes from it, summed over the
-    corners that are no outliers.
+def _agreement(base: HeldOutErrors, extended: HeldOutErrors) -> Array:
+    """Return (V,) px^2, the products of the base residual with the part of it that the extended
+    model removes, summed over the corners that are no outliers.
 
-    Both fit a view's pose to all of its corners, so what these leave is the view's own noise, and
-    what one takes from the other is by views
-    that it is independent of: without the effect the products are as often negative.
+    Both models fit a view's pose to all of its corners, so the base residual is the view's own
+    noise, and the removed part is a prediction by independent views. Without the effect, the
+    products are negative as often as positive.
     """
-    known = (before.squares < before.limit) & np.isfinite(
-        after.squares
-    )  # not by how large these are: where they disagree, they are larger
-    left, taken = before.missed[known], before.missed[known] - after.missed[known]
-    own = before.weight[known] * (left * taken).sum(1)
-    return np.asarray(np.bincount(before.view[known], own, before.view.max() + 1), np.float64)
+    # The limit does not depend on the extended model: where the two disagree, it is larger.
+    inliers = (base.squares < base.limit) & np.isfinite(extended.squares)
+    residual = base.residual[inliers]
+    removed = residual - extended.residual[inliers]
+    products = base.weight[inliers] * (residual * removed).sum(1)
+    views = base.view.max() + 1
+    return np.asarray(np.bincount(base.view[inliers], products, views), np.float64)

@@ -1,4 +1,4 @@
-"""Where on the glass the residual asks for a finer relief."""
+"""The context from which effects are proposed, and the place of a possible finer relief."""
 
 from dataclasses import replace
 
@@ -10,60 +10,63 @@ from calib.effects.effect import Surroundings
 from calib.estimation.elimination import eliminated, view_equations
 from calib.estimation.parameters import Parameters
 from calib.estimation.priors import NONE
-from calib.inference.score_test import Optimum
+from calib.inference.score_test import FittedModel
 from calib.optics.relief import AMPLITUDES, Relief
 from calib.session.board import Board
 from calib.session.camera import Camera
 
-SCAN = 3
-"""Times denser than the relief: the centres among which the place is sought."""
+SCAN_DENSITY = 3
+"""Candidate places of a finer relief for each centre of the relief, along each axis."""
 
 
-def suspected_place(at: Optimum) -> Tensor | None:
-    """(2,) chart coordinates of the fine centre with the largest score; None without a relief."""
-    path = at.model.path
+def fine_relief_place(fitted: FittedModel) -> Tensor | None:
+    """Return the (2,) chart coordinates of the finer centre with the largest score; None without a
+    relief.
+    """
+    path = fitted.model.path
     outer = path.cover[-1] if path.cover else None
     if outer is None or outer.relief is None:
         return None
     coarse = outer.relief
-    rows, columns = (SCAN * (n - 1) + 1 for n in coarse.grid)
+    rows = SCAN_DENSITY * (coarse.grid[0] - 1) + 1
+    columns = SCAN_DENSITY * (coarse.grid[1] - 1) + 1
     fine = Relief(coarse.low, coarse.high, (rows, columns))
-    kept = Relief(coarse.low, coarse.high, coarse.grid, coarse.beta, "coarse")
-    joint = at.joint
-    finer = replace(
-        path, cover=(*path.cover[:-1], replace(outer, relief=fine, more=(*outer.more, kept)))
-    )
+    fixed = Relief(coarse.low, coarse.high, coarse.grid, coarse.beta, "coarse")
+    joint = fitted.joint
+    interface = replace(outer, relief=fine, more=(*outer.more, fixed))
+    fine_path = replace(path, cover=(*path.cover[:-1], interface))
     zero = torch.zeros(fine.grid, dtype=torch.float64)
     values = {**joint.values, "coarse.amplitudes": joint.values[AMPLITUDES], AMPLITUDES: zero}
-    scores, squares = np.zeros(rows * columns), np.zeros(rows * columns)
+    parameters = Parameters(values, fine, (), NONE)
+    scores = np.zeros(rows * columns)
+    squares = np.zeros(rows * columns)
     for view in view_equations(
-        finer, Parameters(values, fine, (), NONE), at.observations, joint.poses, joint.sigma
+        fine_path, parameters, fitted.observations, joint.poses, joint.sigma
     ):
-        bells = eliminated(view.own, view.shared)
-        scores += bells.T @ view.residual
-        squares += (bells**2).sum(0)
-    score = np.where(squares > 1e-3 * squares.max(), scores**2 / np.maximum(squares, 1e-300), 0.0)
-    best = int(score.argmax())
-    along = [
-        torch.linspace(low, high, n, dtype=torch.float64)
-        for low, high, n in zip(fine.low, fine.high, fine.grid, strict=True)
-    ]
-    return torch.stack([along[0][best // columns], along[1][best % columns]])
+        jacobian = eliminated(view.own, view.shared)
+        scores += jacobian.T @ view.residual
+        squares += (jacobian**2).sum(0)
+    visible = squares > 1e-3 * squares.max()
+    chi2 = np.where(visible, scores**2 / np.maximum(squares, 1e-300), 0.0)
+    row, column = divmod(int(chi2.argmax()), columns)
+    first = torch.linspace(fine.low[0], fine.high[0], rows, dtype=torch.float64)
+    second = torch.linspace(fine.low[1], fine.high[1], columns, dtype=torch.float64)
+    return torch.stack([first[row], second[column]])
 
 
-def surroundings(at: Optimum, board: Board, camera: Camera, *, place: bool) -> Surroundings:
-    """What effects may go by there; the place on the glass only if it is asked for, as it takes a
-    while.
+def effect_context(
+    fitted: FittedModel, board: Board, camera: Camera, *, locate: bool
+) -> Surroundings:
+    """Return the context of a fit for proposing effects; with `locate`, it includes the place of a
+    finer relief, which takes a while.
     """
-    free = frozenset(at.model.priors.sigmas)
-    found = suspected_place(at) if place else None
     return Surroundings(
         board,
         camera.width,
         camera.height,
-        at.model.path,
-        at.joint.values,
-        free,
+        fitted.model.path,
+        fitted.joint.values,
+        frozenset(fitted.model.priors.sigmas),
         camera.shutter,
-        found,
+        fine_relief_place(fitted) if locate else None,
     )

@@ -1,9 +1,9 @@
-"""Whether an effect's parameters, estimated from the other views to first order, lower the error of
-each view.
+"""A jackknife test of an effect: do its parameters, estimated from the other views, lower the error
+of each view?
 
-Hotelling's statistic divides the views' mean score by their scatter, so that few views, or a few
-that say little or are bad, leave it undecided. Here a view is left out instead (a jackknife), and
-what the others say of the effect is tried on it.
+Hotelling's statistic divides the mean score of the views by their scatter. So a few views, or some
+with little information or bad corners, leave it undecided. The jackknife leaves a view out instead,
+and tests on it the effect that the other views predict, to first order.
 
 Source: B. Efron, The jackknife, the bootstrap and other resampling plans (1982), chapter 2.
 """
@@ -13,25 +13,28 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.inference.sign_flip_test import views_gain
+from calib.inference.sign_flip_test import gain_p_value
 
 Array = NDArray[np.float64]
 
 
-def jackknife(
-    residuals: Sequence[Array], rows: Sequence[Array], score: Array, hessian: Array
+def jackknife_p_value(
+    residuals: Sequence[Array], jacobians: Sequence[Array], score: Array, hessian: Array
 ) -> float:
-    """p-value of "the effect helps no view that it was not estimated from".
+    """Return the p-value of "the effect helps no view that it was not estimated from".
 
     Args:
-        residuals: (2m,) of each view, over sigma; what its own parameters can do is projected out.
-        rows: (2m, k) of each view's Jacobian by the effect's parameters likewise.
-        score: (k,) of all views together, the prior's share included.
-        hessian: (k, k) likewise.
+        residuals: (2m,) of each view, over sigma; the view's own parameters are projected out.
+        jacobians: (2m, k) of each view by the effect's parameters, likewise.
+        score: (k,) of all views together, with the prior's share.
+        hessian: (k, k) of all views together, with the prior's share.
     """
-    before, after = [], []
-    for residual, own in zip(residuals, rows, strict=True):
-        others = np.linalg.lstsq(hessian - own.T @ own, score - own.T @ residual, rcond=None)[0]
-        before.append(residual @ residual)
-        after.append(((residual - own @ others) ** 2).sum())
-    return views_gain(np.array(before).clip(1e-300), np.array(after).clip(1e-300))
+    base = []
+    extended = []
+    for residual, jacobian in zip(residuals, jacobians, strict=True):
+        hessian_without = hessian - jacobian.T @ jacobian
+        score_without = score - jacobian.T @ residual
+        estimate = np.linalg.lstsq(hessian_without, score_without, rcond=None)[0]
+        base.append(residual @ residual)
+        extended.append(((residual - jacobian @ estimate) ** 2).sum())
+    return gain_p_value(np.array(base).clip(1e-300), np.array(extended).clip(1e-300))

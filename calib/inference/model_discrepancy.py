@@ -1,10 +1,10 @@
-"""The rival of what single views have for themselves: structure of no cause, smooth over the board
-and another one in every view.
+"""The evidence of a model discrepancy: structure without a known cause, smooth over the board and
+different in every view.
 
-Where a model lacks something small in every view, small numbers in every view follow it, whatever
-they are called. So how probable the corners are is asked with a Gaussian process over each view's
-board as well: a sum of three, of different lengths, whose heights, and the noise beside them, are
-chosen by evidence. What is said to be a cause has to make them more probable beside that, too.
+If a model lacks something small in every view, any parameters of single views imitate it, whatever
+they mean. So such parameters must also raise the evidence beside a Gaussian process over the board
+of each view. The process is a sum of three with different lengths. Their heights, and the noise,
+maximise the evidence.
 
 Source: C. E. Rasmussen, C. K. I. Williams, Gaussian processes for machine learning (2006), sections
     2.7 and 5.4.
@@ -21,136 +21,141 @@ from scipy.optimize import minimize
 from torch import Tensor
 
 from calib.estimation.objective import view_precision
-from calib.inference.laplace_evidence import NOISES, Linearised
-from calib.inference.score_test import Optimum
+from calib.inference.laplace_evidence import NOISE_RANGE, LaplaceEvidence
+from calib.inference.score_test import FittedModel
 
 LENGTHS = (0.25, 0.5, 1.0)
-"""Of the board's longer side: of the correlations exp(-d^2 / (2 length^2))."""
-HEIGHTS = (0.3, 2.0)
-"""Of the noise: where the search begins, of one length after the other."""
-LOW = 0.1
-"""The others' there."""
-LIMITS = (1e-3, 1e2)
-"""Of a height over the noise."""
-FAINT = 1e-3
-"""Of an axis's largest: a mode with a smaller variance is left out."""
+"""Correlation lengths in exp(-d^2 / (2 length^2)), relative to the longer side of the board."""
+START_HEIGHTS = (0.3, 2.0)
+"""Initial heights of one process over the noise; the search starts from each process in turn."""
+LOW_HEIGHT = 0.1
+"""The initial height of the other processes."""
+HEIGHT_RANGE = (1e-3, 1e2)
+"""The range of a height over the noise."""
+MIN_MODE_VARIANCE = 1e-3
+"""The smallest variance of a mode, relative to the largest one along the same axis."""
 
-BEFOREHAND = 0.05
-"""The probability of such structure before corners are looked at: its heights are chosen, and noise
-has some, too.
-"""
-TINY = 1e-12
-"""Of the processes' variance: what keeps the root of their covariance real."""
+PRIOR_PROBABILITY = 0.05
+"""The prior probability of a discrepancy. Its heights are fitted, so noise alone has some too."""
+JITTER = 1e-12
+"""Relative to the variance of the processes: keeps the root of their covariance real."""
 
 
-def gain(at: Optimum) -> float:
-    """By how much the logarithm of the corners' probability rises where such structure may be,
-    everything else integrated out.
+def discrepancy_gain(fitted: FittedModel) -> float:
+    """Return the increase of the log evidence if a discrepancy is possible, with all other
+    parameters integrated out.
     """
-    modes, spread = modes_of(at.observations.corners.numpy())
-    around = Linearised.around(at)
-    likelihood = Likelihood(
-        around,
-        torch.from_numpy(spread),
-        [torch.from_numpy(seen) for seen in np.split(modes, at.observations.starts[1:-1].numpy())],
-        view_precision(at.model.path, at.joint.poses),
+    modes, covariances = board_modes(fitted.observations.corners.numpy())
+    by_view = np.split(modes, fitted.observations.starts[1:-1].numpy())
+    likelihood = DiscrepancyLikelihood(
+        LaplaceEvidence.of(fitted),
+        torch.from_numpy(covariances),
+        [torch.from_numpy(view_modes) for view_modes in by_view],
+        view_precision(fitted.model.path, fitted.joint.poses),
     )
-    with_it = likelihood.best() - float(likelihood.log(torch.zeros(len(LENGTHS)), torch.ones(())))
-    return float(np.logaddexp(np.log(1 - BEFOREHAND), np.log(BEFOREHAND) + with_it))
+    without = float(likelihood.log_evidence(torch.zeros(len(LENGTHS)), torch.ones(())))
+    increase = likelihood.max_log_evidence() - without
+    absent = np.log(1 - PRIOR_PROBABILITY)
+    return float(np.logaddexp(absent, np.log(PRIOR_PROBABILITY) + increase))
 
 
-def modes_of(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Functions over the board that all lengths share, and how large each length's process is in
-    them.
+def board_modes(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return functions over the board that all processes share, and the processes' covariances.
 
     Returns:
-        (M, q) at (M, 2) corners, products of one along x and one along y, orthonormal on the
-        board's grid; and (L, q, q) the covariances of their coefficients.
+        (M, q) the functions at (M, 2) corners, products of one along x and one along y, orthonormal
+        on the board's grid; and (L, q, q) the covariances of their coefficients.
     """
     side = float(np.ptp(corners, axis=0).max())
-    functions, spreads = [], []
-    for at in corners.T:
-        places, index = np.unique(at.round(9), return_inverse=True)
-        apart = (places[:, None] - places) ** 2
-        kernels = np.stack([np.exp(-apart / (2 * (length * side) ** 2)) for length in LENGTHS])
-        size, vectors = np.linalg.eigh(kernels.sum(0))
-        kept = vectors[:, size > FAINT * size[-1]]
-        functions.append(kept[index])
-        spreads.append(kept.T @ kernels @ kept)
-    along, down = functions
-    modes = (along[:, :, None] * down[:, None]).reshape(len(corners), -1)
-    return modes, np.stack([np.kron(wide, high) for wide, high in zip(*spreads, strict=True)])
+    functions = []
+    covariances = []
+    for coordinate in corners.T:
+        places, index = np.unique(coordinate.round(9), return_inverse=True)
+        squares = (places[:, None] - places) ** 2
+        kernels = np.stack([np.exp(-squares / (2 * (length * side) ** 2)) for length in LENGTHS])
+        variances, vectors = np.linalg.eigh(kernels.sum(0))
+        basis = vectors[:, variances > MIN_MODE_VARIANCE * variances[-1]]
+        functions.append(basis[index])
+        covariances.append(basis.T @ kernels @ basis)
+    modes = (functions[0][:, :, None] * functions[1][:, None]).reshape(len(corners), -1)
+    products = [np.kron(x, y) for x, y in zip(covariances[0], covariances[1], strict=True)]
+    return modes, np.stack(products)
 
 
-class Likelihood:
-    """Of the linearised corners beside the processes, for any heights of them and any noise."""
+class DiscrepancyLikelihood:
+    """The evidence of linearised corners with a discrepancy, for any heights and any noise."""
 
     def __init__(
-        self, around: Linearised, spread: Tensor, modes: Sequence[Tensor], own_precision: Tensor
+        self,
+        evidence: LaplaceEvidence,
+        covariances: Tensor,
+        modes: Sequence[Tensor],
+        own_precision: Tensor,
     ) -> None:
-        """
+        """Precompute inner products.
+
         Args:
-            spread: (L, q, q), as `modes_of` has it.
-            modes: (m, q) of each view's m corners.
-            own_precision: (B,) of the prior of a view's own parameters.
+            covariances: (L, q, q) from `board_modes`.
+            modes: (m, q) from `board_modes`, for each view's m corners.
+            own_precision: (B,) the prior precision of the views' own parameters.
         """
-        self.around, self.spread, self.own_precision, self.products = (
-            around,
-            spread,
-            own_precision,
-            around.products,
-        )
-        self.inner = torch.stack([seen.mT @ seen for seen in modes])
-        self.crossed = [
+        self.evidence = evidence
+        self.covariances = covariances
+        self.own_precision = own_precision
+        self.mode_products = torch.stack([view_modes.mT @ view_modes for view_modes in modes])
+        self.cross_products = [
             torch.stack(
-                [seen.mT @ own[axis::2] for seen, own in zip(modes, around.columns, strict=True)]
+                [
+                    view_modes.mT @ columns[axis::2]
+                    for view_modes, columns in zip(modes, evidence.columns, strict=True)
+                ]
             )
             for axis in (0, 1)
         ]
 
-    def log(self, heights: Tensor, noise: Tensor) -> Tensor:
-        """() the logarithm up to a constant, of (L,) heights over the noise, and a noise over the
-        fit's noise.
+    def log_evidence(self, heights: Tensor, noise: Tensor) -> Tensor:
+        """Return (), the log evidence up to a constant.
+
+        Args:
+            heights: (L,) over the noise.
+            noise: () relative to that of the fit.
         """
-        each = torch.eye(self.spread.shape[-1], dtype=torch.float64)
-        spread = (heights[:, None, None] ** 2 * self.spread).sum(0)
-        root = torch.linalg.cholesky(spread + TINY * (1 + spread.diagonal().mean()) * each)
-        factor = torch.linalg.cholesky(each + root.mT @ self.inner @ root)
-        left = self.products
-        for crossed in self.crossed:
-            through = torch.linalg.solve_triangular(factor, root.mT @ crossed, upper=False)
-            left = left - through.mT @ through
-        narrowed: Tensor = 2 * factor.diagonal(dim1=1, dim2=2).log().sum()
-        return self.around.log(left, self.own_precision, noise) - narrowed
+        identity = torch.eye(self.covariances.shape[-1], dtype=torch.float64)
+        covariance = (heights[:, None, None] ** 2 * self.covariances).sum(0)
+        jitter = JITTER * (1 + covariance.diagonal().mean())
+        root = torch.linalg.cholesky(covariance + jitter * identity)
+        factor = torch.linalg.cholesky(identity + root.mT @ self.mode_products @ root)
+        reduced = self.evidence.products
+        for cross in self.cross_products:
+            eliminated = torch.linalg.solve_triangular(factor, root.mT @ cross, upper=False)
+            reduced = reduced - eliminated.mT @ eliminated
+        determinant: Tensor = 2 * factor.diagonal(dim1=1, dim2=2).log().sum()
+        return self.evidence.log_evidence(reduced, self.own_precision, noise) - determinant
 
-    def best(self) -> float:
-        """The largest."""
-        count = len(self.spread)
-        starts = [
-            torch.tensor(
-                [height if place == one else LOW for place in range(count)] + [noise],
-                dtype=torch.float64,
-            )
-            for one in range(count)
-            for height in HEIGHTS
-            for noise in (0.8, 1.0)
-        ]
-        first = max(starts, key=lambda at: float(self.log(at[:-1], at[-1])))
+    def max_log_evidence(self) -> float:
+        """Return the largest log evidence over heights and noise."""
+        count = len(self.covariances)
+        starts = []
+        for process in range(count):
+            for height in START_HEIGHTS:
+                for noise in (0.8, 1.0):
+                    heights = [LOW_HEIGHT] * count
+                    heights[process] = height
+                    starts.append(torch.tensor([*heights, noise], dtype=torch.float64))
+        start = max(starts, key=lambda point: float(self.log_evidence(point[:-1], point[-1])))
 
-        def badness(logs: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-            at = torch.from_numpy(logs).requires_grad_()
-            found = -self.log(at[:-1].exp(), at[-1].exp())
-            (slope,) = torch.autograd.grad(found, at)
-            return float(found.detach()), slope.numpy()
+        def cost(logs: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+            point = torch.from_numpy(logs).requires_grad_()
+            value = -self.log_evidence(point[:-1].exp(), point[-1].exp())
+            (gradient,) = torch.autograd.grad(value, point)
+            return float(value.detach()), gradient.numpy()
 
-        bounds = np.log([LIMITS] * count + [NOISES]).tolist()
-        return -float(
-            minimize(
-                badness,
-                first.log().numpy(),
-                jac=True,
-                method="L-BFGS-B",
-                bounds=bounds,
-                options={"ftol": 1e-6},
-            ).fun
+        solution = minimize(
+            cost,
+            start.log().numpy(),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=np.log([HEIGHT_RANGE] * count + [NOISE_RANGE]).tolist(),
+            options={"ftol": 1e-6},
         )
+        return -float(solution.fun)

@@ -1,5 +1,7 @@
-"""Where a residual lives: how much of its variance each thing explains that could organise it,
-named effect or not.
+"""The structure of a residual: the parts of its variance that image position, board position,
+motion, time, refraction and sub-pixel phase explain.
+
+This also works for effects without a name.
 """
 
 from __future__ import annotations
@@ -20,32 +22,33 @@ from calib.estimation.residuals import Residuals
 
 Array = NDArray[np.float64]
 Basis = tuple[NDArray[np.int64], Array]
-"""(M,) the group of each corner, and (M, k) columns: each group has its own combination of them."""
+"""(M,) the group of each corner, and (M, k) columns with separate coefficients in each group."""
 
 CELLS = (8, 6)
-"""Of the image, across and down."""
-DEPTHS = 4
-ORGANISED = 1e-3
-"""p-value from which something is said to organise a residual, over the things that are asked."""
-NOTICEABLE = 0.03
-"""Of the variance, above chance: less is not worth a word."""
+"""Columns and rows of the cells of the image."""
+MAX_P_VALUE = 1e-3
+"""The largest p-value of a significant share, to be divided by the number of shares."""
+MIN_FRACTION = 0.03
+"""The smallest fraction of the variance, above chance, that is reported."""
 
 
 @dataclass(frozen=True, slots=True)
-class Share:
-    """What one thing explains."""
+class VarianceShare:
+    """The part of the variance that one coordinate explains."""
 
     organised_by: str
     fraction: float
-    """Of the residual's variance."""
+    """The fraction of the residual's variance."""
     chance: float
-    """What it would explain of noise."""
+    """The fraction that it would explain of pure noise."""
     p_value: float
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
-    """Everything that the split goes by; views weigh alike, whatever their own scatter."""
+class ResidualScene:
+    """A residual with the coordinates that may explain it. Views have equal weights, whatever their
+    scatter.
+    """
 
     observations: Observations
     residual: Array
@@ -53,20 +56,20 @@ class Scene:
     depth: Array
     """(M,) m"""
     incidence: Array
-    """(M,) cosine between the ray and the cover's normal, or the optical axis where there is no
+    """(M,) the cosine between the ray and the normal of the cover, or the optical axis without a
     cover.
     """
     width: int
     height: int
 
-    def split(self) -> list[Share]:
-        """By how much each explains more than chance, largest first."""
-        weighed = self.residual / self._typical()[:, None]
-        found = [self._share(name, basis(self), weighed) for name, basis in ORGANISERS.items()]
-        return sorted(found, key=lambda share: share.chance - share.fraction)
+    def split(self) -> list[VarianceShare]:
+        """Return the shares of all coordinates, the largest excess over chance first."""
+        normalised = self.residual / self._typical()[:, None]
+        shares = [self._share(name, basis(self), normalised) for name, basis in ORGANISERS.items()]
+        return sorted(shares, key=lambda share: share.chance - share.fraction)
 
     def _typical(self) -> Array:
-        """(M,) px: the robust size of each view's own residual."""
+        """Return (M,) px, the median length of the residuals of each corner's view."""
         view = self.observations.view.numpy()
         length = np.hypot(*self.residual.T)
         sizes = np.array(
@@ -74,79 +77,79 @@ class Scene:
         )
         return np.asarray(np.maximum(sizes, 1e-9)[view])
 
-    def _share(self, name: str, basis: Basis, weighed: Array) -> Share:
-        """Both directions of the residual on a basis."""
+    def _share(self, name: str, basis: Basis, normalised: Array) -> VarianceShare:
+        """Project both components of the residual on a basis."""
         group, columns = basis
         order = np.argsort(group, kind="stable")
         explained, dimensions = 0.0, 0
-        for own in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
-            u, s, _ = np.linalg.svd(columns[own], full_matrices=False)
+        for rows_of_group in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
+            u, s, _ = np.linalg.svd(columns[rows_of_group], full_matrices=False)
             u = u[:, s > 1e-9 * s.max()]
-            explained += float(((u.T @ weighed[own]) ** 2).sum())
+            explained += float(((u.T @ normalised[rows_of_group]) ** 2).sum())
             dimensions += u.shape[1]
-        k, rows = 2 * dimensions, weighed.size
-        fraction, chance = explained / float((weighed**2).sum()), k / rows
+        k, rows = 2 * dimensions, normalised.size
+        fraction, chance = explained / float((normalised**2).sum()), k / rows
         p_value = float(fdtrc(k, rows - k, max(0.0, fraction / k) / ((1 - fraction) / (rows - k))))
-        return Share(name, fraction, chance, p_value)
+        return VarianceShare(name, fraction, chance, p_value)
 
 
-def _image(scene: Scene) -> Basis:
+def _image(scene: ResidualScene) -> Basis:
     x, y = scene.observations.pixels.numpy().T
     cell = np.floor(x / scene.width * CELLS[0]).clip(0, CELLS[0] - 1) * CELLS[1] + np.floor(
         y / scene.height * CELLS[1]
     ).clip(0, CELLS[1] - 1)
-    return _means(cell)
+    return _group_means(cell)
 
 
-def _board(scene: Scene) -> Basis:
-    _, place = np.unique(scene.observations.corners.numpy().round(9), axis=0, return_inverse=True)
-    return _means(place.ravel())
+def _board(scene: ResidualScene) -> Basis:
+    _, corner = np.unique(scene.observations.corners.numpy().round(9), axis=0, return_inverse=True)
+    return _group_means(corner.ravel())
 
 
-def _motion(scene: Scene) -> Basis:
-    """Within each view, what is linear and quadratic in the row."""
+def _motion(scene: ResidualScene) -> Basis:
+    """Terms linear and quadratic in the row, for each view."""
     view = scene.observations.view.numpy()
     row = scene.observations.pixels.numpy()[:, 1]
-    off = (row - (np.bincount(view, row) / np.bincount(view).clip(1))[view]) / scene.height
-    return view, np.stack([off, off**2], -1)
+    offset = (row - (np.bincount(view, row) / np.bincount(view).clip(1))[view]) / scene.height
+    return view, np.stack([offset, offset**2], -1)
 
 
-def _time(scene: Scene) -> Basis:
-    """What grows with time, as a whole or away from the image's middle."""
-    seen = scene.observations
-    when = (
-        seen.view.numpy() / max(1, len(seen.names) - 1)
-        if seen.moment is None
-        else seen.moment[:, 0].numpy() + 0.5
+def _time(scene: ResidualScene) -> Basis:
+    """Terms in time, uniform or proportional to the distance from the image centre."""
+    observations = scene.observations
+    time = (
+        observations.view.numpy() / max(1, len(observations.names) - 1)
+        if observations.moment is None
+        else observations.moment[:, 0].numpy() + 0.5
     ) - 0.5
-    x, y = (seen.pixels.numpy() - [scene.width / 2, scene.height / 2]).T / scene.width
-    return _everywhere(when, when * x, when * y, when**2, when**2 * x, when**2 * y)
+    x, y = (observations.pixels.numpy() - [scene.width / 2, scene.height / 2]).T / scene.width
+    return _one_group(time, time * x, time * y, time**2, time**2 * x, time**2 * y)
 
 
-def _refraction(scene: Scene) -> Basis:
-    """The direction from the image's middle, by incidence and inverse depth."""
+def _refraction(scene: ResidualScene) -> Basis:
+    """Terms towards the image centre, by incidence and inverse depth."""
     near = 1 / scene.depth
     bend = 1 - scene.incidence
     x, y = (scene.observations.pixels.numpy() - [scene.width / 2, scene.height / 2]).T / scene.width
     smooth = [bend**i * near**j for i in range(3) for j in range(3)]
-    return _everywhere(*(part * at for part in smooth for at in (x, y)))
+    return _one_group(*(polynomial * coordinate for polynomial in smooth for coordinate in (x, y)))
 
 
-def _phase(scene: Scene) -> Basis:
+def _phase(scene: ResidualScene) -> Basis:
     x, y = 2 * np.pi * scene.observations.pixels.numpy().T
-    return _everywhere(np.sin(x), np.cos(x), np.sin(y), np.cos(y))
+    return _one_group(np.sin(x), np.cos(x), np.sin(y), np.cos(y))
 
 
-def _means(label: NDArray[np.generic]) -> Basis:
-    """One number for all that have the same label, a whole number."""
+def _group_means(label: NDArray[np.generic]) -> Basis:
+    """The mean of each group of integer labels."""
     return label.astype(np.int64), np.ones((len(label), 1))
 
 
-def _everywhere(*columns: Array) -> Basis:
+def _one_group(*columns: Array) -> Basis:
     return np.zeros(len(columns[0]), np.int64), np.stack(columns, -1)
 
 
-ORGANISERS: dict[str, Callable[[Scene], Basis]] = {
+ORGANISERS: dict[str, Callable[[ResidualScene], Basis]] = {
     "image": _image,
     "board": _board,
     "row x motion": _motion,
@@ -156,37 +159,37 @@ ORGANISERS: dict[str, Callable[[Scene], Basis]] = {
 }
 
 
-def split_of(
+def variance_shares(
     calibration: Calibration,
     model: CameraModel,
     joint: JointFit,
     observations: Observations,
-    left: Residuals,
-) -> list[Share]:
-    """What organises the residual of a fit, by how much each explains."""
-    missed = left.image
-    seen = torch.isfinite(missed).all(-1)
-    kept = observations.kept(seen)
-    timed = kept.with_times(joint.values)
-    depth = model.path.place(kept.corners, timed, joint.poses[kept.view])[:, 2]
-    rays = model.path.trace(kept.pixels, timed)
-    start = model.path.lens(*model.path.adjusted(kept.pixels, timed)).direction
-    incidence = start.z if not model.path.cover else start.dot(rays.direction)
-    scene = Scene(
-        kept,
-        missed[seen].numpy(),
-        depth.numpy(),
-        incidence.numpy(),
-        calibration.camera.width,
-        calibration.camera.height,
+    residuals: Residuals,
+) -> list[VarianceShare]:
+    """Return the shares of the variance of a fit's residuals."""
+    visible = torch.isfinite(residuals.image).all(-1)
+    corners = observations.kept(visible)
+    timed = corners.with_times(joint.values)
+    depth = model.path.place(corners.corners, timed, joint.poses[corners.view])[:, 2]
+    rays = model.path.trace(corners.pixels, timed)
+    pinhole = model.path.lens(*model.path.adjusted(corners.pixels, timed)).direction
+    incidence = pinhole.dot(rays.direction) if model.path.cover else pinhole.z
+    scene = ResidualScene(
+        observations=corners,
+        residual=residuals.image[visible].numpy(),
+        depth=depth.numpy(),
+        incidence=incidence.numpy(),
+        width=calibration.camera.width,
+        height=calibration.camera.height,
     )
     return scene.split()
 
 
-def organising_of(shares: Sequence[Share]) -> list[Share]:
-    """Those that explain more than noise would."""
+def significant_shares(shares: Sequence[VarianceShare]) -> list[VarianceShare]:
+    """Return the shares that noise does not explain."""
     return [
-        s
-        for s in shares
-        if s.p_value < ORGANISED / len(shares) and s.fraction - s.chance > NOTICEABLE
+        share
+        for share in shares
+        if share.p_value < MAX_P_VALUE / len(shares)
+        and share.fraction - share.chance > MIN_FRACTION
     ]

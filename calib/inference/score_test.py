@@ -1,8 +1,8 @@
 """Rao's score test of every candidate effect, at the optimum of the fit without it.
 
-An effect that is missing leaves a residual r along its own columns of the Jacobian: with Q an
-orthonormal basis of these columns, all that the fitted parameters can do projected out, chi^2 =
-|Q^T r|^2 / sigma^2 says how much, and nothing is fitted again.
+A missing effect leaves a residual r along its own columns of the Jacobian. Let Q be an orthonormal
+basis of these columns after the directions of the fitted parameters are projected out. Then chi^2 =
+|Q^T r|^2 / sigma^2 measures the effect without a further fit.
 
 Source: C. R. Rao, Large sample tests of statistical hypotheses concerning several parameters
     (1948).
@@ -29,7 +29,7 @@ from calib.estimation.elimination import (
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.parameters import Parameters
-from calib.inference.jackknife import jackknife
+from calib.inference.jackknife import jackknife_p_value
 from calib.optics.board_target import columns
 
 Array = NDArray[np.float64]
@@ -37,35 +37,35 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScoreTest:
-    """What one candidate effect would explain of the residual."""
+    """The score test of one candidate effect."""
 
     effect: Effect
     jacobian: Array
-    """(2M, k) px over sigma, by each of its parameters over its scale; what the views' own and the
-    fitted parameters can do is projected out. (2M, 0) for parameters of views.
+    """(2M, k) px over sigma, by each of its parameters over its scale, with the directions of the
+    views' own and the fitted parameters projected out. (2M, 0) for parameters of single views.
     """
     raw: float
-    """Sum of squares of the same with only the views' own parameters projected out."""
+    """The sum of squares of the Jacobian with only the views' own parameters projected out."""
     chi2: float
-    """By how much its parameters would lower the sum of squares."""
+    """The decrease of the sum of squares by the effect."""
     dof: int
     p_value: float
-    """From how the views agree, if there are enough of them for its parameters, by the better of
-    two tests; else from chi2 over the residual's dispersion.
+    """The smaller p-value of two tests of whether the views agree, or, with few views for the
+    number of parameters, that of chi2 over the dispersion of the residual.
     """
 
     cost: float
-    """The fit's sum of squares."""
+    """The sum of squares of the fit."""
     information: Array
-    """(k, k) on its parameters, with the prior of the fitted ones but not of its own; (0, 0) for
-    parameters of views.
+    """(k, k) of its parameters, with the prior of the fitted parameters but not its own; (0, 0) for
+    parameters of single views.
     """
     score: Array
-    """(k,) of its parameters: minus half the gradient of the sum of squares."""
+    """(k,) minus half the gradient of the sum of squares by its parameters."""
 
     @property
     def promises(self) -> float:
-        """The fraction by which it would lower the root mean square at best."""
+        """The largest relative decrease of the root mean square error."""
         return 1.0 - float(np.sqrt(1.0 - min(1.0, self.chi2 / self.cost)))
 
     @property
@@ -74,7 +74,7 @@ class ScoreTest:
         return 1.0 - float((self.jacobian**2).sum()) / self.raw if self.raw > 0 else 0.0
 
     def span(self) -> Array:
-        """(2M, n) orthonormal: the directions in which it moves corners and nothing else does."""
+        """Return (2M, n) orthonormal directions in which only this effect moves corners."""
         return orthonormal(self.jacobian)
 
 
@@ -87,190 +87,254 @@ class ModelFit:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Optimum:
-    """A fit where it ended."""
+class FittedModel:
+    """A model at the optimum of its fit, with the observations."""
 
     model: CameraModel
     observations: Observations
     joint: JointFit
 
     def candidates(self, effects: Sequence[Effect]) -> list[ScoreTest]:
-        """The scores of effects, each without the others, with the priors that suit the
-        residual.
-        """
-        found = self.tests(effects)
-        tuned = [test.effect.tuned(test.information, test.score) for test in found]
-        again = iter(
-            self.tests([new for new, test in zip(tuned, found, strict=True) if new != test.effect])
-        )
+        """Test effects, each without the others, with priors adapted to the residual."""
+        tests = self.tests(effects)
+        tuned = [test.effect.tuned(test.information, test.score) for test in tests]
+        changed = [new for new, test in zip(tuned, tests, strict=True) if new != test.effect]
+        changed_tests = iter(self.tests(changed))
         return [
-            test if new == test.effect else next(again)
-            for new, test in zip(tuned, found, strict=True)
+            test if new == test.effect else next(changed_tests)
+            for new, test in zip(tuned, tests, strict=True)
         ]
 
     def test(self, effect: Effect) -> ScoreTest:
-        """The score of one effect as it is."""
+        """Test one effect with its own prior."""
         return self.tests((effect,))[0]
 
     def tests(self, effects: Sequence[Effect]) -> list[ScoreTest]:
-        """The scores of effects as they are, each without the others, from one linearisation of all
-        that have no parameter in common.
+        """Test effects, each without the others, with their own priors.
+
+        Effects without common parameters share a linearisation.
         """
-        found: dict[int, ScoreTest] = {}
-        waiting = dict(enumerate(effects))
-        while waiting:
+        tests: dict[int, ScoreTest] = {}
+        remaining = dict(enumerate(effects))
+        while remaining:
             names: set[str] = set()
-            together: dict[int, Effect] = {}
-            for index, effect in waiting.items():
-                own = {effect.name, *(unknown.param.name for unknown in effect.unknowns)}
-                if not names & own:
-                    names |= own
-                    together[index] = effect
-            found |= zip(together, self._tests(tuple(together.values())), strict=True)
-            waiting = {index: effect for index, effect in waiting.items() if index not in together}
-        return [found[index] for index in range(len(effects))]
+            batch: dict[int, Effect] = {}
+            for index, effect in remaining.items():
+                effect_names = {effect.name, *(u.param.name for u in effect.unknowns)}
+                if not names & effect_names:
+                    names |= effect_names
+                    batch[index] = effect
+            tests |= zip(batch, self._test_batch(tuple(batch.values())), strict=True)
+            remaining = {i: effect for i, effect in remaining.items() if i not in batch}
+        return [tests[index] for index in range(len(effects))]
 
-    def _tests(self, effects: Sequence[Effect]) -> list[ScoreTest]:
+    def _test_batch(self, effects: Sequence[Effect]) -> list[ScoreTest]:
+        """Test effects without common parameters from one linearisation."""
         views = list(self.equations(effects))
-        place = columns(self.model.with_effects(effects).path.view_parts)
-        own = np.concatenate([np.r_[place[part]] for part in self.model.path.view_parts])
-        residual = [eliminated(view.own[:, own], view.residual) for view in views]
-        off = np.concatenate(residual)  # (2M,)
-        rows = np.concatenate([eliminated(view.own[:, own], view.shared) for view in views])
-        fitted, parameters = self.parameters().count, self.parameters(effects)
-        known, precision = rows[:, :fitted], self.prior_precision(effects)
-        imitated = np.linalg.solve(
-            known.T @ known + precision[:fitted, :fitted], known.T @ rows[:, fitted:]
+        blocks = columns(self.model.with_effects(effects).path.view_parts)
+        own_columns = np.concatenate([np.r_[blocks[block]] for block in self.model.path.view_parts])
+        parameters = self.parameters(effects)
+        reduced = _ReducedSystem.of(
+            views,
+            own_columns,
+            self.parameters().count,
+            self.prior_precision(effects),
+            self.deviation,
         )
-        left = rows[:, fitted:] - known @ imitated
-        starts = np.cumsum([len(view) for view in residual])[:-1]
-        unfinished = (
-            known.T @ off + precision[:fitted, :fitted] @ self.deviation
-        )  # zero where the fit ended exactly at its optimum
-        dispersion = float(off @ off) / max(1, self._freedom())
-
-        def scored(effect: Effect) -> ScoreTest:
+        tests = []
+        for effect in effects:
             if effect.per_view:
-                return self._of_views(effect, views, own, place[effect.per_view])
-            entries = parameters.entries(unknown.param.name for unknown in effect.unknowns)
-            new, unlike = rows[:, entries], left[:, entries - fitted]
-            information = new.T @ unlike
-            score = (
-                new.T @ off - imitated[:, entries - fitted].T @ unfinished
-            )  # else an effect they imitate would seem to explain it
-            hessian = information + precision[np.ix_(entries, entries)]
-            chi2 = max(0.0, float(score @ np.linalg.solve(hessian, score)))
-            if len(score) > len(views) // 3:
-                p_value = float(chdtrc(len(score), chi2 / max(dispersion, 1e-12)))
+                tests.append(
+                    self._test_view_effect(effect, views, own_columns, blocks[effect.per_view])
+                )
             else:
-                by_view = np.array(
-                    [part.sum(0) for part in np.split(unlike * off[:, None], starts)]
-                )
-                by_view += (score - by_view.sum(0)) / len(by_view)  # the prior's share
-                p_value = min(
-                    1.0,
-                    2
-                    * min(
-                        _hotelling(by_view),
-                        jackknife(residual, np.split(unlike, starts), score, hessian),
-                    ),
-                )
-            return ScoreTest(
-                effect,
-                unlike,
-                float((new**2).sum()),
-                chi2,
-                len(score),
-                p_value,
-                float(off @ off),
-                information,
-                score,
-            )
-
-        return [scored(effect) for effect in effects]
+                entries = parameters.entries(u.param.name for u in effect.unknowns)
+                tests.append(reduced.test(effect, entries, self._freedom()))
+        return tests
 
     @property
     def deviation(self) -> Array:
-        """(S,) of the fitted parameters' vector from its prior's mean."""
+        """(S,) the vector of the fitted parameters minus their prior mean."""
         return np.asarray(self.model.parameters.vector(self.joint.values).numpy())
 
     def parameters(self, effects: Sequence[Effect] = ()) -> Parameters:
-        """The fitted ones, where the fit ended, then those of further effects, where these are not
-        there.
+        """Return the fitted parameters at the optimum, followed by those of further effects at
+        their neutral values.
         """
-        wider = self.model.with_effects(effects)
+        model = self.model.with_effects(effects)
         neutral = {
             name: value for effect in effects for name, value in self.model.neutral(effect).items()
         }
-        return Parameters.of(
-            wider.path, {**self.joint.values, **neutral}, wider.priors, last=neutral
-        )
+        values = {**self.joint.values, **neutral}
+        return Parameters.of(model.path, values, model.priors, last=neutral)
 
     def equations(self, effects: Sequence[Effect] = ()) -> Iterator[ViewEquations]:
-        """Every view's, in `parameters(effects)`."""
-        wider = self.model.with_effects(effects)
+        """Yield the linearised equations of each view in `parameters(effects)`."""
+        model = self.model.with_effects(effects)
         return view_equations(
-            wider.path,
+            model.path,
             self.parameters(effects),
             self.observations,
-            wider.padded(self.joint.poses),
+            model.padded(self.joint.poses),
             self.joint.sigma,
         )
 
     def information(self, effects: Sequence[Effect] = ()) -> Array:
-        """(V, S, S) what each view says of `parameters(effects)`, its own parameters unknown."""
+        """Return (V, S, S), the information of each view on `parameters(effects)`, with the view's
+        own parameters eliminated.
+        """
         return information(self.equations(effects), self.parameters(effects).count)
 
     def prior_precision(self, effects: Sequence[Effect] = ()) -> Array:
-        """(S, S) of `parameters(effects)`."""
+        """Return the (S, S) prior precision of `parameters(effects)`."""
         return self.parameters(effects).prior_precision(self.joint.smoothness)
 
-    def _of_views(
-        self, effect: Effect, views: Sequence[ViewEquations], own: NDArray[np.int64], new: slice
+    def _test_view_effect(
+        self,
+        effect: Effect,
+        views: Sequence[ViewEquations],
+        own_columns: NDArray[np.int64],
+        added: slice,
     ) -> ScoreTest:
-        """The score of parameters that every view has for itself, the `new` columns, beside the
-        `own` that it has already.
+        """Test an effect with parameters in every view.
+
+        Args:
+            own_columns: the columns of the views' own parameters in the fit.
+            added: the columns of the effect.
         """
-        chi2, squares, dof = 0.0, 0.0, 0
+        chi2 = 0.0
+        squares = 0.0
+        dof = 0
         for view in views:
-            residual, more = (
-                eliminated(view.own[:, own], rows) for rows in (view.residual, view.own[:, new])
-            )
-            directions = orthonormal(more)
+            fitted_columns = view.own[:, own_columns]
+            residual = eliminated(fitted_columns, view.residual)
+            directions = orthonormal(eliminated(fitted_columns, view.own[:, added]))
             chi2 += float(((directions.T @ residual) ** 2).sum())
             squares += float((residual**2).sum())
             dof += directions.shape[1]
-        left = max(1, self._freedom() - dof)
-        typical = (squares - chi2) / left  # what is left with them, for each degree of freedom
-        p_value = float(fdtrc(dof, left, max(0.0, chi2 / dof / typical)))
+        freedom = max(1, self._freedom() - dof)
+        dispersion = (squares - chi2) / freedom  # with the effect
         return ScoreTest(
-            effect,
-            np.zeros((0, 0)),
-            0.0,
-            chi2,
-            dof,
-            p_value,
-            squares,
-            np.zeros((0, 0)),
-            np.zeros(0),
+            effect=effect,
+            jacobian=np.zeros((0, 0)),
+            raw=0.0,
+            chi2=chi2,
+            dof=dof,
+            p_value=float(fdtrc(dof, freedom, max(0.0, chi2 / dof / dispersion))),
+            cost=squares,
+            information=np.zeros((0, 0)),
+            score=np.zeros(0),
         )
 
     def _freedom(self) -> int:
         return 2 * len(self.observations.pixels) - self.joint.poses.numel()
 
 
-def _hotelling(by_view: Array) -> float:
-    """The p-value of Hotelling's T^2: whether the views' scores of the effect's parameters, (V, k),
-    agree on a direction away from neutral. It bears views with bad corners, whose own scatter
-    enters its denominator.
+@dataclass(frozen=True, slots=True, eq=False)
+class _ReducedSystem:
+    """The linearised equations of all views, with the views' own parameters eliminated."""
+
+    view_residuals: list[Array]
+    """(2m,) for each view."""
+    residual: Array
+    """(2M,) of all views."""
+    jacobian: Array
+    """(2M, S) by the fitted parameters, then those of the effects."""
+    projected: Array
+    """(2M, K) by the effects' parameters, with the fitted parameters eliminated."""
+    imitation: Array
+    """(F, K) the response of the fitted parameters to those of the effects."""
+    gradient: Array
+    """(F,) by the fitted parameters; zero at an exact optimum."""
+    precision: Array
+    """(S, S) prior precision."""
+
+    @staticmethod
+    def of(
+        views: Sequence[ViewEquations],
+        own_columns: NDArray[np.int64],
+        fitted: int,
+        precision: Array,
+        deviation: Array,
+    ) -> _ReducedSystem:
+        """Reduce the equations; the first `fitted` shared parameters are those of the fit."""
+        view_residuals = [eliminated(view.own[:, own_columns], view.residual) for view in views]
+        residual = np.concatenate(view_residuals)
+        jacobian = np.concatenate(
+            [eliminated(view.own[:, own_columns], view.shared) for view in views]
+        )
+        fitted_jacobian = jacobian[:, :fitted]
+        prior = precision[:fitted, :fitted]
+        imitation = np.linalg.solve(
+            fitted_jacobian.T @ fitted_jacobian + prior, fitted_jacobian.T @ jacobian[:, fitted:]
+        )
+        return _ReducedSystem(
+            view_residuals=view_residuals,
+            residual=residual,
+            jacobian=jacobian,
+            projected=jacobian[:, fitted:] - fitted_jacobian @ imitation,
+            imitation=imitation,
+            gradient=fitted_jacobian.T @ residual + prior @ deviation,
+            precision=precision,
+        )
+
+    def test(self, effect: Effect, entries: NDArray[np.int64], freedom: int) -> ScoreTest:
+        """Test an effect.
+
+        Args:
+            entries: the columns of its parameters.
+            freedom: the degrees of freedom of the residual.
+        """
+        fitted = len(self.gradient)
+        effect_columns = self.jacobian[:, entries]
+        projected = self.projected[:, entries - fitted]
+        information = effect_columns.T @ projected
+        # Without the gradient, an effect that the fitted parameters imitate would seem significant.
+        imitated = self.imitation[:, entries - fitted].T @ self.gradient
+        score = effect_columns.T @ self.residual - imitated
+        hessian = information + self.precision[np.ix_(entries, entries)]
+        cost = float(self.residual @ self.residual)
+        chi2 = max(0.0, float(score @ np.linalg.solve(hessian, score)))
+        if len(score) > len(self.view_residuals) // 3:
+            dispersion = max(cost / max(1, freedom), 1e-12)
+            p_value = float(chdtrc(len(score), chi2 / dispersion))
+        else:
+            p_value = self._agreement_p_value(projected, score, hessian)
+        return ScoreTest(
+            effect=effect,
+            jacobian=projected,
+            raw=float((effect_columns**2).sum()),
+            chi2=chi2,
+            dof=len(score),
+            p_value=p_value,
+            cost=cost,
+            information=information,
+            score=score,
+        )
+
+    def _agreement_p_value(self, projected: Array, score: Array, hessian: Array) -> float:
+        """Return the p-value of the agreement of the views, twice the smaller one of two tests."""
+        starts = np.cumsum([len(residual) for residual in self.view_residuals])[:-1]
+        products = np.split(projected * self.residual[:, None], starts)
+        by_view = np.array([rows.sum(0) for rows in products])
+        by_view += (score - by_view.sum(0)) / len(by_view)  # the prior's share
+        jackknife = jackknife_p_value(
+            self.view_residuals, np.split(projected, starts), score, hessian
+        )
+        return min(1.0, 2 * min(_hotelling_p_value(by_view), jackknife))
+
+
+def _hotelling_p_value(by_view: Array) -> float:
+    """Return the p-value of Hotelling's T^2 for (V, k) scores: do the views agree on a direction
+    away from the neutral values?
+
+    It is robust against views with bad corners, whose scatter is in its denominator.
     """
     views, dof = by_view.shape
     mean = by_view.mean(0)
     scatter = np.cov(by_view, rowvar=False).reshape(dof, dof)
     scale = np.sqrt(np.maximum(scatter.diagonal(), 1e-300))
-    t2 = views * float(
-        (mean / scale)
-        @ np.linalg.pinv(scatter / np.outer(scale, scale), rcond=1e-10)
-        @ (mean / scale)
-    )
+    normalised = mean / scale
+    correlation = np.linalg.pinv(scatter / np.outer(scale, scale), rcond=1e-10)
+    t2 = views * float(normalised @ correlation @ normalised)
     return float(fdtrc(dof, views - dof, (views - dof) / (dof * (views - 1)) * max(0.0, t2)))

@@ -1,5 +1,6 @@
-"""Whether matched pairs differ: the test that flips the signs of their differences, which are as
-often one as the other if they do not.
+"""The sign-flip test: a permutation test of whether matched pairs differ.
+
+If they do not differ, each difference has either sign with equal probability.
 
 Source: P. Good, Permutation, parametric, and bootstrap tests of hypotheses (2005), section 3.2.
 """
@@ -10,22 +11,26 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 FLIPS = 20_000
-"""Of the views' signs."""
+"""Random draws of the signs of all views."""
 
 
-def views_gain(before: Array, after: Array) -> float:
-    """p-value of "these views' errors, (V,) mean squares before and after, do not fall".
+def gain_p_value(base: Array, extended: Array) -> float:
+    """Return the p-value of "the errors of these views do not fall".
 
-    The test is made twice, and the better p-value doubled: on the logarithm of the errors' ratio,
-    in which a view with bad corners counts no more than another, and on the difference of the
-    squares, for an effect that only some of the views show.
+    The test is made twice, and the smaller p-value doubled. It is made on the logarithm of the
+    ratio of the errors, where a view with bad corners counts no more than another, and on the
+    difference of the squares, for an effect that only some views show.
+
+    Args:
+        base: (V,) px^2, the mean squares of a model.
+        extended: (V,) px^2, the mean squares of the model that is to be better.
     """
-    return min(
-        1.0, 2 * min(views_agree(gains) for gains in (np.log(before / after), before - after))
-    )
+    by_ratio = sign_flip_p_value(np.log(base / extended))
+    by_difference = sign_flip_p_value(base - extended)
+    return min(1.0, 2 * min(by_ratio, by_difference))
 
 
-def views_agree(each: Array) -> float:
-    """p-value of "these numbers of views, (V,), are as often negative as positive"."""
-    signs = np.random.default_rng(0).choice([-1.0, 1.0], (FLIPS, len(each)))
-    return float(((signs @ each >= each.sum()).sum() + 1) / (FLIPS + 1))
+def sign_flip_p_value(values: Array) -> float:
+    """Return the p-value of "these (V,) values are negative as often as positive"."""
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], (FLIPS, len(values)))
+    return float(((signs @ values >= values.sum()).sum() + 1) / (FLIPS + 1))

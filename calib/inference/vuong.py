@@ -1,7 +1,8 @@
-"""How the views agree that one fit is more probable than another.
+"""Vuong's test of two fits: does the difference of their likelihoods exceed the scatter of the
+views?
 
-Source: Q. H. Vuong, Likelihood ratio tests for model selection and non-nested hypotheses (1989):
-    neither model need be right.
+Source: Q. H. Vuong, Likelihood ratio tests for model selection and non-nested hypotheses (1989).
+    Neither model need be true.
 """
 
 from __future__ import annotations
@@ -16,22 +17,26 @@ from calib.estimation.residuals import residuals
 from calib.inference.score_test import ModelFit
 
 
-def agreement(better: ModelFit, worse: ModelFit, apart: float, observations: Observations) -> float:
-    """By how much one fit is more probable, the logarithm, over how much the views differ about it:
-    in standard deviations.
+def vuong_statistic(
+    better: ModelFit, worse: ModelFit, difference: float, observations: Observations
+) -> float:
+    """Return the difference of two log evidences in standard deviations of the views' scatter.
+
+    Args:
+        difference: the log evidence of the better fit minus that of the worse one.
     """
-    each = _by_view(better, observations) - _by_view(worse, observations)
-    return float(apart / (each.std(ddof=1) * len(each) ** 0.5))
+    ratios = _view_log_likelihoods(better, observations)
+    ratios = ratios - _view_log_likelihoods(worse, observations)
+    return float(difference / (ratios.std(ddof=1) * len(ratios) ** 0.5))
 
 
-def _by_view(fit: ModelFit, observations: Observations) -> NDArray[np.float64]:
-    """(V,) the logarithm of the probability of each view's corners, up to a constant of the view,
-    with Huber's loss.
+def _view_log_likelihoods(fit: ModelFit, observations: Observations) -> NDArray[np.float64]:
+    """Return (V,) log likelihoods of the views' corners with Huber's loss, up to a constant for
+    each view.
     """
-    model, joint = fit.model, fit.joint
-    missed = residuals(model.path, joint.values, observations, joint.poses).image.nan_to_num(0.0)
-    size = missed.norm(dim=-1) * observations.weight / joint.sigma
-    loss = torch.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2) / 2 + 2 * np.log(
-        joint.sigma
-    )
-    return -np.array([float(view.sum()) for view in observations.per_view(loss)])
+    joint = fit.joint
+    image = residuals(fit.model.path, joint.values, observations, joint.poses).image
+    size = image.nan_to_num(0.0).norm(dim=-1) * observations.weight / joint.sigma
+    huber = torch.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2)
+    loss = huber / 2 + 2 * np.log(joint.sigma)
+    return -np.array([float(view_loss.sum()) for view_loss in observations.per_view(loss)])

@@ -24,53 +24,60 @@ from calib.estimation.poses import refine_poses_in_image, rough_poses
 from calib.estimation.residuals import residuals
 from calib.optics.params import Values
 
-NEAR = 0.03
-"""The fraction of its squares by which the last step of a start's poses may still lower them: the
-fit goes on from there.
+POSE_TOLERANCE = 0.03
+"""The relative decrease of the cost at which the poses of a start are good enough; the fit
+continues from there.
 """
-FEW = 8
-"""Views that choose among starts."""
+START_VIEWS = 8
+"""The number of views that choose among several starts."""
 
 
-def start_of_fewer(
-    model: CameraModel, before: CameraModel, joint: JointFit, observations: Observations
+def start_without_effects(
+    model: CameraModel, previous: CameraModel, joint: JointFit, observations: Observations
 ) -> Start:
-    """Of the two starts, with and without what the covariance says, the one from which less is left
-    once boards have adapted.
+    """Return the start of a fit of `model`, which has fewer or simpler effects than `previous`.
+
+    Of two starts, with and without the correction by the covariance, it is the one with the smaller
+    cost after the poses adapt.
 
     Args:
-        model: with fewer effects than `before`, or simpler ones.
-        joint: the fit of `before`.
+        joint: the fit of `previous`.
     """
-    stay = {param.name for param in model.parameters.free}
-    neutral = [before.neutral(effect) for effect in before.effects]
-    gone = {name: value for values in neutral for name, value in values.items() if name not in stay}
-    if not gone:
+    names = {param.name for param in model.parameters.free}
+    removed = {
+        name: value
+        for effect in previous.effects
+        for name, value in previous.neutral(effect).items()
+        if name not in names
+    }
+    if not removed:
         return joint.start
     starts = [
         Start({**joint.values, **values}, joint.sigma, joint.smoothness)
-        for values in ({}, _given(joint, gone))
+        for values in ({}, _conditional_mean(joint, removed))
     ]
-    return min(starts, key=lambda start: _left(model, start, joint, observations))
+    return min(starts, key=lambda start: _cost(model, start, joint, observations))
 
 
-def _given(joint: JointFit, nothing: Values) -> Values:
-    """The parameters that stay, where those that go have these values."""
+def _conditional_mean(joint: JointFit, removed: Values) -> Values:
+    """Return the means of all parameters, given the values of the removed ones."""
     parameters = joint.parameters
-    goes = torch.from_numpy(
-        parameters.entries(name for name in nothing if name in parameters.slices())
-    )
-    if not len(goes):
+    names = [name for name in removed if name in parameters.slices()]
+    entries = torch.from_numpy(parameters.entries(names))
+    if not len(entries):
         return {}
-    here, there = parameters.vector(joint.values), parameters.vector({**joint.values, **nothing})
-    known = inverse(joint.covariance[goes][:, goes]) @ (there - here)[goes]
-    moved = parameters.values(here + joint.covariance[:, goes] @ known)
-    return moved | {
-        param.name: moved[param.name].clamp_min(param.least) for param in parameters.free
+    vector = parameters.vector(joint.values)
+    step = parameters.vector({**joint.values, **removed}) - vector
+    precision = inverse(joint.covariance[entries][:, entries])
+    mean = vector + joint.covariance[:, entries] @ (precision @ step[entries])
+    values = parameters.values(mean)
+    return values | {
+        param.name: values[param.name].clamp_min(param.least) for param in parameters.free
     }
 
 
-def _left(model: CameraModel, start: Start, joint: JointFit, observations: Observations) -> float:
+def _cost(model: CameraModel, start: Start, joint: JointFit, observations: Observations) -> float:
+    """Return the cost of a start after one step of the poses."""
     values = {name: start.values.get(name, mean) for name, mean in model.means.items()}
     poses = model.padded(joint.poses)
     parameters = replace(model.parameters, origin=values)
@@ -78,43 +85,46 @@ def _left(model: CameraModel, start: Start, joint: JointFit, observations: Obser
     return problem.settled(poses.new_zeros(parameters.count), poses)[1]
 
 
-def begun(model: CameraModel, observations: Observations, joint: JointFit) -> JointFit:
-    """A fit of the model without its last effect, brought to where one with it is to begin; as it
-    is, where the effect begins with doing nothing, or is there already.
+def start_with_effect(model: CameraModel, observations: Observations, joint: JointFit) -> JointFit:
+    """Return a fit of the model without its last effect, moved to the start of a fit with it.
+
+    It is unchanged if the effect starts at its neutral value, or was already fitted.
     """
     effect = model.effects[-1]
     if all(u.start is None or u.param.name in joint.values for u in effect.unknowns):
         return joint
-    fitted = {param.name for param in model.parameters.free}
-    here = {name: joint.values.get(name, mean) for name, mean in model.means.items()}
-    others = [there for there in effect.displaced(here) if there.keys() <= fitted]
-    if others:
-        few = torch.zeros(len(joint.poses), dtype=torch.bool)
-        few[torch.linspace(0, len(few) - 1, FEW).round().long()] = True
-        some, poses = observations.without(~few), joint.poses[few]
-        here |= min(
-            others, key=lambda there: _posed(model, some, poses, joint.sigma, {**here, **there})[0]
+    free = {param.name for param in model.parameters.free}
+    values = {name: joint.values.get(name, mean) for name, mean in model.means.items()}
+    candidates = [shift for shift in effect.displaced(values) if shift.keys() <= free]
+    if candidates:
+        chosen = torch.zeros(len(joint.poses), dtype=torch.bool)
+        chosen[torch.linspace(0, len(chosen) - 1, START_VIEWS).round().long()] = True
+        views = observations.without(~chosen)
+        poses = joint.poses[chosen]
+
+        values |= min(
+            candidates,
+            key=lambda shift: _fit_poses(model, views, poses, joint.sigma, {**values, **shift})[0],
         )
-    return replace(
-        joint, values=here, poses=_posed(model, observations, joint.poses, joint.sigma, here)[1]
-    )
+    _, poses = _fit_poses(model, observations, joint.poses, joint.sigma, values)
+    return replace(joint, values=values, poses=poses)
 
 
 def rough_fit(model: CameraModel, observations: Observations, joint: JointFit) -> JointFit:
-    """Of the model, from a fit without its last effect."""
-    start = begun(model, observations, joint)
+    """Fit the model roughly, from a fit without its last effect."""
+    start = start_with_effect(model, observations, joint)
     return model.fitted(observations, start.poses, start.start, ROUGH)
 
 
-def _posed(
-    model: CameraModel, observations: Observations, before: Tensor, sigma: float, values: Values
+def _fit_poses(
+    model: CameraModel, observations: Observations, initial: Tensor, sigma: float, values: Values
 ) -> tuple[float, Tensor]:
-    """The median px that is left, and the (V, B) poses, which were (V, B') before."""
-    poses = model.padded(before)
-    found = rough_poses(model.path, values, observations)
-    poses[:, :6] = torch.where(torch.isfinite(found), found, poses[:, :6])
+    """Return the median error in px and the (V, B) poses, from (V, B') initial poses."""
+    poses = model.padded(initial)
+    rough = rough_poses(model.path, values, observations)
+    poses[:, :6] = torch.where(torch.isfinite(rough), rough, poses[:, :6])
     poses = refine_poses_in_image(
-        model.path, values, observations, poses, sigma=sigma, tolerance=NEAR
+        model.path, values, observations, poses, sigma=sigma, tolerance=POSE_TOLERANCE
     ).blocks
-    missed = residuals(model.path, values, observations, poses)
-    return float(missed.image.norm(dim=-1).nanmedian()), poses
+    image = residuals(model.path, values, observations, poses).image
+    return float(image.norm(dim=-1).nanmedian()), poses

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from html import escape
 
 from calib.calibration import Calibration
+from calib.diagnosis.effect_description import describe_effect
 from calib.diagnosis.finding import ParameterEstimate
-from calib.diagnosis.found import found
 from calib.report.tables import bar, table
 
 
@@ -31,7 +31,7 @@ def effect_rows(calibration: Calibration) -> list[EffectRow]:
             candidate["held_out_px_before"],
             candidate["held_out_px_after"],
             "; ".join(
-                found(
+                describe_effect(
                     candidate["effect"],
                     calibration,
                     {

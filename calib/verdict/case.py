@@ -21,9 +21,9 @@ from calib.estimation.observations import Observations
 from calib.estimation.surface_prior import Smoothness
 from calib.fitting.declared import comparisons
 from calib.fitting.evaluate import Evaluation
-from calib.inference.calibration_model import model_of
-from calib.inference.effect_context import surroundings
-from calib.inference.score_test import Optimum, ScoreTest
+from calib.inference.calibration_model import full_model
+from calib.inference.effect_context import effect_context
+from calib.inference.score_test import FittedModel, ScoreTest
 from calib.optics.rays import Rays
 from calib.verdict.next_commands import NextCommands
 from calib.verdict.thresholds import CELLS
@@ -107,7 +107,7 @@ class Case:
         return self.calibration.covariance.size > 0 or not self.calibration.relief
 
     @property
-    def optimum(self) -> Optimum:
+    def optimum(self) -> FittedModel:
         """The fit where it ended."""
         return optimum_of(self.calibration)
 
@@ -146,9 +146,9 @@ class Case:
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge
-def optimum_of(calibration: Calibration) -> Optimum:
+def optimum_of(calibration: Calibration) -> FittedModel:
     """The fit where it ended."""
-    model, prior = model_of(calibration), calibration.settings.get("relief_prior")
+    model, prior = full_model(calibration), calibration.settings.get("relief_prior")
     joint = JointFit(
         values=calibration.model()[1],
         poses=torch.from_numpy(calibration.poses),
@@ -162,13 +162,13 @@ def optimum_of(calibration: Calibration) -> Optimum:
         log_evidence=np.nan,
         log_marginal=np.nan,
     )
-    return Optimum(model, calibration.observations, joint)
+    return FittedModel(model, calibration.observations, joint)
 
 
 @lru_cache(maxsize=1)
 def _scores(calibration: Calibration) -> tuple[ScoreTest, ...]:
     at = optimum_of(calibration)
-    there = surroundings(at, calibration.board, calibration.camera, place=False)
+    there = effect_context(at, calibration.board, calibration.camera, locate=False)
     present = {effect.name for effect in at.model.effects}
     asked = [
         (*effect.alternatives(), effect)[0]

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from calib.fitting.declared import comparisons
-from calib.fitting.fit_result import STAGE
+from calib.fitting.fit_result import EFFECTS_STAGE
 from calib.session.freeing import AUTO, with_free
 from calib.verdict.bare_pictures import taken_through_cover
 from calib.verdict.case import Case
@@ -29,7 +29,7 @@ def cover_stage(case: Case) -> Iterator[Reason]:
         case.rms_px.get(name, np.nan) for name in ("cover", "pinhole", "cover+rbf")
     )
     taken_up = cover > TAKEN_UP * last and not cover > WORSE_THAN_BARE * bare
-    if _told_apart(case) and taken_up and STAGE not in case.rms_px and not _tried(case):
+    if _told_apart(case) and taken_up and EFFECTS_STAGE not in case.rms_px and not _tried(case):
         said = (
             f"the cover as it is described leaves {cover:.3f} px, and with every number held its"
             f" unevenness had to explain all but {last:.3f} px: a number of the cover or the camera"

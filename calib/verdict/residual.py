@@ -14,7 +14,7 @@ from calib.calibration import Calibration
 from calib.effects.cover_effect import CoverEffect
 from calib.effects.effect import Effect
 from calib.estimation.residuals import residuals
-from calib.inference.residual_structure import Share, organising_of, split_of
+from calib.inference.residual_structure import VarianceShare, significant_shares, variance_shares
 from calib.inference.score_test import ScoreTest
 from calib.verdict.case import Case, optimum_of
 from calib.verdict.thresholds import (
@@ -33,7 +33,7 @@ NUMBERS = {"focal": ("camera.fx", "camera.fy"), "principal_point": ("camera.cx",
 
 def residual(case: Case) -> Iterator[Reason]:
     likely = likely_effects(case)
-    noise, organised = case.calibration.noise_px, organising_of(_shares(case.calibration))
+    noise, organised = case.calibration.noise_px, significant_shares(_shares(case.calibration))
     large = case.left_px > BEYOND_NOISE * noise
     if not (large or organised or likely):
         return
@@ -98,11 +98,11 @@ def likely_effects(case: Case) -> list[tuple[Effect, float]]:
 
 
 @lru_cache(maxsize=1)  # a report and the command that writes it both judge
-def _shares(calibration: Calibration) -> tuple[Share, ...]:
+def _shares(calibration: Calibration) -> tuple[VarianceShare, ...]:
     at = optimum_of(calibration)
     path, values = calibration.model()
     missed = residuals(path, values, at.observations, at.joint.poses)
-    return tuple(split_of(calibration, at.model, at.joint, at.observations, missed))
+    return tuple(variance_shares(calibration, at.model, at.joint, at.observations, missed))
 
 
 def suspects_of(effect: Effect) -> tuple[str, ...]:

@@ -26,7 +26,7 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
     progress.task(LOADING, 1)
     from calib.calibration import DERIVED, Calibration
     from calib.diagnosis.diagnose import diagnose
-    from calib.diagnosis.found import found
+    from calib.diagnosis.effect_description import describe_effect
     from calib.effects.plainly import plainly
     from calib.fitting.provenance import diagnosed
     from calib.io.file_set import FileSet
@@ -38,7 +38,7 @@ def diagnose_calibration(progress: Progress, place: Path, out: Path) -> dict[str
         saved = better.write(files)
         files.commit(instead_of=DERIVED)
     numbers = [
-        [plainly(one.effect), *found(one.effect, better, one.parameters)]
+        [plainly(one.effect), *describe_effect(one.effect, better, one.parameters)]
         for one in finding.candidates
         if one.accepted
     ]

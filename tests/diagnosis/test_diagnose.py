@@ -13,8 +13,8 @@ from calib.calibration import Calibration
 from calib.cli import main
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.finding import Diagnosis
-from calib.diagnosis.requested_effects import with_named
-from calib.diagnosis.sentences import verdict
+from calib.diagnosis.requested_effects import with_requested
+from calib.diagnosis.sentences import trial_verdict
 from calib.diagnosis.trial import Trial
 from calib.effects.board_shape import BoardShape
 from calib.errors import InputError, NotEnoughDataError
@@ -23,7 +23,7 @@ from calib.estimation.joint_fit import JointFit
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.parameters import Parameters
 from calib.estimation.priors import NONE
-from calib.inference.cross_validation import Gain, HeldOut, gain
+from calib.inference.cross_validation import HeldOutErrors, HeldOutGain, held_out_gain
 from calib.inference.score_test import ModelFit, ScoreTest
 from calib.optics import path
 from calib.optics.lens_model import LensModel
@@ -129,20 +129,20 @@ def test_nothing_is_found_where_nothing_is(spoiled: int) -> None:
 
 
 def test_an_effect_can_be_asked_for_by_name(bowed: Calibration) -> None:
-    better = with_named(bowed, ("board_shape",), Silent())
+    better = with_requested(bowed, ("board_shape",), Silent())
     (added,) = better.effects
     value, sigma = added.parameters["board_shape.xx"]
     assert abs(float(value) - TRUTH["board_shape.xx"]) < 3 * float(sigma)
     assert better.stages[-1].name == "cover+rbf+effects"
     assert better.stages[-1].rms_px < 0.5 * better.stages[-2].rms_px
     with pytest.raises(InputError, match="flat_port"):
-        with_named(bowed, ("flat_port",), Silent())
+        with_requested(bowed, ("flat_port",), Silent())
 
 
 @pytest.mark.slow
 def test_what_was_added_before_and_is_not_needed_is_dropped(bowed: Calibration) -> None:
     """A pull of the detector that nobody sees, and the bow that everybody does."""
-    said = with_named(bowed, ("detector_bias", "board_shape"), Silent())
+    said = with_requested(bowed, ("detector_bias", "board_shape"), Silent())
     better, finding = diagnose(said, Silent())
     assert finding.accepted == ("board_shape",)
     assert [type(bend) for bend in better.model()[0].target.bends] == [BoardShape]
@@ -166,30 +166,30 @@ def test_with_few_views_the_scores_speak_and_nothing_is_accepted(
     assert finding.accepted == ()
     assert not better.model()[0].target.bends
     assert finding.remarks[0].startswith(
-        "With 7 views nothing can be confirmed on held-out ones: take 10 or more. "
+        "With 7 views nothing can be confirmed on held-out views: take 10 or more. "
     )
     assert said in finding.remarks[0]
 
 
-def held(missed: np.ndarray, *, half: bool = False) -> HeldOut:
+def held(missed: np.ndarray, *, half: bool = False) -> HeldOutErrors:
     """(V, M, 2) px that are left of held-out views."""
     view = np.repeat(np.arange(len(missed)), missed.shape[1])
-    return HeldOut(missed.reshape(-1, 2), view, np.ones(len(view)), half)
+    return HeldOutErrors(missed.reshape(-1, 2), view, np.ones(len(view)), half)
 
 
 def test_a_gain_is_tested_over_views() -> None:
     rng = np.random.default_rng(0)
     noise = rng.normal(size=(20, 80, 2))
     before = held(noise)
-    same = gain(before, held(rng.normal(size=(20, 80, 2))))
+    same = held_out_gain(before, held(rng.normal(size=(20, 80, 2))))
     assert same.p_value > 0.05
     assert same.ci95[0] < 0 < same.ci95[1]
-    better = gain(before, held(0.8**0.5 * noise))
+    better = held_out_gain(before, held(0.8**0.5 * noise))
     assert better.p_value < 1e-3
     assert better.relative == pytest.approx(1 - 0.8**0.5, abs=0.01)
     one_view = noise.copy()
     one_view[3] *= 0.1**0.5
-    assert gain(before, held(one_view)).p_value > 0.05  # a single view proves nothing
+    assert held_out_gain(before, held(one_view)).p_value > 0.05  # a single view proves nothing
 
 
 def test_that_an_effect_is_there_is_told_before_its_gain_is() -> None:
@@ -200,10 +200,10 @@ def test_that_an_effect_is_there_is_told_before_its_gain_is() -> None:
     true = rng.normal(0, 0.3, (80, 2))
     said = true + rng.normal(0, 0.3, (12, 80, 2))
     views = true + rng.normal(0, 1, (12, 80, 2))
-    found = gain(held(views), held(views - said))
+    found = held_out_gain(held(views), held(views - said))
     assert found.p_value > 0.05
-    assert found.presence < 1e-3
-    assert gain(held(views), held(views - said, half=True)).presence == 1
+    assert found.presence_p_value < 1e-3
+    assert held_out_gain(held(views), held(views - said, half=True)).presence_p_value == 1
 
 
 def test_an_effect_that_is_not_there_is_present_by_chance_alone() -> None:
@@ -217,46 +217,46 @@ def test_an_effect_that_is_not_there_is_present_by_chance_alone() -> None:
             rng.normal(0, 0.3, (4, 80, 2)), 3, axis=0
         )  # of the views of a fold, the same
         views = rng.normal(0, 1, (12, 80, 2))
-        by_chance += gain(held(views), held(views - said)).presence < 0.05
+        by_chance += held_out_gain(held(views), held(views - said)).presence_p_value < 0.05
     assert by_chance <= 27
 
 
 def test_what_helps_at_the_fitted_depths_only_is_not_taken() -> None:
     test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
     folds, worse, better = (
-        Gain(0.2, 0.1, (0.08, 0.12), 1e-4, 1e-4),
-        Gain(0.2, 0.21, (-0.02, 0.0), 1.0, 1.0),
-        Gain(0.2, 0.15, (-0.01, 0.1), 0.2, 0.2),
+        HeldOutGain(0.2, 0.1, (0.08, 0.12), 1e-4, 1e-4),
+        HeldOutGain(0.2, 0.21, (-0.02, 0.0), 1.0, 1.0),
+        HeldOutGain(0.2, 0.15, (-0.01, 0.1), 0.2, 0.2),
     )
     assert Trial(test, gain=folds).passes
-    assert Trial(test, gain=folds, bands=better).passes
-    failed = Trial(test, gain=folds, bands=worse)
+    assert Trial(test, gain=folds, depth_gain=better).passes
+    failed = Trial(test, gain=folds, depth_gain=worse)
     assert not failed.passes
-    assert verdict(failed, taken=False) == "fails at other depths"
+    assert trial_verdict(failed, accepted=False) == "fails at other depths"
 
 
 def test_what_the_evidence_is_sure_of_is_asked_for_less() -> None:
     """exp(6) is about 20 candidates over 0.05."""
     test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
-    few = Gain(0.2, 0.18, (-0.01, 0.04), 0.3, 0.02)
+    few = HeldOutGain(0.2, 0.18, (-0.01, 0.04), 0.3, 0.02)
     assert not Trial(test, among=20, gain=few).passes
-    assert not Trial(test, among=20, odds=5.9, gain=few).passes
-    assert Trial(test, among=20, odds=6.1, gain=few).passes
-    assert not Trial(test, among=20, odds=6.1, gain=replace(few, presence=0.06)).passes
-    by_halves = Gain(0.2, 0.18, (0.001, 0.04), 0.02, 1.0)
-    assert Trial(test, among=20, odds=6.1, gain=by_halves).passes, (
+    assert not Trial(test, among=20, log_odds=5.9, gain=few).passes
+    assert Trial(test, among=20, log_odds=6.1, gain=few).passes
+    assert not Trial(test, among=20, log_odds=6.1, gain=replace(few, presence_p_value=0.06)).passes
+    by_halves = HeldOutGain(0.2, 0.18, (0.001, 0.04), 0.02, 1.0)
+    assert Trial(test, among=20, log_odds=6.1, gain=by_halves).passes, (
         "where halves of views are scored, its gain alone is asked for"
     )
-    assert not Trial(test, among=20, odds=5.9, gain=by_halves).passes
-    assert not Trial(test, among=20, odds=6.1, gain=replace(few, after=0.1999)).passes, (
+    assert not Trial(test, among=20, log_odds=5.9, gain=by_halves).passes
+    assert not Trial(test, among=20, log_odds=6.1, gain=replace(few, extended_px=0.1999)).passes, (
         "it is there, and takes nothing"
     )
     by_chance, harm = (
-        Gain(0.2, 0.21, (-0.03, 0.01), 0.6, 0.6),
-        Gain(0.2, 0.21, (-0.03, -0.01), 1.0, 1.0),
+        HeldOutGain(0.2, 0.21, (-0.03, 0.01), 0.6, 0.6),
+        HeldOutGain(0.2, 0.21, (-0.03, -0.01), 1.0, 1.0),
     )
-    assert Trial(test, among=20, odds=6.1, gain=few, bands=by_chance).passes
-    assert not Trial(test, among=20, odds=6.1, gain=few, bands=harm).passes
+    assert Trial(test, among=20, log_odds=6.1, gain=few, depth_gain=by_chance).passes
+    assert not Trial(test, among=20, log_odds=6.1, gain=few, depth_gain=harm).passes
 
 
 def test_what_corners_may_be_off_by_is_no_effect() -> None:
@@ -264,9 +264,9 @@ def test_what_corners_may_be_off_by_is_no_effect() -> None:
     is an effect.
     """
     test = ScoreTest(BOW, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
-    assert not Trial(test, gain=Gain(0.0133, 0.01315, (1e-4, 2e-4), 1e-4, 1e-4)).passes
-    assert Trial(test, gain=Gain(0.133, 0.1315, (1e-3, 2e-3), 1e-4, 1e-4)).passes
-    assert Gain(0.1, 0.2, (-0.1, -0.1), 1.0, 1.0).explained == 0
+    assert not Trial(test, gain=HeldOutGain(0.0133, 0.01315, (1e-4, 2e-4), 1e-4, 1e-4)).passes
+    assert Trial(test, gain=HeldOutGain(0.133, 0.1315, (1e-3, 2e-3), 1e-4, 1e-4)).passes
+    assert HeldOutGain(0.1, 0.2, (-0.1, -0.1), 1.0, 1.0).explained_px == 0
 
 
 def test_a_candidate_whose_fit_is_not_finite_is_not_taken() -> None:
@@ -287,7 +287,7 @@ def test_a_candidate_whose_fit_is_not_finite_is_not_taken() -> None:
     )
     trial = Trial(test, ModelFit(CameraModel(path.Path(LensModel(0)), {}, NONE), joint))
     assert not trial.passes
-    assert verdict(trial, taken=False) == "not finite"
+    assert trial_verdict(trial, accepted=False) == "not finite"
 
 
 def test_maps_of_a_diagnosed_calibration_carry_their_sigma(

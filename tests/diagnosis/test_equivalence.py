@@ -12,7 +12,7 @@ import pytest
 from calib.diagnosis import equivalence
 from calib.diagnosis.diagnose import diagnose
 from calib.diagnosis.finding import Diagnosis
-from calib.diagnosis.search import Loop
+from calib.diagnosis.search_state import SearchState
 from calib.effects.board_shape import BoardShape
 from calib.effects.entrance_pupil import EntrancePupil
 from calib.effects.flat_port import FlatPort
@@ -75,14 +75,15 @@ def test_odds_beforehand_order_a_family_and_name_nothing_alone(
     pupil, window = EntrancePupil(), FlatPort("air")
     ahead, behind = (SimpleNamespace(log_marginal=value) for value in (1.0, 0.0))
     rival = SimpleNamespace(
-        test=SimpleNamespace(effect=window), without=None, model=None, joint=behind
+        test=SimpleNamespace(effect=window), base=None, fit=SimpleNamespace(joint=behind)
     )
     monkeypatch.setattr(equivalence, "_rivals", lambda *_: [rival])
     monkeypatch.setattr(equivalence, "_odds", lambda fit, *_: 1.0 if fit.joint is ahead else odds)
     monkeypatch.setattr(equivalence, "separation", lambda *_: "To separate them, look.")
-    name, family = equivalence._family(
-        cast(Loop, SimpleNamespace(model=None, joint=ahead, observations=None)), pupil
+    state = SimpleNamespace(
+        fit=SimpleNamespace(joint=ahead), problem=SimpleNamespace(observations=None)
     )
+    _, name, family = equivalence._compare(cast(SearchState, state), pupil)
     assert name == "entrance_pupil"
     assert (family and tuple(family.members.values())) == (
         chances and pytest.approx(chances, abs=1e-3)

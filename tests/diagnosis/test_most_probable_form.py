@@ -3,9 +3,9 @@
 import pytest
 import torch
 
-from calib.diagnosis.most_probable_form import odds_of, with_most_probable
+from calib.diagnosis.most_probable_form import savage_dickey_log_odds, with_most_probable
 from calib.effects.board_shape import BoardShape
-from calib.inference.calibration_model import model_of
+from calib.inference.calibration_model import full_model
 from tests.diagnosis.hide import without_cover
 
 
@@ -22,14 +22,14 @@ def test_one_fit_says_how_probable_the_forms_with_fewer_parameters_are(
         "board_shape.xxy": third,
     }
     calibration = without_cover(hidden, sizes, 0.1)
-    observations, model = calibration.observations, model_of(calibration)
+    observations, model = calibration.observations, full_model(calibration)
     begin = model.fitted(observations, torch.from_numpy(calibration.poses))
     forms = [model.with_effect(form) for form in hidden.alternatives()]
     fits = [
         form.fitted(observations, begin.poses, begin.start, (1e-3, 1e-4, 1e-6)) for form in forms
     ]
     for form, fit in zip(forms, fits, strict=True):
-        assert odds_of(form, forms[-1], fits[-1]) == pytest.approx(
+        assert savage_dickey_log_odds(form, forms[-1], fits[-1]) == pytest.approx(
             fit.log_evidence - fits[-1].log_evidence, abs=1.0, rel=0.2
         )
     chosen, joint = with_most_probable(model, hidden, observations, begin)

@@ -2,10 +2,12 @@
 was dropped.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 
-from calib.diagnosis.search import Loop
+from calib.diagnosis.search_state import SearchProblem, SearchState
 from calib.diagnosis.sentences import remarks
 from calib.diagnosis.trial import Trial
 from calib.effects.cover_tilt import CoverTilt
@@ -15,8 +17,8 @@ from calib.effects.flat_port import FlatPort
 from calib.effects.free_field import FreeField
 from calib.effects.registry import KINDS
 from calib.inference.calibration_model import base_model
-from calib.inference.cross_validation import folds
-from calib.inference.score_test import ScoreTest
+from calib.inference.cross_validation import fold_split
+from calib.inference.score_test import ModelFit, ScoreTest
 from calib.optics.lens_model import LensModel
 from calib.optics.path import Path
 from tests.diagnosis.hide import without_cover
@@ -24,43 +26,40 @@ from tests.diagnosis.hide import without_cover
 TILT = CoverTilt("xy")
 
 
-def loop_without_window() -> Loop:
+def state_without_window() -> SearchState:
     made = without_cover(DetectorBias(), {"detector_bias.x": 0.0, "detector_bias.y": 0.0}, 0.1)
     base = base_model(made)
     there = Surroundings(made.board, made.camera.width, made.camera.height, base.path, base.means)
     model = base.with_effects([DetectorBias(), *FreeField.propose(there)])
     seen = made.observations
     joint = model.fitted(seen, torch.from_numpy(made.poses))
-    loop = Loop(
-        made.board,
-        made.camera,
-        seen,
-        folds(range(20)),
-        None,
-        base,
-        model,
-        joint,
-        lambda *_: None,
-        lambda *_: False,
+    problem = SearchProblem(
+        board=made.board,
+        camera=made.camera,
+        observations=seen,
+        folds=fold_split(range(20)),
+        depth_bands=None,
+        base=base,
+        report=lambda _: None,
+        has_structure=lambda _: False,
     )
     scored = ScoreTest(TILT, np.ones((4, 2)), 8.0, 50.0, 2, 1e-6, 100.0, np.eye(2), np.ones(2))
-    loop.trials["cover_tilt", ""] = Trial(scored)
-    loop.confounded["detector_bias"] = {"cover_tilt"}
-    return loop
+    state = SearchState.begin(problem, ModelFit(model, joint)).with_trial(Trial(scored))
+    return replace(state, confounded={"detector_bias": frozenset({"cover_tilt"})})
 
 
 def test_an_effect_on_a_window_that_was_dropped_is_not_asked_about() -> None:
     """Its parameters are read by nothing: the information on them has fewer rows than their prior,
     and no sentence can be true.
     """
-    said = tuple(remarks(loop_without_window(), (), (), (), timed=True))
+    said = tuple(remarks(state_without_window(), (), (), (), timed=True))
     assert len(said) == 1
     assert said[0].startswith("free_field has no name")
     assert "cover_tilt" not in said[0]
 
 
 def test_a_window_takes_what_is_on_it_along() -> None:
-    base = loop_without_window().base
+    base = state_without_window().problem.base
     assert [e.name for e in base.with_effects([FlatPort("air"), TILT]).effects] == [
         "flat_port",
         "cover_tilt",

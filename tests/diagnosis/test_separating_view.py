@@ -16,8 +16,8 @@ from calib.effects.free_field import FreeField
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.observations import Observations
 from calib.inference.calibration_model import base_model
-from calib.inference.effect_context import surroundings
-from calib.inference.score_test import Optimum
+from calib.inference.effect_context import effect_context
+from calib.inference.score_test import FittedModel
 from calib.optics.projection import project
 from calib.session.camera import Camera
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH
@@ -31,8 +31,8 @@ def calibration() -> Calibration:
     return fitted(hidden(None, {}, views=10))
 
 
-def optimum(model: CameraModel, seen: Observations, poses: np.ndarray) -> Optimum:
-    return Optimum(model, seen, model.fitted(seen, torch.from_numpy(poses)))
+def optimum(model: CameraModel, seen: Observations, poses: np.ndarray) -> FittedModel:
+    return FittedModel(model, seen, model.fitted(seen, torch.from_numpy(poses)))
 
 
 def test_the_view_that_is_asked_for_shrinks_the_sigma_as_it_says(calibration: Calibration) -> None:
@@ -60,9 +60,9 @@ def test_the_view_that_is_asked_for_shrinks_the_sigma_as_it_says(calibration: Ca
     for views, poses in taken:
         found = optimum(both, Observations.of(views, calibration.board), poses).joint
         sigmas.append(float(found.sigma_of("board_scale.x_over_y") / found.sigma))
-    assert view.shrinks > 1.05
+    assert view.sigma_factor > 1.05
     assert sigmas[0] / sigmas[1] == pytest.approx(
-        view.shrinks, rel=0.1
+        view.sigma_factor, rel=0.1
     )  # noise, prior and weights are estimated anew
 
 
@@ -70,7 +70,7 @@ def test_the_name_that_a_field_should_have_had_is_near_it() -> None:
     """What is hidden is a stretched print, which a field over the board can do; a bow it cannot."""
     made = fitted(hidden(BoardScale(), {"board_scale.x_over_y": 2e-2}))
     at = optimum(base_model(made), made.observations, made.poses)
-    (field,) = FreeField.propose(surroundings(at, made.board, CAMERA, place=False))
+    (field,) = FreeField.propose(effect_context(at, made.board, CAMERA, locate=False))
     values = at.model.with_effect(field).fitted(made.observations, at.joint.poses).values
     near = nearest_named(at, field, values, (BoardShape(0.08, 0.08), DetectorBias(), BoardScale()))
     assert near[0][0] == "board_scale"

@@ -6,7 +6,7 @@ import torch
 from calib.diagnosis.simpler_forms import simplified
 from calib.effects.board_scale import BoardScale
 from calib.effects.board_shape import BoardShape
-from calib.inference.calibration_model import base_model, model_of
+from calib.inference.calibration_model import base_model, full_model
 from calib.inference.score_test import ModelFit
 from tests.diagnosis.hide import without_cover
 
@@ -23,7 +23,7 @@ def test_effects_are_left_in_the_simplest_form_that_the_corners_ask_for(third: f
     }
     calibration = without_cover(hidden, sizes, 0.1)
     observations, base = calibration.observations, base_model(calibration)
-    begin = model_of(calibration).fitted(observations, torch.from_numpy(calibration.poses))
+    begin = full_model(calibration).fitted(observations, torch.from_numpy(calibration.poses))
     most = base.with_effects([BoardScale(True, 3, (0.08, 0.08)), BoardShape(0.08, 0.08, 4)])
     joint = most.fitted(observations, begin.poses, begin.start, (1e-3, 1e-4))
     found = simplified(ModelFit(most, joint), base, observations)

@@ -10,8 +10,8 @@ import pytest
 
 from calib.calibration import AddedEffect, Calibration, Stage
 from calib.commands.console import print_fit
+from calib.diagnosis.effect_description import describe_effect
 from calib.diagnosis.finding import ParameterEstimate
-from calib.diagnosis.found import found
 from calib.effects.board_shape import BoardShape
 from calib.effects.cover_radius import CoverRadius
 from calib.effects.effect import Effect
@@ -142,7 +142,7 @@ def test_console_report_and_diagnosis_say_the_same(
     said = "cover.thickness 1.500 mm = 3 declared - 1.500 ± 0.056"
     print_fit(diagnosed, 1.0)
     assert f"Corrected: {said}\n" in capsys.readouterr().out
-    assert found(
+    assert describe_effect(
         "thickness", diagnosed, {"thickness.thickness": ParameterEstimate(-0.0015, 0.000056, "m")}
     ) == [said]
     assert [row.parameters for row in effect_rows(diagnosed)] == [said]
@@ -150,4 +150,4 @@ def test_console_report_and_diagnosis_say_the_same(
 
 def test_a_field_says_its_size(plain: Calibration) -> None:
     size = {"inner_surface.rms": ParameterEstimate(1.23e-5, 2e-6, "m")}
-    assert found("inner_surface", plain, size) == ["inner_surface.rms 0.0123 ± 0.0020 mm"]
+    assert describe_effect("inner_surface", plain, size) == ["inner_surface.rms 0.0123 ± 0.0020 mm"]

@@ -12,16 +12,16 @@ import torch
 from calib.effects.board_shape import BoardShape
 from calib.estimation.joint_fit import ROUNDS, JointFit
 from calib.estimation.residuals import residuals
-from calib.inference.approximate_cv import LeftOut, without_each
+from calib.inference.approximate_cv import FitWithout, fits_without
 from calib.inference.calibration_model import base_model
-from calib.inference.score_test import Optimum
+from calib.inference.score_test import FittedModel
 from tests.diagnosis.hide import fitted, hidden
 
 PARTS = np.arange(12) % 3
 
 
 @pytest.fixture(scope="module")
-def optimum() -> Optimum:
+def optimum() -> FittedModel:
     """A bowed board behind uneven glass, and its effect in the model."""
     shape = BoardShape(0.08, 0.08)
     made = fitted(
@@ -32,21 +32,21 @@ def optimum() -> Optimum:
         )
     )
     model = base_model(made).with_effect(shape)
-    return Optimum(
+    return FittedModel(
         model,
         made.observations,
         model.fitted(made.observations, torch.from_numpy(made.poses), None, ROUNDS),
     )
 
 
-def apart(at: Optimum, one: JointFit, other: JointFit) -> float:
+def apart(at: FittedModel, one: JointFit, other: JointFit) -> float:
     """The largest difference of two fits' numbers, over the sigma of the other."""
     vectors = [at.model.parameters.vector(joint.values) for joint in (one, other)]
     return float(((vectors[0] - vectors[1]) / other.covariance.diagonal().sqrt()).abs().max())
 
 
-def test_a_step_leads_where_a_fit_of_the_others_ends(optimum: Optimum) -> None:
-    for index, left in enumerate(without_each(optimum, PARTS)):
+def test_a_step_leads_where_a_fit_of_the_others_ends(optimum: FittedModel) -> None:
+    for index, left in enumerate(fits_without(optimum, PARTS)):
         found, out = left.joint, torch.from_numpy(index == PARTS)
         rest = optimum.model.fitted(
             optimum.observations.without(out), optimum.joint.poses[~out], optimum.joint.start
@@ -61,13 +61,13 @@ def test_a_step_leads_where_a_fit_of_the_others_ends(optimum: Optimum) -> None:
 
 @pytest.mark.parametrize("every", [1, 2])
 def test_views_that_were_left_out_follow_by_a_step_of_their_own(
-    optimum: Optimum, every: int
+    optimum: FittedModel, every: int
 ) -> None:
     """What is left of them, by equations, and by fits of their poses to all of their corners or to
     every other.
     """
     known = torch.arange(len(optimum.observations.pixels)) % every == 0
-    for index, left in enumerate(without_each(optimum, PARTS, known)):
+    for index, left in enumerate(fits_without(optimum, PARTS, known)):
         out = torch.from_numpy(index == PARTS)
         test = optimum.observations.without(~out)
         stay = optimum.joint.poses[out]
@@ -79,15 +79,15 @@ def test_views_that_were_left_out_follow_by_a_step_of_their_own(
             for where in (poses, stay)
         )
         error, control = (
-            float((other - missed).square().mean().sqrt()) for other in (left.missed, before)
+            float((other - missed).square().mean().sqrt()) for other in (left.residual, before)
         )
         assert error < 0.07 * optimum.joint.sigma, "a two-hundredth of its square"
         assert error < 0.25 * control
 
 
-def test_what_the_fit_hardly_predicts_of_views_is_said(optimum: Optimum) -> None:
+def test_what_the_fit_hardly_predicts_of_views_is_said(optimum: FittedModel) -> None:
     """The parameters are drawn from their covariance, and the views' poses follow."""
-    left = without_each(optimum, PARTS)[0]
+    left = fits_without(optimum, PARTS)[0]
     out = torch.from_numpy(PARTS == 0)
     test = optimum.observations.without(~out)
     root = torch.linalg.cholesky(left.joint.covariance)
@@ -99,28 +99,31 @@ def test_what_the_fit_hardly_predicts_of_views_is_said(optimum: Optimum) -> None
             middle + root @ torch.randn(len(root), dtype=torch.float64, generator=rng)
         )
         poses = optimum.model.seen(replace(left.joint, values=values), test, left.joint.poses[out])
-        drawn.append(residuals(optimum.model.path, values, test, poses).image - left.missed)
+        drawn.append(residuals(optimum.model.path, values, test, poses).image - left.residual)
     variance = torch.stack(drawn).square().mean((0, 2)) / optimum.joint.sigma**2
-    assert float(variance.mean() / left.spread.mean()) == pytest.approx(
+    assert float(variance.mean() / left.prediction_variance.mean()) == pytest.approx(
         1, abs=0.3
     )  # 40 draws of some ten directions
-    assert float(torch.corrcoef(torch.stack([variance.log(), left.spread.log()]))[0, 1]) > 0.9
+    assert (
+        float(torch.corrcoef(torch.stack([variance.log(), left.prediction_variance.log()]))[0, 1])
+        > 0.9
+    )
 
 
 def test_where_a_step_fails_the_others_are_fitted(
-    optimum: Optimum, monkeypatch: pytest.MonkeyPatch
+    optimum: FittedModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """From boards that are turned by 30 degrees, equations say little of where the fit ends."""
     turned = optimum.joint.poses + torch.tensor([0.5, 0, 0, 0, 0, 0], dtype=torch.float64)
     astray = replace(optimum, joint=replace(optimum.joint, poses=turned))
-    assert all(error < 1.01 for error in errors(optimum, without_each(astray, PARTS)))
-    monkeypatch.setattr("calib.inference.approximate_cv.AMISS", float("inf"))
-    assert all(error > 2 for error in errors(optimum, without_each(astray, PARTS))), (
+    assert all(error < 1.01 for error in errors(optimum, fits_without(astray, PARTS)))
+    monkeypatch.setattr("calib.inference.approximate_cv.TOLERANCE", float("inf"))
+    assert all(error > 2 for error in errors(optimum, fits_without(astray, PARTS))), (
         "the control: the steps alone"
     )
 
 
-def errors(at: Optimum, found: Sequence[LeftOut]) -> Iterator[float]:
+def errors(at: FittedModel, found: Sequence[FitWithout]) -> Iterator[float]:
     """What each leaves of the views that it is a fit to, over what the fit to all views leaves of
     them.
     """

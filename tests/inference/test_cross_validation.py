@@ -9,7 +9,7 @@ import torch
 from calib.diagnosis.diagnose import diagnose
 from calib.estimation.poses import refit_poses
 from calib.inference.calibration_model import base_model
-from calib.inference.cross_validation import bands, folds, hold_out
+from calib.inference.cross_validation import depth_split, fold_split, hold_out
 from calib.progress import Silent
 from tests.diagnosis.hide import fitted, hidden
 
@@ -17,18 +17,18 @@ POSES = [0, 0, 0, 1, 1, 2, 3, 4, 5, 5, 6, 7]
 
 
 def test_a_burst_is_held_out_as_a_whole() -> None:
-    split = folds(POSES)
-    assert split.part.tolist() == [0, 0, 0, 1, 1, 2, 3, 4, 0, 0, 1, 2]
+    split = fold_split(POSES)
+    assert split.group.tolist() == [0, 0, 0, 1, 1, 2, 3, 4, 0, 0, 1, 2]
     assert split.pose.tolist() == POSES
 
 
 def test_bands_of_depth_are_near_middle_and_far() -> None:
     depths = np.array([0.5, 0.52, 0.51, 1.0, 1.01, 0.7, 0.9, 0.6, 1.2, 1.2, 0.8, 1.1])
-    split = bands(depths, POSES)
+    split = depth_split(depths, POSES)
     assert split
-    held = [{POSES[view] for view in np.flatnonzero(split.part == band)} for band in range(3)]
+    held = [{POSES[view] for view in np.flatnonzero(split.group == band)} for band in range(3)]
     assert held == [{0, 2, 4}, {1, 3, 6}, {5, 7}]
-    assert bands(np.linspace(0.9, 1.1, 12), POSES) is None
+    assert depth_split(np.linspace(0.9, 1.1, 12), POSES) is None
 
 
 def test_a_part_is_scored_by_a_fit_that_did_not_see_it() -> None:
@@ -36,7 +36,7 @@ def test_a_part_is_scored_by_a_fit_that_did_not_see_it() -> None:
     made = fitted(hidden(None, {}, views=10))
     model, seen = base_model(made), made.observations
     joint = model.fitted(seen, torch.from_numpy(made.poses))
-    held = hold_out(model, seen, joint, folds(range(10)))
+    held = hold_out(model, seen, joint, fold_split(range(10)))
     out = torch.arange(10) % 5 == 3
     rest = model.fitted(seen.without(out), joint.poses[~out], joint.start)
     missed = refit_poses(model.path, rest.values, seen.without(~out), joint.poses[out])[1]
@@ -61,7 +61,7 @@ def test_what_the_fit_hardly_predicts_counts_as_much_less() -> None:
     made = fitted(hidden(None, {}, seed=3, views=15))
     model, seen = base_model(made), made.observations
     joint = model.fitted(seen, torch.from_numpy(made.poses))
-    held = hold_out(model, seen, joint, folds(range(15)))
+    held = hold_out(model, seen, joint, fold_split(range(15)))
     unsure = held.weight < np.quantile(held.weight, 0.2)
     noise = 2 * 0.1**2 * (1 - 6 / (2 * 81))  # each pose takes up six of 162 degrees of freedom
     assert held.weight[unsure].mean() < 0.8 * held.weight[~unsure].mean()

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calib.inference.jackknife import jackknife
+from calib.inference.jackknife import jackknife_p_value
 
 VIEWS, ROWS, PARAMETERS = 12, 80, 3
 
@@ -21,7 +21,9 @@ def _p_value(size: float, seed: int, *, silent: int = 0, bad: int = 0) -> float:
         for own, sigma in zip(rows, sigmas, strict=True)
     ]
     score = sum(own.T @ residual for own, residual in zip(rows, residuals, strict=True))
-    return jackknife(residuals, rows, score, sum(own.T @ own for own in rows) + np.eye(PARAMETERS))
+    return jackknife_p_value(
+        residuals, rows, score, sum(own.T @ own for own in rows) + np.eye(PARAMETERS)
+    )
 
 
 def test_it_is_seen_though_some_views_say_nothing_and_some_are_bad() -> None:

@@ -12,8 +12,8 @@ from calib.effects.board_flex import BoardFlex
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.objective import view_precision
 from calib.estimation.priors import Priors
-from calib.inference.laplace_evidence import Linearised
-from calib.inference.score_test import Optimum
+from calib.inference.laplace_evidence import LaplaceEvidence
+from calib.inference.score_test import FittedModel
 from fixtures.synthetic import scene
 
 
@@ -34,8 +34,10 @@ def test_sizes_of_what_views_have_for_themselves_are_as_probable_as_fits_say() -
     told = np.array([fit.log_marginal for fit in fits])
     assert np.ptp(told) > 20
     for form, fit in zip(forms, fits, strict=True):
-        around = Linearised.around(Optimum(form, seen, fit))
-        found = np.array([around.best(view_precision(other.path, fit.poses)) for other in forms])
+        around = LaplaceEvidence.of(FittedModel(form, seen, fit))
+        found = np.array(
+            [around.max_log_evidence(view_precision(other.path, fit.poses)) for other in forms]
+        )
         assert np.abs((found - found.max()) - (told - told.max())).max() < 0.05 * np.ptp(
             told
         )  # a fit chooses the prior of the glass anew

@@ -11,9 +11,14 @@ import torch
 from calib.estimation.camera_model import CameraModel
 from calib.estimation.joint_fit import JointFit
 from calib.estimation.priors import Priors
-from calib.inference.laplace_evidence import Linearised
-from calib.inference.model_discrepancy import LENGTHS, Likelihood, gain, modes_of
-from calib.inference.score_test import Optimum
+from calib.inference.laplace_evidence import LaplaceEvidence
+from calib.inference.model_discrepancy import (
+    LENGTHS,
+    DiscrepancyLikelihood,
+    board_modes,
+    discrepancy_gain,
+)
+from calib.inference.score_test import FittedModel
 from fixtures.synthetic import Scene, scene
 
 
@@ -23,7 +28,7 @@ def test_modes_have_the_processes_covariances() -> None:
     """
     x, y = np.meshgrid(0.03 * np.arange(9), 0.03 * np.arange(6))
     corners = np.column_stack([x.ravel(), y.ravel()])[np.random.default_rng(0).permutation(54)[:40]]
-    modes, spreads = modes_of(corners)
+    modes, spreads = board_modes(corners)
     apart = ((corners[:, None] - corners) ** 2).sum(-1) / np.ptp(corners, axis=0).max() ** 2
     for length, spread in zip(LENGTHS, spreads, strict=True):
         assert np.abs(modes @ spread @ modes.T - np.exp(-apart / (2 * length**2))).max() < 0.03, (
@@ -34,7 +39,7 @@ def test_modes_have_the_processes_covariances() -> None:
 def test_a_large_board_has_few_modes() -> None:
     """Time and memory are those of the lengths, and not of the corners."""
     x, y = np.meshgrid(np.arange(100.0), np.arange(100.0))
-    assert modes_of(np.column_stack([x.ravel(), y.ravel()]))[0].shape[1] < 64
+    assert board_modes(np.column_stack([x.ravel(), y.ravel()]))[0].shape[1] < 64
 
 
 def test_the_likelihood_is_the_dense_one() -> None:
@@ -53,8 +58,8 @@ def test_the_likelihood_is_the_dense_one() -> None:
     spread = roots @ roots.swapaxes(1, 2)
     own_precision, precision = np.array([0.0, 2.0]), np.diag([3.0, 0.5])
     columns = torch.from_numpy(np.concatenate([own, shared, left], -1))
-    around = Linearised(tuple(columns), torch.from_numpy(precision))
-    likelihood = Likelihood(
+    around = LaplaceEvidence(tuple(columns), torch.from_numpy(precision))
+    likelihood = DiscrepancyLikelihood(
         around,
         torch.from_numpy(spread),
         list(torch.from_numpy(process)),
@@ -84,7 +89,7 @@ def test_the_likelihood_is_the_dense_one() -> None:
 
     def log(heights: tuple[float, float], noise: float) -> float:
         return float(
-            likelihood.log(
+            likelihood.log_evidence(
                 torch.tensor(heights, dtype=torch.float64), torch.tensor(noise, dtype=torch.float64)
             )
         )
@@ -95,21 +100,21 @@ def test_the_likelihood_is_the_dense_one() -> None:
         ), at
 
 
-def optimum(made: Scene, shift: np.ndarray) -> Optimum:
+def optimum(made: Scene, shift: np.ndarray) -> FittedModel:
     """Of a camera whose focal lengths and glass are estimated, its corners moved by (M, 2) px."""
     seen = made.observations
     moved = replace(seen, pixels=seen.pixels + torch.from_numpy(shift))
     model = CameraModel(made.path, made.values, Priors({"camera.fx": 20.0, "camera.fy": 20.0}))
     joint: JointFit = model.fitted(moved, made.poses)
     assert joint.finite
-    return Optimum(model, moved, joint)
+    return FittedModel(model, moved, joint)
 
 
 def test_noise_has_no_structure_and_a_bend_of_its_own_in_each_view_has() -> None:
     made = scene(5, views=12, grid=(4, 4), noise=0.1)
     corners, view = made.observations.corners.numpy(), made.observations.view.numpy()
-    assert abs(gain(optimum(made, np.zeros((len(corners), 2))))) < 0.1
+    assert abs(discrepancy_gain(optimum(made, np.zeros((len(corners), 2))))) < 0.1
     waves = np.random.default_rng(2).normal(0, 0.2, (made.poses.shape[0], 2))
     u = corners / np.abs(corners).max(0)
     bent = waves[view] * (np.sin(3 * u[:, :1]) * np.cos(2 * u[:, 1:]))
-    assert gain(optimum(made, bent)) > 100  # 0.07 px of it beside 0.1 px of noise
+    assert discrepancy_gain(optimum(made, bent)) > 100  # 0.07 px of it beside 0.1 px of noise

@@ -10,7 +10,7 @@ from scipy import stats
 
 from calib.corners.view import View
 from calib.estimation.observations import Observations
-from calib.inference.residual_structure import ORGANISERS, Scene, Share
+from calib.inference.residual_structure import ORGANISERS, ResidualScene, VarianceShare
 from calib.session.board import Board
 from calib.threads import single_thread
 
@@ -24,7 +24,7 @@ SIGMA = 0.1
 
 
 @cache
-def unmoved() -> Scene:
+def unmoved() -> ResidualScene:
     """Boards of different sizes anywhere in the picture, turned, without any residual."""
     rng = np.random.default_rng(0)
     points = BOARD.points()
@@ -40,7 +40,7 @@ def unmoved() -> Scene:
     views = tuple(View(f"{v}.png", at, np.ones(BOARD.count)) for v, at in enumerate(pixels))
     x, y = (np.concatenate(pixels) - [WIDTH / 2, HEIGHT / 2]).T / WIDTH
     observations = Observations.of(views, BOARD)
-    return Scene(
+    return ResidualScene(
         observations,
         np.zeros((VIEWS * BOARD.count, 2)),
         np.concatenate(depths),
@@ -50,9 +50,9 @@ def unmoved() -> Scene:
     )
 
 
-def with_residual(residual: Array) -> Scene:
+def with_residual(residual: Array) -> ResidualScene:
     still = unmoved()
-    return Scene(still.observations, residual, still.depth, still.incidence, WIDTH, HEIGHT)
+    return ResidualScene(still.observations, residual, still.depth, still.incidence, WIDTH, HEIGHT)
 
 
 def noise(seed: int) -> Array:
@@ -64,7 +64,7 @@ def noise(seed: int) -> Array:
     )
 
 
-def by_name(shares: list[Share]) -> dict[str, Share]:
+def by_name(shares: list[VarianceShare]) -> dict[str, VarianceShare]:
     return {share.organised_by: share for share in shares}
 
 

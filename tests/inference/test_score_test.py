@@ -11,7 +11,7 @@ import yaml
 from calib.corners.corners_file import write_corners
 from calib.effects.lens import Lens
 from calib.fitting.fit import fit
-from calib.inference.score_test import Optimum
+from calib.inference.score_test import FittedModel
 from calib.session.board import Board
 from calib.session.camera import Camera
 from calib.session.cover import Cover
@@ -22,7 +22,7 @@ from fixtures.synthetic import HEIGHT, WIDTH, bare_views
 
 
 @pytest.fixture(scope="module")
-def ended(tmp_path_factory: pytest.TempPathFactory) -> Optimum:
+def ended(tmp_path_factory: pytest.TempPathFactory) -> FittedModel:
     """A camera without a cover, whose own coefficients can do all but a thousandth of what the
     effect `lens` does.
     """
@@ -39,7 +39,7 @@ def ended(tmp_path_factory: pytest.TempPathFactory) -> Optimum:
 
 
 def test_what_a_fit_left_to_do_is_not_credited_to_an_effect_that_its_parameters_imitate(
-    ended: Optimum,
+    ended: FittedModel,
 ) -> None:
     """A tenth of a standard deviation beside the optimum in each parameter of the camera; a score
     of noise alone is about 5.

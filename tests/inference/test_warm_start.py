@@ -7,8 +7,8 @@ import torch
 
 from calib.effects.entrance_pupil import EntrancePupil
 from calib.effects.lens import Lens
-from calib.inference.calibration_model import base_model, model_of
-from calib.inference.warm_start import start_of_fewer
+from calib.inference.calibration_model import base_model, full_model
+from calib.inference.warm_start import start_without_effects
 from tests.diagnosis.hide import without_cover
 
 
@@ -19,12 +19,12 @@ def test_what_stays_starts_where_a_fit_without_the_effect_ends() -> None:
     """
     lens, pupil = Lens(), EntrancePupil()
     calibration = without_cover(pupil, {"entrance_pupil.e2": 3e-3, "entrance_pupil.e4": 0.0}, 0.1)
-    observations, model = calibration.observations, model_of(calibration)
+    observations, model = calibration.observations, full_model(calibration)
     there = model.fitted(observations, torch.from_numpy(calibration.poses))
     both = model.with_effects([lens, pupil])
     joint = both.fitted(observations, there.poses, there.start)
     alone = base_model(calibration).with_effects([lens])
-    start = start_of_fewer(alone, both, joint, observations)
+    start = start_without_effects(alone, both, joint, observations)
     end = alone.fitted(observations, joint.poses, joint.start)
     name = "lens.k1"
     moved = float(end.values[name] - joint.values[name])

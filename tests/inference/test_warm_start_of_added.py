@@ -14,8 +14,8 @@ from calib.estimation.joint_fit import ROUNDS, JointFit
 from calib.estimation.observations import Observations
 from calib.estimation.poses import refit_poses
 from calib.estimation.residuals import residuals
-from calib.inference.calibration_model import model_of
-from calib.inference.warm_start import begun
+from calib.inference.calibration_model import full_model
+from calib.inference.warm_start import start_with_effect
 from tests.diagnosis.hide import without_cover
 
 NOISE = 0.1
@@ -29,14 +29,14 @@ def fitted() -> Fitted:
     """A port in water that nobody declared, and a fit that knows none."""
     port = FlatPort("water")
     calibration = without_cover(port, {u.param.name: u.begin for u in port.unknowns}, NOISE, seed=3)
-    model, observations = model_of(calibration), calibration.observations
+    model, observations = full_model(calibration), calibration.observations
     return model, observations, model.fitted(observations, torch.from_numpy(calibration.poses))
 
 
 def test_poses_are_begun_anew_behind_a_port(fitted: Fitted) -> None:
     model, observations, joint = fitted
     wider = model.with_effect(FlatPort("water"))
-    start = begun(wider, observations, joint)
+    start = start_with_effect(wider, observations, joint)
     assert residuals(wider.path, start.values, observations, start.poses).rms_px < 2 * NOISE
     found = wider.fitted(observations, start.poses, start.start, ROUNDS)
     assert found.sigma == pytest.approx(NOISE, rel=0.05)
@@ -52,13 +52,13 @@ def test_a_focal_length_that_made_up_for_water_is_begun_near_its_own() -> None:
     """
     port = FlatPort("water")
     calibration = without_cover(port, {u.param.name: u.begin for u in port.unknowns}, NOISE, seed=3)
-    observations, known = calibration.observations, model_of(calibration)
+    observations, known = calibration.observations, full_model(calibration)
     model = replace(known, priors=known.priors.beside(dict.fromkeys(FREE, 1000.0)))
     joint = model.fitted(observations, torch.from_numpy(calibration.poses))
     true = {name: float(known.means[name]) for name in FREE}
     assert all(float(joint.values[name]) < 0.9 * true[name] for name in FREE)
     wider = model.with_effect(port)
-    start = begun(wider, observations, joint)
+    start = start_with_effect(wider, observations, joint)
     assert all(abs(float(start.values[name]) / true[name] - 1) < 0.05 for name in FREE)
     found = wider.fitted(observations, start.poses, start.start, ROUNDS)
     assert found.sigma == pytest.approx(NOISE, rel=0.05)
@@ -67,7 +67,7 @@ def test_a_focal_length_that_made_up_for_water_is_begun_near_its_own() -> None:
 
 def test_what_begins_with_doing_nothing_stays_where_it_is(fitted: Fitted) -> None:
     model, observations, joint = fitted
-    assert begun(model.with_effect(EntrancePupil()), observations, joint) is joint
+    assert start_with_effect(model.with_effect(EntrancePupil()), observations, joint) is joint
     wider = model.with_effect(FlatPort("water"))
     there = replace(joint, values={**wider.means, **joint.values})
-    assert begun(wider, observations, there) is there
+    assert start_with_effect(wider, observations, there) is there

@@ -16,7 +16,7 @@ import yaml
 
 from calib.calibration import Calibration
 from calib.corners.view import Rejected
-from calib.diagnosis.requested_effects import with_named
+from calib.diagnosis.requested_effects import with_requested
 from calib.fitting.fit import fit
 from calib.fitting.stages import Settings
 from calib.progress import Silent
@@ -204,7 +204,7 @@ def pages(
         }
         for name in ("cover_offset", "board_shape")
     ]
-    fitted = with_named(few, ("cover_offset", "board_shape"), Silent())
+    fitted = with_requested(few, ("cover_offset", "board_shape"), Silent())
     steps = [{"calibration": "/" + 30 * "far", "holdout": "/held out"}]
     diagnosed = replace(
         fitted,
