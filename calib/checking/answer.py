@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from calib.checking.significance import ALPHA
-from calib.corners.view import Rejected
+from calib.corners.view import RejectedPicture
 from calib.fitting.rounding import with_sigma
 
 
@@ -88,7 +88,7 @@ class Answer:
     views: int
     changes: tuple[Change, ...]
     """The most probable first; one of more than `families.ALONE` stands alone."""
-    rejected: tuple[Rejected, ...]
+    rejected: tuple[RejectedPicture, ...]
     lacking: str = ""
     """The name of the most probable change, where the calibration's own views show it too: it is no
     change, but what the model lacks.

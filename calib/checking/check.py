@@ -20,7 +20,7 @@ from calib.checking.naming import named, probabilities, shift_of
 from calib.checking.picture_mode import PictureMode
 from calib.checking.pictures import Pictures
 from calib.checking.significance import significance
-from calib.corners.view import Rejected, View
+from calib.corners.view import RejectedPicture, View
 from calib.diagnosis.families import ALONE
 from calib.effects.effect import Effect
 from calib.errors import InputError
@@ -131,7 +131,7 @@ class Checker:
             out = views[first.view]
             rest = tuple(view for view in views if view is not out)
             return self._check(
-                Pictures(rest, pictures.board, (*rejected, Rejected(out.name, first.words))),
+                Pictures(rest, pictures.board, (*rejected, RejectedPicture(out.name, first.words))),
                 advance,
             )
         noise = 2**0.5 * self.known.sigma * (louder * self.dispersion.typical) ** 0.5
@@ -197,7 +197,7 @@ class Checker:
 
     def _posed(
         self, pictures: Pictures
-    ) -> tuple[tuple[View, ...], torch.Tensor, Residuals, tuple[Rejected, ...]]:
+    ) -> tuple[tuple[View, ...], torch.Tensor, Residuals, tuple[RejectedPicture, ...]]:
         views, poses, lost = posable(pictures.views, pictures.board, self.known.model.means)
         if not views:
             raise InputError(

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.calibration import Calibration
-from calib.corners.usable import with_poses
-from calib.corners.view import Rejected, View
+from calib.corners.pose_requirements import split_usable_views
+from calib.corners.view import RejectedPicture, View
 from calib.errors import InputError, NotEnoughDataError, OtherBoardError
 from calib.fitting.inputs import read_views
 from calib.io.files import reading
@@ -26,7 +26,7 @@ class Pictures:
 
     views: tuple[View, ...]
     board: Board
-    rejected: tuple[Rejected, ...] = ()
+    rejected: tuple[RejectedPicture, ...] = ()
     other: str = ""
     """Why they cannot be of the calibrated camera as it was: its other mode, or another board; then
     there are no views.
@@ -46,7 +46,7 @@ def read_pictures(paths: Sequence[Path], calibration: Calibration, progress: Pro
         is_session = len(paths) == 1 and (paths[0] / "session.yaml").exists()
     if is_session:
         session = read_session(paths[0])
-        rejected: tuple[Rejected, ...] = ()
+        rejected: tuple[RejectedPicture, ...] = ()
         sizes = {(session.camera.width, session.camera.height)}
     else:
         session, sizes, rejected = _without_session(paths, calibration)
@@ -70,7 +70,7 @@ def read_pictures(paths: Sequence[Path], calibration: Calibration, progress: Pro
         )
     except NotEnoughDataError as error:
         raise InputError(f"No picture can be checked: {error}") from error
-    views, few = with_poses(views, session.board)
+    views, few = split_usable_views(views, session.board)
     rejected = (*rejected, *unseen, *few)
     if not views:
         raise InputError(
@@ -82,7 +82,7 @@ def read_pictures(paths: Sequence[Path], calibration: Calibration, progress: Pro
 
 def _without_session(
     paths: Sequence[Path], calibration: Calibration
-) -> tuple[Session, set[tuple[int, int]], tuple[Rejected, ...]]:
+) -> tuple[Session, set[tuple[int, int]], tuple[RejectedPicture, ...]]:
     """A session of these pictures, their sizes in px, and those that are damaged."""
     files = [file for path in paths for file in _files(path)]
     whole: list[Path] = []
@@ -93,7 +93,7 @@ def _without_session(
             sizes.add(image_size(file))
             whole.append(file)
         except InputError as error:
-            rejected.append(Rejected(file.name, str(error)))
+            rejected.append(RejectedPicture(file.name, str(error)))
     if not whole:
         raise InputError(f"No picture can be checked: {rejected[0].reason}")
     session = Session(

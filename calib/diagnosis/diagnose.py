@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration
-from calib.corners.view import are_timed, board_poses
+from calib.corners.view import are_timed, pose_labels
 from calib.diagnosis.diagnosed import with_fit
 from calib.diagnosis.families import settle
 from calib.diagnosis.finding import Candidate, Diagnosis, Family, ParameterEstimate, Quality
@@ -60,7 +60,7 @@ def diagnose(
     Raises:
         NotEnoughDataError: too few views to hold any out, or no fit of them is finite.
     """
-    poses = board_poses(calibration.views)
+    poses = pose_labels(calibration.views)
     if (count := len(set(poses.tolist()))) < FEWEST_VIEWS:
         raise NotEnoughDataError(
             f"A diagnosis holds views out in turn and needs {FEWEST_VIEWS} or more, but the"

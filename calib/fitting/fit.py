@@ -6,7 +6,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from calib.calibration import Calibration, Declared
-from calib.corners.view import Rejected, View, board_poses
+from calib.corners.view import RejectedPicture, View, pose_labels
 from calib.errors import NotEnoughDataError
 from calib.estimation.noise import on_board, short_scale_noise
 from calib.estimation.observations import Observations
@@ -159,7 +159,7 @@ def fit(
 
 def _without_outliers(
     views: Sequence[View], observations: Observations, missed: Residuals
-) -> tuple[tuple[View, ...], tuple[Rejected, ...]]:
+) -> tuple[tuple[View, ...], tuple[RejectedPicture, ...]]:
     squared = (missed.image**2).sum(-1)
     errors = np.array([float(own.nanmean().sqrt()) for own in observations.per_view(squared)])
     bad = outlying(errors)
@@ -172,14 +172,16 @@ def _without_outliers(
         for error in errors
     )
     rejected = tuple(
-        Rejected(view.name, reason)
+        RejectedPicture(view.name, reason)
         for view, reason, out in zip(views, reasons, bad, strict=True)
         if out
     )
     return tuple(view for view, out in zip(views, bad, strict=True) if not out), rejected
 
 
-def _check_enough(views: Sequence[View], rejected: Sequence[Rejected], for_folds: int = 0) -> None:
+def _check_enough(
+    views: Sequence[View], rejected: Sequence[RejectedPicture], for_folds: int = 0
+) -> None:
     if len(views) < FEWEST_VIEWS:
         why = (
             f" (the first that was dropped, {rejected[0].name}: {rejected[0].reason})"
@@ -192,7 +194,7 @@ def _check_enough(views: Sequence[View], rejected: Sequence[Rejected], for_folds
         )
     if not for_folds:
         return
-    poses = board_poses(views)
+    poses = pose_labels(views)
     outside = min(int(np.count_nonzero(poses % for_folds != fold)) for fold in range(for_folds))
     if outside < FEWEST_VIEWS or poses.max() + 1 < for_folds:
         raise NotEnoughDataError(

@@ -26,7 +26,7 @@ from calib.apply.measure_files import read_points, read_poses
 from calib.calibration import Calibration
 from calib.cli import main
 from calib.corners.corners_file import read_corners
-from calib.corners.detect_all import KEPT, detect
+from calib.corners.detect_all import DETECTIONS_FILE, detect
 from calib.errors import LONGEST, RefracalError
 from calib.importing.from_kalibr import from_kalibr
 from calib.importing.from_mrcal import from_cameramodel
@@ -179,7 +179,9 @@ class Bench:
 
     def _detections(self) -> dict[str, Any]:
         detect(list_images(self.session / "frames")[:1], BOARD)
-        said: dict[str, Any] = yaml.safe_load((self.session / "frames" / KEPT).read_text())
+        said: dict[str, Any] = yaml.safe_load(
+            (self.session / "frames" / DETECTIONS_FILE).read_text()
+        )
         return said
 
     def _put(self, name: str, data: bytes) -> Path:
@@ -204,7 +206,7 @@ class Bench:
         read_corners(self._put("corners.vnl", data), BOARD)
 
     def _kept(self, data: bytes) -> None:
-        self._put(f"session/frames/{KEPT}", data)
+        self._put(f"session/frames/{DETECTIONS_FILE}", data)
         detect(list_images(self.session / "frames")[:1], BOARD)
 
     def _picture(self, data: bytes) -> bool:

@@ -14,7 +14,7 @@ import pytest
 
 from calib.apply.measure_files import read_points
 from calib.corners.corners_file import read_corners
-from calib.corners.detect_all import KEPT, detect
+from calib.corners.detect_all import DETECTIONS_FILE, detect
 from calib.errors import InputError
 from calib.importing.from_ros import from_tar
 from calib.io.arrays import decode_npy, decode_npz
@@ -74,7 +74,7 @@ def test_a_file_that_is_too_large_says_what_it_may_have(tmp_path: Path) -> None:
 
 def test_kept_detections_that_are_a_pipe_do_not_hold_up_a_fit(tmp_path: Path) -> None:
     frames = write_good_session(tmp_path / "s") / "frames"
-    os.mkfifo(frames / KEPT)
+    os.mkfifo(frames / DETECTIONS_FILE)
     assert len(detect(list_images(frames), BOARD).views) == 3
 
 
@@ -86,11 +86,11 @@ def test_kept_detections_of_another_kind_are_looked_for_again(
 ) -> None:
     frames = write_good_session(tmp_path / "s") / "frames"
     good = detect(list_images(frames), BOARD).views
-    said = json.loads((frames / KEPT).read_text())
+    said = json.loads((frames / DETECTIONS_FILE).read_text())
     said["files"]["0000.png"]["corners"][3] = wrong
     said["files"]["0001.jpg"]["corners"] = wrong
     said["files"]["0002.png"]["size"] = wrong
-    (frames / KEPT).write_text(json.dumps(said))
+    (frames / DETECTIONS_FILE).write_text(json.dumps(said))
     for view, before in zip(detect(list_images(frames), BOARD).views, good, strict=True):
         if wrong is not None or view.name == "0002.png":  # null says: not measured, or not found
             np.testing.assert_array_equal(view.corners, before.corners)
