@@ -23,7 +23,7 @@ from calib.fitting.second_look import LOOKS, SecondLook, look_again
 from calib.fitting.stages import Fitted, Settings, Setup, fit_stages
 from calib.fitting.view_noise import VIEW_NOISE, with_own_noise
 from calib.progress import Progress, Silent
-from calib.session.session import FEWEST_VIEWS, Session
+from calib.session.session import MIN_FIT_VIEWS, Session
 from calib.threads import single_thread
 
 GAUGES = {
@@ -182,23 +182,23 @@ def _without_outliers(
 def _check_enough(
     views: Sequence[View], rejected: Sequence[RejectedPicture], for_folds: int = 0
 ) -> None:
-    if len(views) < FEWEST_VIEWS:
+    if len(views) < MIN_FIT_VIEWS:
         why = (
             f" (the first that was dropped, {rejected[0].name}: {rejected[0].reason})"
             if rejected
             else ""
         )
         raise NotEnoughDataError(
-            f"A fit needs {FEWEST_VIEWS} usable views and there are {len(views)}: take more"
+            f"A fit needs {MIN_FIT_VIEWS} usable views and there are {len(views)}: take more"
             f" pictures of the board{why}."
         )
     if not for_folds:
         return
     poses = pose_labels(views)
     outside = min(int(np.count_nonzero(poses % for_folds != fold)) for fold in range(for_folds))
-    if outside < FEWEST_VIEWS or poses.max() + 1 < for_folds:
+    if outside < MIN_FIT_VIEWS or poses.max() + 1 < for_folds:
         raise NotEnoughDataError(
-            f"{for_folds} folds need as many poses of the board, and {FEWEST_VIEWS} usable views"
+            f"{for_folds} folds need as many poses of the board, and {MIN_FIT_VIEWS} usable views"
             f" outside each fold; there are {len(views)} views of {poses.max() + 1} poses in all:"
             " take more pictures of the board, or ask for fewer folds."
         )

@@ -17,7 +17,7 @@ from calib.io.frames_table import NAME as FRAMES_TABLE
 from calib.io.frames_table import FrameRecord, read_frame_records
 from calib.progress import Progress
 from calib.session.camera import Intrinsics
-from calib.session.fleet_prior import nominal
+from calib.session.fleet_prior import nominal_intrinsics
 from calib.session.lens import OPENCV
 from calib.session.session import Session
 
@@ -92,7 +92,7 @@ def gather(session: Session, progress: Progress) -> Gathered:
         intrinsics, tried = fitted.intrinsics, fitted.held_out_px
         source = "bare"
     elif session.prior:
-        intrinsics, source = nominal(session.prior), "prior"
+        intrinsics, source = nominal_intrinsics(session.prior), "prior"
     else:
         fitted = calibrate_bare(views, session.board, session.camera, progress)
         views, bare, intrinsics, tried = (

@@ -79,7 +79,7 @@ def _camera(section: Section) -> Camera:
         case [int() as width, int() as height] if width > 0 and height > 0:
             return Camera(width, height)
         case other:
-            raise section.wrong("resolution", other, expected)
+            raise section.error("resolution", other, expected)
 
 
 def _board(folder: Path, files: Iterable[Section]) -> Board:
@@ -91,7 +91,7 @@ def _board(folder: Path, files: Iterable[Section]) -> Board:
         )
     kind = section.text("target_type", "checkerboard")
     if kind == "aprilgrid":
-        columns, rows = (section.whole(key, 2, 500) for key in ("tagCols", "tagRows"))
+        columns, rows = (section.integer(key, 2, 500) for key in ("tagCols", "tagRows"))
         spacing = section.read(TAG_SPACING)[TAG_SPACING.key].value
         return Board(
             2 * columns, 2 * rows, section.read(TAG)[TAG.key].value, coding=AprilGrid(spacing)
@@ -102,7 +102,7 @@ def _board(folder: Path, files: Iterable[Section]) -> Board:
             " checkerboard or an aprilgrid, or detect its corners with another program and use"
             " calib import mrcal-corners."
         )
-    columns, rows = (section.whole(key, 3, 1000) for key in ("targetCols", "targetRows"))
+    columns, rows = (section.integer(key, 3, 1000) for key in ("targetCols", "targetRows"))
     across, down = (section.read(quantity)[quantity.key].value for quantity in SPACING)
     if across != down:
         raise InputError(

@@ -66,7 +66,7 @@ def _camera(path: Path, name: str, data: bytes) -> Camera:
             said = Section(read_yaml(file), f"{path}, {name}")
         except InputError as error:
             raise InputError(str(error).replace(str(file), f"{path}, {name}")) from error
-    width, height = (said.whole(key, 1, 100_000) for key in ("image_width", "image_height"))
+    width, height = (said.integer(key, 1, 100_000) for key in ("image_width", "image_height"))
     return Camera(width, height, said.text("camera_name", "the camera's name", default=""))
 
 

@@ -59,7 +59,7 @@ def _subject(evidence: Evidence) -> str:
     )
     return (
         f"{camera}{behind} was calibrated from {len(c.views)} views of a {c.board} board with"
-        f" {1e3 * c.board.square:g} mm {c.board.part}s: {len(evidence.depth)} corners, {near:.2g}"
+        f" {1e3 * c.board.square:g} mm {c.board.cell}s: {len(evidence.depth)} corners, {near:.2g}"
         f" to {far:.2g} m away."
     )
 
