@@ -1,4 +1,6 @@
-"""A session.yaml to start from: the printed board, and places for what only its owner knows."""
+"""Write a session.yaml to start from: the printed board, and places for the numbers that only its
+owner knows.
+"""
 
 import json
 
@@ -7,7 +9,7 @@ from calib.sheet.target import Pattern
 
 
 def starting_session(pattern: Pattern, sheet: Sheet, size: tuple[int, int]) -> str:
-    """The file's text. `size` is that of the camera's pictures, px."""
+    """Return the file's text. `size` is the width and height of the camera's pictures, px."""
     a, b = sheet.rulers
     board = ", ".join(
         f"{key}: {json.dumps(value)}"

@@ -30,7 +30,7 @@ from calib.corners.detect_all import DETECTIONS_FILE, detect
 from calib.errors import LONGEST, RefracalError
 from calib.importing.from_kalibr import from_kalibr
 from calib.importing.from_mrcal import from_cameramodel
-from calib.importing.from_ros import from_tar
+from calib.importing.from_ros import from_ros_archive
 from calib.io.depth_image import read_depth_image
 from calib.io.frames_table import last_view, read_frame_records, read_table
 from calib.io.images import list_images, read_image
@@ -254,7 +254,7 @@ class Bench:
         from_cameramodel(self._put("a.cameramodel", data))
 
     def _ros(self, data: bytes) -> None:
-        for _, picture in from_tar(self._put("a.tar", data), BOARD, None).frames:
+        for _, picture in from_ros_archive(self._put("a.tar", data), BOARD, None).frames:
             assert len(picture) < 1 << 29
 
     def _kalibr(self, data: bytes) -> None:
@@ -284,7 +284,7 @@ class Bench:
             read_frame_records,
             lambda _: read_corners(path, BOARD),
             from_cameramodel,
-            lambda _: from_tar(path, BOARD, None),
+            lambda _: from_ros_archive(path, BOARD, None),
             Calibration.load,
             lambda _: self._command(
                 [

@@ -16,7 +16,7 @@ from calib.apply.measure_files import read_points
 from calib.corners.corners_file import read_corners
 from calib.corners.detect_all import DETECTIONS_FILE, detect
 from calib.errors import InputError
-from calib.importing.from_ros import from_tar
+from calib.importing.from_ros import from_ros_archive
 from calib.io.arrays import decode_npy, decode_npz
 from calib.io.depth_image import read_depth_image
 from calib.io.files import npz, read_file
@@ -36,7 +36,7 @@ READERS: tuple[Callable[[Path], object], ...] = (
     read_frame_records,
     read_points,
     lambda path: read_corners(path, BOARD),
-    lambda path: from_tar(path, BOARD, None),
+    lambda path: from_ros_archive(path, BOARD, None),
 )
 
 
@@ -168,12 +168,12 @@ def test_a_zip_is_no_npy_and_a_bomb_no_npz(tmp_path: Path, monkeypatch: pytest.M
 def test_an_archive_whose_member_says_it_has_a_tebibyte(tmp_path: Path) -> None:
     whole, claimed = tars(b"picture")
     assert [
-        data for _, data in from_tar(put(tmp_path / "whole.tar", whole), BOARD, None).frames
+        data for _, data in from_ros_archive(put(tmp_path / "whole.tar", whole), BOARD, None).frames
     ] == [b"picture"]
     with pytest.raises(
         InputError, match=r"left-0000\.png in it is larger than the 256 MB that a picture may have"
     ):
-        from_tar(put(tmp_path / "claimed.tar", claimed), BOARD, None)
+        from_ros_archive(put(tmp_path / "claimed.tar", claimed), BOARD, None)
 
 
 def test_a_jpeg_that_ends_in_erased_flash_is_told_at_once(tmp_path: Path) -> None:
