@@ -22,9 +22,10 @@ from calib.session.session import check_images, read_session, session_from_mappi
 
 COVER = """\
 # Imported by calib import from {source}.
-# The source has no cover: describe yours below in place of "shape: none", and state camera.intrinsics or put pictures of the same camera
+# The source has no cover: describe yours below in place of "shape: none", and state \
+camera.intrinsics or put pictures of the same camera
 # without its cover into bare/. As it is, the session is a plain camera calibration.
-"""  # noqa: E501
+"""
 
 
 @dataclass(frozen=True, slots=True)
