@@ -25,7 +25,7 @@ from rich.console import Console
 from rich.table import Table
 
 from calib.corners.detect import SEARCHES, eight_bits, refine
-from calib.corners.measure import measure
+from calib.corners.measure import measure_corners
 from calib.io.images import read_grey
 from calib.session.board import Board
 from calib.session.session import read_session
@@ -181,7 +181,7 @@ def _speed() -> None:
         "found by saddles": lambda picture, _: saddles(picture, board),
         "found by SB": lambda picture, _: sectors(picture, board),
         "refined": lambda picture, corners: refine(picture, corners, board),
-        "measured": lambda picture, corners: measure(picture, corners, board),
+        "measured": lambda picture, corners: measure_corners(picture, corners, board),
     }
     for name, work in steps.items():
         spent = []

@@ -18,7 +18,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from calib.corners.usable import with_poses
+from calib.corners.pose_requirements import split_usable_views
 from calib.corners.view import View
 from calib.errors import NotEnoughDataError
 from calib.fitting.inputs import read_views
@@ -46,7 +46,9 @@ def main() -> None:
     table = Table("session", "views", "lens", "choice, px", "all, px", "CPU s")
     for folder in args.sessions:
         session = read_session(folder)
-        views = with_poses(read_views(session, Silent())[0], session.board)[0][:: args.every]
+        views = split_usable_views(read_views(session, Silent())[0], session.board)[0][
+            :: args.every
+        ]
         size = session.camera.width, session.camera.height
         for name, choice, rms, seconds in _rows(views, session.board, size):
             table.add_row(

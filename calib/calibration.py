@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from calib.calibration_file import CALIBRATION, check_arrays, read_arrays, relief_from_yaml
-from calib.corners.view import Rejected, View, capture_times
+from calib.corners.view import RejectedPicture, View, capture_times
 from calib.effects.effect import Effect
 from calib.effects.serialise import effect_from_yaml, effect_to_yaml
 from calib.errors import InputError, NotEnoughDataError, brief
@@ -123,7 +123,7 @@ class Calibration:
     """
     covariance: NDArray[np.float64]
     """(S, S) of `camera_model().parameters`, poses marginalised. (0, 0): not estimated."""
-    rejected: tuple[Rejected, ...]
+    rejected: tuple[RejectedPicture, ...]
     stages: tuple[Stage, ...]
     noise_px: float
     """The corners' noise, root mean square of the two-dimensional error, from the residual's
@@ -434,7 +434,7 @@ def _from_mapping(
         ),
         poses=arrays["poses"],
         covariance=arrays["covariance"],
-        rejected=tuple(Rejected(r["file"], r["reason"]) for r in said["frames_rejected"]),
+        rejected=tuple(RejectedPicture(r["file"], r["reason"]) for r in said["frames_rejected"]),
         stages=tuple(
             Stage(s["name"], float(s["rms_px"]), float(s["rmse_cm"])) for s in said["stages"]
         ),

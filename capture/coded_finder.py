@@ -13,12 +13,12 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.corners.coded import find_coded, live_corners
+from calib.corners.coded import find_coded_board, locate_live_corners
 from calib.corners.detection import NotFound
-from calib.corners.markers import WINDOWS_TRIED, marker_cells
+from calib.corners.markers import THRESHOLD_WINDOWS, marker_cells
 from calib.corners.other_coding import other_coding
-from calib.corners.reduced import enlarged, live_factor, reduced
-from calib.corners.usable import no_pose
+from calib.corners.picture_scale import enlarge_corners, live_factor, reduce_picture
+from calib.corners.pose_requirements import find_pose_problem
 from calib.session.board import Board
 from calib.session.coding import Charuco
 from capture.coded_light import measure_light
@@ -37,7 +37,7 @@ class CodedFinder:
     def __init__(self, board: Board) -> None:
         assert board.coding
         self._board = board
-        self._windows = QUICK if isinstance(board.coding, Charuco) else WINDOWS_TRIED
+        self._windows = QUICK if isinstance(board.coding, Charuco) else THRESHOLD_WINDOWS
         marker = board.coding.marker if isinstance(board.coding, Charuco) else board.square
         self._cell = marker / marker_cells(board.coding)  # m
         self._other = ""
@@ -52,7 +52,7 @@ class CodedFinder:
             return Sighting(None, width, height, frame.time_s, problem=said or found.reason)
         self._other = ""
         seen = np.isfinite(found[:, 0])
-        if reason := no_pose(seen, self._board):
+        if reason := find_pose_problem(seen, self._board):
             return Sighting(
                 None,
                 width,
@@ -81,10 +81,11 @@ class CodedFinder:
         if sighting.corners is None:
             return None
         grey = grey_of(frame)
-        found = find_coded(grey, grey, self._board)
+        found = find_coded_board(grey, grey, self._board)
         return (
             None
-            if isinstance(found, NotFound) or no_pose(np.isfinite(found.corners[:, 0]), self._board)
+            if isinstance(found, NotFound)
+            or find_pose_problem(np.isfinite(found.corners[:, 0]), self._board)
             else found.corners
         )
 
@@ -93,12 +94,12 @@ class CodedFinder:
         factor = live_factor(grey)
         found = self._in(grey, factor, self._windows)
         if isinstance(found, NotFound) or self._cell_px(found) < CELL * factor:
-            finer = self._in(grey, max(factor // 2, 1), WINDOWS_TRIED)
+            finer = self._in(grey, max(factor // 2, 1), THRESHOLD_WINDOWS)
             found = (
                 finer if isinstance(found, NotFound) or not isinstance(finer, NotFound) else found
             )
         if isinstance(found, NotFound) and found.markers == "none":
-            coarser = self._in(grey, min(2 * factor, *grey.shape), WINDOWS_TRIED)
+            coarser = self._in(grey, min(2 * factor, *grey.shape), THRESHOLD_WINDOWS)
             if not isinstance(coarser, NotFound) and np.isfinite(coarser[:, 0]).mean() >= CLEARLY:
                 return coarser
         return found
@@ -106,8 +107,10 @@ class CodedFinder:
     def _in(
         self, grey: NDArray[np.uint8], factor: int, windows: tuple[int, ...]
     ) -> NDArray[np.float64] | NotFound:
-        found = live_corners(reduced(grey, factor), self._board, windows, closely=factor == 1)
-        return found if isinstance(found, NotFound) else enlarged(found, factor)
+        found = locate_live_corners(
+            reduce_picture(grey, factor), self._board, windows, enlarge=factor == 1
+        )
+        return found if isinstance(found, NotFound) else enlarge_corners(found, factor)
 
     def _cell_px(self, corners: NDArray[np.float64]) -> float:
         """Of a marker, in the mean over (count, 2) px."""
@@ -118,7 +121,9 @@ class CodedFinder:
         """What the picture shows instead of the declared board, if that is known."""
         begun = time.monotonic()
         if begun >= self._rested_s:
-            self._other = other_coding([reduced(grey, live_factor(grey))], self._board).rstrip(".")
+            self._other = other_coding(
+                [reduce_picture(grey, live_factor(grey))], self._board
+            ).rstrip(".")
             now = time.monotonic()
             self._rested_s = now + RESTS * (now - begun)
         return self._other

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.corners.lattice import Lattice, normals
+from calib.corners.lattice import Lattice, edge_normals
 from calib.session.board import Board
 from calib.session.coding import Charuco
 from capture.exposure import FULL, VIDEO_FULL, Exposure
@@ -40,14 +40,14 @@ class Light:
 
 def measure_light(grey: NDArray[np.uint8], corners: Floats, board: Board) -> Light:
     """Around the (count, 2) px corners, NaN where not seen, of a (H, W) picture."""
-    lattice = _some(Lattice.of(corners, board))
+    lattice = _some(Lattice.from_corners(corners, board))
     rim = (
         (1 - board.coding.marker / board.square) / 2
         if isinstance(board.coding, Charuco)
         else np.inf
     )
     reach = np.minimum(
-        (REACH if np.isfinite(rim) else lattice.clear) * lattice.heights, FARTHEST
+        (REACH if np.isfinite(rim) else lattice.clearance) * lattice.heights, FARTHEST
     )  # (N, edge) px, to either side
     across = (
         lattice.steps[:, ::-1] * (reach / lattice.heights)[..., None]
@@ -64,7 +64,7 @@ def measure_light(grey: NDArray[np.uint8], corners: Floats, board: Board) -> Lig
         len(places), 2, 2, len(ALONG), len(ACROSS)
     )  # by corner, edge, and side of the corner along it
     inside = (
-        np.abs(ACROSS) * (reach / (lattice.clear * lattice.heights))[..., None]
+        np.abs(ACROSS) * (reach / (lattice.clearance * lattice.heights))[..., None]
     )  # (N, edge, ACROSS)
     near = ((inside > NEAR[0]) & (inside < NEAR[1]))[:, :, None, None]
     behind = (light * (near & (ACROSS > 0))).sum((-1, -2)) - (light * (near & (ACROSS < 0))).sum(
@@ -168,7 +168,8 @@ def _blur(
     correlation = np.sin(np.pi / 2 * np.clip(np.mean([np.median(kind) for kind in kinds]), -1, 1))
     row, column = (fit.sigma**2 for fit in fits)
     row_normal, column_normal = (
-        sign * _mean_direction(normals(lattice.steps)[:, edge]) for edge, sign in ((0, 1), (1, -1))
+        sign * _mean_direction(edge_normals(lattice.steps)[:, edge])
+        for edge, sign in ((0, 1), (1, -1))
     )
     widened = np.sqrt((row + WEIGHT**2) * (column + WEIGHT**2))
     return blur_of(

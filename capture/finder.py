@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.corners.detect import half_window, is_regular, refine, shows_two
-from calib.corners.find import two_boards
+from calib.corners.find import describe_two_boards
 from calib.corners.ordering import canonical_order
-from calib.corners.reduced import enlarged, live_factor, reduced
+from calib.corners.picture_scale import enlarge_corners, live_factor, reduce_picture
 from calib.corners.saddle_grid import SaddleGrid, find_grid
 from calib.session.board import Board
 from capture.exposure import measure_exposure
@@ -37,17 +37,20 @@ class Finder:
             factor,
             min(2 * factor, height, width),
         ):  # the second sees boards that are out of focus
-            small = reduced(grey, coarser)
+            small = reduce_picture(grey, coarser)
             grid = find_grid(small, self._board)
             if grid is None:
                 continue
             corners = self._whole(grid, small)
             if corners is not None and shows_two(grid, self._board):
-                return replace(partial, problem=two_boards(self._board))
+                return replace(partial, problem=describe_two_boards(self._board))
             if corners is not None:
-                return self._measured(grey, enlarged(corners, coarser), frame.time_s)
+                return self._measured(grey, enlarge_corners(corners, coarser), frame.time_s)
             if partial.part is None:
-                part, larger = enlarged(grid.points[grid.seen], coarser), self._is_larger(grid)
+                part, larger = (
+                    enlarge_corners(grid.points[grid.present], coarser),
+                    self._is_larger(grid),
+                )
                 partial = replace(
                     partial, part=part, too_large=larger, square=side(grid.points) * coarser
                 )
@@ -73,7 +76,7 @@ class Finder:
 
     def _whole(self, grid: SaddleGrid, small: NDArray[np.uint8]) -> NDArray[np.float64] | None:
         """(count, 2) px of the reduced picture, if the grid is the board."""
-        for whole in grid.whole(self._board):
+        for whole in grid.board_positions(self._board):
             corners = refine(small, whole, self._board)
             if is_regular(corners, self._board, small.shape):
                 return canonical_order(small, corners, self._board)
@@ -96,7 +99,7 @@ class Finder:
 
     def _is_larger(self, grid: SaddleGrid) -> bool:
         """Only lines that are at least half there count: a saddle or two at the rim are chance."""
-        columns, rows = (int((grid.seen.mean(axis) > 0.5).sum()) for axis in (0, 1))
+        columns, rows = (int((grid.present.mean(axis) > 0.5).sum()) for axis in (0, 1))
         return max(columns, rows) > max(self._board.columns, self._board.rows) or min(
             columns, rows
         ) > min(self._board.columns, self._board.rows)

@@ -13,7 +13,7 @@ from calib.session.camera import Camera
 from calib.session.coding import AprilGrid, Charuco
 from calib.session.cover import Cover
 from calib.session.schema import Section
-from calib.session.session import FORMAT, PRIOR, session_from_mapping, session_to_yaml
+from calib.session.session import FORMAT, PRIOR_KEY, session_from_mapping, session_to_yaml
 from calib.session.shutter import Shutter
 from capture.disk import write_durably
 
@@ -27,7 +27,11 @@ def read_setup(file: Path) -> Setup:
         "format", (FORMAT,), f"{FORMAT}, the format that this version reads"
     )
     return session_from_mapping(
-        {key: value for key, value in written.items() if key not in ("format", "corners", PRIOR)},
+        {
+            key: value
+            for key, value in written.items()
+            if key not in ("format", "corners", PRIOR_KEY)
+        },
         str(file),
     )
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calib.corners.tag_growth import Growth
+from calib.corners.ink_spread import InkSpread
 
 Array = NDArray[np.float64]
 
@@ -119,6 +119,6 @@ class Located:
     tags: tuple[Tag, ...]
     """By number."""
     unplaced: tuple[Unplaced, ...]
-    growth: Growth
+    growth: InkSpread
     """By how much black looked larger than it is, and corners were corrected; 0 where it did not.
     """

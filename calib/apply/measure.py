@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from calib.apply.map_uncertainty import ray_errors
 from calib.apply.triangulate import central_differences, intersect, triangulate, turns
 from calib.calibration import Calibration
-from calib.corners.usable import with_poses
+from calib.corners.pose_requirements import split_usable_views
 from calib.corners.view import View
 from calib.errors import NotEnoughDataError
 from calib.estimation.observations import Observations
@@ -136,7 +136,7 @@ class Measurer:
         Raises:
             NotEnoughDataError: the corners that are seen give no pose.
         """
-        usable, few = with_poses((view,), self.calibration.board)
+        usable, few = split_usable_views((view,), self.calibration.board)
         path, values = self.calibration.model()
         observations = Observations.of(usable, self.calibration.board)
         start = pinhole_poses(observations, values)

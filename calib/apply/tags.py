@@ -21,9 +21,9 @@ from calib.apply.map_uncertainty import ray_errors
 from calib.apply.tag_pose import SQUARE, Lines, misfit, poses
 from calib.calibration import Calibration
 from calib.corners.detect import eight_bits
+from calib.corners.ink_spread import NO_INK_SPREAD, InkSpread, measure_ink_spread, remove_ink_spread
 from calib.corners.markers import black_cells, read_markers, size_of_markers
-from calib.corners.tag_growth import NONE, Growth, growth_of, without
-from calib.corners.tag_outline import edges_of, measure_outlines
+from calib.corners.tag_outline import edge_vectors, measure_outlines
 from calib.errors import InputError, brief
 from calib.session.coding import DICTIONARIES
 from calib.session.tolerances import SQUARE_SIDE
@@ -131,7 +131,7 @@ class TagLocator:
             found, growth = (
                 self._placed(grey, [numbers[at] for at in once], rough[once])
                 if once
-                else ([], NONE)
+                else ([], NO_INK_SPREAD)
             )
         unplaced = [
             *(Unplaced(number, Reason.TWICE) for number in sorted(twice)),
@@ -175,18 +175,18 @@ class TagLocator:
 
     def _placed(
         self, grey: NDArray, numbers: list[int], rough: Array
-    ) -> tuple[list[Tag | Unplaced], Growth]:
+    ) -> tuple[list[Tag | Unplaced], InkSpread]:
         outlines = measure_outlines(
             grey, rough, size_of_markers(self.dictionary, self.border), self._bends(rough)
         )
         known = np.isfinite(outlines.corners).all((1, 2))
-        growth = growth_of(
+        growth = measure_ink_spread(
             grey,
             outlines.corners[known],
             [self._black(number) for number in np.array(numbers)[known].tolist()],
         )
-        if growth.seen:
-            outlines = without(growth, outlines)
+        if growth.is_significant:
+            outlines = remove_ink_spread(growth, outlines)
         both = zip(
             numbers,
             outlines.corners,
@@ -197,7 +197,7 @@ class TagLocator:
             Unplaced(number, ways) if isinstance(ways, Reason) else Tag(number, own, ways)
             for number, own, ways in both
         ]
-        return found, growth if growth.seen else NONE
+        return found, growth if growth.is_significant else NO_INK_SPREAD
 
     def _black(self, number: int) -> NDArray[np.bool_]:
         """(n, n) cells of the upright tag."""
@@ -224,7 +224,7 @@ class TagLocator:
         ]
         seen = self.calibration.project(np.concatenate(points)).reshape(len(placed), 2, 4, 2)
         corners, middle = seen[:, 0], seen[:, 1]
-        steps, normals = edges_of(corners)
+        steps, normals = edge_vectors(corners)
         along = 2 * ((middle - corners) * steps).sum(-1) / (steps**2).sum(-1) - 1
         bends[list(placed)] = np.nan_to_num(((middle - corners) * normals).sum(-1) / (1 - along**2))
         return bends

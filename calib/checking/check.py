@@ -27,7 +27,7 @@ from calib.checking.prior import CalibrationPrior
 from calib.checking.reduced_equations import ReducedEquations
 from calib.checking.result import Change, CheckResult, CheckStatistics, CheckStatus
 from calib.checking.significance import Significance, significance
-from calib.corners.view import Rejected, View
+from calib.corners.view import RejectedPicture, View
 from calib.effects.effect import Effect
 from calib.errors import InputError
 from calib.estimation.noise import on_board, short_scale_noise
@@ -128,7 +128,7 @@ class Checker:
         if best.view >= 0 and probabilities(ranking)[0] > NAME_ALONE and len(views) > 1:
             bad_view = views[best.view]
             remaining = tuple(view for view in views if view is not bad_view)
-            rejected = (*rejected, Rejected(bad_view.name, best.words))
+            rejected = (*rejected, RejectedPicture(bad_view.name, best.words))
             return self._check(Pictures(remaining, pictures.board, rejected), advance)
         noise = self._noise_px(noise_ratio * self.overdispersion.typical)
         added = rms_shift(best, checked)
@@ -218,7 +218,7 @@ class Checker:
 
     def _fit_poses(
         self, pictures: Pictures
-    ) -> tuple[tuple[View, ...], torch.Tensor, Residuals, tuple[Rejected, ...]]:
+    ) -> tuple[tuple[View, ...], torch.Tensor, Residuals, tuple[RejectedPicture, ...]]:
         views, poses, rejected = posable(pictures.views, pictures.board, self.prior.model.means)
         if not views:
             raise InputError(

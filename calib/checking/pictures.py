@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib.calibration import Calibration
-from calib.corners.usable import with_poses
-from calib.corners.view import Rejected, View
+from calib.corners.view import RejectedPicture, View
 from calib.errors import InputError, NotEnoughDataError, OtherBoardError
 from calib.fitting.inputs import read_views
 from calib.io.files import reading
@@ -24,7 +23,7 @@ class Pictures:
 
     views: tuple[View, ...]
     board: Board
-    rejected: tuple[Rejected, ...] = ()
+    rejected: tuple[RejectedPicture, ...] = ()
     mismatch: str = ""
     """The reason why the pictures cannot be checked, another mode or board; no views then."""
     mismatch_name: str = ""
@@ -42,7 +41,7 @@ def read_pictures(paths: Sequence[Path], calibration: Calibration, progress: Pro
         is_session = len(paths) == 1 and (paths[0] / "session.yaml").exists()
     if is_session:
         session = read_session(paths[0])
-        rejected: tuple[Rejected, ...] = ()
+        rejected: tuple[RejectedPicture, ...] = ()
         sizes = {(session.camera.width, session.camera.height)}
     else:
         session, sizes, rejected = _without_session(paths, calibration)
@@ -66,7 +65,7 @@ def read_pictures(paths: Sequence[Path], calibration: Calibration, progress: Pro
         )
     except NotEnoughDataError as error:
         raise InputError(f"No picture can be checked: {error}") from error
-    views, too_few = with_poses(views, session.board)
+    views, too_few = split_usable_views(views, session.board)
     rejected = (*rejected, *undetected, *too_few)
     if not views:
         raise InputError(
@@ -78,7 +77,7 @@ def read_pictures(paths: Sequence[Path], calibration: Calibration, progress: Pro
 
 def _without_session(
     paths: Sequence[Path], calibration: Calibration
-) -> tuple[Session, set[tuple[int, int]], tuple[Rejected, ...]]:
+) -> tuple[Session, set[tuple[int, int]], tuple[RejectedPicture, ...]]:
     """Return a session of these pictures, their sizes in px, and the damaged ones."""
     files = [file for path in paths for file in _files(path)]
     readable: list[Path] = []
@@ -89,7 +88,7 @@ def _without_session(
             sizes.add(image_size(file))
             readable.append(file)
         except InputError as error:
-            rejected.append(Rejected(file.name, str(error)))
+            rejected.append(RejectedPicture(file.name, str(error)))
     if not readable:
         raise InputError(f"No picture can be checked: {rejected[0].reason}")
     session = Session(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from calib.checking.significance import ALPHA
-from calib.corners.view import Rejected
+from calib.corners.view import RejectedPicture
 from calib.fitting.rounding import with_sigma
 
 
@@ -124,7 +124,7 @@ class CheckResult:
     """None where the pictures cannot be of the calibrated camera: nothing was tested."""
     changes: tuple[Change, ...]
     """The most probable first; one of more than `NAME_ALONE` stands alone."""
-    rejected: tuple[Rejected, ...]
+    rejected: tuple[RejectedPicture, ...]
     lacking: str = ""
     """The name of the most probable change if the calibration's own views show it too: then the
     model lacks the effect, and nothing has changed.

@@ -153,8 +153,8 @@ def _remarks(pattern: "Pattern", sheet: "Sheet") -> list[str]:
     remarks = []
     if sheet.white < sheet.side:
         remarks.append(
-            f"The white margin is {sheet.white:.1f} mm, narrower than a {pattern.part}: calib finds"
-            f" this board on black all the same, other programs may not; smaller {pattern.part}s or"
+            f"The white margin is {sheet.white:.1f} mm, narrower than a {pattern.cell}: calib finds"
+            f" this board on black all the same, other programs may not; smaller {pattern.cell}s or"
             " a larger --paper leave more."
         )
     if isinstance(pattern, Checkerboard) and pattern.looks_the_same_upside_down:
@@ -195,13 +195,13 @@ def _between(text: str, low: float, high: float, kind: str) -> float:
 
 
 def _papers(text: str) -> "tuple[Paper, ...]":
-    from calib.sheet.paper import LARGEST, PAPERS, SMALLEST, papers
+    from calib.sheet.paper import MAX_PAPER_SIDE, MIN_PAPER_SIDE, PAPERS, parse_paper
 
-    found = papers(text)
+    found = parse_paper(text)
     if found is None:
         names = ", ".join(paper.name for paper in PAPERS)
         raise argparse.ArgumentTypeError(
-            f"{quoted(text)} is not a paper: write {names}, or width x height from {SMALLEST:g} to"
-            f" {LARGEST:g} mm, such as 600x400"
+            f"{quoted(text)} is not a paper: write {names}, or width x height from"
+            f" {MIN_PAPER_SIDE:g} to {MAX_PAPER_SIDE:g} mm, such as 600x400"
         )
     return found

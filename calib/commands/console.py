@@ -15,7 +15,7 @@ from rich.progress import (
 from rich.table import Table
 
 from calib.calibration import Calibration
-from calib.corners.view import Rejected
+from calib.corners.view import RejectedPicture
 from calib.errors import brief, harmless
 from calib.fitting.declared import comparisons, own_parameters
 from calib.fitting.evaluate import Evaluation
@@ -162,6 +162,6 @@ def print_evaluation(evaluation: Evaluation) -> None:
     _list_rejected(console, evaluation.rejected)
 
 
-def _list_rejected(console: Console, rejected: Sequence[Rejected]) -> None:
+def _list_rejected(console: Console, rejected: Sequence[RejectedPicture]) -> None:
     for one in rejected:
         console.print(harmless(f"Not used: {one.name}: {one.reason}."), markup=False)

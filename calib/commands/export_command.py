@@ -11,7 +11,7 @@ from calib.errors import InputError, harmless
 from calib.export.formats import AXES, FORMATS, ExportLens, Format
 
 if TYPE_CHECKING:
-    from calib.export.export import Exported
+    from calib.export.export import ExportedFiles
 
 SUMMARY = "Write a calibration for other programs, as maps or as a central camera."
 DESCRIPTION = """
@@ -77,14 +77,14 @@ def run(args: argparse.Namespace) -> None:
         from calib.calibration import Calibration
         from calib.commands.console import Bars
         from calib.commands.printing import print_paths
-        from calib.export.earlier import earlier
-        from calib.export.export import Export, export
+        from calib.export.export import ExportRequest, export
+        from calib.export.outdated_files import find_outdated_files
         from calib.io.file_set import FileSet
 
     calibration = Calibration.load(args.calibration)
     with Bars() as bars, FileSet(args.output) as files:
         exported = export(
-            Export(
+            ExportRequest(
                 calibration,
                 form,
                 lenses,
@@ -97,7 +97,7 @@ def run(args: argparse.Namespace) -> None:
         files.commit()
     print_paths(exported.paths)
     file = args.calibration / "calibration.yaml" if args.calibration.is_dir() else args.calibration
-    _say(exported, earlier(exported.paths, file))
+    _say(exported, find_outdated_files(exported.paths, file))
 
 
 def _lenses(form: Format, name: str | None) -> tuple[ExportLens, ...]:
@@ -111,16 +111,16 @@ def _lenses(form: Format, name: str | None) -> tuple[ExportLens, ...]:
     return chosen
 
 
-def _say(exported: "Exported", old: Sequence[Path]) -> None:
+def _say(exported: "ExportedFiles", old: Sequence[Path]) -> None:
     """The misfit is a remark: stdout lists files."""
     from rich.console import Console
 
     console = Console(stderr=True, soft_wrap=True, markup=False, highlight=False)
     for model in exported.models:
-        for misfit in (model.half, model.at, model.double):
+        for misfit in model.misfits:
             console.print(
-                f"Misfit of the central camera ({model.lens.name}) fitted at {model.at.depth:g} m:"
-                f" {misfit}."
+                f"Misfit of the central camera ({model.lens.name}) fitted at"
+                f" {model.misfit_at_depth.depth:g} m: {misfit}."
             )
         for remark in model.remarks():
             console.print(f"Take care: {remark}")

@@ -88,7 +88,7 @@ def _draft(args: argparse.Namespace) -> "Draft":
     from calib.importing.from_kalibr import from_kalibr
     from calib.importing.from_mrcal import from_cameramodel, from_corners
     from calib.importing.from_pictures import from_pictures
-    from calib.importing.from_ros import from_tar
+    from calib.importing.from_ros import from_ros_archive
 
     if args.source == "mrcal":
         return from_cameramodel(args.path)
@@ -99,7 +99,7 @@ def _draft(args: argparse.Namespace) -> "Draft":
     if args.source == "mrcal-corners":
         return from_corners(args.path, board, args.size)
     return (
-        from_tar(args.path, board, args.camera)
+        from_ros_archive(args.path, board, args.camera)
         if args.source == "ros"
         else from_pictures(args.path, board)
     )

@@ -1,8 +1,8 @@
-"""One picture -> the corners of a board with markers, of as much of it as the picture shows.
+"""Find the corners of a board with markers, or of the part of it that a picture shows.
 
-Markers say which corners are where, to a pixel; what a corner is measured by is its own edges, as
-on a checkerboard. OpenCV's own way from markers to a ChArUco's corners is not taken: before its
-version 5 they come out half a pixel off.
+The markers identify the corners and locate them to a pixel. Each corner is then measured by its own
+edges, as on a checkerboard. OpenCV's own step from markers to the corners of a ChArUco board is not
+used: before version 5 it returns corners that are half a pixel off.
 """
 
 from dataclasses import replace
@@ -13,132 +13,154 @@ from numpy.typing import NDArray
 
 from calib.corners.detection import Detection, NotFound
 from calib.corners.local_map import LocalMap
-from calib.corners.marker_links import Links
+from calib.corners.marker_links import group_markers
 from calib.corners.markers import (
-    WINDOWS_TRIED,
+    THRESHOLD_WINDOWS,
     Markers,
     border_of,
     marker_places,
-    read_closely,
     read_markers,
+    read_small_markers,
 )
-from calib.corners.measure import Measured, measure
-from calib.corners.strays import FOUND_NOISE, without_strays
+from calib.corners.measure import MeasuredCorners, measure_corners
+from calib.corners.outlier_corners import CORNER_NOISE, remove_outlier_corners
 from calib.session.board import Board
 from calib.session.coding import AprilGrid, Charuco
 
 Floats = NDArray[np.float64]
 
-ADVICE = "show more of it, sharp, evenly lit and larger"
-NOISE = 1.0  # px, of a marker's corners
-OWN = 0.75  # sides, from a marker's middle: half a diagonal, on either kind of board
-BESIDE = 1.35  # sides, from a corner that was found: how far others are looked for
-BORDER = 3.0  # px of the picture, where no corner is measured
-WINDOW = 0.6  # of what shows nothing but a corner's own edges: cornerSubPix's half-size
-WINDOWS = (2, 10)  # px, its limits
+MARKER_ADVICE = "show more of it, sharp, evenly lit and larger"
+MARKER_NOISE = 1.0  # px, of a marker's corners
+MARKER_RADIUS = 0.75  # sides, from a marker's middle: half a diagonal, on either kind of board
+NEIGHBOUR_RADIUS = 1.35  # sides, from a located corner: how far other corners are looked for
+PICTURE_BORDER = 3.0  # px at the picture's rim, where no corner is measured
+# of the distance around a corner within which only its own edges are visible:
+WINDOW = 0.6  # cornerSubPix's half-size
+SQUARE_SAMPLE = 0.6  # where the four squares around the corner are sampled
+WINDOW_LIMITS = (2, 10)  # px
 STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
-AROUND = 0.6  # of what shows nothing but a corner's own edges: where its four squares are looked at
-FAINT = 0.5  # of the usual contrast: less is no corner
-UNLIKE = 0.5  # of the contrast, between two squares that are opposite
-BEYOND_ROWS = "beyond the last row"
-"""What is said of a picture in which they are: a verdict looks for it."""
-BEYOND = 2
-"""Markers that lie where a board with more rows has them: one may be read wrongly."""
-FEWEST = 4
-"""Corners or markers that tell something of others."""
-# px, that a marker's side comes out shorter, as its outline goes through the middles of its
+MIN_CONTRAST = 0.5  # of the usual contrast: less is no corner
+MAX_DIFFERENCE = 0.5  # of the contrast, between two squares that are opposite
+PAST_LAST_ROW = "beyond the last row"
+"""The reason for rejecting a picture with markers there contains this phrase; the verdict looks for
+it.
+"""
+MIN_MARKERS_PAST_LAST_ROW = 2
+"""Markers at places that only a board with more rows has: a single one may be misread."""
+MIN_COUNT = 4
+"""Corners or markers that are needed to conclude anything from them about others."""
+# px that a marker's side is measured too short: its outline runs through the middles of its
 # outermost pixels
-ROUNDED = 1.0
-OTHER_SIZE = 0.1  # of a marker, which is seen to some hundredths
-OTHER_SPACING = (
-    0.02  # of a tag: measured corners tell it to thousandths, a lens bends it by one or two
-)
-FOUND_SPACING = 0.03  # of a tag: corners by cornerSubPix, of tags of 20 px
-OUTLINE = (3, 3)  # px, cornerSubPix's half-size around the corners of a tag's outline
-ROUGH_SPACING = 0.06  # of a tag: what these tell
+OUTLINE_LOSS = 1.0
+SIZE_TOLERANCE = 0.1  # of a marker: its size is measured to some hundredths
+# The tolerances of an AprilGrid's spacing, in parts of a tag's side. Measured corners determine it
+# to thousandths; a lens changes it by one or two hundredths.
+MEASURED_SPACING_TOLERANCE = 0.02
+LOCATED_SPACING_TOLERANCE = 0.03  # with corners by cornerSubPix, for tags of 20 px
+OUTLINE_SPACING_TOLERANCE = 0.06  # with the corners of the tags' outlines
+OUTLINE_WINDOW = (3, 3)  # px, cornerSubPix's half-size around the corners of a tag's outline
 
 
-def find_coded(grey: NDArray[np.uint8], every_bit: NDArray, board: Board) -> Detection | NotFound:
-    """In a (H, W) picture: `grey` is looked at, `every_bit`, uint8 or uint16, measured."""
-    rough = rough_corners(grey, board)
-    if isinstance(rough, NotFound):
-        return rough
-    measured = _measured(every_bit, _further(rough, board, grey), board)
+def find_coded_board(
+    grey: NDArray[np.uint8], every_bit: NDArray, board: Board
+) -> Detection | NotFound:
+    """Find and measure the corners of a board with markers.
+
+    Args:
+        grey: (H, W), the picture in which markers and corners are located.
+        every_bit: (H, W) uint8 or uint16, the picture in which corners are measured.
+        board: the board.
+    """
+    located = locate_corners(grey, board)
+    if isinstance(located, NotFound):
+        return located
+    measured = _measure_consistent_corners(every_bit, _add_neighbours(located, board, grey), board)
     if isinstance(board.coding, AprilGrid) and (
-        wrong := _other_spacing(measured.corners, board, board.coding, OTHER_SPACING)
+        problem := _describe_other_spacing(
+            measured.corners, board, board.coding, MEASURED_SPACING_TOLERANCE
+        )
     ):
-        return NotFound(wrong)
-    if np.isfinite(measured.corners[:, 0]).sum() < FEWEST:
-        return NotFound(f"hardly any corner of the {board} board can be measured: {ADVICE}")
+        return NotFound(problem)
+    if np.isfinite(measured.corners[:, 0]).sum() < MIN_COUNT:
+        return NotFound(f"hardly any corner of the {board} board can be measured: {MARKER_ADVICE}")
     return Detection(measured.corners, measured.covariances, "coded")
 
 
-def rough_corners(
+def locate_corners(
     grey: NDArray[np.uint8],
     board: Board,
-    windows: tuple[int, ...] = WINDOWS_TRIED,
+    windows: tuple[int, ...] = THRESHOLD_WINDOWS,
     *,
-    closely: bool = True,
+    enlarge: bool = True,
 ) -> Floats | NotFound:
-    """(count, 2) px by cornerSubPix, to a tenth, of the corners around markers that were read, NaN
-    elsewhere.
+    """Return (count, 2) px, the corners around the markers that were read, by cornerSubPix to a
+    tenth of a pixel; NaN elsewhere.
 
     Args:
-        windows: as of `read_markers`.
-        closely: where markers are small, read them in an enlarged picture, too.
+        grey: (H, W).
+        board: the board.
+        windows: as in `read_markers`.
+        enlarge: read small markers in an enlarged picture, too.
     """
     assert board.coding
     border = border_of(board.coding)
-    read = (
-        read_closely(grey, board.coding, windows)
-        if closely
+    markers = (
+        read_small_markers(grey, board.coding, windows)
+        if enlarge
         else read_markers(grey, board.coding.dictionary, border, windows)
     )
-    own = one_board(read, board)
-    if isinstance(own, NotFound):
-        return own
-    if wrong := _misprint(own, board, grey):
-        return NotFound(wrong)
-    found = _own(own, board, grey)
-    if np.isfinite(found[:, 0]).sum() < FEWEST:
-        return NotFound(f"hardly any corner of the {board} board can be seen: {ADVICE}")
+    board_markers = select_board_markers(markers, board)
+    if isinstance(board_markers, NotFound):
+        return board_markers
+    if problem := _describe_misprint(board_markers, board, grey):
+        return NotFound(problem)
+    corners = _locate_marker_corners(board_markers, board, grey)
+    if np.isfinite(corners[:, 0]).sum() < MIN_COUNT:
+        return NotFound(f"hardly any corner of the {board} board can be seen: {MARKER_ADVICE}")
     if isinstance(board.coding, AprilGrid) and (
-        wrong := _other_spacing(found, board, board.coding, FOUND_SPACING)
+        problem := _describe_other_spacing(corners, board, board.coding, LOCATED_SPACING_TOLERANCE)
     ):
-        return NotFound(wrong)
-    return found
+        return NotFound(problem)
+    return corners
 
 
-def live_corners(
+def locate_live_corners(
     grey: NDArray[np.uint8],
     board: Board,
-    windows: tuple[int, ...] = WINDOWS_TRIED,
+    windows: tuple[int, ...] = THRESHOLD_WINDOWS,
     *,
-    closely: bool = True,
+    enlarge: bool = True,
 ) -> Floats | NotFound:
-    """The same and the corners beside them.
+    """Return (count, 2) px, the corners of `locate_corners` and their neighbours.
 
-    As none is measured, each must be where the others alone say that it is, and look like one.
+    None of them is measured. So each must lie where its neighbours alone predict it, and look like
+    a corner.
     """
-    rough = rough_corners(grey, board, windows, closely=closely)
-    if isinstance(rough, NotFound):
-        return rough
-    kept = without_strays(_further(rough, board, grey), board, by_others=True)
-    return _crossing(grey, kept, board) if np.isfinite(kept[:, 0]).sum() >= FEWEST else kept
+    located = locate_corners(grey, board, windows, enlarge=enlarge)
+    if isinstance(located, NotFound):
+        return located
+    inliers = remove_outlier_corners(
+        _add_neighbours(located, board, grey), board, by_neighbours=True
+    )
+    return (
+        _keep_crossings(grey, inliers, board)
+        if np.isfinite(inliers[:, 0]).sum() >= MIN_COUNT
+        else inliers
+    )
 
 
-def _crossing(grey: NDArray[np.uint8], corners: Floats, board: Board) -> Floats:
-    """(count, 2) px, NaN where four places around a corner are not dark, light, dark, light, as two
-    edges that cross leave them.
+def _keep_crossings(grey: NDArray[np.uint8], corners: Floats, board: Board) -> Floats:
+    """Set corners to NaN unless the four squares around them are dark, light, dark, light, as two
+    crossing edges leave them.
     """
-    seen = np.flatnonzero(np.isfinite(corners[:, 0]))
-    steps = _map(board.points()[seen], corners[seen], board, FOUND_NOISE).steps[seen] * (
-        AROUND * _free(board)
-    )  # (N, 2, 2) px
-    around = np.stack(
+    visible = np.flatnonzero(np.isfinite(corners[:, 0]))
+    steps = _fit_map(board.points()[visible], corners[visible], board, CORNER_NOISE).steps[
+        visible
+    ] * (SQUARE_SAMPLE * _undisturbed_distance(board))  # (N, 2, 2) px
+    offsets = np.stack(
         [steps.sum(1), steps[:, 0] - steps[:, 1], -steps.sum(1), steps[:, 1] - steps[:, 0]], 1
     )
-    places = (corners[seen, None] + around).astype(np.float32)
+    places = (corners[visible, None] + offsets).astype(np.float32)
     light = np.asarray(
         cv2.remap(
             grey, places[..., 0], places[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
@@ -146,82 +168,88 @@ def _crossing(grey: NDArray[np.uint8], corners: Floats, board: Board) -> Floats:
         np.float64,
     )
     contrast = np.abs(light[:, ::2].sum(1) - light[:, 1::2].sum(1)) / 2
-    apart = np.abs(light[:, :2] - light[:, 2:]).max(1)
-    wrong = (contrast < FAINT * np.median(contrast)) | (apart > UNLIKE * contrast)
-    return np.where(np.isin(np.arange(board.count), seen[wrong])[:, None], np.nan, corners)
+    difference = np.abs(light[:, :2] - light[:, 2:]).max(1)
+    rejected = (contrast < MIN_CONTRAST * np.median(contrast)) | (
+        difference > MAX_DIFFERENCE * contrast
+    )
+    return np.where(np.isin(np.arange(board.count), visible[rejected])[:, None], np.nan, corners)
 
 
-def _measured(grey: NDArray, rough: Floats, board: Board) -> Measured:
-    """Until all that are measured look like corners and lie as the others say: one that does not
-    spoils the picture's noise.
+def _measure_consistent_corners(grey: NDArray, located: Floats, board: Board) -> MeasuredCorners:
+    """Measure the corners, repeatedly without those that do not look like corners or do not lie
+    where their neighbours predict them: such a corner distorts the estimate of the picture's noise.
     """
     while True:
-        measured = measure(grey, rough, board)
-        corners = without_strays(measured.corners, board)
-        lost = np.isnan(corners[:, 0]) & np.isfinite(rough[:, 0])
-        rough = np.where(lost[:, None], np.nan, rough)
-        if not lost.any() or np.isfinite(rough[:, 0]).sum() < FEWEST:
-            return Measured(
+        measured = measure_corners(grey, located, board)
+        corners = remove_outlier_corners(measured.corners, board)
+        removed = np.isnan(corners[:, 0]) & np.isfinite(located[:, 0])
+        located = np.where(removed[:, None], np.nan, located)
+        if not removed.any() or np.isfinite(located[:, 0]).sum() < MIN_COUNT:
+            return MeasuredCorners(
                 corners, np.where(np.isnan(corners[:, :1, None]), np.nan, measured.covariances)
             )
 
 
-def one_board(read: Markers, board: Board) -> Markers | NotFound:
-    """Those of the markers that lie as on the board; or why they are not to be trusted."""
+def select_board_markers(markers: Markers, board: Board) -> Markers | NotFound:
+    """Return the markers that lie as on the board, or the reason not to trust any of them."""
     places = marker_places(board)
-    known = read.some((read.numbers >= 0) & (read.numbers < len(places)))
-    foreign = len(read.numbers) - len(known.numbers)
-    if foreign >= max(3, len(known.numbers) / 5):
+    identified = markers.select((markers.numbers >= 0) & (markers.numbers < len(places)))
+    foreign = len(markers.numbers) - len(identified.numbers)
+    if foreign >= max(3, len(identified.numbers) / 5):
         return NotFound(
-            f"markers with numbers up to {read.numbers.max()} are seen, where a {board} board has 0"
-            f" to {len(places) - 1}: correct columns, rows or dictionary in session.yaml, or show"
-            " this board alone",
+            f"markers with numbers up to {markers.numbers.max()} are seen, where a {board} board"
+            f" has 0 to {len(places) - 1}: correct columns, rows or dictionary in session.yaml, or"
+            " show this board alone",
             "other",
         )
-    if not len(known.numbers):
-        return NotFound(f"no marker of the {board} board found: {ADVICE}", "none")
-    if foreign >= BEYOND and (beyond := _beyond(read, board)) >= BEYOND:
+    if not len(identified.numbers):
+        return NotFound(f"no marker of the {board} board found: {MARKER_ADVICE}", "none")
+    if (
+        foreign >= MIN_MARKERS_PAST_LAST_ROW
+        and (past_last_row := _count_markers_past_last_row(markers, board))
+        >= MIN_MARKERS_PAST_LAST_ROW
+    ):
         return NotFound(
-            f"{beyond} markers are seen {BEYOND_ROWS} of the {board} board, as on one with more:"
-            " correct board.rows in session.yaml",
+            f"{past_last_row} markers are seen {PAST_LAST_ROW} of the {board} board, as on one with"
+            " more: correct board.rows in session.yaml",
             "other",
         )
-    groups = Links.of(known, places[known.numbers], _pitch(board)).groups
-    if len(groups[0]) < 2 and len(known.numbers) < FEWEST:
+    groups = group_markers(identified, places[identified.numbers], _marker_pitch(board))
+    if len(groups[0]) < 2 and len(identified.numbers) < MIN_COUNT:
         return NotFound(
-            f"no two markers lie as on the {board} board: {ADVICE}, or correct board in"
+            f"no two markers lie as on the {board} board: {MARKER_ADVICE}, or correct board in"
             " session.yaml",
             "none",
         )
-    twice = _twice(known)
-    if twice is not None and len(groups[0]) > 1:
+    repeated = _find_repeated_number(identified)
+    if repeated is not None and len(groups[0]) > 1:
         return NotFound(
-            f"marker {twice} of the {board} board is seen twice: show one board alone, with each of"
-            " its markers once"
+            f"marker {repeated} of the {board} board is seen twice: show one board alone, with each"
+            " of its markers once"
         )
     if len(groups[0]) < 2 or (len(groups) > 1 and len(groups[1]) > 1):
         reason = (
-            f"the markers lie not as on one {board} board: correct board in session.yaml, or show"
-            " one board alone"
+            f"the markers do not lie as on one {board} board: correct board in session.yaml, or"
+            " show one board alone"
         )
         return NotFound(reason, "other")
-    return known.some(groups[0])
+    return identified.select(groups[0])
 
 
-def _beyond(read: Markers, board: Board) -> int:
-    """How many markers lie with the board's own as on one with more rows, and are none of it."""
-    own = len(marker_places(board))
-    taller = replace(
-        board, rows=3 * board.rows
-    )  # odd where they are: a legacy pattern's first square goes by that
+def _count_markers_past_last_row(markers: Markers, board: Board) -> int:
+    """Count the markers that this board lacks, but that lie beside its own as on a taller board."""
+    count = len(marker_places(board))
+    # three times keep the rows odd or even: a legacy pattern's first square depends on that
+    taller = replace(board, rows=3 * board.rows)
     places = marker_places(taller)
-    some = read.some((read.numbers >= 0) & (read.numbers < len(places)))
-    together = some.numbers[Links.of(some, places[some.numbers], _pitch(board)).groups[0]]
-    return int((together >= own).sum()) if (together < own).any() else 0
+    identified = markers.select((markers.numbers >= 0) & (markers.numbers < len(places)))
+    groups = group_markers(identified, places[identified.numbers], _marker_pitch(board))
+    linked = identified.numbers[groups[0]]
+    return int((linked >= count).sum()) if (linked < count).any() else 0
 
 
-def _pitch(board: Board) -> float:
-    """m, between neighbouring markers."""
+def _marker_pitch(board: Board) -> float:
+    """Return the distance of neighbouring markers, m."""
     match board.coding:
         case AprilGrid(spacing):
             return (1 + spacing) * board.square
@@ -229,115 +257,131 @@ def _pitch(board: Board) -> float:
             return 2**0.5 * board.square
 
 
-def _twice(markers: Markers) -> int | None:
-    """A number that is read at two places."""
+def _find_repeated_number(markers: Markers) -> int | None:
+    """Return a marker number that is read at two places."""
     for number in np.unique(markers.numbers):
-        same = markers.some(markers.numbers == number)
+        same = markers.select(markers.numbers == number)
         middles = same.corners.mean(1)
         if (np.linalg.norm(middles - middles[0], axis=-1) > same.sides.min() / 2).any():
             return int(number)
     return None
 
 
-def _misprint(markers: Markers, board: Board, grey: NDArray[np.uint8]) -> str:
-    """A sentence, if the markers' outlines tell of another print than the declared one."""
+def _describe_misprint(markers: Markers, board: Board, grey: NDArray[np.uint8]) -> str:
+    """Return a sentence if the markers' outlines show that another board was printed than the
+    declared one.
+    """
     match board.coding:
         case Charuco():
-            return _other_size(markers, board, board.coding)
+            return _describe_other_size(markers, board, board.coding)
         case AprilGrid():
-            return _other_spacing(_tags(markers, board, grey), board, board.coding, ROUGH_SPACING)
+            return _describe_other_spacing(
+                _refine_tag_outlines(markers, board, grey),
+                board,
+                board.coding,
+                OUTLINE_SPACING_TOLERANCE,
+            )
         case None:
             return ""
 
 
-def _other_size(markers: Markers, board: Board, coding: Charuco) -> str:
-    """A sentence, if the markers are larger or smaller, for their distance, than declared; nothing
-    where they are not, or too few.
+def _describe_other_size(markers: Markers, board: Board, coding: Charuco) -> str:
+    """Return a sentence if the markers are larger or smaller, relative to their distance, than
+    declared; "" if they are not, or if there are too few.
     """
-    if len(markers.numbers) < FEWEST:
+    if len(markers.numbers) < MIN_COUNT:
         return ""
     places = marker_places(board)[markers.numbers] / board.square
     middles = places.mean(1)
-    near = LocalMap.of(middles, markers.corners.mean(1), middles, NOISE)
-    expected = np.einsum("nkc,ncd->nkd", places - middles[:, None], near.steps)
-    part = float(np.median((markers.sides + ROUNDED) / Markers(markers.numbers, expected).sides))
-    if abs(part - 1) <= OTHER_SIZE:
+    local_map = LocalMap.fit(middles, markers.corners.mean(1), middles, MARKER_NOISE)
+    expected = np.einsum("nkc,ncd->nkd", places - middles[:, None], local_map.steps)
+    ratio = float(
+        np.median((markers.sides + OUTLINE_LOSS) / Markers(markers.numbers, expected).sides)
+    )
+    if abs(ratio - 1) <= SIZE_TOLERANCE:
         return ""
-    seen = (
-        f"the markers are of {1e3 * part * coding.marker:.3g} mm if the squares are of"
+    finding = (
+        f"the markers are of {1e3 * ratio * coding.marker:.3g} mm if the squares are of"
         f" {1e3 * board.square:g}"
     )
     return (
-        f"{seen}, where {1e3 * coding.marker:g} is declared: correct board.marker_mm in"
+        f"{finding}, where {1e3 * coding.marker:g} is declared: correct board.marker_mm in"
         " session.yaml"
     )
 
 
-def _tags(markers: Markers, board: Board, grey: NDArray[np.uint8]) -> Floats:
-    """(count, 2) px, the corners of an AprilGrid near the outlines of its tags, NaN where no tag
-    was read.
+def _refine_tag_outlines(markers: Markers, board: Board, grey: NDArray[np.uint8]) -> Floats:
+    """Return (count, 2) px, an AprilGrid's corners refined near the outlines of its tags, NaN where
+    no tag was read.
     """
     places = marker_places(board)[markers.numbers].reshape(-1, 1, 2)
     corners = np.full((board.count, 2), np.nan)
     start = markers.corners.reshape(-1, 1, 2).astype(np.float32)
-    moved = cv2.cornerSubPix(grey, start, OUTLINE, (-1, -1), STOP)
+    refined = cv2.cornerSubPix(grey, start, OUTLINE_WINDOW, (-1, -1), STOP)
     corners[np.linalg.norm(board.points() - places, axis=-1).argmin(1)] = np.asarray(
-        moved, np.float64
+        refined, np.float64
     ).reshape(-1, 2)
     return corners
 
 
-def _other_spacing(corners: Floats, board: Board, coding: AprilGrid, tolerance: float) -> str:
-    """The same of the distance between tags."""
+def _describe_other_spacing(
+    corners: Floats, board: Board, coding: AprilGrid, tolerance: float
+) -> str:
+    """Return a sentence if the distance between the tags is not as declared; "" if it is, or if too
+    few are visible.
+    """
     grid = corners.reshape(board.rows, board.columns, 2)
-    found = []
+    ratios_by_direction = []
     for lines in (grid, grid.swapaxes(0, 1)):
         lengths = np.linalg.norm(np.diff(lines, axis=1), axis=-1)  # px of a tag, a gap, a tag, ...
-        found.append((2 * lengths[:, 1::2] / (lengths[:, :-1:2] + lengths[:, 2::2])).ravel())
-    parts = np.concatenate(found)
-    parts = parts[np.isfinite(parts)]
-    if len(parts) < FEWEST or abs(np.median(parts) - coding.spacing) <= tolerance:
+        ratios = 2 * lengths[:, 1::2] / (lengths[:, :-1:2] + lengths[:, 2::2])
+        ratios_by_direction.append(ratios.ravel())
+    ratios = np.concatenate(ratios_by_direction)
+    ratios = ratios[np.isfinite(ratios)]
+    if len(ratios) < MIN_COUNT or abs(np.median(ratios) - coding.spacing) <= tolerance:
         return ""
-    seen = (
-        f"the tags are {np.median(parts):.2f} of their side apart, where {coding.spacing:g} is"
+    finding = (
+        f"the tags are {np.median(ratios):.2f} of their side apart, where {coding.spacing:g} is"
         " declared"
     )
-    return f"{seen}: correct board.spacing in session.yaml"
+    return f"{finding}: correct board.spacing in session.yaml"
 
 
-def _own(markers: Markers, board: Board, grey: NDArray[np.uint8]) -> Floats:
-    """(count, 2) px, the corners around the markers that were read; NaN elsewhere."""
+def _locate_marker_corners(markers: Markers, board: Board, grey: NDArray[np.uint8]) -> Floats:
+    """Return (count, 2) px, the corners around the given markers, NaN elsewhere."""
     places = marker_places(board)[markers.numbers]
-    near = _map(places.reshape(-1, 2), markers.corners.reshape(-1, 2), board, NOISE)
-    return _refined(grey, near, _within(board, places.mean(1), OWN), board)
+    local_map = _fit_map(places.reshape(-1, 2), markers.corners.reshape(-1, 2), board, MARKER_NOISE)
+    return _refine_corners(grey, local_map, _is_within(board, places.mean(1), MARKER_RADIUS), board)
 
 
-def _further(found: Floats, board: Board, grey: NDArray[np.uint8]) -> Floats:
-    """The same, and corners beside them whose markers were not read: outside of the picture in
-    part, or covered.
+def _add_neighbours(located: Floats, board: Board, grey: NDArray[np.uint8]) -> Floats:
+    """Return the located corners and their neighbours, whose markers were not read because they are
+    partly covered or outside the picture.
     """
-    seen = np.isfinite(found[:, 0])
-    near = _map(board.points()[seen], found[seen], board, FOUND_NOISE)
-    wanted = ~seen & _within(board, board.points()[seen], BESIDE)
-    return np.where(seen[:, None], found, _refined(grey, near, wanted, board))
+    visible = np.isfinite(located[:, 0])
+    local_map = _fit_map(board.points()[visible], located[visible], board, CORNER_NOISE)
+    requested = ~visible & _is_within(board, board.points()[visible], NEIGHBOUR_RADIUS)
+    return np.where(visible[:, None], located, _refine_corners(grey, local_map, requested, board))
 
 
-def _within(board: Board, places: Floats, sides: float) -> NDArray[np.bool_]:
-    """(count,) whether a corner is so near to one of (N, 2) m."""
+def _is_within(board: Board, places: Floats, sides: float) -> NDArray[np.bool_]:
+    """Return (count,), true where a corner lies within so many sides of one of the (N, 2) m
+    places.
+    """
     return np.asarray(
         np.linalg.norm(board.points()[:, None] - places, axis=-1).min(1) <= sides * board.square
     )
 
 
-def _map(places: Floats, pixels: Floats, board: Board, noise: float) -> LocalMap:
-    """At the board's corners, from (N, 2) m and px."""
+def _fit_map(places: Floats, pixels: Floats, board: Board, noise: float) -> LocalMap:
+    """Fit a local map at the board's corners, from (N, 2) m places and their (N, 2) px."""
     unit = 2 * board.half[0] / (board.columns - 1)
-    return LocalMap.of(places / unit, pixels, board.points() / unit, noise)
+    return LocalMap.fit(places / unit, pixels, board.points() / unit, noise)
 
 
-def _free(board: Board) -> float:
-    """Of the distance of two corners in the mean: what of it, around a corner, shows its own two
-    edges alone.
+def _undisturbed_distance(board: Board) -> float:
+    """Return the distance around a corner within which only its own two edges are visible, in parts
+    of the mean distance of two corners.
     """
     match board.coding:
         case AprilGrid(spacing):
@@ -348,25 +392,27 @@ def _free(board: Board) -> float:
             return 0.5
 
 
-def _refined(
-    grey: NDArray[np.uint8], near: LocalMap, wanted: NDArray[np.bool_], board: Board
+def _refine_corners(
+    grey: NDArray[np.uint8], local_map: LocalMap, requested: NDArray[np.bool_], board: Board
 ) -> Floats:
-    """(count, 2) px by cornerSubPix; NaN where that leads away, outside of the picture, and where
-    it is not wanted.
+    """Return (count, 2) px by cornerSubPix; NaN where it leads away from the map's prediction,
+    outside the picture, and where no corner is requested.
     """
-    found = np.full_like(near.pixels, np.nan)
-    inside = (
-        (near.pixels >= BORDER) & (near.pixels <= np.array(grey.shape[::-1]) - 1 - BORDER)
+    corners = np.full_like(local_map.pixels, np.nan)
+    interior = (
+        (local_map.pixels >= PICTURE_BORDER)
+        & (local_map.pixels <= np.array(grey.shape[::-1]) - 1 - PICTURE_BORDER)
     ).all(1)
     halves = np.clip(
-        WINDOW * _free(board) * np.linalg.norm(near.steps, axis=-1).min(1), *WINDOWS
+        WINDOW * _undisturbed_distance(board) * np.linalg.norm(local_map.steps, axis=-1).min(1),
+        *WINDOW_LIMITS,
     ).astype(int)
-    for half in np.unique(halves[wanted & inside]).tolist():
-        own = np.flatnonzero(wanted & inside & (halves == half))
-        start = near.pixels[own].reshape(-1, 1, 2).astype(np.float32)
-        moved = np.asarray(
+    for half in np.unique(halves[requested & interior]).tolist():
+        index = np.flatnonzero(requested & interior & (halves == half))
+        start = local_map.pixels[index].reshape(-1, 1, 2).astype(np.float32)
+        refined = np.asarray(
             cv2.cornerSubPix(grey, start, (half, half), (-1, -1), STOP), np.float64
         ).reshape(-1, 2)
-        stays = np.linalg.norm(moved - near.pixels[own], axis=1) <= half + 1
-        found[own[stays]] = moved[stays]
-    return without_strays(found, board)
+        converged = np.linalg.norm(refined - local_map.pixels[index], axis=1) <= half + 1
+        corners[index[converged]] = refined[converged]
+    return remove_outlier_corners(corners, board)

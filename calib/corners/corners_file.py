@@ -1,9 +1,10 @@
-"""mrcal's corners file, a vnlog: "# filename x y level", then a line for each corner.
+"""Read and write mrcal's corners file, a vnlog: "# filename x y level", then a line for each
+corner.
 
-Corners come row by row, columns fastest. Level k weighs 2^-k; "-" for x and y, for the level, or a
-negative level, marks a corner that was not seen. A picture with a single line of "-" shows no
-board. Three more columns may give each corner's covariance, "xx xy yy", px^2; mrcal itself reads
-files without them only.
+Corners come row by row, columns fastest. A corner of level k has the weight 2^-k; "-" for x and y,
+or for the level, or a negative level, marks a corner that is not visible. A picture with a single
+line of "-" shows no board. Three more columns may give each corner's covariance, "xx xy yy", px^2;
+mrcal itself reads only files without them.
 """
 
 import math
@@ -23,10 +24,12 @@ from calib.session.board import Board
 LEGEND = "# filename x y level"
 COVARIANCE = ("xx", "xy", "yy")
 HIGHEST_LEVEL = 100
-"""A corner of weight 2^-100 says nothing any more, and of some weights beyond, the square is 0."""
-LARGEST = 256 << 20
-"""bytes: a million corners have a quarter."""
-UNKNOWN = (math.nan, math.nan, math.nan)
+"""A corner of weight 2^-100 has no influence any more, and smaller weights soon have the square
+0.
+"""
+MAX_BYTES = 256 << 20
+"""A million corners take a quarter of it."""
+NO_COVARIANCE = (math.nan, math.nan, math.nan)
 
 
 class _Row(NamedTuple):
@@ -36,12 +39,12 @@ class _Row(NamedTuple):
     y: float
     weight: float
     covariance: tuple[float, ...]
-    """xx, xy, yy; NaN where not given."""
+    """px^2, xx, xy, yy; NaN where the file has none."""
 
 
 def read_corners(path: Path, board: Board) -> tuple[View, ...]:
-    """The views of a corners file, in its order. Pictures in which no corner was seen are left
-    out.
+    """Return the views of a corners file, in its order. Pictures in which no corner is visible are
+    left out.
     """
     rows = _read_rows(path)
     views: dict[str, View | None] = {}
@@ -53,14 +56,14 @@ def read_corners(path: Path, board: Board) -> tuple[View, ...]:
                 f"{where}: {brief(name)} comes a second time: keep all lines of one picture"
                 " together, and each picture once."
             )
-        seen = any(row.weight > 0 for row in block)
-        if len(block) != board.count and (seen or len(block) > 1):
+        has_corners = any(row.weight > 0 for row in block)
+        if len(block) != board.count and (has_corners or len(block) > 1):
             raise InputError(
                 f"{where}: {brief(name)} has {len(block)} of the {board.count} lines that a {board}"
                 ' board needs: write one for each inner corner ("-" if not seen), or correct board'
                 " in session.yaml."
             )
-        views[name] = _view(name, block) if seen else None
+        views[name] = _view(name, block) if has_corners else None
     if not views:
         raise InputError(
             f'{path} has no corners: below "{LEGEND}", write one line for each corner of each'
@@ -75,9 +78,9 @@ def read_corners(path: Path, board: Board) -> tuple[View, ...]:
 
 
 def write_corners(path: Path, views: Sequence[View]) -> None:
-    """Write views so that `read_corners` gives back the same numbers."""
-    known = any(view.covariance is not None for view in views)
-    lines = [" ".join((LEGEND, *COVARIANCE)) if known else LEGEND]
+    """Write views so that `read_corners` returns the same numbers."""
+    with_covariances = any(view.covariance is not None for view in views)
+    lines = [" ".join((LEGEND, *COVARIANCE)) if with_covariances else LEGEND]
     for view in views:
         if view.name.startswith("#") or view.name.split() != [view.name]:
             raise InputError(
@@ -85,23 +88,23 @@ def write_corners(path: Path, views: Sequence[View]) -> None:
                 ' a leading "#".'
             )
         corners = [
-            f"{view.name} {_corner(xy, weight)}"
+            f"{view.name} {_format_corner(xy, weight)}"
             for xy, weight in zip(view.corners, view.weight, strict=True)
         ]
-        lines += (
-            [
-                f"{corner} {_spread(own)}"
-                for corner, own in zip(corners, _covariances(view), strict=True)
+        if with_covariances:
+            corners = [
+                f"{corner} {_format_covariance(covariance)}"
+                for corner, covariance in zip(corners, _covariances(view), strict=True)
             ]
-            if known
-            else corners
-        )
+        lines += corners
     write_atomically(path, "\n".join(lines) + "\n")
 
 
 def _view(name: str, block: Sequence[_Row]) -> View:
-    given = np.array([row.covariance for row in block])
-    covariance = given[:, [0, 1, 1, 2]].reshape(-1, 2, 2) if np.isfinite(given).any() else None
+    variances = np.array([row.covariance for row in block])
+    covariance = (
+        variances[:, [0, 1, 1, 2]].reshape(-1, 2, 2) if np.isfinite(variances).any() else None
+    )
     return View(
         name,
         np.array([row[2:4] for row in block]),
@@ -114,14 +117,16 @@ def _covariances(view: View) -> NDArray[np.float64]:
     return np.full((len(view.weight), 2, 2), np.nan) if view.covariance is None else view.covariance
 
 
-def _spread(covariance: NDArray[np.float64]) -> str:
-    xx, xy, _, yy = (float(entry) for entry in covariance.ravel())
+def _format_covariance(covariance: NDArray[np.float64]) -> str:
+    xx = float(covariance[0, 0])
+    xy = float(covariance[0, 1])
+    yy = float(covariance[1, 1])
     return f"{xx!r} {xy!r} {yy!r}" if math.isfinite(xx + xy + yy) else "- - -"
 
 
-def _corner(xy: NDArray[np.float64], weight: float) -> str:
+def _format_corner(xy: NDArray[np.float64], weight: float) -> str:
     if not 0 <= weight <= 1:
-        raise ValueError(f"a corner weighs {weight}, which no level of a corners file can say")
+        raise ValueError(f"a corner has the weight {weight}, where a corners file takes 0 to 1")
     if weight < 0.5**HIGHEST_LEVEL:
         return "- - -"
     return f"{float(xy[0])!r} {float(xy[1])!r} {-math.log2(weight) + 0.0:.17g}"
@@ -129,7 +134,7 @@ def _corner(xy: NDArray[np.float64], weight: float) -> str:
 
 def _read_rows(path: Path) -> list[_Row]:
     try:
-        text = read_file(path, LARGEST).decode()
+        text = read_file(path, MAX_BYTES).decode()
     except UnicodeDecodeError as error:
         raise InputError(
             f'{path} is not a UTF-8 text file: write a vnlog that starts with "{LEGEND}".'
@@ -160,9 +165,9 @@ def _read_rows(path: Path) -> list[_Row]:
 
 
 def _row(fields: dict[str, str], number: int, where: str) -> _Row:
-    x, y, level = (
-        _number(fields.get(column, "0"), column, where) for column in ("x", "y", "level")
-    )
+    x = _number(fields["x"], "x", where)
+    y = _number(fields["y"], "y", where)
+    level = _number(fields.get("level", "0"), "level", where)
     if level is not None and level > HIGHEST_LEVEL:
         raise InputError(
             f"{where}: level is {level:g}: write 0 for the best corners, 1 for vaguer ones, and so"
@@ -175,10 +180,12 @@ def _row(fields: dict[str, str], number: int, where: str) -> _Row:
         )
     weight = 0.5**level if level is not None and level >= 0 else 0.0
     if x is None or y is None or weight == 0:
-        return _Row(number, fields["filename"], math.nan, math.nan, 0.0, UNKNOWN)
-    xx, xy, yy = (_number(fields.get(column, "-"), column, where) for column in COVARIANCE)
+        return _Row(number, fields["filename"], math.nan, math.nan, 0.0, NO_COVARIANCE)
+    xx = _number(fields.get("xx", "-"), "xx", where)
+    xy = _number(fields.get("xy", "-"), "xy", where)
+    yy = _number(fields.get("yy", "-"), "yy", where)
     if xx is None or xy is None or yy is None:
-        return _Row(number, fields["filename"], x, y, weight, UNKNOWN)
+        return _Row(number, fields["filename"], x, y, weight, NO_COVARIANCE)
     if xx <= 0 or xx * yy <= xy**2:
         raise InputError(
             f"{where}: xx, xy and yy are {xx:g}, {xy:g} and {yy:g}, which is no covariance: correct"

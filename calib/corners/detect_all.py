@@ -1,5 +1,5 @@
-"""The pictures of a session -> their corners, by several threads; what was found is kept beside the
-pictures.
+"""Find the corners in the pictures of a session, by several threads, and store the detections
+beside the pictures.
 """
 
 import hashlib
@@ -20,28 +20,28 @@ from numpy.typing import NDArray
 from calib.corners import detect as detector
 from calib.corners.detect import eight_bits, has_grid, largest_grid
 from calib.corners.detection import Detection, NotFound
-from calib.corners.find import ADVICE, find_board
+from calib.corners.find import CHECKERBOARD_ADVICE, find_board
 from calib.corners.other_coding import other_coding
-from calib.corners.view import Rejected, View
-from calib.corners.weights import weighted
+from calib.corners.view import RejectedPicture, View
+from calib.corners.weights import weigh_views
 from calib.errors import InputError, NotEnoughDataError, OtherBoardError
 from calib.io.files import read_file, write_atomically
 from calib.io.images import read_grey
 from calib.session.board import Board
 from calib.session.board_section import board_to_yaml
 
-KEPT = ".detections.json"
-FEWEST = 3
-"""Views, of however many: with fewer, no calibration is possible."""
-SMALLEST_PART = 0.2
-"""Of the views: below it, the board is not the declared one, or something is wrong with the
-pictures.
+DETECTIONS_FILE = ".detections.json"
+MIN_VIEWS = 3
+"""Views that a calibration needs, however many pictures there are."""
+MIN_FRACTION = 0.2
+"""Part of the pictures that must show the board. Below it, the board is not the declared one, or
+something is wrong with the pictures.
 """
-PROBED = 6
-"""Views, spread over the session, that are looked at first, and once more for other boards if the
-declared one is in none of them.
+SAMPLE_SIZE = 6
+"""Pictures, spread over the session, that are searched first. If none shows the declared board,
+they are searched for other boards.
 """
-COMMON = (
+COMMON_SIZES = (
     (11, 8),
     (10, 7),
     (9, 9),
@@ -56,16 +56,18 @@ COMMON = (
     (6, 5),
     (6, 4),
 )
-"""Boards that people have, the larger first: part of a larger one can pass for a smaller one."""
+"""Columns and rows of common boards, larger ones first: a part of a larger board can pass for a
+smaller one.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Detections:
-    """What was seen in the pictures of one folder; every picture is in one of the two."""
+    """The detections of a session's pictures: every picture is a view or rejected."""
 
     views: tuple[View, ...]
     """In the order of the pictures, each with the corners of the board that could be measured."""
-    rejected: tuple[Rejected, ...]
+    rejected: tuple[RejectedPicture, ...]
 
 
 def detect(
@@ -74,81 +76,90 @@ def detect(
     progress: Callable[[int, int], None] | None = None,
     *,
     size: tuple[int, int] | None = None,
-    fewest: int = FEWEST,
+    min_views: int = MIN_VIEWS,
 ) -> Detections:
     """Look for the board in every picture.
 
     Args:
-        paths: the pictures. Their folders get a `.detections.json`, if they can be written, and it
-            is used again.
-        progress: called after each view with how many are done, and in how many of them the board
-            was found.
+        paths: the pictures. Each of their folders gets a `.detections.json` if it is writable, and
+            its contents are used again.
+        board: the board.
+        progress: called after each picture with the number of finished pictures, and the number of
+            those that show the board.
         size: width and height that every picture must have, px. None: any.
-        fewest: pictures that must show the board, if there are so many.
+        min_views: pictures that must show the board, if there are so many.
 
     Raises:
         InputError: a picture cannot be read, or has another size.
-        NotEnoughDataError: the board is in hardly any picture.
-        OtherBoardError: but another one is, which the message names.
+        NotEnoughDataError: hardly any picture shows the board.
+        OtherBoardError: the pictures show another board, which the message names.
     """
     if not paths:
         raise NotEnoughDataError(
             f"there is no picture to find the {board} board in: take some, from different sides and"
             " distances."
         )
-    sample = sorted({round(index) for index in np.linspace(0, len(paths) - 1, PROBED)})
-    rest = [index for index in range(len(paths)) if index not in sample]
+    sample = sorted({round(index) for index in np.linspace(0, len(paths) - 1, SAMPLE_SIZE)})
+    remainder = [index for index in range(len(paths)) if index not in sample]
     stores = {folder: _Store(folder, board, size) for folder in {path.parent for path in paths}}
-    found: dict[int, Detection | NotFound] = {}
+    results: dict[int, Detection | NotFound] = {}
     hits = 0
     try:
-        for batch in (sample, rest):
+        for batch in (sample, remainder):
             for index, result in zip(
                 batch, _in_threads([paths[i] for i in batch], stores), strict=True
             ):
-                found[index] = result
+                results[index] = result
                 hits += isinstance(result, Detection)
                 if progress is not None:
-                    progress(len(found), hits)
+                    progress(len(results), hits)
             if batch is sample and not hits:
                 _refuse_other_board([paths[i] for i in sample], board)
     finally:
         for store in stores.values():
             store.save()
-    if hits < min(fewest, len(paths)) or hits < SMALLEST_PART * len(paths):
+    if hits < min(min_views, len(paths)) or hits < MIN_FRACTION * len(paths):
         if hits:
             _refuse_other_board(
-                [paths[i] for i in (*sample, *rest) if isinstance(found[i], NotFound)][:PROBED],
+                [paths[i] for i in (*sample, *remainder) if isinstance(results[i], NotFound)][
+                    :SAMPLE_SIZE
+                ],
                 board,
             )
-        reasons = Counter(hit.reason for hit in found.values() if isinstance(hit, NotFound))
-        advice = reasons.most_common(1)[0][0] if board.coding else ADVICE
+        reasons = Counter(
+            result.reason for result in results.values() if isinstance(result, NotFound)
+        )
+        advice = reasons.most_common(1)[0][0] if board.coding else CHECKERBOARD_ADVICE
         raise NotEnoughDataError(
             f"the {board} board was found in {hits} of {len(paths)} pictures: {advice}, or take"
             " more of them."
         )
-    every = [(path.name, found[index]) for index, path in enumerate(paths)]
-    views = weighted([_view(name, hit) for name, hit in every if isinstance(hit, Detection)])
-    return Detections(
-        views, tuple(Rejected(name, hit.reason) for name, hit in every if isinstance(hit, NotFound))
-    )
+    views: list[View] = []
+    rejected: list[RejectedPicture] = []
+    for index, path in enumerate(paths):
+        result = results[index]
+        if isinstance(result, Detection):
+            views.append(_view(path.name, result))
+        else:
+            rejected.append(RejectedPicture(path.name, result.reason))
+    return Detections(weigh_views(views), tuple(rejected))
 
 
-def _view(name: str, hit: Detection) -> View:
+def _view(name: str, detection: Detection) -> View:
     return View(
         name,
-        hit.corners,
-        np.isfinite(hit.corners[:, 0]).astype(np.float64),
-        covariance=hit.covariances,
+        detection.corners,
+        np.isfinite(detection.corners[:, 0]).astype(np.float64),
+        covariance=detection.covariances,
     )
 
 
 def _in_threads(
     paths: Sequence[Path], stores: dict[Path, "_Store"]
 ) -> Iterator[Detection | NotFound]:
-    """In the order of the paths.
+    """Yield the results in the order of the paths.
 
-    OpenCV lets other threads run while it works, and processes would each import it anew.
+    OpenCV releases the interpreter's lock while it works; processes would each import it anew.
     """
     pool = ThreadPoolExecutor(os.cpu_count())
     try:
@@ -158,15 +169,15 @@ def _in_threads(
 
 
 def _refuse_other_board(paths: Sequence[Path], board: Board) -> None:
-    """Raise OtherBoardError if at least half of the pictures show one board, and not the declared
-    one.
+    """Raise OtherBoardError if at least half of the pictures show one board, and it is not the
+    declared one.
     """
     pictures = [eight_bits(read_grey(path)) for path in paths]
     if board.coding:
-        if said := other_coding(pictures, board):
-            raise OtherBoardError(said)
+        if advice := other_coding(pictures, board):
+            raise OtherBoardError(advice)
         return
-    size, count = _shown(pictures, board.square)
+    size, count = _most_shown_size(pictures, board.square)
     if (
         2 * count >= len(paths)
         and count >= min(2, len(paths))
@@ -179,28 +190,32 @@ def _refuse_other_board(paths: Sequence[Path], board: Board) -> None:
         )
 
 
-def _shown(pictures: Sequence[NDArray[np.uint8]], square: float) -> tuple[tuple[int, int], int]:
-    """Columns and rows of the board that most pictures show, and how many do; of the common boards
-    where none can be measured.
+def _most_shown_size(
+    pictures: Sequence[NDArray[np.uint8]], square: float
+) -> tuple[tuple[int, int], int]:
+    """Return the columns and rows of the board that most pictures show, and the number of these
+    pictures. The common sizes are tried where no grid can be measured.
     """
     measured = Counter(grid.size for grid in map(largest_grid, pictures) if grid is not None)
     if measured and 2 * max(measured.values()) >= len(pictures):
         return measured.most_common(1)[0]
-    tried = {
+    hits_by_size = {
         size: sum(has_grid(picture, Board(*size, square)) for picture in pictures)
-        for size in COMMON
+        for size in COMMON_SIZES
     }
-    return max(tried.items(), key=lambda entry: entry[1])
+    return max(hits_by_size.items(), key=lambda entry: entry[1])
 
 
 class _Store:
-    """The detections of one folder's pictures, kept from run to run.
+    """The detections of one folder's pictures, stored from run to run.
 
-    They hold for the same bytes, board, detector and OpenCV alone.
+    They are valid only for the same bytes, board, detector and OpenCV.
     """
 
     def __init__(self, folder: Path, board: Board, size: tuple[int, int] | None) -> None:
-        self._path, self._board, self._size = folder / KEPT, board, size
+        self._path = folder / DETECTIONS_FILE
+        self._board = board
+        self._size = size
         opencv = int(cv2.__version__.split(".")[0])
         self._settings: dict[str, object] = {
             "columns": board.columns,
@@ -213,31 +228,31 @@ class _Store:
         self._files: dict[str, Any] = {}
         self._changed = False
         with suppress(InputError, ValueError, KeyError, TypeError, RecursionError):
-            kept = json.loads(read_file(self._path))
-            if kept["settings"] == self._settings and isinstance(kept["files"], dict):
-                self._files = kept["files"]
+            document = json.loads(read_file(self._path))
+            if document["settings"] == self._settings and isinstance(document["files"], dict):
+                self._files = document["files"]
 
     def look(self, path: Path) -> Detection | NotFound:
-        """The kept result, or a new one, for which the picture is decoded. Safe in several threads.
+        """Return the stored result, or decode the picture and search it. Safe in several threads.
 
         Raises:
-            InputError: it cannot be read, or has another size than is asked for.
+            InputError: the picture cannot be read, or has another size than requested.
         """
         try:
             digest = hashlib.sha256(read_file(path)).hexdigest()
         except InputError:
-            digest = ""  # reading the picture says what is wrong
+            digest = ""  # read_grey below raises with the reason
         with suppress(ValueError, KeyError, TypeError, OverflowError):
-            found, size = _recalled(self._files[path.name], digest, self._board)
+            result, size = _from_entry(self._files[path.name], digest, self._board)
             self._check(path, size)
-            return found
+            return result
         grey = read_grey(path)
         height, width = grey.shape
         self._check(path, (width, height))
-        found = find_board(grey, self._board)
-        self._files[path.name] = {"sha256": digest, "size": [width, height], **_kept(found)}
+        result = find_board(grey, self._board)
+        self._files[path.name] = {"sha256": digest, "size": [width, height], **_to_entry(result)}
         self._changed = True
-        return found
+        return result
 
     def _check(self, path: Path, size: tuple[int, int]) -> None:
         if self._size and size != self._size:
@@ -249,7 +264,7 @@ class _Store:
 
     def save(self) -> None:
         if self._changed:
-            with suppress(InputError):  # a folder that cannot be written does without
+            with suppress(InputError):  # a folder that is not writable gets no file
                 write_atomically(
                     self._path,
                     json.dumps(
@@ -258,28 +273,32 @@ class _Store:
                 )
 
 
-def _kept(found: Detection | NotFound) -> dict[str, Any]:
-    """What an entry says of a detection: x and y of every corner, and the variances of x, of both,
-    and of y; null where not measured.
+def _to_entry(result: Detection | NotFound) -> dict[str, Any]:
+    """Return the result as JSON: x and y of every corner, and the variance of x, the covariance,
+    and the variance of y; null where a corner is not measured.
     """
-    if isinstance(found, NotFound):
-        return {"corners": None, "covariances": None, "detector": None, "reason": found.reason}
-    seen = np.isfinite(found.corners[:, 0])
-    rows = {"corners": found.corners, "covariances": found.covariances.reshape(-1, 4)[:, [0, 1, 3]]}
-    lists = {
-        key: [row.tolist() if one else None for row, one in zip(part, seen, strict=True)]
-        for key, part in rows.items()
+    if isinstance(result, NotFound):
+        return {"corners": None, "covariances": None, "detector": None, "reason": result.reason}
+    visible = np.isfinite(result.corners[:, 0])
+    return {
+        "corners": _to_rows(result.corners, visible),
+        "covariances": _to_rows(result.covariances.reshape(-1, 4)[:, [0, 1, 3]], visible),
+        "detector": result.detector,
     }
-    return {**lists, "detector": found.detector}
 
 
-def _recalled(
+def _to_rows(table: NDArray[np.float64], visible: NDArray[np.bool_]) -> list[list[float] | None]:
+    """Return the rows of a (count, width) table, None where not visible."""
+    return [row.tolist() if shown else None for row, shown in zip(table, visible, strict=True)]
+
+
+def _from_entry(
     entry: Any, digest: str, board: Board
 ) -> tuple[Detection | NotFound, tuple[int, int]]:
-    """An entry's result and the picture's width and height.
+    """Return an entry's result and the picture's width and height.
 
     Raises:
-        ValueError, KeyError, TypeError, OverflowError: it is another picture's, or damaged.
+        ValueError, KeyError, TypeError, OverflowError: it is another picture's entry, or damaged.
     """
     if entry["sha256"] != digest:
         raise ValueError("another picture")
@@ -288,11 +307,10 @@ def _recalled(
         raise ValueError("not a detection")
     if entry["corners"] is None:
         return NotFound(str(entry["reason"])), (width, height)
-    seen = np.array([row is not None for row in entry["corners"]])
-    corners, variances = (
-        _rows(entry[key], seen, width) for key, width in (("corners", 2), ("covariances", 3))
-    )
-    if len(seen) != board.count or entry["detector"] not in (
+    visible = np.array([row is not None for row in entry["corners"]])
+    corners = _from_rows(entry["corners"], visible, 2)
+    variances = _from_rows(entry["covariances"], visible, 3)
+    if len(visible) != board.count or entry["detector"] not in (
         "saddles",
         "sb",
         "classic",
@@ -306,18 +324,20 @@ def _recalled(
     )
 
 
-def _rows(
-    rows: list[list[float] | None], seen: NDArray[np.bool_], width: int
+def _from_rows(
+    rows: list[list[float] | None], visible: NDArray[np.bool_], width: int
 ) -> NDArray[np.float64]:
-    """(count, width), NaN where not seen.
+    """Return a (count, width) table, NaN where not visible.
 
     Raises:
-        ValueError, TypeError, OverflowError: there is something else in them.
+        ValueError, TypeError, OverflowError: the rows contain something else than numbers.
     """
     if not all(type(value) in (int, float) for row in rows if row is not None for value in row):
         raise ValueError("not a number")  # numpy would take texts, and true
-    table = np.full((len(seen), width), np.nan)
-    table[seen] = np.array([row for row in rows if row is not None], np.float64).reshape(-1, width)
-    if not np.isfinite(table[seen]).all():
+    table = np.full((len(visible), width), np.nan)
+    table[visible] = np.array([row for row in rows if row is not None], np.float64).reshape(
+        -1, width
+    )
+    if not np.isfinite(table[visible]).all():
         raise ValueError("not a number")
     return table

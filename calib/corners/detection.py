@@ -1,4 +1,4 @@
-"""What a search of one picture ends with: a board's corners, or why there are none."""
+"""The result of a search in one picture: a board's corners, or the reason why there are none."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -12,25 +12,25 @@ class Detection:
     """A board in a picture."""
 
     corners: NDArray[np.float64]
-    """(count, 2) px, row by row, columns fastest, of a checkerboard in the order of
-    `canonical_order`; NaN where one was not found, or cannot be measured.
+    """(count, 2) px, row by row, columns fastest, for a checkerboard in the order of
+    `canonical_order`; NaN where a corner is hidden or cannot be measured.
     """
     covariances: NDArray[np.float64]
-    """(count, 2, 2) px^2, NaN likewise."""
+    """(count, 2, 2) px^2; NaN where `corners` is NaN."""
     detector: Literal["saddles", "sb", "classic", "part", "coded"]
-    twice: bool = False
-    """Whether a second whole board of its kind was seen beside it: which one this is would be
-    anybody's guess.
+    ambiguous: bool = False
+    """True if the picture shows a second whole board of this kind: nothing tells which of the two
+    is meant.
     """
 
 
 @dataclass(frozen=True, slots=True)
 class NotFound:
-    """No board that could be used."""
+    """The search found no board that can be used."""
 
     reason: str
-    """To be said with the picture's name."""
+    """A sentence to print after the picture's name."""
     markers: Literal["none", "other", "own"] = "own"
-    """Of a board with markers: whether hardly any was read, or those that were read may be another
-    board's; `other_coding` then looks into that.
+    """For a board with markers: "none" if hardly any marker was read, "other" if the markers may be
+    another board's, which `other_coding` then investigates.
     """

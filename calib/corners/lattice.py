@@ -1,13 +1,13 @@
-"""A grid of corners as its neighbours see it: where each corner's two edges lead, and how they
-bend.
+"""The local geometry of a grid of corners: the directions of the two edges through each corner, and
+the curvature of these edges.
 
-A whole checkerboard's corners are all there, at equal distances. Of one that is partly hidden, and
-of a board with markers, some may be missing; and of the latter, a corner's edges end, or something
-else begins beside them, before the next corner.
+A whole checkerboard has all its corners, at equal distances. Corners may be missing where a board
+is partly hidden or has markers. On a board with markers, a corner's edges also end, or another edge
+starts beside them, before the next corner.
 
-An edge that bends by one pixel over a square looks, to a straight line through the half of it that
-is measured, like a corner moved by
-some hundredths of a pixel: so the bend is taken from the neighbours.
+An edge that bends by one pixel over a square shifts a straight line through its measured half by
+some hundredths of a pixel. That looks like a corner that has moved, so the curvature is taken from
+the neighbours.
 """
 
 from dataclasses import dataclass
@@ -21,144 +21,174 @@ from calib.session.coding import AprilGrid, Charuco
 
 Floats = NDArray[np.float64]
 
-BORDER = 0.2  # of a tag's side: its black border
-FREE = 0.83  # of the small square's side
-FARTHEST = 0.4  # of a tag's side
-CLEAR = 0.8  # of what lies between a tag's edge and its bits
-# of what lies between a square's edge and its marker: from there on, blur brings the marker's black
-CLEAR_OF_MARKER = 0.6
-NOISE = 0.1  # px, of corners that were found
-SECOND, THIRD = 6, 20  # variances of an error's second and third differences, over its own
+TAG_BORDER = 0.2  # of a tag's side: the width of its black border
+SMALL_SQUARE_FRACTION = 0.83  # of the small square's side, that an edge is measured on
+MAX_TAG_REACH = 0.4  # of a tag's side, that an edge is measured on
+TAG_CLEARANCE = 0.8  # of the distance between a tag's edge and its bits
+# of the distance between a square's edge and its marker: beyond, blur brings in the marker's black
+MARKER_CLEARANCE = 0.6
+LOCATION_NOISE = 0.1  # px, of located corners
+# the variances of the second and third differences of independent errors, over the errors' own
+SECOND_DIFFERENCE = 6
+THIRD_DIFFERENCE = 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lattice:
-    """N corners of one picture and the two edges through each, the row's first."""
+    """The N visible corners of one picture, and the two edges through each: the row's edge, then
+    the column's.
+    """
 
     corners: Floats
     """(N, 2) px."""
     steps: Floats
-    """(N, 2 edges, 2) px, along each edge to the next corner, in the mean of both sides; of an
-    AprilGrid, twice what is free of others.
+    """(N, 2 edges, 2) px along each edge to the next corner, the mean of both directions. For an
+    AprilGrid, a step is twice the length on which the edge is undisturbed.
     """
     curvatures: Floats
-    """(N, 2 edges) 1/px, of each edge, towards its normal."""
-    clear: float = np.inf
-    """Steps: beside an edge, only so much shows nothing but that edge."""
+    """(N, 2 edges) 1/px, the curvature of each edge, positive towards its normal."""
+    clearance: float = np.inf
+    """Steps: the distance from an edge within which the picture shows that edge alone."""
 
     @staticmethod
-    def of(corners: Floats, board: Board) -> "Lattice":
-        """From (count, 2) px, row by row, columns fastest: those that are not NaN."""
-        if board.coding is None and np.isfinite(corners).all():
-            return Lattice._whole(corners, board)
-        return Lattice._some(corners, board, *_step_and_clear(board))
-
-    @staticmethod
-    def between(corners: Floats, ahead: Floats, behind: Floats, board: Board) -> "Lattice":
-        """From (N, 2) px, and (N, 2 edges, 2) px, where a model sees what is half a `step_of` the
-        board further along each edge, and before.
+    def from_corners(corners: Floats, board: Board) -> "Lattice":
+        """Return the lattice of (count, 2) px corners, row by row, columns fastest. Corners that
+        are NaN are skipped.
         """
-        steps, bends = ahead - behind, 4 * (ahead + behind - 2 * corners[:, None])
-        _, clear = _step_and_clear(board)
-        return Lattice(corners, steps, (normals(steps) * bends).sum(-1) / (steps**2).sum(-1), clear)
+        if board.coding is None and np.isfinite(corners).all():
+            return Lattice._of_full_grid(corners, board)
+        return Lattice._of_visible_corners(corners, board, *_step_and_clearance(board))
 
     @staticmethod
-    def _some(corners: Floats, board: Board, step: float, clear: float) -> "Lattice":
-        """`step` in m."""
-        seen = np.isfinite(corners[:, 0])
+    def from_model(corners: Floats, ahead: Floats, behind: Floats, board: Board) -> "Lattice":
+        """Return the lattice at the places that a camera model predicts.
+
+        Args:
+            corners: (N, 2) px.
+            ahead: (N, 2 edges, 2) px, the places half a `lattice_step` further along each edge.
+            behind: (N, 2 edges, 2) px, the places half a step back.
+            board: the board.
+        """
+        steps = ahead - behind
+        bends = 4 * (ahead + behind - 2 * corners[:, None])
+        _, clearance = _step_and_clearance(board)
+        curvatures = (edge_normals(steps) * bends).sum(-1) / (steps**2).sum(-1)
+        return Lattice(corners, steps, curvatures, clearance)
+
+    @staticmethod
+    def _of_visible_corners(
+        corners: Floats, board: Board, step: float, clearance: float
+    ) -> "Lattice":
+        """Fit a local map at every visible corner; `step` is the lattice's step in m."""
+        visible = np.isfinite(corners[:, 0])
         unit = 2 * board.half[0] / (board.columns - 1)
-        points = board.points()[seen] / unit
-        near = LocalMap.of(points, corners[seen], points, NOISE, changing=True)
-        bends = (normals(near.steps) * near.bends).sum(-1)
+        points = board.points()[visible] / unit
+        local_map = LocalMap.fit(points, corners[visible], points, LOCATION_NOISE, cubic=True)
+        bends = (edge_normals(local_map.steps) * local_map.second_derivatives).sum(-1)
         return Lattice(
-            corners[seen], near.steps * (step / unit), bends / (near.steps**2).sum(-1), clear
+            corners[visible],
+            local_map.steps * (step / unit),
+            bends / (local_map.steps**2).sum(-1),
+            clearance,
         )
 
     @staticmethod
-    def _whole(corners: Floats, board: Board) -> "Lattice":
+    def _of_full_grid(corners: Floats, board: Board) -> "Lattice":
+        """Take the steps and curvatures from differences along the rows and columns."""
         grid = corners.reshape(board.rows, board.columns, 2)
-        steps, curvatures = np.empty((*grid.shape[:2], 2, 2)), np.empty(grid.shape)
-        for edge, turned in enumerate((grid, grid.swapaxes(0, 1))):
-            own = (
-                part[:, :, edge] if edge == 0 else part[:, :, edge].swapaxes(0, 1)
-                for part in (steps, curvatures)
-            )
-            for part, values in zip(own, _along(turned), strict=True):
-                part[...] = values
+        row_steps, row_curvatures = _differentiate_lines(grid)
+        column_steps, column_curvatures = _differentiate_lines(grid.swapaxes(0, 1))
+        steps = np.stack([row_steps, column_steps.swapaxes(0, 1)], 2)
+        curvatures = np.stack([row_curvatures, column_curvatures.swapaxes(0, 1)], 2)
         return Lattice(
             np.array(corners, np.float64), steps.reshape(-1, 2, 2), curvatures.reshape(-1, 2)
         )
 
     @property
     def angles(self) -> Floats:
-        """(N, 2 edges) rad, of the edges' directions."""
+        """(N, 2 edges) rad, the directions of the edges."""
         return np.asarray(np.arctan2(self.steps[..., 1], self.steps[..., 0]))
 
     @property
     def heights(self) -> Floats:
-        """(N, 2 edges) px, from each edge to the parallel one through the next corner."""
+        """(N, 2 edges) px, the distance from each edge to the parallel one through the next
+        corner.
+        """
         (ax, ay), (bx, by) = np.moveaxis(self.steps, 0, -1)
         return np.asarray(np.abs(ax * by - ay * bx)[:, None] / np.linalg.norm(self.steps, axis=-1))
 
 
-def step_of(board: Board) -> float:
-    """m, of a lattice's steps."""
-    return _step_and_clear(board)[0]
+def lattice_step(board: Board) -> float:
+    """Return the length of a lattice's step on the board, m."""
+    return _step_and_clearance(board)[0]
 
 
-def _step_and_clear(board: Board) -> tuple[float, float]:
-    """m, and steps."""
+def _step_and_clearance(board: Board) -> tuple[float, float]:
+    """Return the step in m and the clearance in steps."""
     match board.coding:
         case None:
             return board.square, np.inf
         case Charuco(marker):
-            return board.square, CLEAR_OF_MARKER * (1 - marker / board.square) / 2
+            return board.square, MARKER_CLEARANCE * (1 - marker / board.square) / 2
         case AprilGrid(spacing):
-            reach = min(FREE * spacing, FARTHEST)
-            return 2 * reach * board.square, CLEAR * BORDER / (2 * reach)
+            reach = min(SMALL_SQUARE_FRACTION * spacing, MAX_TAG_REACH)
+            return 2 * reach * board.square, TAG_CLEARANCE * TAG_BORDER / (2 * reach)
 
 
-def normals(steps: Floats) -> Floats:
-    """(..., 2) unit, 90 degrees clockwise, as seen in the picture, of (..., 2)."""
-    turned = np.stack([-steps[..., 1], steps[..., 0]], -1)
-    return np.asarray(turned / np.linalg.norm(steps, axis=-1, keepdims=True))
+def edge_normals(steps: Floats) -> Floats:
+    """Return (..., 2) unit normals, 90 degrees clockwise of the steps as seen in the picture."""
+    perpendicular = np.stack([-steps[..., 1], steps[..., 0]], -1)
+    return np.asarray(perpendicular / np.linalg.norm(steps, axis=-1, keepdims=True))
 
 
-def _along(lines: Floats) -> tuple[Floats, Floats]:
-    """(lines, corners, 2) px -> of the same shape, the step at each corner; and (lines, corners)
-    1/px, how the line bends there: what the second difference tells, of which the ends take their
-    neighbours'.
+def _differentiate_lines(lines: Floats) -> tuple[Floats, Floats]:
+    """Return the (lines, corners, 2) px step at each corner of (lines, corners, 2) px lines, and
+    the (lines, corners) 1/px curvature there.
+
+    The curvature comes from second differences. A line's end has the second difference of its
+    neighbour.
     """
-    apart = lines[:, 1:] - lines[:, :-1]
+    differences = lines[:, 1:] - lines[:, :-1]
     bends = np.empty_like(lines)
-    bends[:, 1:-1] = apart[:, 1:] - apart[:, :-1]
-    bends[:, 0], bends[:, -1] = bends[:, 1], bends[:, -2]
+    bends[:, 1:-1] = differences[:, 1:] - differences[:, :-1]
+    bends[:, 0] = bends[:, 1]
+    bends[:, -1] = bends[:, -2]
     steps = np.empty_like(lines)
-    steps[:, 1:-1] = (apart[:, 1:] + apart[:, :-1]) / 2
-    steps[:, 0], steps[:, -1] = apart[:, 0] - bends[:, 0] / 2, apart[:, -1] + bends[:, -1] / 2
+    steps[:, 1:-1] = (differences[:, 1:] + differences[:, :-1]) / 2
+    steps[:, 0] = differences[:, 0] - bends[:, 0] / 2
+    steps[:, -1] = differences[:, -1] + bends[:, -1] / 2
     squared = steps[..., 0] ** 2 + steps[..., 1] ** 2
     length = np.sqrt(squared)
-    across = (bends[..., 1] * steps[..., 0] - bends[..., 0] * steps[..., 1]) / length
+    normal_bends = (bends[..., 1] * steps[..., 0] - bends[..., 0] * steps[..., 1]) / length
     change = bends[:, 2:-1] - bends[:, 1:-2]
     third = (change[..., 1] * steps[:, 1:-2, 0] - change[..., 0] * steps[:, 1:-2, 1]) / length[
         :, 1:-2
     ]
-    return steps, _told(across, float((third**2).mean()) if third.size else 0.0) / squared
+    third_squared = float((third**2).mean()) if third.size else 0.0
+    return steps, _shrink_bends(normal_bends, third_squared) / squared
 
 
-def _told(bends: Floats, third: float) -> Floats:
-    """What (lines, corners) px of bends tell beside what the corners' own errors make of them,
-    smoothed: James and Stein's part of it, the errors' size by px^2 of third differences, which
-    bends hardly have.
+def _shrink_bends(bends: Floats, third_squared: float) -> Floats:
+    """Return the (lines, corners) px bends, smoothed, and shrunk by the James-Stein factor for the
+    corners' own errors.
+
+    The third differences tell the size of these errors: a real bend hardly changes from corner to
+    corner.
+
+    Args:
+        bends: (lines, corners) px, second differences towards the normal.
+        third_squared: px^2, mean square of the third differences.
     """
-    inner = float((bends[:, 1:-1] ** 2).mean())
-    noise = third * SECOND / THIRD
-    return _smoothed(bends) * (max(0.0, 1 - noise / inner) if inner else 0.0)
+    mean_square = float((bends[:, 1:-1] ** 2).mean())
+    noise = third_squared * SECOND_DIFFERENCE / THIRD_DIFFERENCE
+    return _smooth_bends(bends) * (max(0.0, 1 - noise / mean_square) if mean_square else 0.0)
 
 
-def _smoothed(bends: Floats) -> Floats:
-    """(lines, corners) means of each and its neighbours by the weights 1, 2, 1, both ways: a
-    corner's own error would else come back to it, larger by a sixth, in its bend.
+def _smooth_bends(bends: Floats) -> Floats:
+    """Return the (lines, corners) means of each bend and its neighbours, with the weights 1, 2, 1
+    in both directions.
+
+    Without it, a corner's own error would come back to it through its bend, larger by a sixth.
     """
     for _ in range(2):
         smooth = np.empty_like(bends)

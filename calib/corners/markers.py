@@ -1,4 +1,4 @@
-"""The markers of a picture by OpenCV's aruco module, and where on a board each one is."""
+"""Read the markers of a picture with OpenCV's aruco module, and place them on the board."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.corners.reduced import enlarged
+from calib.corners.picture_scale import enlarge_corners
 from calib.errors import InputError
 from calib.session.board import Board
 from calib.session.coding import AprilGrid, Charuco, Coding
@@ -15,46 +15,54 @@ from calib.session.coding import AprilGrid, Charuco, Coding
 Floats = NDArray[np.float64]
 
 BORDERS = {Charuco: 1, AprilGrid: 2}
-"""Cells of black around a marker's bits: Kalibr's have one more than others."""
+"""Cells of black around a marker's bits: Kalibr's tags have one more than other markers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Markers:
-    """M markers that were read, rightly or wrongly; a number may come twice."""
+    """M markers that were read, rightly or wrongly. A number may occur more than once."""
 
     numbers: NDArray[np.int64]
     """(M,)"""
     corners: Floats
-    """(M, 4, 2) px, clockwise from the upper left of the marker as its dictionary has it."""
+    """(M, 4, 2) px, clockwise from the marker's upper left corner in its dictionary."""
 
-    def some(self, which: NDArray) -> "Markers":
-        return Markers(self.numbers[which], self.corners[which])
+    def select(self, index: NDArray) -> "Markers":
+        """Return the markers at (K,) indices, or where an (M,) mask is true."""
+        return Markers(self.numbers[index], self.corners[index])
 
     @property
     def sides(self) -> Floats:
-        """(M,) px, in the mean."""
+        """(M,) px, the mean length of each marker's four sides."""
         return np.asarray(
             np.linalg.norm(self.corners - np.roll(self.corners, 1, 1), axis=-1).mean(1)
         )
 
 
-WINDOWS_TRIED = (3, 13, 23)
-"""px, OpenCV's own: each threshold costs a third of the time, and is needed where markers touch
-other black, as Kalibr's do.
+THRESHOLD_WINDOWS = (3, 13, 23)
+"""px, OpenCV's defaults. Each threshold costs a third of the time, and is needed where markers
+touch other black, as Kalibr's do.
 """
 
-CLOSE = 3.3  # px of a cell: with smaller ones, a second look is taken
-ENLARGED = 2
-SHARPENED = 1.0  # of what a blur of SHARPENED_OVER px removes from the enlarged picture
-SHARPENED_OVER = 2.0
+SMALL_CELL = 3.3  # px: smaller cells are read in the enlarged picture, too
+ENLARGEMENT = 2
+SHARPENING = 1.0  # of what a blur of SHARPENING_BLUR px removes from the enlarged picture
+SHARPENING_BLUR = 2.0
 
 
 def read_markers(
-    grey: NDArray[np.uint8], dictionary: str, border: int, windows: tuple[int, ...] = WINDOWS_TRIED
+    grey: NDArray[np.uint8],
+    dictionary: str,
+    border: int,
+    windows: tuple[int, ...] = THRESHOLD_WINDOWS,
 ) -> Markers:
-    """Of a (H, W) picture.
+    """Read the markers of a (H, W) picture.
 
-    `windows` are the sides (px) over which the adaptive threshold is taken, equally far apart.
+    Args:
+        grey: (H, W).
+        dictionary: OpenCV's name of it.
+        border: cells of black around the bits.
+        windows: px, the equally spaced sides of the adaptive threshold's windows.
     """
     check_aruco()
     options = cv2.aruco.DetectorParameters()
@@ -71,52 +79,62 @@ def read_markers(
     )
 
 
-def read_closely(
-    grey: NDArray[np.uint8], coding: Coding, windows: tuple[int, ...] = WINDOWS_TRIED
+def read_small_markers(
+    grey: NDArray[np.uint8], coding: Coding, windows: tuple[int, ...] = THRESHOLD_WINDOWS
 ) -> Markers:
-    """The same, and where their cells are small, those of the picture enlarged and sharpened, too:
-    of cells of 2.5 px hardly any marker is read in the picture as it is. Where none is, it is out
-    of focus, or there is no board, and nothing is enlarged.
+    """Read the markers of a (H, W) picture, and if their cells are small, those of the enlarged and
+    sharpened picture, too.
+
+    With cells of 2.5 px hardly any marker can be read in the picture as it is. If no marker at all
+    is read, the picture is out of focus or shows no board, and nothing is enlarged.
     """
     border = border_of(coding)
-    read = read_markers(grey, coding.dictionary, border, windows)
-    if not len(read.numbers) or np.median(read.sides) >= CLOSE * marker_cells(coding):
-        return read
-    large = cv2.resize(grey, None, fx=ENLARGED, fy=ENLARGED, interpolation=cv2.INTER_CUBIC)
+    markers = read_markers(grey, coding.dictionary, border, windows)
+    if not len(markers.numbers) or np.median(markers.sides) >= SMALL_CELL * marker_cells(coding):
+        return markers
+    large = cv2.resize(grey, None, fx=ENLARGEMENT, fy=ENLARGEMENT, interpolation=cv2.INTER_CUBIC)
     sharp = cv2.addWeighted(
-        large, 1 + SHARPENED, cv2.GaussianBlur(large, (0, 0), SHARPENED_OVER), -SHARPENED, 0
+        large, 1 + SHARPENING, cv2.GaussianBlur(large, (0, 0), SHARPENING_BLUR), -SHARPENING, 0
     )
-    again = read_markers(np.asarray(sharp, np.uint8), coding.dictionary, border)
-    again = Markers(again.numbers, enlarged(again.corners, 1 / ENLARGED))
-    return _joined(read, again)
+    enlarged_markers = read_markers(np.asarray(sharp, np.uint8), coding.dictionary, border)
+    enlarged_markers = Markers(
+        enlarged_markers.numbers, enlarge_corners(enlarged_markers.corners, 1 / ENLARGEMENT)
+    )
+    return _merge_markers(markers, enlarged_markers)
 
 
-def _joined(read: Markers, again: Markers) -> Markers:
-    """Those of the first, and of the second what is not one of these at its place."""
-    apart = np.linalg.norm(again.corners.mean(1)[:, None] - read.corners.mean(1), axis=-1)
-    same = (again.numbers[:, None] == read.numbers) & (apart < again.sides[:, None] / 2)
-    new = again.some(~same.any(1))
+def _merge_markers(markers: Markers, candidates: Markers) -> Markers:
+    """Return the markers and those candidates that do not repeat one of them at its place."""
+    distance = np.linalg.norm(
+        candidates.corners.mean(1)[:, None] - markers.corners.mean(1), axis=-1
+    )
+    same = (candidates.numbers[:, None] == markers.numbers) & (
+        distance < candidates.sides[:, None] / 2
+    )
+    new = candidates.select(~same.any(1))
     return Markers(
-        np.concatenate([read.numbers, new.numbers]), np.concatenate([read.corners, new.corners])
+        np.concatenate([markers.numbers, new.numbers]),
+        np.concatenate([markers.corners, new.corners]),
     )
 
 
 def border_of(coding: Coding) -> int:
+    """Return how many cells of black surround a marker's bits."""
     return BORDERS[type(coding)]
 
 
 def marker_cells(coding: Coding) -> int:
-    """Along a side of a marker, with its border."""
+    """Return the number of cells along a marker's side, with its border."""
     return size_of_markers(coding.dictionary, border_of(coding))
 
 
 def size_of_markers(dictionary: str, border: int) -> int:
-    """Cells along a side, with a border of so many."""
+    """Return the number of cells along a side, with a border of `border` cells."""
     return int(_dictionary(dictionary).markerSize) + 2 * border
 
 
 def black_cells(dictionary: str, number: int, border: int) -> NDArray[np.bool_]:
-    """(n, n) of a marker, as its dictionary has it."""
+    """Return (n, n), true where the marker of this number is black, with its border."""
     cells = size_of_markers(dictionary, border)
     return np.asarray(
         _dictionary(dictionary).generateImageMarker(number, cells, borderBits=border) == 0
@@ -125,7 +143,7 @@ def black_cells(dictionary: str, number: int, border: int) -> NDArray[np.bool_]:
 
 @lru_cache(64)
 def marker_places(board: Board) -> Floats:
-    """(markers, 4, 2) m, where the corners of each are on the board, in the order of
+    """Return (markers, 4, 2) m, the corners of each marker on the board, in the order of
     `Markers.corners`.
     """
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
@@ -152,6 +170,7 @@ def marker_places(board: Board) -> Floats:
 
 
 def check_aruco() -> None:
+    """Raise InputError if the installed OpenCV cannot read markers."""
     if not hasattr(cv2, "aruco") or not hasattr(cv2.aruco, "ArucoDetector"):
         raise InputError(
             f"OpenCV {cv2.__version__} here has no aruco module, which reads markers: install"

@@ -1,12 +1,11 @@
-"""The same corner comes first in every view.
+"""Choose the order of a checkerboard's corners so that the same corner comes first in every view.
 
-A board can be read in two ways, a square one in four, that keep its shape and are no mirror image.
-The colours of the squares tell them
-apart where they can: the square diagonally outward of corner 0 is black. Where more than one
-    reading is left, the one is taken whose
-columns run most to the right in the picture. So a board that looks the same upside down (odd x odd,
-even x even) must not be rolled by more than 90 degrees between views, nor a square one with an even
-number of corners, which has four such readings, by more than 45.
+A board has two readings, a square board four, that keep its shape and are not mirror images. The
+colours of the squares distinguish them where they can: the square diagonally outward of corner 0 is
+black. If more than one reading remains, the one is chosen whose rows run most to the right in the
+picture. So a board that looks the same upside down (odd x odd, even x even) must not be rolled by
+more than 90 degrees between views. A square board with an even number of corners has four such
+readings and must not be rolled by more than 45 degrees.
 """
 
 import cv2
@@ -21,8 +20,9 @@ def canonical_order(grey: NDArray, corners: NDArray, board: Board) -> NDArray[np
 
     Args:
         grey: (H, W) uint8 or uint16, the picture.
-        corners: (count, 2) px, a grid of the board's size, begun at any of its corners, in either
-            direction; NaN where not seen, in whole rows and columns.
+        corners: (count, 2) px, a grid of the board's size that may start at any of its corners, in
+            either direction; NaN where not visible, in full rows and columns.
+        board: its columns and rows.
 
     Returns:
         (count, 2) px, row by row, columns fastest; y is clockwise of x in the picture.
@@ -37,20 +37,20 @@ def canonical_order(grey: NDArray, corners: NDArray, board: Board) -> NDArray[np
 
 
 def _handedness(grid: NDArray) -> float:
-    """px^2, mean of x cross y over the squares: negative in a mirror image."""
+    """Return the mean of x cross y over the squares, px^2: negative in a mirror image."""
     x, y = grid[:-1, 1:] - grid[:-1, :-1], grid[1:, :-1] - grid[:-1, :-1]
     return float(np.nanmean(x[..., 0] * y[..., 1] - x[..., 1] * y[..., 0]))
 
 
 def _rightness(grid: NDArray) -> float:
-    """Cosine of the angle between the columns' direction and the picture's x."""
-    along = np.nanmean(np.diff(grid, axis=1), (0, 1))
-    return float(along[0] / np.hypot(*along))
+    """Return the cosine of the angle between the direction of the rows and the picture's x."""
+    direction = np.nanmean(np.diff(grid, axis=1), (0, 1))
+    return float(direction[0] / np.hypot(*direction))
 
 
 def starts_black(grey: NDArray, grid: NDArray) -> bool:
-    """Whether the squares coloured like the first, as the one outward of corner 0 is, are darker
-    than their neighbours.
+    """True if the squares with the colour of the first one, and of the one outward of corner 0, are
+    darker than their neighbours.
     """
     middles = ((grid[:-1, :-1] + grid[:-1, 1:] + grid[1:, :-1] + grid[1:, 1:]) / 4).astype(
         np.float32
@@ -62,6 +62,9 @@ def starts_black(grey: NDArray, grid: NDArray) -> bool:
     sign = (-1.0) ** np.add.outer(
         np.arange(light.shape[0]), np.arange(light.shape[1])
     )  # +1 where coloured like the first
-    across = (light[:, :-1] - light[:, 1:]) * sign[:, :-1]
-    down = (light[:-1] - light[1:]) * sign[:-1]
-    return float(np.nanmedian(np.concatenate([across.ravel(), down.ravel()]))) < 0
+    row_differences = (light[:, :-1] - light[:, 1:]) * sign[:, :-1]
+    column_differences = (light[:-1] - light[1:]) * sign[:-1]
+    return (
+        float(np.nanmedian(np.concatenate([row_differences.ravel(), column_differences.ravel()])))
+        < 0
+    )

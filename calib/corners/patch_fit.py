@@ -1,5 +1,5 @@
-"""Corners by maximum likelihood: the patch model that fits the pixels best, and what their noise
-leaves uncertain.
+"""Measure corners by maximum likelihood: fit the patch model to the pixels, and derive the
+uncertainty from their noise.
 """
 
 from dataclasses import dataclass
@@ -19,228 +19,231 @@ from calib.corners.patch_model import (
     PLACE,
     SECOND_BLUR,
     SECOND_FIRST,
-    Expected,
-    by_distances,
+    ExpectedPatches,
+    place_per_distance,
 )
-from calib.corners.patch_noise import chunks, inflation
-from calib.corners.patches import Patches, patches_of
+from calib.corners.patch_noise import noise_inflation, split_chunks
+from calib.corners.patches import Patches, sample_patches
 from calib.session.board import Board
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-HALF_WIDTHS = (3, 5, 9)  # px to both sides of an edge: the first that holds the blur
-FEW, MANY = (
-    14,
-    96,
-    # places along an edge, where pixels are taken: at least so many to come near, then all but of
-    # the largest squares
-)
-WIDEST_BLUR = 0.33  # of a half-width, that it can hold
-BLUR = 0.8  # px, to start with
+HALF_WIDTHS = (3, 5, 9)  # px on both sides of an edge: the first one that holds the blur is used
+# places along an edge at which pixels are taken: at least COARSE_PLACES to come near, then
+# MAX_PLACES, which are all but for the largest squares
+COARSE_PLACES = 14
+MAX_PLACES = 96
+MAX_BLUR_FRACTION = 0.33  # of a half-width: the largest blur that it can hold
+BLUR = 0.8  # px, the initial value
 BLUR_LIMITS = (np.log(0.3), np.log(6.0))  # of px
+# bounds of parameters; a step that would leave them ends at them
 LIMITS = {
     FIRST_BLUR: BLUR_LIMITS,
     SECOND_BLUR: BLUR_LIMITS,
     HALO_STRENGTH: (0.0, np.inf),
-}  # where a step would leave them, they stay
-STEPS = 10  # at most
-SETTLED = 0.03  # px: after a step this short, the next would be of its square over the blur
-SHAPED = 0.3  # likewise, of the logarithms of blurs, and of the halo
-GAINED = 0.5  # likewise, of the squared residuals
-MUCH_CUT, CUT = (
-    0.1,
-    0.1,
-)  # of a corner's pixels; and of the steps that settle it, where so many are cut off
+}
+MAX_ITERATIONS = 10
+# A corner has converged if its step is below all of these:
+PLACE_TOLERANCE = 0.03  # px: the next step would be about its square over the blur
+SHAPE_TOLERANCE = 0.3  # of the logarithms of blurs, and of the halo
+GAIN_TOLERANCE = 0.5  # of the squared residuals
+# where more than this part of a corner's pixels is saturated, its tolerances are multiplied by the
+# next number
+SATURATED_FRACTION = 0.1
+SATURATED_TOLERANCE = 0.1
 DAMPING = 1e-3
-OUTLYING = 3.0  # standard deviations of a pixel's noise, from which on it weighs less
-LEAST_NOISE = 0.29  # grey levels: rounding's own
-LEAST = 1e-6  # of a normal matrix: what no pixel tells has no step
-SAMPLED = 3  # every third pixel tells the noise
-SIGMA = 1.4826  # of a Gaussian over its median absolute deviation
+OUTLIER_THRESHOLD = 3.0  # standard deviations of a pixel's noise, from which on its weight falls
+MIN_NOISE = 0.29  # grey levels: that of rounding
+REGULARISATION = 1e-6  # of a normal matrix: a parameter that no pixel constrains does not move
+NOISE_STRIDE = 3  # every third pixel contributes to the noise estimate
+MAD_TO_SIGMA = 1.4826  # a Gaussian's standard deviation over its median absolute deviation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
-    """N patches, fitted."""
+class PatchFit:
+    """The fitted parameters of N patches."""
 
     parameters: Floats
     """(N, 11), as in `PARAMETERS`."""
     unit_covariances: Floats
-    """(N, 2, 2) px^2 of the place, for pixels' noise of one grey level, each pixel's independent of
-    the others'.
-    """
-    inflation: float
-    """Grey levels^2: what the picture's own noise makes of that."""
+    """(N, 2, 2) px^2 of the place, for independent pixel noise of one grey level."""
+    noise_inflation: float
+    """Grey levels^2: the factor for `unit_covariances` that the picture's own noise gives."""
     misfit: Floats
-    """(N,) root mean square of the residuals over the contrast."""
+    """(N,) the root mean square of the residuals over the contrast."""
     heights: Floats
-    """(N, 2 edges) px, as of the lattice."""
+    """(N, 2 edges) px, those of the lattice."""
 
 
-def fit_patches(grey: NDArray, corners: Floats, board: Board, known: Lattice | None = None) -> Fit:
-    """Fit the patch of every corner.
+def fit_patches(
+    grey: NDArray, corners: Floats, board: Board, lattice: Lattice | None = None
+) -> PatchFit:
+    """Fit the patch of every corner that is not NaN.
 
     Args:
         grey: (H, W) uint8 or uint16.
-        corners: (count, 2) px, a regular grid, each off by less than a blur. Some may be NaN.
+        corners: (count, 2) px, a regular grid, each wrong by less than a blur. Some may be NaN.
         board: its columns and rows.
-        known: of those that are not NaN. None: as they themselves say, before the fit and near its
-            end.
-
-    Returns:
-        Of the N corners that are not NaN.
+        lattice: the lattice of the corners that are not NaN. None: it is taken from the corners,
+            before the fit and again near its end.
     """
-    lattice = known or Lattice.of(corners, board)
+    given_lattice = lattice
+    lattice = lattice or Lattice.from_corners(corners, board)
     brightest = float(np.iinfo(grey.dtype).max)
-    near: _Descent | None = None
+    coarse: _Descent | None = None
     for half_width in HALF_WIDTHS:
-        patches = patches_of(grey, lattice, half_width, MANY)
-        few = patches.thinned(FEW)
-        start = near.parameters if near else _start(few, lattice)
-        near = _Descent(few, lattice.curvatures, brightest, start, [slice(0, len(few.places))])
-        if np.exp(np.median(near.parameters[:, BLURS])) <= WIDEST_BLUR * half_width:
+        patches = sample_patches(grey, lattice, half_width, MAX_PLACES)
+        thinned = patches.thinned(COARSE_PLACES)
+        start = coarse.parameters if coarse else _start(thinned, lattice)
+        all_places = [slice(0, len(thinned.places))]
+        coarse = _Descent(thinned, lattice.curvatures, brightest, start, all_places)
+        if np.exp(np.median(coarse.parameters[:, BLURS])) <= MAX_BLUR_FRACTION * half_width:
             break
-    assert near is not None
+    assert coarse is not None
     curvatures = lattice.curvatures
-    if not known:
+    if not given_lattice:
         moved = corners.copy()
-        moved[np.isfinite(corners[:, 0])] += near.parameters[:, PLACE]
-        curvatures = Lattice.of(moved, board).curvatures
-    return _Descent(
-        patches, curvatures, brightest, near.parameters, chunks(len(patches.places), edges=2)
-    ).result(lattice.heights)
+        moved[np.isfinite(corners[:, 0])] += coarse.parameters[:, PLACE]
+        curvatures = Lattice.from_corners(moved, board).curvatures
+    chunks = split_chunks(len(patches.places), edges=2)
+    descent = _Descent(patches, curvatures, brightest, coarse.parameters, chunks)
+    return descent.result(lattice.heights)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Equations:
-    """Of N corners, whose pixels are summed in C chunks.
+    """The normal equations of N corners, whose pixels are summed in C chunks.
 
     In place of x and y, they have the px across each edge.
     """
 
     by_chunk: NDArray[np.float32]
-    """(C, N, 11, 12) normal matrices, and gradients as their last columns."""
+    """(C, N, 11, 12) normal matrices, with the gradients as their last columns."""
     normals: Floats
-    """(N, 11, 11) of all pixels."""
+    """(N, 11, 11) sums over all pixels."""
     gradients: Floats
     """(N, 11)"""
     squared: Floats
-    """(N,) grey levels^2, of all residuals."""
+    """(N,) grey levels^2, the sums of all squared residuals."""
 
     @staticmethod
-    def of(by_chunk: NDArray[np.float32], squared: Floats) -> "_Equations":
-        every = by_chunk.sum(0, dtype=np.float64)
-        return _Equations(by_chunk, every[..., :-1], every[..., -1], squared)
+    def from_chunks(by_chunk: NDArray[np.float32], squared: Floats) -> "_Equations":
+        total = by_chunk.sum(0, dtype=np.float64)
+        return _Equations(by_chunk, total[..., :-1], total[..., -1], squared)
 
     def step(self, parameters: Floats, damping: Floats) -> Floats:
-        """(N, 11), from these parameters, with (N,) dampings."""
+        """Return the (N, 11) step from these parameters, with (N,) dampings."""
         normal, gradient = self.normals.copy(), self.gradients.copy()
-        for shape, (least, most) in LIMITS.items():
-            value, pull = parameters[:, shape], gradient[:, shape]
-            stopped = ((value <= least) & (pull <= 0)) | ((value >= most) & (pull >= 0))
-            normal[stopped, shape], normal[stopped, :, shape], gradient[stopped, shape] = 0, 0, 0
+        for index, (lower, upper) in LIMITS.items():
+            value, slope = parameters[:, index], gradient[:, index]
+            stopped = ((value <= lower) & (slope <= 0)) | ((value >= upper) & (slope >= 0))
+            normal[stopped, index], normal[stopped, :, index], gradient[stopped, index] = 0, 0, 0
         diagonal = np.einsum("nkk->nk", normal)
         diagonal *= 1 + damping[:, None]
-        diagonal += LEAST
+        diagonal += REGULARISATION
         return np.asarray(np.linalg.solve(normal, gradient[..., None])[..., 0])
 
-    def put(self, corners: Indices, others: "_Equations") -> None:
-        """Those of a few corners."""
-        self.by_chunk[:, corners] = others.by_chunk
-        for mine, other in (
-            (self.normals, others.normals),
-            (self.gradients, others.gradients),
-            (self.squared, others.squared),
-        ):
-            mine[corners] = other
+    def replace(self, corners: Indices, equations: "_Equations") -> None:
+        """Replace the equations of the corners at these indices."""
+        self.by_chunk[:, corners] = equations.by_chunk
+        self.normals[corners] = equations.normals
+        self.gradients[corners] = equations.gradients
+        self.squared[corners] = equations.squared
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Compared:
-    """What the patches of N corners look like, beside what they should."""
+class _Comparison:
+    """The patches of N corners beside the model's prediction."""
 
     patches: Patches
-    expected: Expected
+    expected: ExpectedPatches
     residuals: NDArray[np.float32]
     """(2N, P) grey levels, 0 where no pixel is used."""
-    told: NDArray[np.float32]
-    """(2N, P) 1, or 0 where no pixel is used, or what is expected lies beyond what the sensor can
-    tell.
+    informative: NDArray[np.float32]
+    """(2N, P) 1, or 0 where no pixel is used, or where the prediction lies outside the sensor's
+    range.
     """
 
     @staticmethod
-    def of(
+    def evaluate(
         parameters: Floats, patches: Patches, curvatures: Floats, brightest: float
-    ) -> "_Compared":
+    ) -> "_Comparison":
         second = parameters[:, SECOND_FIRST]
         second[:, PLACE] = parameters[:, PLACE]
-        expected = Expected.of(
+        expected = ExpectedPatches.predict(
             np.concatenate([parameters, second]),
             patches,
             np.concatenate([curvatures, curvatures[:, ::-1]]),
         )
-        light, told = expected.light, patches.used
+        light = expected.light
+        informative = patches.used
         if light.min() <= 0 or light.max() >= brightest:
-            told = told * ((light > 0) & (light < brightest))
+            informative = informative * ((light > 0) & (light < brightest))
             light = np.clip(light, 0, brightest)
         residuals = patches.light - light
         residuals *= patches.used
-        return _Compared(patches, expected, residuals, told)
+        return _Comparison(patches, expected, residuals, informative)
 
     def noise(self) -> float:
-        """Grey levels, of the bulk of the pixels that tell any."""
-        told = self.told[:, ::SAMPLED]
-        size = np.abs(self.residuals[:, ::SAMPLED] * told).ravel()
-        middle = size.size - 1 - np.count_nonzero(told) // 2  # the others are 0
-        return max(SIGMA * float(np.partition(size, middle)[middle]), LEAST_NOISE)
+        """Return the noise of the bulk of the informative pixels, grey levels."""
+        informative = self.informative[:, ::NOISE_STRIDE]
+        size = np.abs(self.residuals[:, ::NOISE_STRIDE] * informative).ravel()
+        middle = size.size - 1 - np.count_nonzero(informative) // 2  # the others are 0
+        return max(MAD_TO_SIGMA * float(np.partition(size, middle)[middle]), MIN_NOISE)
 
-    def trust(self) -> Floats:
-        """(N,) 1, or less where much is cut off: which pixels tell anything depends on the
-        parameters there, and a step is no last one.
+    def tolerance_factor(self) -> Floats:
+        """Return (N,) 1, or less where many pixels are saturated: the parameters decide which
+        pixels are informative there, so a short step is no sign of convergence.
         """
-        if self.told is self.patches.used:
-            return np.ones(len(self.told) // 2)
-        cut = _by_corner(self.told.sum(1)) < (1 - MUCH_CUT) * _by_corner(self.patches.used.sum(1))
-        return np.where(cut, CUT, 1.0)
+        if self.informative is self.patches.used:
+            return np.ones(len(self.informative) // 2)
+        used = _by_corner(self.patches.used.sum(1))
+        saturated = _by_corner(self.informative.sum(1)) < (1 - SATURATED_FRACTION) * used
+        return np.where(saturated, SATURATED_TOLERANCE, 1.0)
 
-    def cost(self, outlying: float) -> Floats:
-        """(N,) Huber's."""
-        size = np.abs(self.residuals) * np.float32(1 / outlying)
+    def cost(self, threshold: float) -> Floats:
+        """Return the (N,) Huber costs."""
+        size = np.abs(self.residuals) * np.float32(1 / threshold)
         bulk = np.minimum(size, 1)
         return _by_corner((bulk * (2 * size - bulk)).sum(1))
 
-    def equations(self, outlying: float, places: list[slice]) -> _Equations:
-        """Residuals above so many grey levels weigh less; `places` along an edge are summed
-        together.
+    def equations(self, threshold: float, chunks: list[slice]) -> _Equations:
+        """Return the normal equations.
+
+        Args:
+            threshold: grey levels; larger residuals weigh less.
+            chunks: the places along an edge that are summed together.
         """
-        corners, across = len(self.residuals) // 2, self.patches.across
-        pieces = [slice(part.start * across, part.stop * across) for part in places]
+        corners = len(self.residuals) // 2
+        pixels_across = self.patches.pixels_across
+        pieces = [
+            slice(chunk.start * pixels_across, chunk.stop * pixels_across) for chunk in chunks
+        ]
         rows = np.empty((len(PARAMETERS) + 1, corners, self.residuals.shape[1]), np.float32)
         columns = rows.swapaxes(0, 1)
         sums = np.empty((2, len(pieces), corners, len(PARAMETERS), len(rows)), np.float32)
-        for edge, own in enumerate((slice(corners), slice(corners, None))):
-            roots = np.abs(self.residuals[own])  # of the weights
-            np.maximum(roots, np.float32(outlying), out=roots)
-            np.divide(np.float32(outlying), roots, out=roots)
+        for edge, edge_rows in enumerate((slice(corners), slice(corners, None))):
+            roots = np.abs(self.residuals[edge_rows])  # of the weights
+            np.maximum(roots, np.float32(threshold), out=roots)
+            np.divide(np.float32(threshold), roots, out=roots)
             np.sqrt(roots, out=roots)
-            roots *= self.told[own]
-            np.multiply(roots, self.residuals[own], out=rows[-1])
-            self.expected.some(own).derivatives(
-                roots, [rows[at] for at in SECOND_FIRST] if edge else list(rows)
+            roots *= self.informative[edge_rows]
+            np.multiply(roots, self.residuals[edge_rows], out=rows[-1])
+            self.expected.select(edge_rows).derivatives(
+                roots, [rows[index] for index in SECOND_FIRST] if edge else list(rows)
             )
-            for at, piece in enumerate(pieces):
-                part = columns[..., piece]
-                np.matmul(
-                    part[:, :-1], part.swapaxes(1, 2), out=sums[edge, at]
-                )  # of two shapes: of one with itself is slower
+            for index, piece in enumerate(pieces):
+                block = columns[..., piece]
+                # the two factors have different shapes: a product with itself is slower
+                np.matmul(block[:, :-1], block.swapaxes(1, 2), out=sums[edge, index])
         squared = _by_corner(np.einsum("rp,rp->r", self.residuals, self.residuals))
-        return _Equations.of(sums.reshape(-1, *sums.shape[2:]), squared)
+        return _Equations.from_chunks(sums.reshape(-1, *sums.shape[2:]), squared)
 
 
 class _Descent:
-    """Levenberg's and Marquardt's steps, of all corners at once, each with a damping of its own,
-    and each until they are short.
+    """Levenberg-Marquardt steps for all corners at once. Each corner has its own damping and stops
+    when its steps are short.
     """
 
     def __init__(
@@ -249,113 +252,121 @@ class _Descent:
         curvatures: Floats,
         brightest: float,
         start: Floats,
-        places: list[slice],
+        chunks: list[slice],
     ) -> None:
-        """`places` along an edge are summed together."""
+        """Fit from the (N, 11) `start`; `chunks` are the places summed together."""
         self.parameters = start
-        self._patches, self._curvatures, self._brightest, self._places = (
-            patches,
-            curvatures,
-            brightest,
-            places,
-        )
+        self._patches = patches
+        self._curvatures = curvatures
+        self._brightest = brightest
+        self._chunks = chunks
         self._run(np.arange(len(start)), start)
 
-    def _run(self, corners: Indices, here: Floats) -> None:
-        patches, curvatures, damping = self._patches, self._curvatures, np.full(len(here), DAMPING)
-        compared = _Compared.of(here, patches, curvatures, self._brightest)
+    def _run(self, corners: Indices, current: Floats) -> None:
+        patches = self._patches
+        curvatures = self._curvatures
+        damping = np.full(len(current), DAMPING)
+        comparison = _Comparison.evaluate(current, patches, curvatures, self._brightest)
         noise = np.inf
-        for _ in range(STEPS):
-            noise = min(noise, compared.noise())
-            equations = compared.equations(OUTLYING * noise, self._places)
-            step = equations.step(here, damping)
-            moved = (by_distances(here) @ step[:, PLACE, None])[..., 0]
-            tried = here + np.concatenate([moved, step[:, 2:]], 1)
-            far = (
-                np.maximum(
-                    np.abs(moved).max(1) / SETTLED, np.abs(step[:, list(LIMITS)]).max(1) / SHAPED
-                )
-                >= compared.trust()
+        for _ in range(MAX_ITERATIONS):
+            noise = min(noise, comparison.noise())
+            equations = comparison.equations(OUTLIER_THRESHOLD * noise, self._chunks)
+            step = equations.step(current, damping)
+            place_step = (place_per_distance(current) @ step[:, PLACE, None])[..., 0]
+            candidate = current + np.concatenate([place_step, step[:, 2:]], 1)
+            step_size = np.maximum(
+                np.abs(place_step).max(1) / PLACE_TOLERANCE,
+                np.abs(step[:, list(LIMITS)]).max(1) / SHAPE_TOLERANCE,
             )
-            far |= (equations.gradients * step).sum(1) > GAINED * equations.squared
-            self._keep(
+            active = step_size >= comparison.tolerance_factor()
+            active |= (equations.gradients * step).sum(1) > GAIN_TOLERANCE * equations.squared
+            self._store(
                 corners,
-                np.where(far[:, None], here, tried),
-                np.where(far[:, None], 0, step),
+                np.where(active[:, None], current, candidate),
+                np.where(active[:, None], 0, step),
                 equations,
             )
-            if not far.any():
+            if not active.any():
                 return
-            cost = compared.cost(OUTLYING * noise)
-            if not far.all():
-                patches, corners = patches.of_corners(np.flatnonzero(far)), corners[far]
-                here, tried, damping, cost, curvatures = (
-                    part[far] for part in (here, tried, damping, cost, curvatures)
-                )
-            for shape, limits in LIMITS.items():
-                tried[:, shape] = np.clip(tried[:, shape], *limits)
-            compared = _Compared.of(tried, patches, curvatures, self._brightest)
-            better = compared.cost(OUTLYING * noise) <= cost * (1 + 1e-6)
+            cost = comparison.cost(OUTLIER_THRESHOLD * noise)
+            if not active.all():
+                patches = patches.of_corners(np.flatnonzero(active))
+                corners = corners[active]
+                current = current[active]
+                candidate = candidate[active]
+                damping = damping[active]
+                cost = cost[active]
+                curvatures = curvatures[active]
+            for index, limits in LIMITS.items():
+                candidate[:, index] = np.clip(candidate[:, index], *limits)
+            comparison = _Comparison.evaluate(candidate, patches, curvatures, self._brightest)
+            better = comparison.cost(OUTLIER_THRESHOLD * noise) <= cost * (1 + 1e-6)
             damping = np.where(better, damping / 10, damping * 10)
-            here = np.where(better[:, None], tried, here)
+            current = np.where(better[:, None], candidate, current)
             if not better.all():
-                compared = _Compared.of(here, patches, curvatures, self._brightest)
+                comparison = _Comparison.evaluate(current, patches, curvatures, self._brightest)
 
-    def _keep(
-        self, corners: Indices, parameters: Floats, last: Floats, equations: _Equations
+    def _store(
+        self, corners: Indices, parameters: Floats, last_step: Floats, equations: _Equations
     ) -> None:
-        """What was found for these, and the step that led there from where the equations hold."""
+        """Store these corners' parameters, the step that led to them, and the equations from before
+        that step.
+        """
         if len(corners) == len(self.parameters):
-            self.parameters, self._last, self._equations = parameters, last, equations
+            self.parameters = parameters
+            self._last_step = last_step
+            self._equations = equations
         else:
-            self.parameters[corners], self._last[corners] = parameters, last
-            self._equations.put(corners, equations)
+            self.parameters[corners] = parameters
+            self._last_step[corners] = last_step
+            self._equations.replace(corners, equations)
 
-    def result(self, heights: Floats) -> Fit:
-        equations, last = self._equations, self._last
-        normals, gradients = equations.by_chunk[..., :-1], equations.by_chunk[..., -1]
-        less = (normals @ last[..., None].astype(np.float32))[..., 0]
-        squared = equations.squared - ((2 * equations.gradients - less.sum(0)) * last).sum(1)
+    def result(self, heights: Floats) -> PatchFit:
+        """Return the fit; `heights` are the lattice's, (N, 2 edges) px."""
+        equations = self._equations
+        last_step = self._last_step
+        normals = equations.by_chunk[..., :-1]
+        gradients = equations.by_chunk[..., -1]
+        gradient_change = (normals @ last_step[..., None].astype(np.float32))[..., 0]
+        squared = equations.squared - (
+            (2 * equations.gradients - gradient_change.sum(0)) * last_step
+        ).sum(1)
         inverse = np.asarray(
-            np.linalg.inv(equations.normals + LEAST * np.eye(len(PARAMETERS))), np.float64
+            np.linalg.inv(equations.normals + REGULARISATION * np.eye(len(PARAMETERS))), np.float64
         )
-        places = by_distances(self.parameters)
-        grown = max(inflation(normals, gradients - less, inverse, places), LEAST_NOISE**2)
+        places = place_per_distance(self.parameters)
+        inflation = noise_inflation(normals, gradients - gradient_change, inverse, places)
         pixels = np.maximum(_by_corner(self._patches.used.sum(1)), 1)
         misfit = np.sqrt(np.maximum(squared, 0) / pixels) / np.maximum(
             np.abs(self.parameters[:, CONTRAST]), 1e-6
         )
-        return Fit(
-            self.parameters,
-            places @ inverse[:, PLACE, PLACE] @ places.swapaxes(1, 2),
-            grown,
-            misfit,
-            heights,
+        return PatchFit(
+            parameters=self.parameters,
+            unit_covariances=places @ inverse[:, PLACE, PLACE] @ places.swapaxes(1, 2),
+            noise_inflation=max(inflation, MIN_NOISE**2),
+            misfit=misfit,
+            heights=heights,
         )
 
 
 def _start(patches: Patches, lattice: Lattice) -> Floats:
-    crossed = (
-        patches.forms[4] * patches.used
-    )  # u v: the further from both edges, the less a blur counts
-    pixels, shade, pattern, weight, shown = (
-        _by_corner(part.sum(1))
-        for part in (
-            patches.used,
-            patches.light * patches.used,
-            crossed,
-            np.abs(crossed),
-            patches.light * crossed,
-        )
-    )
+    """Return (N, 11) initial parameters."""
+    # u v times the mask: the farther a pixel is from both edges, the less a blur affects it
+    crossed = patches.forms[4] * patches.used
+    pixels = _by_corner(patches.used.sum(1))
+    light = _by_corner((patches.light * patches.used).sum(1))
+    pattern = _by_corner(crossed.sum(1))
+    weight = _by_corner(np.abs(crossed).sum(1))
+    correlation = _by_corner((patches.light * crossed).sum(1))
     parameters = np.zeros((len(pixels), len(PARAMETERS)))
     parameters[:, ANGLES] = lattice.angles
     parameters[:, BLURS] = np.log(BLUR)
-    parameters[:, MIDDLE] = shade / np.maximum(pixels, 1)
-    parameters[:, CONTRAST] = (parameters[:, MIDDLE] * pattern - shown) / np.maximum(weight, 1e-6)
+    middle = light / np.maximum(pixels, 1)
+    parameters[:, MIDDLE] = middle
+    parameters[:, CONTRAST] = (middle * pattern - correlation) / np.maximum(weight, 1e-6)
     return parameters
 
 
 def _by_corner(rows: NDArray[np.float32]) -> Floats:
-    """(N,) sums, of (2N,)."""
+    """Return the (N,) sums over both edges of (2N,) rows."""
     return np.asarray(rows.reshape(2, -1).sum(0), np.float64)

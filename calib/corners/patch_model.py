@@ -1,15 +1,16 @@
-"""What a patch around a corner should look like, and how that changes with each of its parameters.
+"""The model of a patch around a corner: its light, and the derivatives by each of its parameters.
 
-Two edges meet at the corner, each bent as its neighbours say. Light is an error function of the
-distance from an edge: a step, blurred by the lens and by the pixel's own square, whose standard
-deviation across an edge is 12^-1/2 px whatever the edge's direction. The product of both edges is
-the checkerboard; where the edges are not perpendicular, a blurred corner differs from it by the
-correlation of the two distances, of which the first three orders are kept. Uneven light multiplies
-all of it. Further from the other edge than its blur and its halo reach, that edge is but a sign.
+Two edges meet at the corner, each with the curvature of its neighbours. The light is an error
+function of the distance from an edge: a step, blurred by the lens and by the pixel's own square,
+whose standard deviation across an edge is 12^-1/2 px in any direction. The product of both edges is
+the checkerboard. Where the edges are not perpendicular, a blurred corner differs from the product
+by the correlation of the two distances, and the model keeps its first three orders. Uneven light
+multiplies all of it. Farther from the crossing edge than its blur and halo reach, that edge
+contributes only a sign.
 
-Sharpening, a curve of tones, and the rounder foot of a real blur are not in the model. They all
-leave a corner's picture the same when it is turned by 180 degrees, as the model is: so they can
-widen what the fit expects of itself, and not move it to a side.
+Sharpening, a tone curve, and the rounder foot of a real blur are not in the model. All of them
+leave a corner's picture unchanged when it is turned by 180 degrees, like the model. So they can
+inflate the residuals, but they cannot move the fitted place.
 """
 
 import math
@@ -25,8 +26,8 @@ PARAMETERS = (
     *("x", "y", "first angle", "second angle", "first log blur", "second log blur"),
     *("middle", "contrast", "light along the first edge", "light along the second edge", "halo"),
 )
-"""px from the lattice's corner, rad, logarithms of px, grey levels, and parts of the light over
-half a patch.
+"""px from the lattice's corner, rad, logarithms of px, grey levels, and the relative change of the
+light over half a patch.
 """
 (
     X,
@@ -41,261 +42,273 @@ half a patch.
     SECOND_LIGHT,
     HALO_STRENGTH,
 ) = range(len(PARAMETERS))
-PLACE, ANGLES, BLURS, LIGHTS = (
-    slice(begin, begin + 2) for begin in (X, FIRST_ANGLE, FIRST_BLUR, FIRST_LIGHT)
-)
-FIRST_ACROSS, SECOND_ACROSS = (
-    X,
-    Y,
-)  # where derivatives have, in place of x and y, the px across both edges
-SECOND_FIRST = [
-    1,
-    0,
-    3,
-    2,
-    5,
-    4,
-    6,
-    7,
-    9,
-    8,
-    10,
-]  # the second edge's parameters before the first one's
+PLACE = slice(X, X + 2)
+ANGLES = slice(FIRST_ANGLE, FIRST_ANGLE + 2)
+BLURS = slice(FIRST_BLUR, FIRST_BLUR + 2)
+LIGHTS = slice(FIRST_LIGHT, FIRST_LIGHT + 2)
+# Derivatives have the px across both edges in place of x and y:
+FIRST_ACROSS = X
+SECOND_ACROSS = Y
+# the second edge's parameters before the first one's
+SECOND_FIRST = [1, 0, 3, 2, 5, 4, 6, 7, 9, 8, 10]
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 
 HALO = 1.2  # px from an edge, where sharpening's overshoot is largest
-FAR, HALO_ENDS = (
-    4.5,
-    5.0,
-    # blurs, and px, from an edge: from there on it is a sign, but for 1e-5 of a step, and 7e-4 of a
-    # halo
-)
+# Farther from an edge, it contributes only a sign, with an error of 1e-5 of the step and 7e-4 of
+# the halo.
+STEP_REACH = 4.5  # blurs
+HALO_REACH = 5.0  # px
 _PEAK = (2 / math.pi) ** 0.5
-_STEP = (
-    0.7987782,
-    0.035297989,
-    # tanh of such an odd polynomial is erf(x / sqrt 2), to 3e-4: a pixel is rounded by ten times
-    # that
-)
+# tanh of an odd polynomial with these coefficients is erf(x / sqrt 2), to 3e-4: a pixel's rounding
+# is ten times that
+_STEP = (0.7987782, 0.035297989)
 _ROWS, _COLUMNS = np.triu_indices(3)
 _HALF = np.where(_ROWS == _COLUMNS, 0.5, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Edge:
-    """One edge of each row, seen from P pixels."""
+    """One edge of each row, evaluated at P pixels."""
 
     back: Floats
-    """(R, P) px along it, towards the corner."""
-    beyond: Floats
-    """(R, P) blurs, across it."""
+    """(R, P) px along the edge, towards the corner."""
+    distance: Floats
+    """(R, P) blurs, across the edge."""
     side: Floats
-    """(R, P) from -1 to 1, and a halo more."""
-    falling: Floats
-    """(R, P) how steep the blurred step is, over its peak."""
+    """(R, P) the blurred step from -1 to 1, with the halo added."""
+    slope: Floats
+    """(R, P) the slope of the blurred step, over its peak."""
     halo: Floats
     """(R, P) what sharpening adds to the step, for a strength of 1."""
-    halo_falling: Floats
-    """(R, P) how steep that is, over its peak."""
+    halo_slope: Floats
+    """(R, P) the slope of the halo, over its peak."""
     sharpness: Floats
-    """(R, 1) 1/px, the step's peak."""
+    """(R, 1) 1/px, the peak slope of the step."""
     halo_sharpness: Floats
-    """(R, 1) 1/px, the halo's."""
+    """(R, 1) 1/px, the peak slope of the halo."""
 
     @staticmethod
-    def of(beyond: Floats, ring: Floats, back: Floats, blur: Floats, strength: Floats) -> "_Edge":
-        """`ring` is (R, P) HALO, across it."""
-        squared = beyond * beyond
+    def evaluate(
+        distance: Floats, halo_distance: Floats, back: Floats, blur: Floats, strength: Floats
+    ) -> "_Edge":
+        """Evaluate the edge.
+
+        Args:
+            distance: (R, P) blurs across the edge.
+            halo_distance: (R, P), the same distance in units of HALO. It is overwritten.
+            back: (R, P) px along the edge, towards the corner.
+            blur: (R, 1) px.
+            strength: (R, 1), the halo's.
+        """
+        squared = distance * distance
         side = squared * _STEP[1]
         side += _STEP[0]
-        side *= beyond
+        side *= distance
         np.tanh(side, out=side)
         squared *= -0.5
-        falling = np.exp(squared, out=squared)
-        halo_falling = ring * ring
-        halo_falling *= -0.5
-        np.exp(halo_falling, out=halo_falling)
-        halo = ring * halo_falling
+        slope = np.exp(squared, out=squared)
+        halo_slope = halo_distance * halo_distance
+        halo_slope *= -0.5
+        np.exp(halo_slope, out=halo_slope)
+        halo = halo_distance * halo_slope
         side += halo * strength
-        ring *= halo
-        halo_falling -= ring
-        return _Edge(back, beyond, side, falling, halo, halo_falling, _PEAK / blur, strength / HALO)
+        halo_distance *= halo
+        halo_slope -= halo_distance
+        return _Edge(back, distance, side, slope, halo, halo_slope, _PEAK / blur, strength / HALO)
 
-    def some(self, rows: slice = slice(None), pixels: slice = slice(None)) -> "_Edge":
-        """Of a few rows, from some pixels."""
-        seen = (self.back, self.beyond, self.side, self.falling, self.halo, self.halo_falling)
-        back, beyond, side, falling, halo, halo_falling = (part[rows, pixels] for part in seen)
+    def select(self, rows: slice = slice(None), pixels: slice = slice(None)) -> "_Edge":
+        """Return the edge in these rows, at these pixels."""
         return _Edge(
-            back,
-            beyond,
-            side,
-            falling,
-            halo,
-            halo_falling,
-            self.sharpness[rows],
-            self.halo_sharpness[rows],
+            back=self.back[rows, pixels],
+            distance=self.distance[rows, pixels],
+            side=self.side[rows, pixels],
+            slope=self.slope[rows, pixels],
+            halo=self.halo[rows, pixels],
+            halo_slope=self.halo_slope[rows, pixels],
+            sharpness=self.sharpness[rows],
+            halo_sharpness=self.halo_sharpness[rows],
         )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Expected:
-    """What the pixels of R rows of patches should look like."""
+class ExpectedPatches:
+    """The light that the model predicts for the pixels of R rows of patches, with intermediate
+    results.
+    """
 
     light: Floats
     """(R, P) grey levels."""
-    own: _Edge
-    other: _Edge
-    """From those first pixels that are near it."""
+    own_edge: _Edge
+    crossing_edge: _Edge
+    """At the first pixels only, which are near it."""
     facing: Floats
-    """(R, P) from -1 to 1, the side of the other edge."""
-    both: Floats
-    """(R, near), by how much a blurred corner is not the product of its edges, to the first order.
+    """(R, P) from -1 to 1, the side of the crossing edge."""
+    correlation: Floats
+    """(R, near), the first order of the difference between a blurred corner and the product of its
+    edges.
     """
     pattern: Floats
     """(R, P) from -1 to 1."""
-    even: Floats
-    """(R, P) grey levels in even light."""
-    uneven: Floats
-    """(R, P) the light, 1 in the middle."""
+    even_light: Floats
+    """(R, P) grey levels of the patch in even light."""
+    light_factor: Floats
+    """(R, P) the relative light, 1 in the middle."""
     contrast: Floats
     """(R, 1) grey levels."""
     crossing: Floats
-    """(R, 1) the sine of the angle from the own edge to the other."""
+    """(R, 1) the sine of the angle from the own edge to the crossing one."""
     u: Floats
     """(R, P) parts of a patch along the own edge."""
     v: Floats
-    """(R, P) along the other one."""
+    """(R, P) parts of a patch along the crossing edge."""
 
     @staticmethod
-    def of(parameters: Doubles, patches: Patches, curvatures: Doubles) -> "Expected":
-        """
+    def predict(parameters: Doubles, patches: Patches, curvatures: Doubles) -> "ExpectedPatches":
+        """Predict the light.
+
         Args:
-            parameters: (R, 11), as in `PARAMETERS`, but the own edge's before the other's.
+            parameters: (R, 11), as in `PARAMETERS`, but the own edge's before the crossing one's.
             patches: R rows.
-            curvatures: (R, 2) 1/px, of the own edge and the other.
+            curvatures: (R, 2) 1/px, of the own edge and the crossing one.
         """
         angles, blurs = parameters[:, ANGLES], np.exp(parameters[:, BLURS])
-        beyond, back = _ways(parameters[:, PLACE], angles, curvatures, patches.ends)
-        forms = np.zeros(
-            (2, len(parameters), 4, 6), np.float32
-        )  # of the own edge, and of the other
-        forms[:, :, 0], forms[:, :, 1], forms[:, :, 2] = (
-            part.swapaxes(0, 1) for part in (beyond / blurs[..., None], beyond / HALO, back)
-        )
+        distance, back = _edge_forms(parameters[:, PLACE], angles, curvatures, patches.ends)
+        forms = np.zeros((2, len(parameters), 4, 6), np.float32)  # of the own and the crossing edge
+        forms[:, :, 0] = (distance / blurs[..., None]).swapaxes(0, 1)
+        forms[:, :, 1] = (distance / HALO).swapaxes(0, 1)
+        forms[:, :, 2] = back.swapaxes(0, 1)
         forms[0, :, 3, 0], forms[0, :, 3, 1:3] = 1, parameters[:, LIGHTS]
-        middle, contrast, strength, own_blur, other_blur = (
-            part.astype(np.float32)[:, None]
-            for part in (*parameters[:, [MIDDLE, CONTRAST, HALO_STRENGTH]].T, *blurs.T)
+        middle = _column(parameters[:, MIDDLE])
+        contrast = _column(parameters[:, CONTRAST])
+        strength = _column(parameters[:, HALO_STRENGTH])
+        own_distance, own_ring, own_back, light_factor = _evaluate_forms(forms[0], patches.forms)
+        own_edge = _Edge.evaluate(own_distance, own_ring, own_back, _column(blurs[:, 0]), strength)
+        reach = max(STEP_REACH * float(blurs[:, 1].max()), HALO_REACH)
+        near = int(np.searchsorted(patches.crossing_distance, reach))
+        crossing_distance, crossing_ring, crossing_back = _evaluate_forms(
+            forms[1, :, :3], patches.forms[..., :near]
         )
-        beyond_own, ring, back_own, uneven = _at(forms[0], patches.forms)
-        own = _Edge.of(beyond_own, ring, back_own, own_blur, strength)
-        near = int(np.searchsorted(patches.away, max(FAR * float(blurs[:, 1].max()), HALO_ENDS)))
-        beyond_other, ring, back_other = _at(forms[1, :, :3], patches.forms[..., :near])
-        other = _Edge.of(beyond_other, ring, back_other, other_blur, strength)
+        crossing_edge = _Edge.evaluate(
+            crossing_distance, crossing_ring, crossing_back, _column(blurs[:, 1]), strength
+        )
 
         facing = patches.facing.copy()
-        facing[:, :near] = other.side
-        pattern = own.side * facing
+        facing[:, :near] = crossing_edge.side
+        pattern = own_edge.side * facing
         turn = angles[:, 1] - angles[:, 0]
-        slant, crossing = (
-            part.astype(np.float32)[:, None] for part in (np.cos(turn), np.sin(turn))
-        )
-        both = own.falling[:, :near] * other.falling
-        both *= _PEAK**2 * slant
-        more = own.beyond[:, :near] * other.beyond
-        more *= slant / 2  # orders of the slant
-        more += 1 + (own.beyond[:, :near] ** 2 - 1) * (other.beyond**2 - 1) * (slant**2 / 6)
-        more *= both
-        pattern[:, :near] += more
-        even = pattern * contrast
-        even += middle
-        u, v = patches.forms[1:3]
-        return Expected(
-            even * uneven, own, other, facing, both, pattern, even, uneven, contrast, crossing, u, v
+        slant = _column(np.cos(turn))
+        correlation = own_edge.slope[:, :near] * crossing_edge.slope
+        correlation *= _PEAK**2 * slant
+        higher_orders = own_edge.distance[:, :near] * crossing_edge.distance
+        higher_orders *= slant / 2  # orders of the slant
+        higher_orders += 1 + (own_edge.distance[:, :near] ** 2 - 1) * (
+            crossing_edge.distance**2 - 1
+        ) * (slant**2 / 6)
+        higher_orders *= correlation
+        pattern[:, :near] += higher_orders
+        even_light = pattern * contrast
+        even_light += middle
+        return ExpectedPatches(
+            light=even_light * light_factor,
+            own_edge=own_edge,
+            crossing_edge=crossing_edge,
+            facing=facing,
+            correlation=correlation,
+            pattern=pattern,
+            even_light=even_light,
+            light_factor=light_factor,
+            contrast=contrast,
+            crossing=_column(np.sin(turn)),
+            u=patches.forms[1],
+            v=patches.forms[2],
         )
 
-    def some(self, rows: slice) -> "Expected":
-        """Of a few rows."""
-        parts = (
-            self.facing,
-            self.both,
-            self.pattern,
-            self.even,
-            self.uneven,
-            self.contrast,
-            self.crossing,
-            self.u,
-            self.v,
-        )
-        return Expected(
-            self.light[rows],
-            self.own.some(rows),
-            self.other.some(rows),
-            *(part[rows] for part in parts),
+    def select(self, rows: slice) -> "ExpectedPatches":
+        """Return the prediction for these rows."""
+        return ExpectedPatches(
+            light=self.light[rows],
+            own_edge=self.own_edge.select(rows),
+            crossing_edge=self.crossing_edge.select(rows),
+            facing=self.facing[rows],
+            correlation=self.correlation[rows],
+            pattern=self.pattern[rows],
+            even_light=self.even_light[rows],
+            light_factor=self.light_factor[rows],
+            contrast=self.contrast[rows],
+            crossing=self.crossing[rows],
+            u=self.u[rows],
+            v=self.v[rows],
         )
 
     def derivatives(self, weights: Floats, out: Sequence[Floats]) -> None:
-        """Write the derivatives of the light, times (R, P) weights, into eleven (R, P).
+        """Write the derivatives of the light, times (R, P) weights, into eleven (R, P) arrays.
 
-        They are by the parameters, the own edge's before the other's; in place of x and y, by the
-        px across both edges.
+        They are by the parameters, the own edge's before the crossing one's. In place of x and y
+        they are by the px across both edges.
         """
-        own, other = self.own, self.other
-        near = other.side.shape[1]
-        np.multiply(weights, self.uneven, out=out[MIDDLE])
+        own_edge = self.own_edge
+        crossing_edge = self.crossing_edge
+        near = crossing_edge.side.shape[1]
+        np.multiply(weights, self.light_factor, out=out[MIDDLE])
         np.multiply(out[MIDDLE], self.pattern, out=out[CONTRAST])
-        lit = weights * self.even
+        lit = weights * self.even_light
         np.multiply(lit, self.u, out=out[FIRST_LIGHT])
         np.multiply(lit, self.v, out=out[SECOND_LIGHT])
         np.multiply(out[MIDDLE], self.contrast, out=lit)
         facing = lit * self.facing
-        np.multiply(facing, own.halo, out=out[HALO_STRENGTH])
-        step = facing * own.falling
-        np.multiply(step, own.beyond, out=out[FIRST_BLUR])
+        np.multiply(facing, own_edge.halo, out=out[HALO_STRENGTH])
+        step = facing * own_edge.slope
+        np.multiply(step, own_edge.distance, out=out[FIRST_BLUR])
         out[FIRST_BLUR] *= -_PEAK
-        np.multiply(step, own.sharpness, out=out[FIRST_ACROSS])
-        facing *= own.halo_falling
-        facing *= own.halo_sharpness
+        np.multiply(step, own_edge.sharpness, out=out[FIRST_ACROSS])
+        facing *= own_edge.halo_slope
+        facing *= own_edge.halo_sharpness
         out[FIRST_ACROSS] += facing
-        for of_other in (SECOND_ACROSS, SECOND_ANGLE, SECOND_BLUR):
-            out[of_other][:, near:] = 0
-        self._near(lit[:, :near], own.some(pixels=slice(near)), [one[:, :near] for one in out])
-        np.multiply(out[FIRST_ACROSS], own.back, out=out[FIRST_ANGLE])
-        closing = lit[:, :near] * own.falling[:, :near]
-        closing *= other.falling
+        for index in (SECOND_ACROSS, SECOND_ANGLE, SECOND_BLUR):
+            out[index][:, near:] = 0
+        self._add_near_derivatives(
+            lit[:, :near],
+            own_edge.select(pixels=slice(near)),
+            [derivative[:, :near] for derivative in out],
+        )
+        np.multiply(out[FIRST_ACROSS], own_edge.back, out=out[FIRST_ANGLE])
+        closing = lit[:, :near] * own_edge.slope[:, :near]
+        closing *= crossing_edge.slope
         closing *= _PEAK**2 * self.crossing  # of the angle between them
         out[FIRST_ANGLE][:, :near] += closing
-        np.multiply(out[SECOND_ACROSS][:, :near], other.back, out=out[SECOND_ANGLE][:, :near])
+        np.multiply(
+            out[SECOND_ACROSS][:, :near], crossing_edge.back, out=out[SECOND_ANGLE][:, :near]
+        )
         out[SECOND_ANGLE][:, :near] -= closing
 
-    def _near(self, lit: Floats, own: _Edge, out: Sequence[Floats]) -> None:
-        """Of those pixels that are near both edges, what both change; of the slant, the first
-        order.
+    def _add_near_derivatives(self, lit: Floats, own_edge: _Edge, out: Sequence[Floats]) -> None:
+        """Add the derivatives at the pixels near both edges: the crossing edge's own, and those of
+        the correlation, to the first order of the slant.
         """
-        other = self.other
-        both = lit * self.both
-        bent = both * own.beyond
-        out[FIRST_ACROSS] -= bent * (own.sharpness / _PEAK)
-        bent *= own.beyond
-        out[FIRST_BLUR] += bent
-        lit = lit * own.side
-        out[HALO_STRENGTH] += lit * other.halo
-        step = lit * other.falling
+        crossing_edge = self.crossing_edge
+        correlation = lit * self.correlation
+        curved = correlation * own_edge.distance
+        out[FIRST_ACROSS] -= curved * (own_edge.sharpness / _PEAK)
+        curved *= own_edge.distance
+        out[FIRST_BLUR] += curved
+        lit = lit * own_edge.side
+        out[HALO_STRENGTH] += lit * crossing_edge.halo
+        step = lit * crossing_edge.slope
         step *= _PEAK
-        both *= other.beyond
-        step -= both
-        np.multiply(step, -other.beyond, out=out[SECOND_BLUR])
-        np.multiply(step, other.sharpness / _PEAK, out=out[SECOND_ACROSS])
-        lit *= other.halo_falling
-        lit *= other.halo_sharpness
+        correlation *= crossing_edge.distance
+        step -= correlation
+        np.multiply(step, -crossing_edge.distance, out=out[SECOND_BLUR])
+        np.multiply(step, crossing_edge.sharpness / _PEAK, out=out[SECOND_ACROSS])
+        lit *= crossing_edge.halo_slope
+        lit *= crossing_edge.halo_sharpness
         out[SECOND_ACROSS] += lit
 
 
-def by_distances(parameters: Doubles) -> Doubles:
-    """(N, 2, 2) px along x and y that the corner moves, for each px that its pixels move across the
-    first edge, and the second.
+def place_per_distance(parameters: Doubles) -> Doubles:
+    """Return (N, 2, 2), the px in x and y by which the corner moves for each px that its pixels
+    move across the first edge, and across the second.
     """
     first, second = parameters[:, ANGLES].T
     rows = (
@@ -305,21 +318,28 @@ def by_distances(parameters: Doubles) -> Doubles:
     return np.asarray(rows.reshape(-1, 2, 2))
 
 
-def _at(forms: Floats, places: Floats) -> Floats:
-    """(k, R, P) values of (R, k, 6) forms at (6, R, P)."""
-    values = np.empty((forms.shape[1], *places.shape[1:]), np.float32)
-    np.matmul(forms, places.swapaxes(0, 1), out=values.swapaxes(0, 1))
+def _evaluate_forms(forms: Floats, monomials: Floats) -> Floats:
+    """Return the (k, R, P) values of (R, k, 6) polynomials in the (6, R, P) monomials."""
+    values = np.empty((forms.shape[1], *monomials.shape[1:]), np.float32)
+    np.matmul(forms, monomials.swapaxes(0, 1), out=values.swapaxes(0, 1))
     return values
 
 
-def _ways(
+def _edge_forms(
     place: Doubles, angles: Doubles, curvatures: Doubles, ends: Doubles
 ) -> tuple[Doubles, Doubles]:
-    """(R, 2 edges, 6) px across each edge, and px along it towards the corner, as forms."""
+    """Return the px across each edge, and the px along it towards the corner, as (R, 2 edges, 6)
+    polynomials.
+    """
     cosine, sine = np.cos(angles), np.sin(angles)
     towards = np.stack([-place, ends[:, 0], ends[:, 1]], -1)  # (R, 2, 3) px for 1, u, v
-    along = np.stack([cosine, sine], -1) @ towards
-    beyond, back = np.zeros((*angles.shape, 6)), np.zeros((*angles.shape, 6))
-    back[..., :3], beyond[..., :3] = -along, np.stack([-sine, cosine], -1) @ towards
-    beyond -= (along[..., _ROWS] * along[..., _COLUMNS]) * (curvatures[..., None] * _HALF)
-    return beyond, back
+    axial = np.stack([cosine, sine], -1) @ towards
+    distance, back = np.zeros((*angles.shape, 6)), np.zeros((*angles.shape, 6))
+    back[..., :3], distance[..., :3] = -axial, np.stack([-sine, cosine], -1) @ towards
+    distance -= (axial[..., _ROWS] * axial[..., _COLUMNS]) * (curvatures[..., None] * _HALF)
+    return distance, back
+
+
+def _column(values: Doubles) -> Floats:
+    """Return (R,) values as an (R, 1) column."""
+    return values.astype(np.float32)[:, None]

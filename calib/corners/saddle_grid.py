@@ -1,9 +1,9 @@
-"""Saddles -> the checkerboard they belong to, or the part of it that is in the picture.
+"""Group saddles into the checkerboard that they belong to, or the part of it in the picture.
 
 Two saddles are neighbours if each is the nearest opposite one along an edge of the other. Counting
-squares from neighbour to neighbour gives every saddle a column and a row. Only the sides of whole
-squares are counted along, for clutter seldom makes a square. A corner that glare or a finger hides
-does not stop the count: it goes round.
+squares from neighbour to neighbour gives every saddle a column and a row. The count follows only
+the sides of whole squares, because clutter seldom forms a square. It goes around a corner that
+glare or a finger hides.
 """
 
 from collections import deque
@@ -16,20 +16,18 @@ from numpy.typing import NDArray
 from calib.corners.saddles import Saddles, find_saddles
 from calib.session.board import Board
 
-OPPOSITE = (
-    -0.6
-    # cosine between second derivatives: perspective and uneven light keep those of neighbours below
-    # -0.8
-)
-# cosine between an edge and the way to its other end: 16 degrees, for bent edges and the grain of
+# cosine between second derivatives: perspective and uneven light keep those of neighbours below
+# -0.8
+MAX_COSINE = -0.6
+# cosine between an edge and the line to its other end: 16 degrees, for bent edges and the grain of
 # pixels
-AHEAD = 0.96
-# saddles, among which a neighbour is looked for: twelve are as near as that in a board tilted to a
-# third of its height
-NEARBY = 24
-LEAST = 9  # saddles: texture makes smaller groups by chance
+MIN_ALIGNMENT = 0.96
+# saddles among which a neighbour is looked for: twelve are equally near on a board that is tilted
+# to a third of its height
+CANDIDATES = 24
+MIN_SADDLES = 9  # texture makes smaller groups by chance
 CLUTTER = 300  # saddles besides the board's, stronger than the weakest of its corners
-AT_ONCE = 256  # saddles, whose distances to all others are held
+NEIGHBOUR_BATCH = 256  # saddles whose distances to all others are held in memory
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,32 +35,33 @@ class SaddleGrid:
     """Saddles in columns and rows."""
 
     points: NDArray[np.float64]
-    """(rows, columns, 2) px, NaN where no saddle was found."""
-    beside: "SaddleGrid | None" = None
-    """The second largest in the picture."""
+    """(rows, columns, 2) px, NaN where there is no saddle."""
+    runner_up: "SaddleGrid | None" = None
+    """The second largest grid of the picture."""
 
     @property
-    def seen(self) -> NDArray[np.bool_]:
-        """(rows, columns)."""
+    def present(self) -> NDArray[np.bool_]:
+        """(rows, columns), true where there is a saddle."""
         return np.isfinite(self.points[..., 0])
 
-    def whole(self, board: Board) -> Iterator[NDArray[np.float64]]:
-        """(count, 2) px, row by row, for each way in which the board may lie in it.
+    def board_positions(self, board: Board) -> Iterator[NDArray[np.float64]]:
+        """Yield (count, 2) px, row by row, for each orientation in which the full board lies in the
+        grid.
 
-        A stray saddle at its rim does not matter; a line of them does, for then it is a part of
-        another board.
+        A stray saddle at the board's rim is accepted. A line of them is not: it belongs to a larger
+        board.
         """
         for points in (self.points, self.points.swapaxes(0, 1)):
-            seen = np.isfinite(points[..., 0])
-            spare = seen.sum() - board.count
+            present = np.isfinite(points[..., 0])
+            spare = present.sum() - board.count
             if (
-                seen.shape[0] < board.rows
-                or seen.shape[1] < board.columns
+                present.shape[0] < board.rows
+                or present.shape[1] < board.columns
                 or spare > 0.5 * min(board.rows, board.columns)
             ):
                 continue
             windows = np.lib.stride_tricks.sliding_window_view(
-                seen, (board.rows, board.columns)
+                present, (board.rows, board.columns)
             ).all((-1, -2))
             row, column = np.unravel_index(windows.argmax(), windows.shape)
             if windows.any():
@@ -70,30 +69,34 @@ class SaddleGrid:
 
 
 def find_grid(grey: NDArray[np.uint8], board: Board) -> SaddleGrid | None:
-    """The largest in a (H, W) picture, if that is cluttered no more than where this board is
-    shown.
+    """Return the largest grid of a (H, W) picture, unless it is more cluttered than a picture that
+    shows this board.
     """
     return grid_of(find_saddles(grey, CLUTTER + board.count))
 
 
 def grid_of(saddles: Saddles) -> SaddleGrid | None:
-    """The largest there is, with at least LEAST saddles, and the one after it."""
-    if len(saddles.points) < LEAST:
+    """Return the largest grid with at least MIN_SADDLES saddles; its `runner_up` is the next
+    largest.
+    """
+    if len(saddles.points) < MIN_SADDLES:
         return None
     neighbours, turns = _neighbours(saddles)
-    neighbour, turned = _of_squares(neighbours, turns).tolist(), turns.tolist()
+    neighbour_list = _keep_square_sides(neighbours, turns).tolist()
+    turn_list = turns.tolist()
     best: list[dict[int, tuple[int, int]]] = [{}, {}]
-    left = {saddle for saddle, edges in enumerate(neighbour) if max(edges) >= 0}
-    while len(left) > max(len(best[1]), LEAST - 1):
-        group = _count(next(iter(left)), neighbour, turned)
-        left -= group.keys()
+    remaining = {saddle for saddle, edges in enumerate(neighbour_list) if max(edges) >= 0}
+    while len(remaining) > max(len(best[1]), MIN_SADDLES - 1):
+        group = _assign_cells(next(iter(remaining)), neighbour_list, turn_list)
+        remaining -= group.keys()
         best = sorted([*best, group], key=len, reverse=True)[:2]
-    first, second = (_grid(saddles, group) for group in best)
-    return replace(first, beside=second) if first else None
+    first = _grid(saddles, best[0])
+    second = _grid(saddles, best[1])
+    return replace(first, runner_up=second) if first else None
 
 
 def _grid(saddles: Saddles, group: dict[int, tuple[int, int]]) -> SaddleGrid | None:
-    if len(group) < LEAST:
+    if len(group) < MIN_SADDLES:
         return None
     cells = np.array(list(group.values()))
     cells -= cells.min(0)
@@ -103,12 +106,15 @@ def _grid(saddles: Saddles, group: dict[int, tuple[int, int]]) -> SaddleGrid | N
 
 
 def _neighbours(saddles: Saddles) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """(n, 4) each, by saddle and edge: the neighbour, -1 for none; and by how many of its edges the
-    neighbour's count is turned.
+    """Return two (n, 4) arrays by saddle and edge: the neighbour, or -1, and by how many edges the
+    neighbour's numbering is turned against the saddle's.
     """
     count, edges = len(saddles.points), saddles.edges
     nearest = np.concatenate(
-        [_ahead(saddles, slice(first, first + AT_ONCE)) for first in range(0, count, AT_ONCE)]
+        [
+            _nearest_along_edges(saddles, slice(first, first + NEIGHBOUR_BATCH))
+            for first in range(0, count, NEIGHBOUR_BATCH)
+        ]
     )
     arriving = np.einsum("ikx,ikmx->ikm", edges, edges[nearest]).argmax(
         -1
@@ -118,58 +124,68 @@ def _neighbours(saddles: Saddles) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return np.where(mutual, nearest, -1), (arriving - np.arange(4)) % 4
 
 
-def _ahead(saddles: Saddles, some: slice) -> NDArray[np.intp]:
-    """(m, 4) of m saddles, by edge: the nearest opposite one along it, -1 for none."""
+def _nearest_along_edges(saddles: Saddles, batch: slice) -> NDArray[np.intp]:
+    """Return (m, 4), for m of the saddles and each of their edges the nearest opposite saddle along
+    it, or -1.
+    """
     points = saddles.points
     x, y = points.T.astype(np.float32)
-    squared = np.square(x[some, None] - x) + np.square(y[some, None] - y)
-    other = np.argpartition(squared, min(NEARBY, len(points) - 1), axis=1)[
-        :, : NEARBY + 1
+    squared = np.square(x[batch, None] - x) + np.square(y[batch, None] - y)
+    candidates = np.argpartition(squared, min(CANDIDATES, len(points) - 1), axis=1)[
+        :, : CANDIDATES + 1
     ]  # itself among them
-    far = np.sqrt(np.take_along_axis(squared, other, 1))[..., None]
-    way = points[other] - points[some, None]  # (i, j, 2)
-    opposite = saddles.bends[other] @ saddles.bends[some, :, None] < OPPOSITE  # (i, j, 1)
-    ahead = way @ saddles.edges[some].swapaxes(1, 2) > AHEAD * far  # (i, j, edge)
-    distance = np.where(ahead & opposite, far, np.inf)
-    nearest = np.take_along_axis(other, distance.argmin(1), 1)  # (i, edge)
-    nearest[~np.isfinite(distance.min(1))] = -1
+    distances = np.sqrt(np.take_along_axis(squared, candidates, 1))[..., None]
+    offsets = points[candidates] - points[batch, None]  # (i, j, 2)
+    opposite = (
+        saddles.curvatures[candidates] @ saddles.curvatures[batch, :, None] < MAX_COSINE
+    )  # (i, j, 1)
+    aligned = (
+        offsets @ saddles.edges[batch].swapaxes(1, 2) > MIN_ALIGNMENT * distances
+    )  # (i, j, edge)
+    allowed_distances = np.where(aligned & opposite, distances, np.inf)
+    nearest = np.take_along_axis(candidates, allowed_distances.argmin(1), 1)  # (i, edge)
+    nearest[~np.isfinite(allowed_distances.min(1))] = -1
     return nearest
 
 
-def _of_squares(neighbour: NDArray[np.intp], turned: NDArray[np.intp]) -> NDArray[np.intp]:
-    """The neighbours, less those that are not joined by a side of a whole square."""
-    start, first = np.indices(neighbour.shape)
+def _keep_square_sides(neighbour: NDArray[np.intp], turned: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the neighbours, -1 for those that no side of a whole square joins."""
+    start, first_edge = np.indices(neighbour.shape)
     closed = np.zeros(neighbour.shape, bool)
     for turn in (1, 3):
-        here, edge = start, first
-        whole = np.ones(neighbour.shape, bool)
+        saddle, edge = start, first_edge
+        complete = np.ones(neighbour.shape, bool)
         for _ in range(4):
-            there = neighbour[here, edge]
-            whole &= there >= 0
-            here, edge = there, (edge + turned[here, edge] + turn) % 4
-        closed |= whole & (here == start)
+            following = neighbour[saddle, edge]
+            complete &= following >= 0
+            edge = (edge + turned[saddle, edge] + turn) % 4
+            saddle = following
+        closed |= complete & (saddle == start)
     return np.where(closed, neighbour, -1)
 
 
-def _count(
+def _assign_cells(
     start: int, neighbour: list[list[int]], turned: list[list[int]]
 ) -> dict[int, tuple[int, int]]:
-    """Row and column of every saddle that is reached from the first.
+    """Return the row and column of every saddle that the count reaches from the first one.
 
-    A place belongs to the one that comes to it first.
+    A cell belongs to the saddle that reaches it first.
     """
     steps = ((0, 1), (1, 0), (0, -1), (-1, 0))
-    cells, taken, turns = {start: (0, 0)}, {(0, 0)}, {start: 0}
-    ahead = deque([start])
-    while ahead:
-        here = ahead.popleft()
-        row, column = cells[here]
+    cells = {start: (0, 0)}
+    taken = {(0, 0)}
+    turns = {start: 0}
+    queue = deque([start])
+    while queue:
+        saddle = queue.popleft()
+        row, column = cells[saddle]
         for edge in range(4):
-            there = neighbour[here][edge]
-            down, along = steps[(edge - turns[here]) % 4]
-            place = row + down, column + along
-            if there >= 0 and there not in cells and place not in taken:
-                cells[there], turns[there] = place, (turns[here] + turned[here][edge]) % 4
-                taken.add(place)
-                ahead.append(there)
+            following = neighbour[saddle][edge]
+            row_step, column_step = steps[(edge - turns[saddle]) % 4]
+            cell = row + row_step, column + column_step
+            if following >= 0 and following not in cells and cell not in taken:
+                cells[following] = cell
+                turns[following] = (turns[saddle] + turned[saddle][edge]) % 4
+                taken.add(cell)
+                queue.append(following)
     return cells

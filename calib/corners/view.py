@@ -1,6 +1,4 @@
-"""One picture's corners, wherever they came from: detection or a corners file; or why there are
-none.
-"""
+"""The corners of one picture, detected or from a corners file, or the reason why it is rejected."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,65 +9,68 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """The corners of one board, in one picture: row by row, columns fastest, as in
+    """The corners of one board in one picture: row by row, columns fastest, as in
     `Board.points`.
     """
 
     name: str
     """The picture's file name."""
     corners: NDArray[np.float64]
-    """(corners of the board, 2) px, NaN where not seen."""
+    """(corners of the board, 2) px, NaN where not visible."""
     weight: NDArray[np.float64]
-    """(corners of the board,) 1 for the best, smaller for a vaguer corner, 0 where not seen."""
+    """(corners of the board,) 1 for the best, smaller for a less certain corner, 0 where not
+    visible.
+    """
     time_s: float | None = None
-    """When it was taken, s from any origin that the session's views share. None: not recorded."""
+    """The time of the exposure, s from any origin that the session's views share. None: not
+    recorded.
+    """
     pose_id: str | None = None
-    """The label of the board's pose that it shows: pictures of one burst share it.
+    """The label of the board's pose: pictures of one burst share it.
 
-    None: not recorded, so a pose of its own.
+    None: not recorded, so the view has a pose of its own.
     """
     covariance: NDArray[np.float64] | None = None
-    """(corners of the board, 2, 2) px^2, by the picture's own noise; NaN where not seen.
-
-    None: not known.
+    """(corners of the board, 2, 2) px^2 from the picture's own noise; NaN where not visible. None:
+    not known.
     """
 
     @property
     def seen(self) -> NDArray[np.bool_]:
-        """(corners of the board,) whether the corner was seen."""
+        """(corners of the board,) true where the corner is visible."""
         return self.weight > 0
 
     @property
     def count(self) -> int:
-        """How many corners were seen."""
+        """The number of visible corners."""
         return int(np.count_nonzero(self.weight > 0))
 
 
 @dataclass(frozen=True, slots=True)
-class Rejected:
-    """A picture that is not used, and why. It is always listed, never dropped in silence."""
+class RejectedPicture:
+    """A picture that is not used, and the reason. It is always listed, never dropped silently."""
 
     name: str
     reason: str
 
 
-def board_poses(views: Sequence[View]) -> NDArray[np.int64]:
-    """(V,) from 0 on, in the order of the views: equal for views of one burst, which are not
-    independent of each other.
+def pose_labels(views: Sequence[View]) -> NDArray[np.int64]:
+    """Return (V,) pose labels from 0 on, in the order of the views. Views of one burst share a
+    label; they are not independent of each other.
     """
-    labels = [index if view.pose_id is None else view.pose_id for index, view in enumerate(views)]
-    numbered = {label: number for number, label in enumerate(dict.fromkeys(labels))}
-    return np.array([numbered[label] for label in labels], dtype=np.int64)
+    names = [index if view.pose_id is None else view.pose_id for index, view in enumerate(views)]
+    labels = {name: label for label, name in enumerate(dict.fromkeys(names))}
+    return np.array([labels[name] for name in names], dtype=np.int64)
 
 
 def are_timed(views: Sequence[View]) -> bool:
-    """Whether every view says when it was taken, and not all say the same."""
+    """True if every view has a time, and the times are not all equal."""
     times = {view.time_s for view in views}
     return None not in times and len(times) > 1
 
 
 def capture_times(views: Sequence[View]) -> NDArray[np.float64]:
-    """(V,) s; the views' order, evenly, where they are not timed."""
+    """Return (V,) s; evenly spaced in the views' order where they are not timed."""
     if not are_timed(views):
         return np.arange(len(views), dtype=np.float64)
     return np.array([view.time_s for view in views], dtype=np.float64)

@@ -1,8 +1,8 @@
-"""The covariances of a session's corners -> how much each weighs in a fit.
+"""Derive the weight of each corner in a fit from the covariances of a session's corners.
 
-A corner's pixels are not all that moves it: the board is not as it is declared, the glass has
-relief. So the better half of the corners of a session weigh alike, and the others by how much wider
-than the median they spread.
+The pixels' noise is not the only error of a corner: the board differs from its declaration, and the
+glass has relief. So the better half of a session's corners have equal weights, and the others are
+weighted by the ratio of the median standard deviation to their own.
 """
 
 from collections.abc import Sequence
@@ -14,20 +14,23 @@ from numpy.typing import NDArray
 from calib.corners.view import View
 
 
-def weighted(views: Sequence[View]) -> tuple[View, ...]:
-    """The same, each corner's weight the median standard deviation of all over its own, at most 1.
+def weigh_views(views: Sequence[View]) -> tuple[View, ...]:
+    """Return the views with each corner's weight set to the median standard deviation of all
+    corners over its own, at most 1.
 
-    Views without covariances stay.
+    Views without covariances keep their weights.
     """
     spreads = [
-        np.full(len(view.weight), np.nan) if view.covariance is None else _spread(view.covariance)
+        np.full(len(view.weight), np.nan)
+        if view.covariance is None
+        else _mean_sigma(view.covariance)
         for view in views
     ]
-    known = np.concatenate([*spreads, np.empty(0)])
-    known = known[np.isfinite(known)]
-    if not known.size:
+    finite_spreads = np.concatenate([*spreads, np.empty(0)])
+    finite_spreads = finite_spreads[np.isfinite(finite_spreads)]
+    if not finite_spreads.size:
         return tuple(views)
-    median = float(np.median(known))
+    median = float(np.median(finite_spreads))
     return tuple(
         (
             view
@@ -41,6 +44,6 @@ def weighted(views: Sequence[View]) -> tuple[View, ...]:
     )
 
 
-def _spread(covariances: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N,) px per axis, of (N, 2, 2)."""
+def _mean_sigma(covariances: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (N,) standard deviations per axis, px, of (N, 2, 2) px^2 covariances."""
     return np.asarray(np.sqrt(np.trace(covariances, axis1=1, axis2=2) / 2))

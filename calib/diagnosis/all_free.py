@@ -13,7 +13,7 @@ from calib.calibration import Calibration, Declared
 from calib.errors import NotEnoughDataError
 from calib.fitting.fit_result import with_fit
 from calib.inference.calibration_model import full_model
-from calib.session.freeing import ALL, AUTO, with_free
+from calib.session.freeing import ALL, AUTO, free_parameters
 from calib.threads import single_thread
 
 
@@ -22,7 +22,7 @@ def all_free(calibration: Calibration) -> Calibration:
     user chose the numbers to hold.
     """
     declared = calibration.declared
-    intrinsics, cover = with_free(declared.intrinsics, declared.cover, (ALL,))
+    intrinsics, cover = free_parameters(declared.intrinsics, declared.cover, (ALL,))
     is_unchanged = (intrinsics, cover) == (declared.intrinsics, declared.cover)
     if (
         is_unchanged

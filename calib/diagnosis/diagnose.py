@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration
-from calib.corners.view import are_timed, board_poses
+from calib.corners.view import are_timed, pose_labels
 from calib.diagnosis.equivalence import find_families
 from calib.diagnosis.finding import Candidate, Diagnosis, Family, ParameterEstimate, Quality
 from calib.diagnosis.search import MAX_EFFECTS, MAX_FITS, run_search, score
@@ -61,7 +61,7 @@ def diagnose(
     Raises:
         NotEnoughDataError: there are too few views to hold any out, or the fit is not finite.
     """
-    poses = board_poses(calibration.views)
+    poses = pose_labels(calibration.views)
     if (count := len(set(poses.tolist()))) < MIN_VIEWS:
         raise NotEnoughDataError(
             f"A diagnosis holds views out in turn and needs {MIN_VIEWS} or more, but the"

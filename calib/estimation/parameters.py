@@ -154,7 +154,7 @@ class Parameters:
         assert self.relief
         free, slices = self.free_root(), self.slices()
         coefficients = np.zeros((len(glass.mean), len(free)))
-        for name, column in zip(glass.numbers, glass.beside.T, strict=True):
+        for name, column in zip(glass.numbers, glass.cross_covariance.T, strict=True):
             if name in slices:
                 at = slices[name].start - self.amplitudes
                 coefficients[:, at] = column / float(self.scales[at])

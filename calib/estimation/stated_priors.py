@@ -9,7 +9,7 @@ from calib.estimation.priors import Priors
 from calib.optics.path import Path
 from calib.session.camera import Intrinsics
 from calib.session.cover import Cover
-from calib.session.numbers import correlations_of, numbers_of, with_correlations, with_numbers
+from calib.session.numbers import correlations_of, numbers_of, replace_correlations, replace_numbers
 
 
 def priors_of(intrinsics: Intrinsics, cover: Cover, path: Path) -> Priors:
@@ -37,7 +37,7 @@ def with_estimates(
             for name, number in found.items()
             if name in stated
         }
-    return with_numbers(intrinsics, cover, found)
+    return replace_numbers(intrinsics, cover, found)
 
 
 def widened(
@@ -51,8 +51,8 @@ def widened(
     prior would grow tighter in some, without a reason.
     """
     number, correlations = numbers_of(intrinsics, cover)[name], correlations_of(intrinsics, cover)
-    wider = with_numbers(intrinsics, cover, {name: replace(number, sigma=factor * number.sigma)})
-    wider = with_correlations(
+    wider = replace_numbers(intrinsics, cover, {name: replace(number, sigma=factor * number.sigma)})
+    wider = replace_correlations(
         *wider,
         {pair: value / factor if name in pair else value for pair, value in correlations.items()},
     )

@@ -24,7 +24,7 @@ from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from scipy.optimize import minimize
 
 from calib.optics.relief import Relief
-from calib.session.glass import Glass, degrees
+from calib.session.glass import Glass, polynomial_degrees
 
 Array = NDArray[np.float64]
 
@@ -100,7 +100,7 @@ def figure(grid: tuple[int, int], beyond: int = -1) -> Array:
     first, second = (
         legvander(np.linspace(-1, 1, n), FIGURE_DEGREE) for n in grid
     )  # (n, degree + 1)
-    those = [(i, k) for i, k in degrees(FIGURE_DEGREE) if i + k > beyond]
+    those = [(i, k) for i, k in polynomial_degrees(FIGURE_DEGREE) if i + k > beyond]
     heights = np.array(
         [figure_height(i + k) * np.kron(first[:, i], second[:, k]) for i, k in those]
     )
@@ -118,7 +118,9 @@ def waves(
     ]
     within = [(2 * c - a - b) / (b - a) for c, a, b in zip(centres, low, high, strict=True)]
     first, second = (legvander(c, degree) for c in within)
-    return np.stack([np.kron(first[:, i], second[:, k]) for i, k in degrees(degree)], axis=1)
+    return np.stack(
+        [np.kron(first[:, i], second[:, k]) for i, k in polynomial_degrees(degree)], axis=1
+    )
 
 
 def expected_amplitudes(relief: Relief, glass: Glass | None) -> Array:

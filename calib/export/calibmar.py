@@ -1,14 +1,14 @@
-"""Calibmar and COLMAP's fork for under water: a camera behind a flat port or a dome by the port's
-own numbers, which hold at every depth.
+"""Write a camera for Calibmar and COLMAP's underwater fork: a camera behind a flat port or a dome,
+by the port's own numbers, which are valid at every depth.
 
-FLATPORT has Nx, Ny, Nz, int_dist, int_thick, na, ng, nw: the window's unit normal, its inner face's
-distance from the pinhole along that normal, the thickness, and the indices of air, glass and what
-lies outside. DOMEPORT has Cx, Cy, Cz, int_radius, int_thick, na, ng, nw. Both are in the camera
-frame, in m, and count pixels from the corner of the picture. Neither has a place for uneven glass:
-that is left out.
+FLATPORT has Nx, Ny, Nz, int_dist, int_thick, na, ng, nw: the window's unit normal, the distance of
+its inner face from the pinhole along that normal, the thickness, and the indices of air, glass and
+the medium outside. DOMEPORT has Cx, Cy, Cz, int_radius, int_thick, na, ng, nw. Both are in the
+camera frame, in m, and count pixels from the corner of the picture. Neither can represent uneven
+glass, so that is left out.
 
 Source: FlatPort and DomePort in src/colmap/sensor/models_refrac.h of COLMAP Underwater;
-    "Calibration Report" in Calibmar's documentation.
+"Calibration Report" in Calibmar's documentation.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 from calib.calibration import Calibration
 from calib.errors import InputError
-from calib.export.central import CentralModel, best_central, uncovered
-from calib.export.export import Export, Exported
-from calib.export.lens_fit import as_intrinsics
-from calib.export.sight import CHECKED
+from calib.export.central import CentralModel, best_central, remove_cover
+from calib.export.export import ExportedFiles, ExportRequest
+from calib.export.lens_fit import to_intrinsics
+from calib.export.sampled_rays import CHECK_GRID
 from calib.optics.dome import Dome
 from calib.optics.flat import Flat
 from calib.optics.vector import Vector
@@ -35,10 +35,10 @@ from calib.session.schema import Number
 Array = NDArray[np.float64]
 
 DEPTHS = (0.3, 0.5, 1.0, 3.0)
-"""m: where the misfit is told of a calibration for all depths."""
+"""m: the depths at which the misfit is stated for a calibration that holds at all depths."""
 AIR = 1.0
-EXACT = 1e-3
-"""px: a misfit below this is none."""
+EXACT_LIMIT = 1e-3
+"""px: a smaller misfit is called exact."""
 FLAT, DOME = "FLATPORT", "DOMEPORT"
 KEYS = {
     FLAT: "Nx, Ny, Nz, int_dist, int_thick, na, ng, nw",
@@ -52,32 +52,38 @@ class Port:
 
     name: str
     place: tuple[float, float, float]
-    """The unit normal of a window, or m, a dome's centre."""
+    """A window's unit normal, or a dome's centre in m."""
     reach: float
-    """m, along the normal to the inner face, or a dome's inner radius."""
+    """m, the distance along the normal to the inner face, or a dome's inner radius."""
     thickness: float
     """m"""
-    glass: float
-    outside: float
+    glass_index: float
+    outside_index: float
 
     @property
     def parameters(self) -> tuple[float, ...]:
-        return (*self.place, self.reach, self.thickness, AIR, self.glass, self.outside)
+        """The parameters in the order of the file."""
+        return (*self.place, self.reach, self.thickness, AIR, self.glass_index, self.outside_index)
 
     @property
     def cover(self) -> Cover:
-        """The same as a session describes it."""
+        """The port as a session describes it."""
         x, y, z = self.place
         if self.name == DOME:
-            own = {"inner_radius": self.reach, "centre.x": x, "centre.y": y, "centre.z": z}
+            shape_numbers = {
+                "inner_radius": self.reach,
+                "centre.x": x,
+                "centre.y": y,
+                "centre.z": z,
+            }
         else:
             sine = float(np.hypot(x, y))
             turn = np.arctan2(sine, z) / sine if sine else 1.0
-            own = {"distance": self.reach / z, "tilt.x": -y * turn, "tilt.y": x * turn}
-        numbers = own | {
+            shape_numbers = {"distance": self.reach / z, "tilt.x": -y * turn, "tilt.y": x * turn}
+        numbers = shape_numbers | {
             "thickness": self.thickness,
-            "refractive_index": self.glass,
-            "outside_index": self.outside,
+            "refractive_index": self.glass_index,
+            "outside_index": self.outside_index,
         }
         return Cover(
             "dome" if self.name == DOME else "flat",
@@ -85,63 +91,71 @@ class Port:
         )
 
 
-def export(wanted: Export) -> Exported:
-    calibration = wanted.calibration
-    port, bare = port_of(calibration), uncovered(calibration)
-    camera = best_central(bare, 1.0, wanted.lenses)
-    off = tuple(_misfits(calibration, _behind(bare, camera, port), wanted.depths or DEPTHS))
-    path = wanted.files.write("calibmar.yaml", calibration_yaml(camera, port, off))
-    return Exported((path,), remarks=off if any(not line.endswith("exact") for line in off) else ())
+def export(request: ExportRequest) -> ExportedFiles:
+    calibration = request.calibration
+    port, bare = port_of(calibration), remove_cover(calibration)
+    camera = best_central(bare, 1.0, request.lenses)
+    misfits = tuple(
+        _misfits(calibration, _exported_calibration(bare, camera, port), request.depths or DEPTHS)
+    )
+    path = request.files.write("calibmar.yaml", calibration_yaml(camera, port, misfits))
+    return ExportedFiles(
+        (path,), remarks=misfits if any(not line.endswith("exact") for line in misfits) else ()
+    )
 
 
 def port_of(calibration: Calibration) -> Port:
-    """The port that stands before the camera, what the diagnosis found of it included.
+    """Return the port in front of the camera, with the effects that the diagnosis found in it.
 
     Raises:
-        InputError: what stands there is neither a window nor a dome.
+        InputError: the cover is neither a window nor a dome.
     """
     path, values = calibration.model()
     if not path.cover or not isinstance(path.cover[-1].surface, Flat | Dome):
         shape = calibration.cover.shape
         raise InputError(
             f"--format calibmar has flat and dome ports, and this cover is a {shape}: write"
-            " --format generic, which holds all."
+            " --format generic, which holds every shape."
         )
-    _, told = path.adjusted(torch.zeros((1, 2), dtype=torch.float64), values)
+    _, adjusted = path.adjusted(torch.zeros((1, 2), dtype=torch.float64), values)
     inner, outer = path.cover
-    thickness, glass, outside = (
-        float(told[f"cover.{name}"]) for name in ("thickness", "refractive_index", "outside_index")
-    )
-    at = _numbers(inner.frame.at(told).leave(_point(0.0)))
+    thickness = float(adjusted["cover.thickness"])
+    glass_index = float(adjusted["cover.refractive_index"])
+    outside_index = float(adjusted["cover.outside_index"])
+    place = _numbers(inner.frame.at(adjusted).leave(_point(0.0)))
     if isinstance(outer.surface, Dome):
-        return Port(DOME, at, float(told["cover.inner_radius"]), thickness, glass, outside)
-    normal = _numbers(inner.frame.at(told).turn(_point(1.0), back=True))
-    return Port(FLAT, normal, float(np.dot(normal, at)), thickness, glass, outside)
+        radius = float(adjusted["cover.inner_radius"])
+        return Port(DOME, place, radius, thickness, glass_index, outside_index)
+    normal = _numbers(inner.frame.at(adjusted).turn(_point(1.0), back=True))
+    distance = float(np.dot(normal, place))
+    return Port(FLAT, normal, distance, thickness, glass_index, outside_index)
 
 
-def calibration_yaml(camera: CentralModel, port: Port, off: tuple[str, ...]) -> str:
-    """The file's text, with the options of COLMAP's fork as a comment.
+def calibration_yaml(camera: CentralModel, port: Port, misfits: tuple[str, ...]) -> str:
+    """Return the file's text, with the options of COLMAP's fork as a comment.
 
     Calibmar reads keys line by line.
     """
     cx, cy = camera.principal
-    own = ", ".join(map(repr, (*camera.focal, cx + 0.5, cy + 0.5, *camera.distortion)))
+    camera_parameters = ", ".join(
+        map(repr, (*camera.focal, cx + 0.5, cy + 0.5, *camera.distortion))
+    )
     ports = ", ".join(map(repr, port.parameters))
     return "".join(
         f"{line}\n"
         for line in (
             "# A camera behind a port, by Refracal. Its frame is the calibration's camera frame.",
-            *(f"# {line}" for line in off),
+            *(f"# {line}" for line in misfits),
             (
                 f"# COLMAP's fork: --ImageReader.camera_model {camera.lens.name}"
-                f' --ImageReader.camera_params "{own}"'
+                f' --ImageReader.camera_params "{camera_parameters}"'
             ),
             (
                 f"#   --ImageReader.camera_refrac_model {port.name}"
                 f' --ImageReader.camera_refrac_params "{ports}"'
             ),
             f"model: {camera.lens.name}",
-            f"parameters: [{own}]",
+            f"parameters: [{camera_parameters}]",
             f"non_svp_model: {port.name}",
             f"# {KEYS[port.name]}",
             f"non_svp_parameters: [{ports}]",
@@ -151,9 +165,9 @@ def calibration_yaml(camera: CentralModel, port: Port, off: tuple[str, ...]) -> 
     )
 
 
-def _behind(bare: Calibration, camera: CentralModel, port: Port) -> Calibration:
-    """What the file says, as a calibration."""
-    intrinsics = as_intrinsics(
+def _exported_calibration(bare: Calibration, camera: CentralModel, port: Port) -> Calibration:
+    """Return the file's contents as a calibration."""
+    intrinsics = to_intrinsics(
         (*camera.focal, *camera.principal, *camera.distortion), camera.lens.fisheye
     )
     return replace(
@@ -161,37 +175,45 @@ def _behind(bare: Calibration, camera: CentralModel, port: Port) -> Calibration:
     )
 
 
-def _misfits(calibration: Calibration, said: Calibration, depths: Sequence[float]) -> Iterator[str]:
-    """How far what a pixel sees by the file is from what it sees by the calibration, in px of the
-    undistorted picture.
+def _misfits(
+    calibration: Calibration, exported: Calibration, depths: Sequence[float]
+) -> Iterator[str]:
+    """Yield the distance, in px of the undistorted picture, between the points that a pixel sees by
+    the file and by the calibration.
     """
     k = calibration.camera.intrinsics
     assert k
-    sizes = calibration.camera.width, calibration.camera.height
-    axes = (np.linspace(0, size - 1, count) for size, count in zip(sizes, CHECKED, strict=True))
-    pixels = np.stack(np.meshgrid(*axes), -1).reshape(-1, 2)
-    (from_, along), (other, beside) = (one.rays(pixels) for one in (calibration, said))
+    columns = np.linspace(0, calibration.camera.width - 1, CHECK_GRID[0])
+    rows = np.linspace(0, calibration.camera.height - 1, CHECK_GRID[1])
+    pixels = np.stack(np.meshgrid(columns, rows), -1).reshape(-1, 2)
+    exact_rays = calibration.rays(pixels)
+    exported_rays = exported.rays(pixels)
     for depth in depths:
-        seen, stated = (
-            o[:, :2] + d[:, :2] * ((depth - o[:, 2]) / d[:, 2])[:, None]
-            for o, d in ((from_, along), (other, beside))
-        )
-        off = np.linalg.norm((seen - stated) * [k.fx.value / depth, k.fy.value / depth], axis=-1)
-        off = off[np.isfinite(off)]
-        rms, worst = float(np.sqrt((off**2).mean())), float(off.max())
-        told = (
+        difference = _points_at(depth, *exact_rays) - _points_at(depth, *exported_rays)
+        error = np.linalg.norm(difference * [k.fx.value / depth, k.fy.value / depth], axis=-1)
+        error = error[np.isfinite(error)]
+        rms = float(np.sqrt((error**2).mean()))
+        worst = float(error.max())
+        verdict = (
             "exact"
-            if worst < EXACT
-            else "what the port has no place for, an uneven glass say, is left out"
+            if worst < EXACT_LIMIT
+            else "the port cannot represent the rest, such as uneven glass, which is left out"
         )
         yield (
             f"Misfit over the image: {rms:.4f} px RMS, {worst:.4f} px at worst, at {depth:g} m:"
-            f" {told}"
+            f" {verdict}"
         )
 
 
+def _points_at(depth: float, origins: Array, directions: Array) -> Array:
+    """Return (N, 2) m, x and y where the rays pass the plane z = depth."""
+    steps = (depth - origins[:, 2]) / directions[:, 2]
+    return np.asarray(origins[:, :2] + directions[:, :2] * steps[:, None])
+
+
 def _point(z: float) -> Vector:
-    return Vector(*(torch.tensor(value, dtype=torch.float64) for value in (0.0, 0.0, z)))
+    zero = torch.tensor(0.0, dtype=torch.float64)
+    return Vector(zero, zero, torch.tensor(z, dtype=torch.float64))
 
 
 def _numbers(vector: Vector) -> tuple[float, float, float]:

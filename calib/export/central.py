@@ -1,9 +1,9 @@
-"""The central camera that comes nearest to a covered one at a given depth: what formats without a
-cover can say.
+"""Fit the central camera that is nearest to a covered one at a given depth, for formats without a
+cover.
 
-All rays of a central camera meet in one point, those of a covered camera do not. The point is
-chosen where they come nearest to meeting, which makes the model change least with depth; then focal
-lengths, principal point and lens are fitted, by least squares over a grid of pixels, to what the
+All rays of a central camera meet in one point; those of a covered camera do not. The centre is the
+point where they come nearest to meeting, so that the model changes least with depth. Then focal
+lengths, principal point and lens are fitted by least squares, over a grid of pixels, to what the
 camera sees at the given depth. The axes stay those of the calibration's camera frame.
 """
 
@@ -21,7 +21,7 @@ from calib.estimation.model_choice import simplest
 from calib.export.formats import OPENCV as OPENCV_LENSES
 from calib.export.formats import SPLINED, ExportLens
 from calib.export.lens_fit import fit_lens, project
-from calib.export.sight import CHECKED, FITTED, Sight
+from calib.export.sampled_rays import CHECK_GRID, FIT_GRID, SampledRays
 from calib.export.spline_fit import fit_spline, project_spline
 from calib.export.windshield_fit import fit_windshield, project_windshield
 from calib.optics.build import pinhole_path
@@ -31,26 +31,26 @@ from calib.threads import single_thread
 
 Array = NDArray[np.float64]
 
-LIMIT = 0.5
-"""px: a misfit larger than this is worth a sentence."""
-WORTH = 0.02
-"""Of the misfit: a lens with more coefficients must leave less by more than this."""
+MISFIT_LIMIT = 0.5
+"""px: a larger misfit is reported in a sentence."""
+MIN_IMPROVEMENT = 0.02
+"""Part of the misfit by which a lens with more coefficients must lower it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Misfit:
-    """How far the model's pixels are from the camera's, over a grid twice as fine as the fitted
-    one.
+    """The deviation of the model's pixels from the camera's, over a grid twice as fine as the
+    fitted one.
     """
 
     depth: float
     """m"""
     rms_px: float
-    """Root mean square of the two-dimensional distance."""
+    """The root mean square of the two-dimensional distance."""
     worst_px: float
     drift_px: float
-    """The largest change, anywhere, of the two-dimensional error from what it is at the fitted
-    depth: the depth's own part.
+    """The largest change, at any pixel, of the two-dimensional error from its value at the fitted
+    depth: the error that the depth causes.
     """
 
     def __str__(self) -> str:
@@ -66,30 +66,35 @@ class CentralModel:
     height: int
     """px"""
     name: str
-    """The camera's, as the session calls it; may be empty."""
+    """The camera's name in the session; may be empty."""
     lens: ExportLens
     focal: tuple[float, float]
     """px, fx and fy"""
     principal: tuple[float, float]
     """px, cx and cy; (0, 0) is the centre of the top-left pixel."""
     distortion: tuple[float, ...]
-    """As many as the lens has: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, or k1 to k4 of a
-    fisheye, or a spline's control points, rows of x and y pairs; of a windshield, the lens's own
-    and then the polynomials of `windshield_fit`.
+    """The lens's coefficients: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, or k1 to k4 of a
+    fisheye, or a spline's control points, rows of x and y pairs. A windshield has its lens's
+    coefficients and then the polynomials of `windshield_fit`.
     """
     centre: tuple[float, float, float]
-    """m, in the calibration's camera frame: where the model's rays meet.
+    """m, in the calibration's camera frame: the point where the model's rays meet.
 
-    Its own frame has the same axes and this origin.
+    The model's frame has the same axes and this origin.
     """
-    half: Misfit
-    """At half of the depth that it was fitted for."""
-    at: Misfit
-    double: Misfit
+    misfit_at_half_depth: Misfit
+    """At half of the depth for which it was fitted."""
+    misfit_at_depth: Misfit
+    misfit_at_double_depth: Misfit
+
+    @property
+    def misfits(self) -> tuple[Misfit, Misfit, Misfit]:
+        """The misfits at half of the depth, at the depth, and at twice the depth."""
+        return self.misfit_at_half_depth, self.misfit_at_depth, self.misfit_at_double_depth
 
     @property
     def matrix(self) -> Array:
-        """(3, 3)"""
+        """(3, 3) camera matrix, px."""
         return np.array(
             [
                 [self.focal[0], 0, self.principal[0]],
@@ -100,14 +105,14 @@ class CentralModel:
 
     @property
     def statement(self) -> list[str]:
-        """What a reader of the file should know, a line each."""
-        x, y, z = (1000 * metres + 0.0 for metres in self.centre)
+        """The lines that tell a reader of the file about the model."""
+        x, y, z = 1000 * np.array(self.centre) + 0.0
         return [
             (
                 "A central approximation, by Refracal, of a camera behind a cover, fitted at a"
-                f" depth of {self.at.depth:g} m."
+                f" depth of {self.misfit_at_depth.depth:g} m."
             ),
-            *(f"Misfit over the image: {misfit}." for misfit in (self.half, self.at, self.double)),
+            *(f"Misfit over the image: {misfit}." for misfit in self.misfits),
             (
                 f"Its origin is at ({x:.6f}, {y:.6f}, {z:.6f}) mm in the calibration's camera"
                 " frame, its axes are parallel to that frame's."
@@ -115,125 +120,151 @@ class CentralModel:
         ]
 
     def commented(self) -> str:
-        """The same as comments of a file in which those begin with #."""
+        """Return the statement as comment lines that start with #."""
         return "".join(f"# {line}\n" for line in self.statement)
 
     def remarks(self) -> Iterator[str]:
-        """Sentences about a misfit that is too large to pass in silence."""
-        if self.at.worst_px > LIMIT:
+        """Yield sentences about a misfit that is too large to be ignored."""
+        fitted = self.misfit_at_depth
+        if fitted.worst_px > MISFIT_LIMIT:
             yield (
-                f"even at {self.at.depth:g} m the lens {self.lens.name} is wrong by up to"
-                f" {self.at.worst_px:.2f} px, {self.at.rms_px:.2f} px RMS: maps (--format npz,"
+                f"even at {fitted.depth:g} m the lens {self.lens.name} is wrong by up to"
+                f" {fitted.worst_px:.2f} px, {fitted.rms_px:.2f} px RMS: maps (--format npz,"
                 " opencv or stmap) have no such error."
             )
-        away = max((self.half, self.double), key=lambda misfit: misfit.drift_px)
-        if away.drift_px > LIMIT:
+        worst = max(
+            (self.misfit_at_half_depth, self.misfit_at_double_depth),
+            key=lambda misfit: misfit.drift_px,
+        )
+        if worst.drift_px > MISFIT_LIMIT:
             yield (
-                "this camera's distortion depends on depth and a central camera's does not: fitted"
-                f" at {self.at.depth:g} m, this one goes wrong by up to {away.drift_px:.2f} px more"
-                f" or less at {away.depth:g} m: export one for each depth in use."
+                "this camera's distortion depends on depth, and a central camera's does not: the"
+                f" one fitted at {fitted.depth:g} m has errors that differ by up to"
+                f" {worst.drift_px:.2f} px at {worst.depth:g} m: export one for each depth in use."
             )
 
 
 def best_central(
     calibration: Calibration, depth: float, lenses: Sequence[ExportLens]
 ) -> CentralModel:
-    """Of the models with these lenses, the simplest (first) whose misfit at `depth` m is within 2 %
-    of the smallest.
+    """Return the simplest (first) of the models with these lenses whose misfit at `depth` m is
+    within 2 % of the smallest.
     """
     with single_thread():
-        sight, check = (Sight.of(calibration, grid) for grid in (FITTED, CHECKED))
-        models = [_fit(calibration, sight, check, depth, lens) for lens in lenses]
-    return models[simplest({place: model.at.rms_px for place, model in enumerate(models)}, WORTH)]
+        rays = SampledRays.sample(calibration, FIT_GRID)
+        check_rays = SampledRays.sample(calibration, CHECK_GRID)
+        models = [_fit(calibration, rays, check_rays, depth, lens) for lens in lenses]
+    misfits = {index: model.misfit_at_depth.rms_px for index, model in enumerate(models)}
+    return models[simplest(misfits, MIN_IMPROVEMENT)]
 
 
-def uncovered(calibration: Calibration) -> Calibration:
-    """The camera without its cover, with what the diagnosis found of the camera itself."""
+def remove_cover(calibration: Calibration) -> Calibration:
+    """Return the camera without its cover, with the effects that the diagnosis found in the camera
+    itself.
+    """
     assert calibration.camera.intrinsics
-    alone, _ = pinhole_path(calibration.camera.intrinsics)
-    own = tuple(
-        found
-        for found in calibration.effects
-        if not found.effect.on_cover and not found.effect.apply(alone).cover
+    bare_path, _ = pinhole_path(calibration.camera.intrinsics)
+    camera_effects = tuple(
+        effect
+        for effect in calibration.effects
+        if not effect.effect.on_cover and not effect.effect.apply(bare_path).cover
     )
     return replace(
-        calibration, cover=Cover("none", {}), relief=None, amplitudes=np.zeros((0, 0)), effects=own
+        calibration,
+        cover=Cover("none", {}),
+        relief=None,
+        amplitudes=np.zeros((0, 0)),
+        effects=camera_effects,
     )
 
 
 def _fit(
-    calibration: Calibration, sight: Sight, check: Sight, depth: float, lens: ExportLens
+    calibration: Calibration,
+    rays: SampledRays,
+    check_rays: SampledRays,
+    depth: float,
+    lens: ExportLens,
 ) -> CentralModel:
     camera = calibration.camera
     assert camera.intrinsics
     if not np.isfinite(depth):
         raise InputError(
-            "a central camera is fitted at a distance, and inf is none: write metres, such as 1000,"
-            " or export maps."
+            "a central camera is fitted at a finite distance: write metres, such as 1000, or export"
+            " maps."
         )
-    if depth / 2 <= sight.beyond:
+    if depth / 2 <= rays.exit_depth:
         raise InputError(
-            f"depth {depth:g} m is too near: write {2.1 * sight.beyond:.2g} or more, so that half"
-            " of it is beyond the cover."
+            f"depth {depth:g} m is too near: write {2.1 * rays.exit_depth:.2g} or more, so that"
+            " half of it lies beyond the cover."
         )
     k = camera.intrinsics
-    own = k.distortion if (k.model != OPENCV) == lens.fisheye else ()
-    bare = [number.value for number in (k.fx, k.fy, k.cx, k.cy, *own)]
+    coefficients = k.distortion if (k.model != OPENCV) == lens.fisheye else ()
+    bare = [number.value for number in (k.fx, k.fy, k.cx, k.cy, *coefficients)]
     plain = lens != SPLINED and not lens.windshield
-    same = (
+    is_sufficient = (
         plain
         and k.model == (FISHEYE if lens.fisheye else OPENCV)
         and lens.coefficients >= len(k.distortion)
     )
     path, _ = calibration.model()
-    centre = np.zeros(3) if path.central else sight.nearly_intersect()
-    if path.central and not path.adjustments and same:
-        parameters = np.pad(bare, (0, 4 + lens.coefficients - len(bare)))  # it is one already
+    centre = np.zeros(3) if path.central else rays.nearly_intersect()
+    if path.central and not path.adjustments and is_sufficient:
+        parameters = np.pad(
+            bare, (0, 4 + lens.coefficients - len(bare))
+        )  # the camera is central already
     elif lens == SPLINED:
-        lens, parameters = fit_spline(sight.tangents(depth, centre), sight.pixels, bare)
+        lens, parameters = fit_spline(rays.tangents(depth, centre), rays.pixels, bare)
     elif lens.windshield:
-        inner = next(one for one in OPENCV_LENSES[::-1] if one.fisheye == lens.fisheye)
-        bare_model = best_central(uncovered(calibration), depth, (inner,))
-        within = np.array([*bare_model.focal, *bare_model.principal, *bare_model.distortion])
-        parameters = fit_windshield(sight.tangents(depth, centre), sight.pixels, lens, within)
+        inner = next(
+            candidate for candidate in OPENCV_LENSES[::-1] if candidate.fisheye == lens.fisheye
+        )
+        bare_model = best_central(remove_cover(calibration), depth, (inner,))
+        bare_parameters = np.array(
+            [*bare_model.focal, *bare_model.principal, *bare_model.distortion]
+        )
+        parameters = fit_windshield(
+            rays.tangents(depth, centre), rays.pixels, lens, bare_parameters
+        )
     else:
-        parameters = fit_lens(sight.tangents(depth, centre), sight.pixels, bare, lens)
-    fitted = _off(lens, parameters, check, depth, centre)
-    half, at, double = (
-        _misfit(distance, _off(lens, parameters, check, distance, centre), fitted)
-        for distance in (depth / 2, depth, 2 * depth)
-    )
+        parameters = fit_lens(rays.tangents(depth, centre), rays.pixels, bare, lens)
+    error = _pixel_errors(lens, parameters, check_rays, depth, centre)
+    half_error = _pixel_errors(lens, parameters, check_rays, depth / 2, centre)
+    double_error = _pixel_errors(lens, parameters, check_rays, 2 * depth, centre)
     fx, fy, cx, cy, *distortion = parameters.tolist()
     x, y, z = centre.tolist()
     return CentralModel(
-        camera.width,
-        camera.height,
-        camera.model,
-        lens,
-        (fx, fy),
-        (cx, cy),
-        tuple(distortion),
-        (x, y, z),
-        half,
-        at,
-        double,
+        width=camera.width,
+        height=camera.height,
+        name=camera.model,
+        lens=lens,
+        focal=(fx, fy),
+        principal=(cx, cy),
+        distortion=tuple(distortion),
+        centre=(x, y, z),
+        misfit_at_half_depth=_misfit(depth / 2, half_error, error),
+        misfit_at_depth=_misfit(depth, error, error),
+        misfit_at_double_depth=_misfit(2 * depth, double_error, error),
     )
 
 
-def _off(lens: ExportLens, parameters: Array, sight: Sight, depth: float, centre: Array) -> Array:
-    """(N, 2) px: the model's pixels minus the camera's."""
-    tangents = sight.tangents(depth, centre)
+def _pixel_errors(
+    lens: ExportLens, parameters: Array, rays: SampledRays, depth: float, centre: Array
+) -> Array:
+    """Return (N, 2) px, the model's pixels minus the camera's."""
+    tangents = rays.tangents(depth, centre)
     if lens.knots:
-        seen = project_spline(lens, parameters, tangents)
+        pixels = project_spline(lens, parameters, tangents)
     elif lens.windshield:
-        seen = project_windshield(lens, parameters, tangents)
+        pixels = project_windshield(lens, parameters, tangents)
     else:
-        seen = project(parameters, tangents, lens.fisheye)[0]
-    return np.asarray(seen - sight.pixels)
+        pixels = project(parameters, tangents, lens.fisheye)[0]
+    return np.asarray(pixels - rays.pixels)
 
 
-def _misfit(depth: float, off: Array, fitted: Array) -> Misfit:
-    length, drift = (np.linalg.norm(part, axis=-1) for part in (off, off - fitted))
+def _misfit(depth: float, error: Array, fitted_error: Array) -> Misfit:
+    """Return the misfit at this depth; `fitted_error` is the error at the fitted depth."""
+    length = np.linalg.norm(error, axis=-1)
+    drift = np.linalg.norm(error - fitted_error, axis=-1)
     return Misfit(
         depth, float(np.sqrt((length**2).mean())), float(length.max()), float(drift.max())
     )

@@ -1,24 +1,26 @@
-"""COLMAP: cameras.txt of one camera. COLMAP's pixel (0, 0) is the corner of the top-left pixel,
-half a pixel before its centre.
+"""Write COLMAP's cameras.txt of one camera. COLMAP's pixel (0, 0) is the corner of the top-left
+pixel, half a pixel before its centre.
 
-Its poses are those of the shifted centre: a comment says what to add to a pose of the calibration's
-camera frame, and to a rig's.
+COLMAP's poses are those of the shifted centre. A comment in the file says what to add to a pose of
+the calibration's camera frame, and to a rig's.
 """
 
+import numpy as np
+
 from calib.export.central import CentralModel
-from calib.export.export import Export, Exported, export_central
+from calib.export.export import ExportedFiles, ExportRequest, export_central
 
 
-def export(wanted: Export) -> Exported:
-    return export_central(wanted, "cameras_{}m.txt", cameras_txt)
+def export(request: ExportRequest) -> ExportedFiles:
+    return export_central(request, "cameras_{}m.txt", cameras_txt)
 
 
 def cameras_txt(model: CentralModel) -> str:
-    """The file's text."""
+    """Return the file's text."""
     cx, cy = model.principal
     parameters = (*model.focal, cx + 0.5, cy + 0.5, *model.distortion)
-    x, y, z = (0.0 - metres for metres in model.centre)
-    about = (
+    x, y, z = (0.0 - np.array(model.centre)).tolist()
+    comment = (
         "# TX TY TZ of a pose of the calibration's camera frame, and cam_from_rig of that frame as"
         f" the rig: add {x!r} {y!r} {z!r}\n"
     )
@@ -26,6 +28,6 @@ def cameras_txt(model: CentralModel) -> str:
         ["1", model.lens.name, str(model.width), str(model.height), *map(repr, parameters)]
     )
     return (
-        f"{model.commented()}{about * any(model.centre)}# CAMERA_ID, MODEL, WIDTH, HEIGHT,"
+        f"{model.commented()}{comment * any(model.centre)}# CAMERA_ID, MODEL, WIDTH, HEIGHT,"
         f" PARAMS[]\n# Number of cameras: 1\n{line}\n"
     )

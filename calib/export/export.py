@@ -1,5 +1,5 @@
-"""What every export format is asked for and gives, and the loop over depths that formats of a
-central camera share.
+"""The request and the result that all export formats share, and the loop over depths for formats of
+a central camera.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from calib.progress import Progress
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Export:
-    """What is to be written."""
+class ExportRequest:
+    """The calibration to write, and the options of its format."""
 
     calibration: Calibration
     form: Format
     lenses: Sequence[ExportLens]
-    """Of which a central camera takes the best; none for maps."""
+    """The lenses of which a central camera takes the best; empty for maps."""
     depths: Sequence[float]
-    """m, each once."""
+    """m, each depth once."""
     files: FileSet
     progress: Progress
     axes: str = AXES[0]
-    """Of formats.AXES: those of a ray image."""
+    """The axes of a ray image, one of formats.AXES."""
 
     def each_depth(self) -> Iterator[tuple[float, str]]:
-        """Every depth with its text for file names, while a bar shows how many are done."""
+        """Yield every depth with its text for file names, while a bar shows the progress."""
         advance = self.progress.task(self.form.name, len(self.depths))
         for done, depth in enumerate(self.depths, start=1):
             yield depth, depth_text(depth)
@@ -41,45 +41,50 @@ class Export:
 
 
 @dataclass(frozen=True, slots=True)
-class Exported:
-    """What was written."""
+class ExportedFiles:
+    """The written files, and what to tell the user about them."""
 
     paths: tuple[Path, ...]
     models: tuple[CentralModel, ...] = ()
-    """The central camera of each depth, whose misfit a person should hear of."""
+    """The central camera of each depth; the command prints its misfit."""
     remarks: tuple[str, ...] = ()
-    """What else a person should hear, a sentence each."""
+    """Further sentences for the user."""
 
 
 class Exporter(Protocol):
     """A module of this package that writes a format."""
 
-    def export(self, wanted: Export) -> Exported: ...
+    def export(self, request: ExportRequest) -> ExportedFiles: ...
 
 
-def export(wanted: Export) -> Exported:
+def export(request: ExportRequest) -> ExportedFiles:
     """Write a calibration in a format.
 
     Raises:
         InputError: a file cannot be written, or a library that the format needs is absent.
     """
-    return cast(Exporter, import_module(f"calib.export.{wanted.form.module}")).export(wanted)
+    return cast(Exporter, import_module(f"calib.export.{request.form.module}")).export(request)
 
 
-def export_central(wanted: Export, name: str, text: Callable[[CentralModel], str]) -> Exported:
-    """One file for each depth, of the central camera that comes nearest to the covered one there.
+def export_central(
+    request: ExportRequest, name: str, text: Callable[[CentralModel], str]
+) -> ExportedFiles:
+    """Write one file for each depth, with the central camera that is nearest to the covered one
+    there.
 
     Args:
-        name: of the file, with {} in the place of the depth.
-        text: the file's, of a camera.
+        request: the request.
+        name: of the file, with {} in place of the depth.
+        text: the function that returns the file's text for a central camera.
     """
-    paths, models = [], []
-    for depth, said in wanted.each_depth():
-        models.append(best_central(wanted.calibration, depth, wanted.lenses))
-        paths.append(wanted.files.write(name.format(said), text(models[-1])))
-    return Exported(tuple(paths), tuple(models))
+    paths: list[Path] = []
+    models: list[CentralModel] = []
+    for depth, depth_name in request.each_depth():
+        models.append(best_central(request.calibration, depth, request.lenses))
+        paths.append(request.files.write(name.format(depth_name), text(models[-1])))
+    return ExportedFiles(tuple(paths), tuple(models))
 
 
 def depth_text(depth: float) -> str:
-    """The shortest text that only this depth has: 1, 0.5, 1.0000001."""
+    """Return the shortest text that no other depth has: 1, 0.5, 1.0000001."""
     return repr(float(depth)).removesuffix(".0")

@@ -1,4 +1,4 @@
-"""The forms that a calibration is written in, and the lens models that each of them has.
+"""The formats that a calibration is written in, and the lens models of each format.
 
 Nothing slow is imported here.
 """
@@ -9,26 +9,27 @@ from importlib.util import find_spec
 from calib.extras import how_to_install
 
 BRIEF = 37
-"""Characters, of which a list in a narrow window has room."""
+"""Characters of a summary that fit a list in a narrow window."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExportLens:
-    """A distortion model, by the name that the format gives it."""
+    """A distortion model, by the format's name for it."""
 
     name: str
     coefficients: int
-    """How many it has: 4, 5, 8 or 12, in OpenCV's order; two for each knot of a splined model, 0
-    before it is fitted.
+    """The number of coefficients: 4, 5, 8 or 12, in OpenCV's order; two for each knot of a splined
+    model, 0 before it is fitted.
     """
     fisheye: bool = False
-    """Whether it is the equidistant model of cv2.fisheye, with its 4, for wide lenses."""
+    """True for the equidistant model of cv2.fisheye, with its 4 coefficients, for wide lenses."""
     knots: tuple[int, int, float] | None = None
-    """Of a splined model: how many along x and y, and how far apart in stereographic coordinates.
+    """The number of knots along x and y of a splined model, and their spacing in stereographic
+    coordinates.
     """
     windshield: bool = False
-    """Whether the lens, of 12 coefficients or of a fisheye's 4, stands behind four polynomials,
-    whose coefficients follow its own.
+    """True if the lens, of 12 coefficients or of a fisheye's 4, stands behind four polynomials.
+    Their coefficients follow its own.
     """
 
 
@@ -38,30 +39,31 @@ class Format:
 
     name: str
     module: str
-    """Of this package, with `export(wanted: Export) -> Exported`.
+    """The module of this package, with `export(request: ExportRequest) -> ExportedFiles`.
 
-    It is imported when it is asked for.
+    It is imported when it is first used.
     """
     summary: str
-    """For the help."""
+    """The text in the help."""
     lenses: tuple[ExportLens, ...] = ()
-    """Those of a central camera, the simplest first.
+    """The lenses of a central camera, the simplest first.
 
-    None: the format holds maps, which are exact at their depth.
+    Empty: the format holds maps, which are exact at their depth.
     """
     needs_depth: bool = True
-    """Whether its files hold for one depth."""
+    """True if each of its files holds for one depth."""
     needs: str = ""
-    """The library that it is written with, by the name it is imported by, where refracal installs
-    that only with an extra.
+    """The import name of the library that writes the format, if refracal installs it only with an
+    extra.
     """
     lacking: str = ""
-    """What to do where that is absent."""
+    """The sentence that says what to do if that library is missing."""
     brief: str = ""
-    """The summary of no more than BRIEF characters, where it is longer than that."""
+    """A summary of at most BRIEF characters, if `summary` is longer."""
 
     @property
     def writable(self) -> bool:
+        """True if the library that the format needs is installed."""
         return not self.needs or find_spec(self.needs) is not None
 
 
@@ -97,28 +99,22 @@ WINDSHIELD = (
 )
 
 AXES = ("opencv", "opengl")
-"""Of a ray image: x right, y down, z forward, or x right, y up, z backward."""
+"""The axes of a ray image: x right, y down, z forward, or x right, y up, z backward."""
 
 FORMATS: tuple[Format, ...] = (
     Format(
-        *(
-            "npz",
-            "npz",
-            (
-                "the ray field, from which any depth's map follows, and the maps of cv2.remap for"
-                " every --depth"
-            ),
-        ),
+        "npz",
+        "npz",
+        "the ray field, from which any depth's map follows, and the maps of cv2.remap for"
+        " every --depth",
         needs_depth=False,
         brief="maps for cv2.remap, and every ray",
     ),
     Format(
-        *(
-            "opencv",
-            "opencv",
-            "FileStorage YAML, and the exact maps of cv2.remap as float TIFF",
-            OPENCV,
-        ),
+        "opencv",
+        "opencv",
+        "FileStorage YAML, and the exact maps of cv2.remap as float TIFF",
+        OPENCV,
         brief="FileStorage YAML, and maps as TIFF",
     ),
     Format("opencv-xml", "opencv", "the same with FileStorage XML", OPENCV),
@@ -132,55 +128,46 @@ FORMATS: tuple[Format, ...] = (
     Format("colmap", "colmap", "cameras.txt", COLMAP),
     Format("mrcal", "mrcal", ".cameramodel", MRCAL),
     Format(
-        *(
-            "windshield",
-            "windshield",
-            "the windshield model of NVIDIA NCore and gsplat",
-            WINDSHIELD,
-        ),
+        "windshield",
+        "windshield",
+        "the windshield model of NVIDIA NCore and gsplat",
+        WINDSHIELD,
         brief="of NVIDIA NCore and gsplat",
     ),
     Format("depthai", "depthai", "warp mesh of Luxonis cameras"),
     Format(
-        *(
-            "generic",
-            "generic",
-            (
-                "NoncentralGenericModel of Schöps et al. (puzzlepaint), a line for every pixel at"
-                " every depth"
-            ),
-        ),
+        "generic",
+        "generic",
+        "NoncentralGenericModel of Schöps et al. (puzzlepaint), a line for every pixel at"
+        " every depth",
         needs_depth=False,
         brief="a line for every pixel, puzzlepaint's",
     ),
     Format(
-        *(
-            "calibmar",
-            "calibmar",
-            "a flat port or dome, for every depth, for Calibmar and COLMAP's underwater fork",
-            COLMAP,
-        ),
+        "calibmar",
+        "calibmar",
+        "a flat port or dome, for every depth, for Calibmar and COLMAP's underwater fork",
+        COLMAP,
         needs_depth=False,
         brief="flat port or dome, also for COLMAP",
     ),
     Format(
-        *(
-            "ray-image",
-            "ray_image",
-            (
-                "origin and direction of every pixel's ray, for ray tracers: (height, width, 2, 3)"
-                " float32"
-            ),
-        ),
+        "ray-image",
+        "ray_image",
+        "origin and direction of every pixel's ray, for ray tracers: (height, width, 2, 3) float32",
         needs_depth=False,
         brief="every pixel's ray, for ray tracers",
     ),
     Format(
-        *("stmap", "stmap", "for compositing programs: undistort and redistort, 32-bit float TIFF"),
+        "stmap",
+        "stmap",
+        "for compositing programs: undistort and redistort, 32-bit float TIFF",
         brief="for compositing programs, as TIFF",
     ),
     Format(
-        *("stmap-exr", "stmap", "the same as OpenEXR"),
+        "stmap-exr",
+        "stmap",
+        "the same as OpenEXR",
         needs="OpenEXR",
         lacking=(
             f"OpenEXR is not installed: {how_to_install('exr')}, or use --format stmap, which"
@@ -188,4 +175,6 @@ FORMATS: tuple[Format, ...] = (
         ),
     ),
 )
-"""In the order of the help. A new format is a module of this package and a line here."""
+"""All formats, in the order of the help. A new format is a module of this package and a line
+here.
+"""

@@ -1,14 +1,14 @@
-"""The non-central generic camera model of Schöps et al.: a line for every pixel, by cubic B-splines
-over the picture, for every depth.
+"""Write the non-central generic camera model of Schöps et al.: a line for every pixel, by cubic
+B-splines over the picture, valid at every depth.
 
-A grid of control points spans the picture: the second and the last but one of a row stand at its
-edges, so that every pixel lies between four of them each way. One grid has points on the lines, in
-m, another unit directions, which are normalised again between them; as the control points are unit
-vectors themselves, they are found by iteration. Pixels count from the corner of the picture. Where
-no ray leaves the cover the lines are continued smoothly.
+A grid of control points spans the picture. The second and the last but one of a row stand at the
+picture's edges, so every pixel lies between four of them in either direction. One grid has points
+on the lines, in m. Another has unit directions, and directions between them are normalised. The
+control points are unit vectors, too, so they are found by iteration. Pixels count from the corner
+of the picture. Where no ray leaves the cover, the lines are continued smoothly.
 
 Source: T. Schöps et al., Why having 10,000 parameters in your camera model is better than twelve
-    (CVPR 2020); SaveCameraModel in
+(CVPR 2020); SaveCameraModel in
 applications/camera_calibration/src/camera_calibration/io/calibration_io.cc and
 generic_models/src/noncentral_generic.h of their program.
 """
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.errors import InputError
-from calib.export.export import Export, Exported
+from calib.export.export import ExportedFiles, ExportRequest
 from calib.undistortion.grids import middles
 from calib.undistortion.ray_field import RayField
 from calib.undistortion.spline import Spline
@@ -29,95 +29,102 @@ from calib.undistortion.spline import Spline
 Array = NDArray[np.float64]
 
 SPACINGS = (64, 32, 16, 8)
-"""px between control points, the first that is fine enough."""
-CLOSE = 0.005
-"""px: the misfit, at worst, that is."""
-NEAR = 0.1
-"""m: the depth where the misfit is measured; farther away it is smaller."""
-ROUNDS = 20
-"""Of the iteration. Each leaves about a tenth of the error, or less."""
+"""px between control points; the first that is fine enough is used."""
+MAX_MISFIT = 0.005
+"""px, at worst, of a spacing that is fine enough."""
+CHECK_DEPTH = 0.1
+"""m: the depth where the misfit is measured. It is smaller at larger depths."""
+ITERATIONS = 20
+"""Each one leaves at most about a tenth of the error."""
 
 
-def export(wanted: Export) -> Exported:
-    intrinsics = wanted.calibration.camera.intrinsics
+def export(request: ExportRequest) -> ExportedFiles:
+    intrinsics = request.calibration.camera.intrinsics
     assert intrinsics
     pinhole = np.array([getattr(intrinsics, name).value for name in ("fx", "fy", "cx", "cy")])
-    field = wanted.calibration.ray_field()
+    field = request.calibration.ray_field()
     if not field.valid.any():
         raise InputError("No ray of this camera leaves its cover: check the cover's numbers.")
-    advance = wanted.progress.task("Lines", len(SPACINGS))
+    advance = request.progress.task("Lines", len(SPACINGS))
     for done, spacing in enumerate(SPACINGS, start=1):
         points, directions = control_points(field, pinhole, spacing)
         rms, worst = misfit(field, pinhole, points, directions)
         advance(done, f"{spacing} px")
-        if worst < CLOSE:
+        if worst < MAX_MISFIT:
             break
-    stated = f"Misfit over the image: {rms:.4f} px RMS, {worst:.4f} px at worst, at {NEAR:g} m."
-    text = camera_yaml(field, points.coefficients, directions.coefficients, stated)
-    return Exported(
-        (wanted.files.write("intrinsics0.yaml", text),), remarks=(stated,) if worst >= CLOSE else ()
+    statement = (
+        f"Misfit over the image: {rms:.4f} px RMS, {worst:.4f} px at worst, at {CHECK_DEPTH:g} m."
+    )
+    text = camera_yaml(field, points.coefficients, directions.coefficients, statement)
+    return ExportedFiles(
+        (request.files.write("intrinsics0.yaml", text),),
+        remarks=(statement,) if worst >= MAX_MISFIT else (),
     )
 
 
 def control_points(field: RayField, pinhole: Array, spacing: float) -> tuple[Spline, Spline]:
-    """Splines through the lines' points and directions at nodes over the picture, one of them on
-    each edge; their coefficients are the control points, which of the directions are unit vectors.
+    """Return splines through the lines' points and directions at nodes over the picture, one of
+    them on each edge. Their coefficients are the control points; those of the directions are unit
+    vectors.
     """
-    columns, rows = (
-        np.linspace(-0.5, size - 0.5, max(6, int(np.ceil(size / spacing)) + 1))
-        for size in (field.width, field.height)
-    )
+    columns = _nodes(field.width, spacing)
+    rows = _nodes(field.height, spacing)
     pixels = np.stack(np.meshgrid(columns, rows), -1)
-    origin, direction = (
-        part.reshape(*pixels.shape[:2], 3) for part in lines(field, pinhole, pixels.reshape(-1, 2))
-    )
+    origins, directions = lines(field, pinhole, pixels.reshape(-1, 2))
+    origin = origins.reshape(*pixels.shape[:2], 3)
+    direction = directions.reshape(*pixels.shape[:2], 3)
     aim = direction
-    for _ in range(ROUNDS):
+    for _ in range(ITERATIONS):
         fitted = _unit_coefficients(Spline.through(columns, rows, aim))
         reached = fitted.at(pixels.reshape(-1, 2))[0].reshape(direction.shape)
         aim = aim + direction - reached / np.linalg.norm(reached, axis=-1, keepdims=True)
     return Spline.through(columns, rows, origin), fitted
 
 
+def _nodes(size: int, spacing: float) -> Array:
+    """Return the nodes over a side of this many px, from edge to edge."""
+    return np.linspace(-0.5, size - 0.5, max(6, int(np.ceil(size / spacing)) + 1))
+
+
 def lines(field: RayField, pinhole: Array, pixels: Array) -> tuple[Array, Array]:
-    """(N, 3) m where the lines of (N, 2) px pass the plane z = 0 through the pinhole, and their (N,
-    3) unit directions.
+    """Return the (N, 3) m points where the lines of (N, 2) px pass the plane z = 0 through the
+    pinhole, and their (N, 3) unit directions.
     """
-    focal, centre = pinhole[:2], pinhole[2:]
-    far = field.undistorted(pixels, np.inf)
-    parallax = field.undistorted(pixels, 1.0) - far
-    zero, one = np.zeros((len(pixels), 1)), np.ones((len(pixels), 1))
-    towards = np.concatenate([(far - centre) / focal, one], -1)
-    return np.concatenate([parallax / focal, zero], -1), towards / np.linalg.norm(
-        towards, axis=-1, keepdims=True
-    )
+    focal = pinhole[:2]
+    centre = pinhole[2:]
+    at_infinity = field.undistorted(pixels, np.inf)
+    parallax = field.undistorted(pixels, 1.0) - at_infinity
+    points = np.concatenate([parallax / focal, np.zeros((len(pixels), 1))], -1)
+    towards = np.concatenate([(at_infinity - centre) / focal, np.ones((len(pixels), 1))], -1)
+    return points, towards / np.linalg.norm(towards, axis=-1, keepdims=True)
 
 
 def misfit(
     field: RayField, pinhole: Array, points: Spline, directions: Spline
 ) -> tuple[float, float]:
-    """px of the undistorted picture at NEAR, RMS and at worst, midway between the nodes, where the
-    camera sees.
+    """Return the misfit in px of the undistorted picture at CHECK_DEPTH, RMS and at worst, midway
+    between the nodes where the camera sees.
     """
     pixels = np.stack(np.meshgrid(middles(points.nodes_x), middles(points.nodes_y)), -1).reshape(
         -1, 2
     )
     pixels = pixels[field.sees(pixels[:, 0], pixels[:, 1], np.inf)]
-    seen, stated = (
-        origin[:, :2] + towards[:, :2] / towards[:, 2:] * (NEAR - origin[:, 2:])
-        for origin, towards in (
-            lines(field, pinhole, pixels),
-            (points.at(pixels)[0], directions.at(pixels)[0]),
-        )
-    )
-    off = np.linalg.norm((seen - stated) * pinhole[:2] / NEAR, axis=-1)
-    return float(np.sqrt((off**2).mean())), float(off.max())
+    exact = _points_at_check_depth(*lines(field, pinhole, pixels))
+    fitted = _points_at_check_depth(points.at(pixels)[0], directions.at(pixels)[0])
+    error = np.linalg.norm((exact - fitted) * pinhole[:2] / CHECK_DEPTH, axis=-1)
+    return float(np.sqrt((error**2).mean())), float(error.max())
 
 
-def camera_yaml(field: RayField, points: Array, directions: Array, stated: str) -> str:
-    """The file's text, of (h, w, 3) control points each.
+def _points_at_check_depth(origins: Array, directions: Array) -> Array:
+    """Return (N, 2) m, x and y where the lines pass the plane z = CHECK_DEPTH."""
+    slopes = directions[:, :2] / directions[:, 2:]
+    return np.asarray(origins[:, :2] + slopes * (CHECK_DEPTH - origins[:, 2:]))
 
-    Its readers want every key on one line, and the sizes first.
+
+def camera_yaml(field: RayField, points: Array, directions: Array, statement: str) -> str:
+    """Return the file's text with (h, w, 3) control points each.
+
+    Its readers expect every key on one line, and the sizes first.
     """
     height, width = points.shape[:2]
     keys = {
@@ -133,13 +140,16 @@ def camera_yaml(field: RayField, points: Array, directions: Array, stated: str) 
         "point_grid": f"[{', '.join(map(repr, points.ravel().tolist()))}]",
         "direction_grid": f"[{', '.join(map(repr, directions.ravel().tolist()))}]",
     }
-    about = (
+    comment = (
         "# Lines of a camera behind a cover, by Refracal. The frame is the calibration's camera"
         " frame.\n"
     )
-    return about + f"# {stated}\n" + "".join(f"{key} : {value}\n" for key, value in keys.items())
+    return (
+        comment + f"# {statement}\n" + "".join(f"{key} : {value}\n" for key, value in keys.items())
+    )
 
 
 def _unit_coefficients(spline: Spline) -> Spline:
+    """Return the spline with normalised coefficients."""
     length = np.linalg.norm(spline.coefficients, axis=-1, keepdims=True)
     return replace(spline, coefficients=spline.coefficients / length)

@@ -1,19 +1,19 @@
-"""mrcal: a .cameramodel.
+"""Write a .cameramodel of mrcal.
 
-Its extrinsics carry the shift of the centre, so the reference frame is the calibration's camera
+Its extrinsics contain the shift of the centre, so the reference frame is the calibration's camera
 frame.
 """
 
 from calib.export.central import CentralModel
-from calib.export.export import Export, Exported, export_central
+from calib.export.export import ExportedFiles, ExportRequest, export_central
 
 
-def export(wanted: Export) -> Exported:
-    return export_central(wanted, "camera_{}m.cameramodel", cameramodel)
+def export(request: ExportRequest) -> ExportedFiles:
+    return export_central(request, "camera_{}m.cameramodel", cameramodel)
 
 
 def cameramodel(model: CentralModel) -> str:
-    """The file's text, a Python literal."""
+    """Return the file's text, a Python literal."""
     content = {
         "lensmodel": f"LENSMODEL_{model.lens.name}",
         "intrinsics": [*model.focal, *model.principal, *model.distortion],

@@ -1,15 +1,18 @@
-"""NumPy files: the ray field, and maps for cv2.remap.
+"""Write NumPy files: the ray field, and maps for cv2.remap.
 
-rays.npz: width, height px of the image; fx, fy, cx, cy px of the undistorted picture; nodes_x (w,),
-nodes_y (h,) px; at_infinity (h, w, 2) px and parallax (h, w, 2) px m, so that the undistorted pixel
-at depth Z of the distorted pixel at a node is at_infinity + parallax / Z; valid (h, w); nearest (h,
-w) m, how far in front of the camera each ray leaves the cover. sigma_x (m,), sigma_y (n,) px and
-variance (n, m, 3), where the fit estimated it: the predicted variance of the undistorted position
-at those distorted pixels is variance[..., 0] + variance[..., 1] / Z + variance[..., 2] / Z^2, px^2,
-x and y together (calib.apply). map_Zm.npz: map_x, map_y (height, width) float32 for cv2.remap, -1
-where not valid; valid (height, width); depth_m; and sigma (height, width) float32 px, where the fit
-estimated it: the standard deviation of each pixel's position, NaN where not valid. Both have
-calibration, the SHA-256 of the calibration.npz that they were made from.
+rays.npz has: width and height px of the image; fx, fy, cx, cy px of the undistorted picture;
+nodes_x (w,) and nodes_y (h,) px; at_infinity (h, w, 2) px and parallax (h, w, 2) px m; valid (h,
+w); nearest (h, w) m, the distance in front of the camera at which each ray leaves the cover. The
+undistorted pixel at depth Z of the distorted pixel at a node is at_infinity + parallax / Z. Where
+the fit estimated an uncertainty, it also has sigma_x (m,) and sigma_y (n,) px and variance (n, m,
+3). The predicted variance of the undistorted position at those distorted pixels is variance[..., 0]
++ variance[..., 1] / Z + variance[..., 2] / Z^2, px^2, x and y together (calib.apply).
+
+map_Zm.npz has: map_x and map_y (height, width) float32 for cv2.remap, -1 where not valid; valid
+(height, width); depth_m; and, where the fit estimated an uncertainty, sigma (height, width) float32
+px, the standard deviation of each pixel's position, NaN where not valid.
+
+Both have calibration, the SHA-256 of the calibration.npz from which they were made.
 """
 
 from collections.abc import Sequence
@@ -21,7 +24,7 @@ import numpy as np
 from calib.apply.map_uncertainty import SigmaField, predicted_sigma
 from calib.calibration import Calibration
 from calib.errors import InputError
-from calib.export.export import Export, Exported, depth_text
+from calib.export.export import ExportedFiles, ExportRequest, depth_text
 from calib.io.file_set import FileSet, in_force
 from calib.io.files import npz
 from calib.progress import Progress
@@ -31,9 +34,9 @@ from calib.undistortion.ray_field import RayField
 ARRAYS = ("nodes_x", "nodes_y", "at_infinity", "parallax", "valid", "nearest")
 
 
-def export(wanted: Export) -> Exported:
-    return Exported(
-        tuple(write_npz(wanted.calibration, wanted.depths, wanted.files, wanted.progress))
+def export(request: ExportRequest) -> ExportedFiles:
+    return ExportedFiles(
+        tuple(write_npz(request.calibration, request.depths, request.files, request.progress))
     )
 
 
@@ -53,10 +56,15 @@ def write_npz(
 
 
 def read_field(path: Path) -> RayField:
-    """The field of a rays.npz; InputError where the calibration.npz beside it is another's."""
+    """Return the field of a rays.npz; raise InputError if the calibration.npz beside it is another
+    one.
+    """
     with np.load(in_force(path), allow_pickle=False) as file:
-        beside = in_force(path.with_name("calibration.npz"))
-        if beside.exists() and sha256(beside.read_bytes()).hexdigest() != file["calibration"]:
+        calibration_file = in_force(path.with_name("calibration.npz"))
+        if (
+            calibration_file.exists()
+            and sha256(calibration_file.read_bytes()).hexdigest() != file["calibration"]
+        ):
             raise InputError(
                 f"{path} was made from another calibration than the one beside it: write it again"
                 " by calib export."
@@ -71,9 +79,9 @@ def _write_field(
     assert intrinsics
     pinhole = {name: getattr(intrinsics, name).value for name in ("fx", "fy", "cx", "cy")}
     scalars = {"width": field.width, "height": field.height, **pinhole}
-    said = {"calibration": np.asarray(calibration.digest)}
+    digest = {"calibration": np.asarray(calibration.digest)}
     arrays = (
-        said
+        digest
         | {name: np.asarray(number) for name, number in scalars.items()}
         | {name: getattr(field, name) for name in ARRAYS}
     )
@@ -83,16 +91,16 @@ def _write_field(
 
 
 def _write_map(
-    made: DepthMap, sigma: SigmaField | None, calibration: Calibration, files: FileSet
+    depth_map: DepthMap, sigma: SigmaField | None, calibration: Calibration, files: FileSet
 ) -> Path:
     arrays = {
         "calibration": calibration.digest,
-        "map_x": made.x,
-        "map_y": made.y,
-        "valid": made.valid,
-        "depth_m": np.float64(made.depth),
+        "map_x": depth_map.x,
+        "map_y": depth_map.y,
+        "valid": depth_map.valid,
+        "depth_m": np.float64(depth_map.depth),
     }
     if sigma:
-        arrays["sigma"] = sigma.of_map(made)
-    held = npz({name: np.asarray(array) for name, array in arrays.items()}, compressed=False)
-    return files.write(f"map_{depth_text(made.depth)}m.npz", held)
+        arrays["sigma"] = sigma.of_map(depth_map)
+    content = npz({name: np.asarray(array) for name, array in arrays.items()}, compressed=False)
+    return files.write(f"map_{depth_text(depth_map.depth)}m.npz", content)

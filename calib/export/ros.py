@@ -1,7 +1,8 @@
-"""ROS: the camera_info file of camera_calibration_parsers and camera_info_manager, with plumb_bob,
-rational_polynomial or equidistant.
+"""Write ROS's camera_info file, as camera_calibration_parsers and camera_info_manager read it, with
+plumb_bob, rational_polynomial or equidistant.
 
-The shift of the centre has no place in it: a comment has the command that publishes it to tf2.
+The file cannot hold the shift of the centre. A comment in it has the command that publishes the
+shift to tf2.
 """
 
 import re
@@ -9,17 +10,17 @@ import re
 import yaml
 
 from calib.export.central import CentralModel
-from calib.export.export import Export, Exported, export_central
+from calib.export.export import ExportedFiles, ExportRequest, export_central
 
 
-def export(wanted: Export) -> Exported:
-    return export_central(wanted, "camera_info_{}m.yaml", camera_info)
+def export(request: ExportRequest) -> ExportedFiles:
+    return export_central(request, "camera_info_{}m.yaml", camera_info)
 
 
 def camera_info(model: CentralModel) -> str:
-    """The file's text.
+    """Return the file's text.
 
-    The rectified picture keeps the camera matrix; a name may have letters, digits and underscores.
+    The rectified picture keeps the camera matrix. A name may have letters, digits and underscores.
     """
     rows = model.matrix.tolist()
     name = re.sub(r"\W+", "_", model.name, flags=re.ASCII).strip("_") or "camera"
@@ -35,15 +36,15 @@ def camera_info(model: CentralModel) -> str:
     }
     return (
         model.commented()
-        + _published(model, name)
+        + _publish_comment(model, name)
         + yaml.safe_dump(
             content, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120
         )
     )
 
 
-def _published(model: CentralModel, name: str) -> str:
-    """Comments with the command that says where the camera stands; none where it stands at the
+def _publish_comment(model: CentralModel, name: str) -> str:
+    """Return comments with the command that publishes the camera's place; "" if it is the
     calibration's own origin.
     """
     if not any(model.centre):
@@ -58,6 +59,7 @@ def _published(model: CentralModel, name: str) -> str:
 
 
 def _matrix(rows: list[list[float]]) -> dict[str, object]:
+    """Return a matrix as the file has it."""
     return {
         "rows": len(rows),
         "cols": len(rows[0]),

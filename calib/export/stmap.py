@@ -1,10 +1,10 @@
-"""STMaps for compositing programs: red and green say where to sample, from 0 to 1 across and, as
-those count, from the bottom up.
+"""Write STMaps for compositing programs: red and green are the sampling place, from 0 to 1 from
+left to right and, as is usual for them, from the bottom up.
 
-Two for each depth: stmap_undistort takes a picture of the camera to the straight one,
-    stmap_redistort takes a straight picture (a
-render, say) to what the camera would see. Alpha is 1 where the camera sees; elsewhere all is 0.
-32-bit float, as TIFF or OpenEXR.
+Each depth has two. stmap_undistort turns a picture of the camera into the straight one.
+stmap_redistort turns a straight picture, such as a render, into the one that the camera would see.
+Alpha is 1 where the camera sees; elsewhere all channels are 0. The files are 32-bit float, TIFF or
+OpenEXR.
 """
 
 from pathlib import Path
@@ -14,23 +14,21 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.export.export import Export, Exported
+from calib.export.export import ExportedFiles, ExportRequest
 from calib.io.file_set import FileSet
 from calib.undistortion.ray_field import RayField
 
 Map = NDArray[np.float32]
 
 
-def export(wanted: Export) -> Exported:
-    field, suffix = (
-        wanted.calibration.ray_field(),
-        (".exr" if wanted.form.name == "stmap-exr" else ".tiff"),
-    )
-    return Exported(
+def export(request: ExportRequest) -> ExportedFiles:
+    field = request.calibration.ray_field()
+    suffix = ".exr" if request.form.name == "stmap-exr" else ".tiff"
+    return ExportedFiles(
         tuple(
             path
-            for depth, name in wanted.each_depth()
-            for path in write_stmaps(field, depth, wanted.files, name, suffix)
+            for depth, name in request.each_depth()
+            for path in write_stmaps(field, depth, request.files, name, suffix)
         )
     )
 
@@ -38,23 +36,23 @@ def export(wanted: Export) -> Exported:
 def write_stmaps(
     field: RayField, depth: float, files: FileSet, name: str, suffix: str
 ) -> list[Path]:
-    """Write both maps of a depth in m, which file names give as `name`; `suffix` is .tiff or
+    """Write both maps of a depth in m. `name` is the depth in file names; `suffix` is .tiff or
     .exr.
     """
     encode = _exr if suffix == ".exr" else _tiff
-    made = field.map_at(depth)
+    depth_map = field.map_at(depth)
     written = []
     for direction, pixels in (
-        ("undistort", _normalised(made.x, made.y, made.valid)),
-        ("redistort", _redistorting(field, depth)),
+        ("undistort", _normalised(depth_map.x, depth_map.y, depth_map.valid)),
+        ("redistort", _redistortion(field, depth)),
     ):
         written.append(files.write(f"stmap_{direction}_{name}m{suffix}", encode(pixels)))
     return written
 
 
 def _normalised(x: Map, y: Map, valid: NDArray[np.bool_]) -> Map:
-    """(h, w, 4) red, green, blue, alpha of source px; pixel (0, 0) is a centre, and (0, 0) of an
-    STMap the picture's bottom left corner.
+    """Return (h, w, 4) red, green, blue, alpha from source px. (0, 0) px is a pixel's centre; (0,
+    0) of an STMap is the picture's bottom left corner.
     """
     height, width = x.shape
     pixels = np.dstack(
@@ -64,10 +62,13 @@ def _normalised(x: Map, y: Map, valid: NDArray[np.bool_]) -> Map:
     return pixels
 
 
-def _redistorting(field: RayField, depth: float) -> Map:
-    x, y = (np.empty((field.height, field.width), np.float32) for _ in range(2))
-    for rows, (across, down) in field.spline(depth).strips(field.width, field.height):
-        x[rows], y[rows] = across, down
+def _redistortion(field: RayField, depth: float) -> Map:
+    """Return the (h, w, 4) map from a straight picture to the camera's."""
+    x = np.empty((field.height, field.width), np.float32)
+    y = np.empty((field.height, field.width), np.float32)
+    for rows, (strip_x, strip_y) in field.spline(depth).strips(field.width, field.height):
+        x[rows] = strip_x
+        y[rows] = strip_y
     columns, lines = np.meshgrid(
         np.arange(field.width, dtype=np.float64), np.arange(field.height, dtype=np.float64)
     )

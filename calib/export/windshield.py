@@ -1,7 +1,7 @@
-"""NVIDIA's NCore and gsplat: a camera behind a windshield, with reference_poly, horizontal_poly,
-vertical_poly and their inverses.
+"""Write the windshield model of NVIDIA's NCore and gsplat: a camera behind a windshield, with
+reference_poly, horizontal_poly, vertical_poly and their inverses.
 
-The file is what ncore.data.decode_camera_model_parameters takes of a JSON file; gsplat's
+ncore.data.decode_camera_model_parameters reads the file's JSON; gsplat's
 BivariateWindshieldModelParameters have the same names. A pixel's centre is at 0.5 there.
 
 Source: encode_camera_model_parameters in ncore/impl/data/types.py of NVIDIA NCore.
@@ -13,24 +13,24 @@ import numpy as np
 
 from calib.calibration import Calibration
 from calib.export.central import CentralModel
-from calib.export.export import Export, Exported, export_central
-from calib.export.windshield_fit import TERMS, within_cover
+from calib.export.export import ExportedFiles, ExportRequest, export_central
+from calib.export.windshield_fit import TERMS, tangents_within_cover
 
-WIDER = 1.01
-"""Than what the picture's corners see: where NCore's fisheye ends."""
+ANGLE_MARGIN = 1.01
+"""The angle where NCore's fisheye ends, over the largest angle of the picture's corners."""
 
 
-def export(wanted: Export) -> Exported:
+def export(request: ExportRequest) -> ExportedFiles:
     return export_central(
-        wanted, "windshield_{}m.json", lambda model: camera_model(model, wanted.calibration)
+        request, "windshield_{}m.json", lambda model: camera_model(model, request.calibration)
     )
 
 
 def camera_model(model: CentralModel, calibration: Calibration) -> str:
-    """The file's text."""
+    """Return the file's text."""
     coefficients = np.array(model.distortion)
     lens, polynomials = coefficients[: -4 * TERMS], coefficients[-4 * TERMS :].reshape(4, TERMS)
-    horizontal, vertical, horizontal_back, vertical_back = polynomials.tolist()
+    horizontal, vertical, horizontal_inverse, vertical_inverse = polynomials.tolist()
     shutter = calibration.camera.shutter
     content = {
         "resolution": [model.width, model.height],
@@ -39,20 +39,20 @@ def camera_model(model: CentralModel, calibration: Calibration) -> str:
             "reference_poly": "FORWARD",
             "horizontal_poly": horizontal,
             "vertical_poly": vertical,
-            "horizontal_poly_inverse": horizontal_back,
-            "vertical_poly_inverse": vertical_back,
+            "horizontal_poly_inverse": horizontal_inverse,
+            "vertical_poly_inverse": vertical_inverse,
             "external_distortion_type": "bivariate-windshield",
         },
         "principal_point": [pixel + 0.5 for pixel in model.principal],
         "focal_length": list(model.focal),
         **(_fisheye(model, lens) if model.lens.fisheye else _pinhole(lens)),
     }
-    said = {
+    document = {
         "camera_model_type": model.lens.name,
         "camera_model_parameters": content,
         "refracal": model.statement,
     }
-    return json.dumps(said, indent=1) + "\n"
+    return json.dumps(document, indent=1) + "\n"
 
 
 def _pinhole(lens: np.ndarray) -> dict[str, object]:
@@ -68,7 +68,12 @@ def _fisheye(model: CentralModel, lens: np.ndarray) -> dict[str, object]:
     right, bottom = model.width - 0.5, model.height - 0.5
     corners = np.array([[-0.5, -0.5], [right, -0.5], [-0.5, bottom], [right, bottom]])
     slopes = np.linalg.norm(
-        within_cover(corners, model.lens, np.array([*model.focal, *model.principal, *lens])),
+        tangents_within_cover(
+            corners, model.lens, np.array([*model.focal, *model.principal, *lens])
+        ),
         axis=-1,
     )
-    return {"radial_coeffs": lens.tolist(), "max_angle": WIDER * float(np.arctan(slopes.max()))}
+    return {
+        "radial_coeffs": lens.tolist(),
+        "max_angle": ANGLE_MARGIN * float(np.arctan(slopes.max())),
+    }

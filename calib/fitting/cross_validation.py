@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.corners.view import View, board_poses
+from calib.corners.view import View, pose_labels
 from calib.estimation.model_choice import simplest
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses, refit_poses
@@ -51,7 +51,7 @@ def cross_validate(
     Raises:
         NotEnoughDataError: too few views are left to fit.
     """
-    pose = board_poses(views)
+    pose = pose_labels(views)
     fold_of = pose % folds
     advance = progress.task(
         f"{folds} folds"

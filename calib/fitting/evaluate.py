@@ -7,8 +7,8 @@ import torch
 from torch import Tensor
 
 from calib.calibration import Calibration
-from calib.corners.usable import with_poses
-from calib.corners.view import Rejected
+from calib.corners.pose_requirements import split_usable_views
+from calib.corners.view import RejectedPicture
 from calib.errors import InputError, NotEnoughDataError
 from calib.estimation.observations import Observations
 from calib.estimation.poses import refit_poses
@@ -50,7 +50,7 @@ class Evaluation:
     near_m: float
     """The nearest corner's depth."""
     far_m: float
-    rejected: tuple[Rejected, ...]
+    rejected: tuple[RejectedPicture, ...]
     """Pictures in which no board with enough corners was found. No view is dropped for its error.
     """
 
@@ -80,7 +80,7 @@ def evaluate(
             f" {ours.width}x{ours.height}: evaluate with a session of the calibrated camera mode."
         )
     views, rejected = read_views(session, progress)
-    views, few = with_poses(views, session.board)
+    views, few = split_usable_views(views, session.board)
     path, values = calibration.model()
     views, poses, lost = posable(views, session.board, values)
     if not views:

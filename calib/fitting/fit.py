@@ -6,7 +6,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from calib.calibration import Calibration, Declared
-from calib.corners.view import Rejected, View, board_poses
+from calib.corners.view import RejectedPicture, View, pose_labels
 from calib.errors import NotEnoughDataError
 from calib.estimation.noise import on_board, short_scale_noise
 from calib.estimation.observations import Observations
@@ -23,7 +23,7 @@ from calib.fitting.second_look import LOOKS, SecondLook, look_again
 from calib.fitting.stages import Fitted, Settings, Setup, fit_stages
 from calib.fitting.view_noise import VIEW_NOISE, with_own_noise
 from calib.progress import Progress, Silent
-from calib.session.session import FEWEST_VIEWS, Session
+from calib.session.session import MIN_FIT_VIEWS, Session
 from calib.threads import single_thread
 
 GAUGES = {
@@ -159,7 +159,7 @@ def fit(
 
 def _without_outliers(
     views: Sequence[View], observations: Observations, missed: Residuals
-) -> tuple[tuple[View, ...], tuple[Rejected, ...]]:
+) -> tuple[tuple[View, ...], tuple[RejectedPicture, ...]]:
     squared = (missed.image**2).sum(-1)
     errors = np.array([float(own.nanmean().sqrt()) for own in observations.per_view(squared)])
     bad = outlying(errors)
@@ -172,31 +172,33 @@ def _without_outliers(
         for error in errors
     )
     rejected = tuple(
-        Rejected(view.name, reason)
+        RejectedPicture(view.name, reason)
         for view, reason, out in zip(views, reasons, bad, strict=True)
         if out
     )
     return tuple(view for view, out in zip(views, bad, strict=True) if not out), rejected
 
 
-def _check_enough(views: Sequence[View], rejected: Sequence[Rejected], for_folds: int = 0) -> None:
-    if len(views) < FEWEST_VIEWS:
+def _check_enough(
+    views: Sequence[View], rejected: Sequence[RejectedPicture], for_folds: int = 0
+) -> None:
+    if len(views) < MIN_FIT_VIEWS:
         why = (
             f" (the first that was dropped, {rejected[0].name}: {rejected[0].reason})"
             if rejected
             else ""
         )
         raise NotEnoughDataError(
-            f"A fit needs {FEWEST_VIEWS} usable views and there are {len(views)}: take more"
+            f"A fit needs {MIN_FIT_VIEWS} usable views and there are {len(views)}: take more"
             f" pictures of the board{why}."
         )
     if not for_folds:
         return
-    poses = board_poses(views)
+    poses = pose_labels(views)
     outside = min(int(np.count_nonzero(poses % for_folds != fold)) for fold in range(for_folds))
-    if outside < FEWEST_VIEWS or poses.max() + 1 < for_folds:
+    if outside < MIN_FIT_VIEWS or poses.max() + 1 < for_folds:
         raise NotEnoughDataError(
-            f"{for_folds} folds need as many poses of the board, and {FEWEST_VIEWS} usable views"
+            f"{for_folds} folds need as many poses of the board, and {MIN_FIT_VIEWS} usable views"
             f" outside each fold; there are {len(views)} views of {poses.max() + 1} poses in all:"
             " take more pictures of the board, or ask for fewer folds."
         )

@@ -15,7 +15,7 @@ from calib.fitting.believing import Believed, at_noise, believing, log_evidence
 from calib.fitting.inputs import Gathered
 from calib.fitting.stages import Fitted, Settings, Setup, fit_stages
 from calib.progress import Progress
-from calib.session.fleet_prior import FleetPrior, expected
+from calib.session.fleet_prior import FleetPrior, combine_with_prior
 from calib.session.numbers import covariance_of
 from calib.session.session import Session
 
@@ -48,7 +48,9 @@ class Expectation:
             return None
         alone = Setup(session.board, session.camera, start.intrinsics, session.cover)
         own = prior.intrinsics if start.intrinsics_from == "prior" else start.intrinsics
-        intrinsics, cover = expected(prior, own, session.cover, str(session.path / "session.yaml"))
+        intrinsics, cover = combine_with_prior(
+            prior, own, session.cover, str(session.path / "session.yaml")
+        )
         return Expectation(prior, replace(alone, intrinsics=intrinsics, cover=cover), alone)
 
     def believed(

@@ -8,16 +8,16 @@ from typing import Literal
 import numpy as np
 
 from calib.corners.corners_file import read_corners
-from calib.corners.detect_all import FEWEST, detect
-from calib.corners.usable import with_poses
-from calib.corners.view import Rejected, View
+from calib.corners.detect_all import MIN_VIEWS, detect
+from calib.corners.pose_requirements import split_usable_views
+from calib.corners.view import RejectedPicture, View
 from calib.errors import InputError
 from calib.intrinsics.calibrate import BareFit, calibrate_bare
 from calib.io.frames_table import NAME as FRAMES_TABLE
 from calib.io.frames_table import FrameRecord, read_frame_records
 from calib.progress import Progress
 from calib.session.camera import Intrinsics
-from calib.session.fleet_prior import nominal
+from calib.session.fleet_prior import nominal_intrinsics
 from calib.session.lens import OPENCV
 from calib.session.session import Session
 
@@ -28,7 +28,7 @@ class Gathered:
 
     views: tuple[View, ...]
     """With corners enough for a pose."""
-    rejected: tuple[Rejected, ...]
+    rejected: tuple[RejectedPicture, ...]
     intrinsics: Intrinsics
     intrinsics_from: Literal["session.yaml", "bare", "prior", "views"]
     lens_held_out_px: dict[str, float]
@@ -38,13 +38,13 @@ class Gathered:
 
 
 def read_views(
-    session: Session, progress: Progress, *, fewest: int = FEWEST
-) -> tuple[tuple[View, ...], tuple[Rejected, ...]]:
+    session: Session, progress: Progress, *, fewest: int = MIN_VIEWS
+) -> tuple[tuple[View, ...], tuple[RejectedPicture, ...]]:
     """The session's corners: from its corners file, or detected in its pictures, of which `fewest`
     must show the board; with what frames.csv says of each picture.
     """
     records = read_frame_records(session.path / FRAMES_TABLE)
-    rejected: tuple[Rejected, ...] = ()
+    rejected: tuple[RejectedPicture, ...] = ()
     if session.corners:
         views = read_corners(session.corners, session.board)
         _check_inside(views, session)
@@ -56,7 +56,7 @@ def read_views(
             session.board,
             lambda done, hits: advance(done, f"{hits} boards found"),
             size=size,
-            fewest=fewest,
+            min_views=fewest,
         )
         views, rejected = found.views, found.rejected
     return (
@@ -76,7 +76,7 @@ def gather(session: Session, progress: Progress) -> Gathered:
     prior, else, without a cover, from the views themselves.
     """
     views, rejected = read_views(session, progress)
-    bare: tuple[Rejected, ...] = ()
+    bare: tuple[RejectedPicture, ...] = ()
     tried: dict[str, float] = {}
     source: Literal["session.yaml", "bare", "prior", "views"]
     if session.camera.intrinsics:
@@ -86,13 +86,13 @@ def gather(session: Session, progress: Progress) -> Gathered:
         shown, dropped = read_views(session.bare, progress)
         fitted = calibrate_bare(shown, session.bare.board, session.camera, progress)
         bare = tuple(
-            Rejected(f"{session.bare.path.name}/{r.name}", r.reason)
+            RejectedPicture(f"{session.bare.path.name}/{r.name}", r.reason)
             for r in (*dropped, *fitted.rejected)
         )
         intrinsics, tried = fitted.intrinsics, fitted.held_out_px
         source = "bare"
     elif session.prior:
-        intrinsics, source = nominal(session.prior), "prior"
+        intrinsics, source = nominal_intrinsics(session.prior), "prior"
     else:
         fitted = calibrate_bare(views, session.board, session.camera, progress)
         views, bare, intrinsics, tried = (
@@ -102,7 +102,7 @@ def gather(session: Session, progress: Progress) -> Gathered:
             fitted.held_out_px,
         )
         source = "views"
-    kept, too_few = with_poses(views, session.board)
+    kept, too_few = split_usable_views(views, session.board)
     return Gathered(kept, (*rejected, *bare, *too_few), intrinsics, source, tried)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from calib.corners.view import Rejected, View
+from calib.corners.view import RejectedPicture, View
 from calib.estimation.observations import Observations
 from calib.estimation.poses import pinhole_poses
 from calib.optics.params import Values
@@ -16,14 +16,14 @@ from calib.session.board import Board
 
 def posable(
     views: Sequence[View], board: Board, values: Values
-) -> tuple[tuple[View, ...], Tensor, tuple[Rejected, ...]]:
+) -> tuple[tuple[View, ...], Tensor, tuple[RejectedPicture, ...]]:
     """Those views, their (V, 6) poses through the pinhole of `values`, and the others with the
     reason.
     """
     poses = pinhole_poses(Observations.of(views, board), values)
     found = torch.isfinite(poses).all(-1)
     lost = tuple(
-        Rejected(view.name, "no board pose explains its corners")
+        RejectedPicture(view.name, "no board pose explains its corners")
         for view, ok in zip(views, found, strict=True)
         if not ok
     )

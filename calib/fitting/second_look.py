@@ -18,10 +18,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from calib.corners.lattice import Lattice, step_of
-from calib.corners.measure import Measured, measure
+from calib.corners.lattice import Lattice, lattice_step
+from calib.corners.measure import MeasuredCorners, measure_corners
 from calib.corners.view import View
-from calib.corners.weights import weighted
+from calib.corners.weights import weigh_views
 from calib.fitting.stages import Fitted
 from calib.io.images import read_grey
 from calib.optics.projection import project
@@ -110,7 +110,7 @@ def look_again(
         looks.append(look)
         if advance:
             advance(done + 1, f"{sum(one.found for one in looks)} corners found")
-    return (weighted(again) if any(look.found for look in looks) else tuple(views)), tuple(looks)
+    return (weigh_views(again) if any(look.found for look in looks) else tuple(views)), tuple(looks)
 
 
 def _inside(fitted: Fitted, view: int, board: Board, size: tuple[int, int]) -> NDArray[np.bool_]:
@@ -123,7 +123,7 @@ def _expected(fitted: Fitted, view: int, board: Board, beside: Sequence[tuple[in
     """(count, K, 2) px: where the model sees what is so many half steps along x and y from each
     corner.
     """
-    places = board.points()[:, None] + step_of(board) / 2 * np.array(beside)
+    places = board.points()[:, None] + lattice_step(board) / 2 * np.array(beside)
     points = torch.from_numpy(places.reshape(-1, 2))
     placed = fitted.path.place(points, fitted.values, fitted.poses[view].expand(len(points), -1))
     return project(fitted.path, fitted.values, placed).numpy().reshape(places.shape)
@@ -167,12 +167,12 @@ def _looked(
     )
 
 
-def _measured(grey: NDArray, start: Floats, expected: Floats, board: Board) -> Measured:
+def _measured(grey: NDArray, start: Floats, expected: Floats, board: Board) -> MeasuredCorners:
     """From (count, 2) px, NaN where not to be measured, with edges as the model has them."""
     rows = np.isfinite(start[:, 0])
     own = expected[rows]
-    lattice = Lattice.between(own[:, 0], own[:, 1:3], own[:, 3:5], board)
-    return measure(grey, start, board, replace(lattice, corners=start[rows]))
+    lattice = Lattice.from_model(own[:, 0], own[:, 1:3], own[:, 3:5], board)
+    return measure_corners(grey, start, board, replace(lattice, corners=start[rows]))
 
 
 def _beside(seen: NDArray[np.bool_], board: Board) -> NDArray[np.bool_]:

@@ -27,7 +27,7 @@ from calib.progress import Progress
 from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
 from calib.session.cover import Cover
-from calib.session.freeing import AUTO, with_free
+from calib.session.freeing import AUTO, free_parameters
 
 MOST_LOST = 0.2
 """Of the corners: more cannot be seen through the cover as it is described."""
@@ -73,7 +73,7 @@ class Setup:
         """
         if settings.method == "paper":
             return self
-        intrinsics, cover = with_free(self.intrinsics, self.cover, settings.free)
+        intrinsics, cover = free_parameters(self.intrinsics, self.cover, settings.free)
         return replace(self, intrinsics=intrinsics, cover=cover)
 
 

@@ -22,9 +22,9 @@ from calib.optics.build import covered_path, footprint
 from calib.optics.relief import Relief
 from calib.session.camera import Camera, Intrinsics
 from calib.session.cover import Cover
-from calib.session.freeing import ALL, with_free
-from calib.session.glass import Glass, degrees
-from calib.session.numbers import covariance_of, numbers_of, with_covariance, with_numbers
+from calib.session.freeing import ALL, free_parameters
+from calib.session.glass import Glass, polynomial_degrees
+from calib.session.numbers import covariance_of, numbers_of, replace_covariance, replace_numbers
 from calib.session.schema import Number
 
 Array = NDArray[np.float64]
@@ -70,7 +70,10 @@ class Common:
         """(K + N,) what is declared."""
         drawing = numbers_of(self.intrinsics, self.cover)
         return np.array(
-            [*(drawing[name].value for name in self.names), *np.zeros(len(degrees(self.degree)))]
+            [
+                *(drawing[name].value for name in self.names),
+                *np.zeros(len(polynomial_degrees(self.degree))),
+            ]
         )
 
     @property
@@ -83,7 +86,7 @@ class Common:
         axes = np.diag(
             [
                 *(drawing[name].sigma for name in self.names),
-                *(figure_height(i + k) for i, k in degrees(self.degree)),
+                *(figure_height(i + k) for i, k in polynomial_degrees(self.degree)),
             ]
         )
         if {"camera.fx", "camera.fy"} <= {*self.names}:
@@ -121,8 +124,8 @@ class Common:
             for name, number in numbers_of(self.intrinsics, self.cover).items()
         }
         numbers = known.mean[:count], known.covariance[:count, :count]
-        intrinsics, cover = with_covariance(
-            *with_numbers(self.intrinsics, self.cover, plain), self.names, *numbers
+        intrinsics, cover = replace_covariance(
+            *replace_numbers(self.intrinsics, self.cover, plain), self.names, *numbers
         )
         beside = known.covariance[count:, :count]
         glass = Glass(
@@ -191,8 +194,8 @@ def drawing(found: Sequence[Calibration]) -> tuple[Intrinsics, Cover]:
         else:
             measured[name] = Number(float(np.median([one[name].value for one in said])))
     by_kind = numbers_of(
-        *with_free(*with_numbers(first.intrinsics, first.cover, common | measured), (ALL,))
+        *free_parameters(*replace_numbers(first.intrinsics, first.cover, common | measured), (ALL,))
     )
-    return with_numbers(
+    return replace_numbers(
         first.intrinsics, first.cover, common | {name: by_kind[name] for name in measured}
     )

@@ -16,7 +16,7 @@ from calib.fleet.manifest import Entry
 from calib.fleet.places import faraway, is_remote
 from calib.io.files import read_file
 from calib.io.yaml_reader import read_yaml
-from calib.session.session import PRIOR
+from calib.session.session import PRIOR_KEY
 
 FORMAT = 1
 """Of a camera's JSON: one of another format is made anew."""
@@ -108,7 +108,7 @@ def _fleet_prior(session: str) -> list[str]:
     """The hash of the fleet's prior that a session names, which lies elsewhere."""
     if is_remote(session) or not (file := Path(session) / "session.yaml").is_file():
         return []
-    named = read_yaml(file).get(PRIOR)
+    named = read_yaml(file).get(PRIOR_KEY)
     place = Path(session) / named if isinstance(named, str) else None
     return [sha256(read_file(place)).hexdigest()] if place and place.is_file() else []
 

@@ -20,7 +20,7 @@ from calib.checking.pictures import read_pictures
 from calib.checking.result import CheckResult
 from calib.diagnosis.diagnose import diagnose
 from calib.errors import InputError, NotEnoughDataError, RefracalError, brief
-from calib.export.export import Export, export
+from calib.export.export import ExportRequest, export
 from calib.export.formats import FORMATS
 from calib.export.npz import write_npz
 from calib.fitting.fit import fit
@@ -238,7 +238,7 @@ def _exported(calibration: Calibration, wanted: Asked, folder: Path) -> list[Pat
         if form.name in wanted.formats:
             with FileSet(folder / form.name) as files:
                 written += export(
-                    Export(calibration, form, form.lenses, wanted.depths, files, Silent())
+                    ExportRequest(calibration, form, form.lenses, wanted.depths, files, Silent())
                 ).paths
                 files.commit()
     return written

@@ -141,18 +141,18 @@ def _of_csv(path: Path, said: str, base: str) -> Iterator[Entry]:
 
 def _of_yaml(path: Path, said: str, base: str) -> Iterator[Entry]:
     whole = Section(read_yaml(path), said)
-    whole.only(("cameras", "limits"))
+    whole.allow_only(("cameras", "limits"))
     everywhere = _limits(whole, said)
     listed = whole.get("cameras", f"a list, such as {EXAMPLE}")
     if not isinstance(listed, list):
-        raise whole.wrong("cameras", listed, f"a list, such as {EXAMPLE}")
+        raise whole.error("cameras", listed, f"a list, such as {EXAMPLE}")
     for index, written in enumerate(listed):
         if not isinstance(written, Mapping):
-            raise whole.wrong(
+            raise whole.error(
                 f"cameras[{index}]", written, "a mapping, such as {id: A17, session: sessions/A17}"
             )
         own = Section(written, said, f"cameras[{index}]")
-        own.only((*KEYS, "limits"))
+        own.allow_only((*KEYS, "limits"))
         limits = {
             limit.name: limit for limit in (*everywhere, *_limits(own, f"{said}: cameras[{index}]"))
         }
@@ -171,7 +171,7 @@ def _limits(section: Section, where: str) -> list[Limit]:
     limits = []
     for name in said.values:
         ends = said.section(name, "{min: 0.1, max: 0.3}")
-        ends.only(ENDS, "end of a limit")
+        ends.allow_only(ENDS, "end of a limit")
         limits.append(
             limit_of(
                 name,

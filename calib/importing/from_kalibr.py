@@ -1,8 +1,8 @@
-"""Kalibr: a folder with camchain.yaml, the target's yaml and each camera's pictures in cam0/,
-cam1/, ...
+"""Import a folder of Kalibr's: camchain.yaml, the target's yaml, and each camera's pictures in
+cam0/, cam1/, ...
 
-Kalibr's bag is to be unpacked first (kalibr_bagextractor). Checkerboards and aprilgrids; calib does
-not detect Kalibr's circlegrid.
+Kalibr's bag must be unpacked first (kalibr_bagextractor). Checkerboards and aprilgrids are
+imported; calib does not detect Kalibr's circlegrid.
 """
 
 import re
@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from calib.errors import InputError
-from calib.importing.from_pictures import contents
+from calib.importing.from_pictures import read_contents
 from calib.importing.session_draft import Draft
 from calib.io.files import reading
 from calib.io.images import list_images
@@ -24,14 +24,17 @@ from calib.session.schema import Quantity, Section
 CAMERA = re.compile("cam[0-9]+")
 TAG = Quantity("tagSize", low=5e-5, high=100.0)
 TAG_SPACING = Quantity("tagSpacing", low=SPACING_OF_TAGS.low, high=SPACING_OF_TAGS.high)
-SPACING = tuple(
-    Quantity(key, low=1e-4, high=100.0) for key in ("colSpacingMeters", "rowSpacingMeters")
-)
+COLUMN_SPACING = Quantity("colSpacingMeters", low=1e-4, high=100.0)
+ROW_SPACING = Quantity("rowSpacingMeters", low=1e-4, high=100.0)
 
 
 def from_kalibr(folder: Path, board: Board | None, camera: str | None) -> Draft:
-    """One camera's pictures. `board` is needed where no target.yaml describes it, and wins over
-    one; `camera`, such as cam1, where camchain.yaml describes several.
+    """Import one camera's pictures.
+
+    Args:
+        folder: the folder that Kalibr was given.
+        board: needed where no target.yaml describes the board; it takes precedence over one.
+        camera: such as cam1; needed where camchain.yaml describes several cameras.
     """
     with reading(folder):
         if not folder.is_dir():
@@ -40,37 +43,40 @@ def from_kalibr(folder: Path, board: Board | None, camera: str | None) -> Draft:
                 " the pictures in cam0/."
             )
         files = sorted(path for path in folder.iterdir() if path.suffix in (".yaml", ".yml"))
-    said = {path: Section(read_yaml(path), str(path)) for path in files}
-    chain = next((section for section in said.values() if "cam0" in section.values), None)
+    sections = {path: Section(read_yaml(path), str(path)) for path in files}
+    chain = next((section for section in sections.values() if "cam0" in section.values), None)
     if chain is None:
         raise InputError(
             f"{folder} has no camchain.yaml with a cam0: give the folder that holds the one that"
             " Kalibr wrote."
         )
     cameras = [key for key in chain.values if CAMERA.fullmatch(key)]
-    own = camera or "cam0"
-    if own not in cameras or (camera is None and len(cameras) > 1):
+    camera_name = camera or "cam0"
+    if camera_name not in cameras or (camera is None and len(cameras) > 1):
         raise InputError(
             f"{chain.file} describes {', '.join(cameras)}: choose one of them, such as --camera"
             " cam0."
         )
-    board = board or _board(folder, said.values())
-    described = _camera(chain.section(own, "{camera_model: pinhole, resolution: [752, 480]}"))
-    places = (own, f"{own}/data", *(("images", ".") if len(cameras) == 1 else ()))
+    board = board or _board(folder, sections.values())
+    chosen_camera = _camera(
+        chain.section(camera_name, "{camera_model: pinhole, resolution: [752, 480]}")
+    )
+    places = (camera_name, f"{camera_name}/data", *(("images", ".") if len(cameras) == 1 else ()))
     with reading(folder):
         paths = next(
             (
-                found
+                pictures
                 for name in places
-                if (folder / name).is_dir() and (found := list_images(folder / name))
+                if (folder / name).is_dir() and (pictures := list_images(folder / name))
             ),
             (),
         )
     if not paths:
         raise InputError(
-            f"{folder} has no pictures in {own}/: unpack Kalibr's bag there (kalibr_bagextractor)."
+            f"{folder} has no pictures in {camera_name}/: unpack Kalibr's bag there"
+            " (kalibr_bagextractor)."
         )
-    return Draft(folder, board, described, frames=contents(paths))
+    return Draft(folder, board, chosen_camera, frames=read_contents(paths))
 
 
 def _camera(section: Section) -> Camera:
@@ -78,8 +84,8 @@ def _camera(section: Section) -> Camera:
     match section.get("resolution", expected):
         case [int() as width, int() as height] if width > 0 and height > 0:
             return Camera(width, height)
-        case other:
-            raise section.wrong("resolution", other, expected)
+        case resolution:
+            raise section.error("resolution", resolution, expected)
 
 
 def _board(folder: Path, files: Iterable[Section]) -> Board:
@@ -91,7 +97,8 @@ def _board(folder: Path, files: Iterable[Section]) -> Board:
         )
     kind = section.text("target_type", "checkerboard")
     if kind == "aprilgrid":
-        columns, rows = (section.whole(key, 2, 500) for key in ("tagCols", "tagRows"))
+        columns = section.integer("tagCols", 2, 500)
+        rows = section.integer("tagRows", 2, 500)
         spacing = section.read(TAG_SPACING)[TAG_SPACING.key].value
         return Board(
             2 * columns, 2 * rows, section.read(TAG)[TAG.key].value, coding=AprilGrid(spacing)
@@ -102,11 +109,13 @@ def _board(folder: Path, files: Iterable[Section]) -> Board:
             " checkerboard or an aprilgrid, or detect its corners with another program and use"
             " calib import mrcal-corners."
         )
-    columns, rows = (section.whole(key, 3, 1000) for key in ("targetCols", "targetRows"))
-    across, down = (section.read(quantity)[quantity.key].value for quantity in SPACING)
-    if across != down:
+    columns = section.integer("targetCols", 3, 1000)
+    rows = section.integer("targetRows", 3, 1000)
+    column_spacing = section.read(COLUMN_SPACING)[COLUMN_SPACING.key].value
+    row_spacing = section.read(ROW_SPACING)[ROW_SPACING.key].value
+    if column_spacing != row_spacing:
         raise InputError(
-            f"{section.file}: colSpacingMeters is {across:g} and rowSpacingMeters {down:g}: only"
-            " square fields can be used."
+            f"{section.file}: colSpacingMeters is {column_spacing:g} and rowSpacingMeters"
+            f" {row_spacing:g}: only square fields can be used."
         )
-    return Board(columns, rows, across)
+    return Board(columns, rows, column_spacing)

@@ -1,9 +1,10 @@
-"""mrcal: a .cameramodel with the optimization inputs it was fitted from, or a file of corners.
+"""Import from mrcal: a .cameramodel with the optimization inputs that it was fitted from, or a file
+of corners.
 
-A .cameramodel is a Python literal. `optimization_inputs` in it is a .npz as base85 text, with the
-observations of all cameras of the
-solve: observations_board (N, rows, columns, 3) x, y and weight, not above 0 for an outlier, and for
-    each of the N its frame and camera.
+A .cameramodel is a Python literal. Its `optimization_inputs` are a .npz as base85 text, with the
+observations of all cameras of the solve. observations_board is (N, rows, columns, 3): x, y and a
+weight, which is 0 or negative for an outlier. indices_frame_camintrinsics_camextrinsics has the
+frame and the camera of each of the N.
 """
 
 import ast
@@ -23,13 +24,13 @@ from calib.io.files import read_file
 from calib.session.board import Board
 from calib.session.camera import Camera
 
-LARGEST = 256 << 20
-"""bytes: that of a thousand views has ten million."""
+MAX_BYTES = 256 << 20
+"""The file of a thousand views has ten million."""
 
 
 def from_corners(path: Path, board: Board, size: tuple[int, int]) -> Draft:
-    """Corners that mrgingham or another detector wrote; `size` is the pictures' width and height,
-    px.
+    """Import corners that mrgingham or another detector wrote; `size` is the pictures' width and
+    height, px.
     """
     try:
         return Draft(path, board, Camera(*size), views=read_corners(path, board))
@@ -40,7 +41,7 @@ def from_corners(path: Path, board: Board, size: tuple[int, int]) -> Draft:
 
 
 def from_cameramodel(path: Path) -> Draft:
-    """The observations of the model's own camera."""
+    """Import the observations of the model's own camera."""
     model = _literal(path)
     if "optimization_inputs" not in model:
         raise InputError(
@@ -59,7 +60,7 @@ def from_cameramodel(path: Path) -> Draft:
 
 
 def _literal(path: Path) -> dict[str, Any]:
-    data = read_file(path, LARGEST)
+    data = read_file(path, MAX_BYTES)
     try:
         model = ast.literal_eval(data.decode())
     except (ValueError, SyntaxError, MemoryError, RecursionError, TypeError):
@@ -75,59 +76,69 @@ def _arrays(text: bytes) -> dict[str, NDArray[Any]]:
 
 def _draft(path: Path, model: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Draft:
     camera = model["icam_intrinsics"]
-    observed = np.asarray(arrays["observations_board"], np.float64)
+    observations = np.asarray(arrays["observations_board"], np.float64)
     indices = arrays["indices_frame_camintrinsics_camextrinsics"]
-    if observed.ndim != 4 or observed.shape[3] != 3 or indices.shape != (len(observed), 3):
+    if (
+        observations.ndim != 4
+        or observations.shape[3] != 3
+        or indices.shape != (len(observations), 3)
+    ):
         raise ValueError(
-            f"observations of shape {observed.shape} for indices of shape {indices.shape}"
+            f"observations of shape {observations.shape} for indices of shape {indices.shape}"
         )
-    ours = np.flatnonzero(indices[:, 1] == camera)
-    width, height = (int(side) for side in model["imagersize"])
-    board = Board(observed.shape[2], observed.shape[1], float(arrays["calibration_object_spacing"]))
-    counted = observed[ours][observed[ours, ..., 2] > 0]
-    if not np.isfinite(counted).all():
+    selected = np.flatnonzero(indices[:, 1] == camera)
+    width, height = map(int, model["imagersize"])
+    board = Board(
+        observations.shape[2], observations.shape[1], float(arrays["calibration_object_spacing"])
+    )
+    inliers = observations[selected][observations[selected, ..., 2] > 0]
+    if not np.isfinite(inliers).all():
         raise ValueError("a corner that counts has no finite position")
-    heaviest = counted[:, 2].max(initial=0.0)
-    if heaviest <= 0:
+    largest_weight = inliers[:, 2].max(initial=0.0)
+    if largest_weight <= 0:
         raise NotEnoughDataError(
             f"{path} has no corner of its camera {camera} that counts: calibrate again with mrcal."
         )
-    names = _names(ours, indices[:, 0], arrays.get("imagepaths"))
-    some = (observed[ours, ..., 2] > 0).any((1, 2))
+    names = _names(selected, indices[:, 0], arrays.get("imagepaths"))
+    usable = (observations[selected, ..., 2] > 0).any((1, 2))
     views = tuple(
-        _view(names[i], observed[i].reshape(-1, 3), heaviest) for i in ours[some].tolist()
+        _view(names[i], observations[i].reshape(-1, 3), largest_weight)
+        for i in selected[usable].tolist()
     )
     return Draft(path, board, Camera(width, height), views=views, remarks=_remarks(model, arrays))
 
 
-def _view(name: str, observed: NDArray[np.float64], heaviest: float) -> View:
-    weight = np.where(observed[:, 2] > 0, observed[:, 2], 0) / heaviest
-    return View(name, np.where(weight[:, None] > 0, observed[:, :2], np.nan), weight)
+def _view(name: str, observations: NDArray[np.float64], largest_weight: float) -> View:
+    weight = np.where(observations[:, 2] > 0, observations[:, 2], 0) / largest_weight
+    return View(name, np.where(weight[:, None] > 0, observations[:, :2], np.nan), weight)
 
 
 def _names(
-    ours: NDArray[np.intp], frames: NDArray[Any], paths: NDArray[Any] | None
+    selected: NDArray[np.intp], frames: NDArray[Any], paths: NDArray[Any] | None
 ) -> dict[int, str]:
-    """For each of our observations its picture's file name, or its frame's number where there is
-    none, or where two would share it.
+    """Return for each selected observation its picture's file name, or its frame's number if there
+    is no name, or if two pictures would share it.
     """
     if paths is not None and paths.shape == frames.shape and paths.dtype.kind == "U":
-        names = {i: "_".join(Path(str(paths[i])).name.split()).lstrip("#") for i in ours.tolist()}
+        names = {
+            i: "_".join(Path(str(paths[i])).name.split()).lstrip("#") for i in selected.tolist()
+        }
         if all(names.values()) and len(set(names.values())) == len(names):
             return names
-    return {i: f"frame{int(frames[i]):04d}" for i in ours.tolist()}
+    return {i: f"frame{int(frames[i]):04d}" for i in selected.tolist()}
 
 
 def _remarks(model: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> tuple[str, ...]:
-    said = []
+    """Return lines for session.yaml: what mrcal estimated and a session does not state."""
+    remarks = []
     if model["lensmodel"].startswith(("LENSMODEL_OPENCV", "LENSMODEL_PINHOLE")):
         fx, fy, cx, cy, *lens = map(float, model["intrinsics"])
         intrinsics = f"{{fx: {fx!r}, fy: {fy!r}, cx: {cx!r}, cy: {cy!r}, distortion: {lens}}}"
-        said.append(f"mrcal's own {model['lensmodel']}, for camera.intrinsics: {intrinsics}")
+        remarks.append(f"mrcal's own {model['lensmodel']}, for camera.intrinsics: {intrinsics}")
     warp = arrays.get("calobject_warp")
     if warp is not None and warp.shape == (2,):
-        said.append(
+        remarks.append(
             f"mrcal found the board warped by {1000 * warp[0]:.2f} mm along x and"
             f" {1000 * warp[1]:.2f} mm along y."
         )
-    return tuple(said)
+    return tuple(remarks)

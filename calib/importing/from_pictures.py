@@ -1,4 +1,4 @@
-"""A plain folder of pictures of a board."""
+"""Import a plain folder of pictures of a board."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -12,7 +12,9 @@ from calib.session.camera import Camera
 
 
 def from_pictures(folder: Path, board: Board, model: str = "") -> Draft:
-    """All pictures of a folder; the first says how large they are. `model` is the camera's name."""
+    """Import all pictures of a folder; the first one determines their size. `model` is the camera's
+    name.
+    """
     with reading(folder):
         if not folder.is_dir():
             raise InputError(f"{folder} is not a folder: give the folder that holds the pictures.")
@@ -22,10 +24,10 @@ def from_pictures(folder: Path, board: Board, model: str = "") -> Draft:
             f"{folder} has no pictures: give a folder of png, jpg, tiff, bmp or npy files."
         )
     width, height = image_size(paths[0])
-    return Draft(folder, board, Camera(width, height, model), frames=contents(paths))
+    return Draft(folder, board, Camera(width, height, model), frames=read_contents(paths))
 
 
-def contents(paths: Sequence[Path]) -> Iterator[tuple[str, bytes]]:
-    """Names and contents, one picture in memory at a time."""
+def read_contents(paths: Sequence[Path]) -> Iterator[tuple[str, bytes]]:
+    """Yield names and contents, with one picture in memory at a time."""
     for path in paths:
         yield path.name, read_file(path)

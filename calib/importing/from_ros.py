@@ -1,8 +1,8 @@
-"""ROS: the calibrationdata.tar.gz that camera_calibration's Save button writes.
+"""Import from ROS: the calibrationdata.tar.gz that camera_calibration's Save button writes.
 
-One camera: left-0000.png ... and ost.yaml. A stereo pair: left-0000.png ..., right-0000.png ...,
-    left.yaml and right.yaml. Nothing in it
-says which board was used.
+The archive of one camera has left-0000.png ... and ost.yaml. That of a stereo pair has
+left-0000.png ..., right-0000.png ..., left.yaml and right.yaml. Nothing in it states which board
+was used.
 """
 
 import gzip
@@ -23,15 +23,15 @@ from calib.session.camera import Camera
 from calib.session.schema import Section
 
 PICTURE = re.compile(r"(left|right)-[0-9]+\.png")
-LARGEST = 1 << 20
-"""bytes of a settings file: a larger one is something else."""
-LARGEST_PICTURE = 1 << 28
-"""bytes. A sparse file of the archive says any size."""
+MAX_SETTINGS_BYTES = 1 << 20
+"""A larger file is no settings file."""
+MAX_PICTURE_BYTES = 1 << 28
+"""A sparse file of the archive may claim any size."""
 
 
-def from_tar(path: Path, board: Board, camera: str | None) -> Draft:
-    """One camera's pictures; which one of a stereo pair, `camera` says: left or right."""
-    with _opened(path) as tar:
+def from_ros_archive(path: Path, board: Board, camera: str | None) -> Draft:
+    """Import one camera's pictures; `camera`, left or right, chooses one of a stereo pair."""
+    with _open_archive(path) as tar:
         members = {Path(member.name).name: member for member in _members(path, tar)}
         sides = {name: match[1] for name in members if (match := PICTURE.fullmatch(name))}
         pair = len(set(sides.values())) == 2
@@ -49,13 +49,13 @@ def from_tar(path: Path, board: Board, camera: str | None) -> Draft:
                 " calibrationdata.tar.gz that ROS's camera_calibration saved, or unpack it and use"
                 " calib import images."
             )
-        if members[settings].size > LARGEST:
+        if members[settings].size > MAX_SETTINGS_BYTES:
             raise InputError(
                 f"{path}: {settings} is too large to be a camera's settings: give the archive that"
                 " ROS saved."
             )
-        described = _camera(path, settings, _read(tar, members[settings]))
-    return Draft(path, board, described, frames=_pictures(path, pictures))
+        camera_settings = _camera(path, settings, _read(tar, members[settings]))
+    return Draft(path, board, camera_settings, frames=_pictures(path, pictures))
 
 
 def _camera(path: Path, name: str, data: bytes) -> Camera:
@@ -63,15 +63,16 @@ def _camera(path: Path, name: str, data: bytes) -> Camera:
         file = Path(folder) / name
         file.write_bytes(data)
         try:
-            said = Section(read_yaml(file), f"{path}, {name}")
+            settings = Section(read_yaml(file), f"{path}, {name}")
         except InputError as error:
             raise InputError(str(error).replace(str(file), f"{path}, {name}")) from error
-    width, height = (said.whole(key, 1, 100_000) for key in ("image_width", "image_height"))
-    return Camera(width, height, said.text("camera_name", "the camera's name", default=""))
+    width = settings.integer("image_width", 1, 100_000)
+    height = settings.integer("image_height", 1, 100_000)
+    return Camera(width, height, settings.text("camera_name", "the camera's name", default=""))
 
 
 def _pictures(path: Path, names: frozenset[str]) -> Iterator[tuple[str, bytes]]:
-    with _opened(path) as tar:
+    with _open_archive(path) as tar:
         for member in _members(path, tar):
             name = Path(member.name).name
             if name in names:
@@ -79,8 +80,8 @@ def _pictures(path: Path, names: frozenset[str]) -> Iterator[tuple[str, bytes]]:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[tarfile.TarFile]:
-    """The archive; that it is none, or is damaged, may show only while it is read."""
+def _open_archive(path: Path) -> Iterator[tarfile.TarFile]:
+    """Open the archive. That it is damaged, or no archive, may show only while it is read."""
     check_regular(path)
     with reading(path):
         try:
@@ -94,15 +95,15 @@ def _opened(path: Path) -> Iterator[tarfile.TarFile]:
 
 
 def _members(path: Path, tar: tarfile.TarFile) -> Iterator[tarfile.TarInfo]:
-    """Its files."""
+    """Yield the archive's files."""
     for member in tar:
         if member.isfile():
-            if member.size > LARGEST_PICTURE:
-                said = (
-                    f"{brief(member.name)} in it is larger than the {LARGEST_PICTURE >> 20} MB that"
-                    " a picture may have"
+            if member.size > MAX_PICTURE_BYTES:
+                raise InputError(
+                    f"{path}: {brief(member.name)} in it is larger than the"
+                    f" {MAX_PICTURE_BYTES >> 20} MB that a picture may have: give the"
+                    " calibrationdata.tar.gz that ROS saved."
                 )
-                raise InputError(f"{path}: {said}: give the calibrationdata.tar.gz that ROS saved.")
             yield member
 
 

@@ -1,6 +1,6 @@
-"""A session as other programs' files describe it, and its folder.
+"""A session that is made from another program's files, and its folder.
 
-No file there is ever overwritten.
+No existing file is ever overwritten.
 """
 
 import secrets
@@ -22,37 +22,38 @@ from calib.session.session import check_images, read_session, session_from_mappi
 
 COVER = """\
 # Imported by calib import from {source}.
-# It knows of no cover: describe yours below in place of "shape: none", and state camera.intrinsics or put pictures of the same camera
+# The source has no cover: describe yours below in place of "shape: none", and state \
+camera.intrinsics or put pictures of the same camera
 # without its cover into bare/. As it is, the session is a plain camera calibration.
-"""  # noqa: E501
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Draft:
-    """What an importer found: corners, or pictures."""
+    """The corners or the pictures that an importer read."""
 
     source: Path
-    """The file or folder that a person named."""
+    """The file or folder that the user named."""
     board: Board
     camera: Camera
     views: tuple[View, ...] = ()
     frames: Iterable[tuple[str, bytes]] = ()
-    """File names and contents, read as they are written."""
+    """File names and contents. They are read one by one while they are written."""
     remarks: tuple[str, ...] = ()
-    """Lines for session.yaml: what the source knows and a session does not say."""
+    """Comment lines for session.yaml: what the source knows and a session does not state."""
 
 
 def check_new(folder: Path) -> None:
-    """Refuse a folder that holds anything."""
+    """Raise InputError if the folder holds anything."""
     try:
-        taken = folder.is_symlink() or (
+        occupied = folder.is_symlink() or (
             folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
         )
     except OSError as error:
         raise InputError(
             f"{folder} cannot be read ({error.strerror}): give another folder with -o."
         ) from error
-    if taken:
+    if occupied:
         raise InputError(
             f"{folder} is there already, and no session is overwritten: give the name of a new"
             " folder with -o."
@@ -60,11 +61,11 @@ def check_new(folder: Path) -> None:
 
 
 def write_session(draft: Draft, folder: Path) -> int:
-    """Write the session folder, whole or not at all; returns how many pictures it has, or views if
-    it has corners.
+    """Write the complete session folder or nothing, and return the number of its pictures, or of
+    its views if it has corners.
 
     Raises:
-        InputError: the folder is taken, or what was imported is no valid session; the message names
+        InputError: the folder is occupied, or the import gives no valid session; the message names
             the source.
     """
     check_new(folder)
@@ -87,6 +88,7 @@ def write_session(draft: Draft, folder: Path) -> int:
 
 
 def _fill(draft: Draft, folder: Path, setup: dict[str, object]) -> int:
+    """Write the session's files, check them, and return the count."""
     content = {"format": 1, **setup} | ({"corners": "corners.vnl"} if draft.views else {})
     head = COVER.format(source=draft.source.name) + "".join(f"# {line}\n" for line in draft.remarks)
     write_atomically(

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.corners.usable import with_poses
-from calib.corners.view import Rejected, View, board_poses
+from calib.corners.pose_requirements import split_usable_views
+from calib.corners.view import RejectedPicture, View, pose_labels
 from calib.errors import NotEnoughDataError
 from calib.estimation.robust import outlying
 from calib.intrinsics.advice import TILT
@@ -30,7 +30,7 @@ class BareFit:
     """Each number with its standard deviation, and how they are correlated."""
     rms_px: float
     views: tuple[View, ...]
-    rejected: tuple[Rejected, ...]
+    rejected: tuple[RejectedPicture, ...]
     held_out_px: dict[str, float]
     """By number of OpenCV's coefficients, or by the name of another lens model: the error on
     held-out views, where it was asked.
@@ -46,7 +46,7 @@ def calibrate_bare(
     Raises:
         NotEnoughDataError: too few views are left.
     """
-    usable, poseless = with_poses(views, board)
+    usable, poseless = split_usable_views(views, board)
     kept, rejected = list(usable), list(poseless)
     _check_enough(kept)
     size = camera.width, camera.height
@@ -58,7 +58,7 @@ def calibrate_bare(
         if not bad.any():
             break
         rejected += [
-            Rejected(
+            RejectedPicture(
                 view.name,
                 (
                     f"its {error:.2f} px do not fit the {np.nanmedian(solved.per_view):.2f} px of"
@@ -88,7 +88,7 @@ def calibrate_bare(
 
 
 def _check_enough(views: Sequence[View]) -> None:
-    poses = len(set(board_poses(views).tolist()))
+    poses = len(set(pose_labels(views).tolist()))
     if poses < FEWEST_VIEWS:
         of = f" of {poses} poses of the board" if poses < len(views) else ""
         raise NotEnoughDataError(

@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.corners.view import View, board_poses
+from calib.corners.view import View, pose_labels
 from calib.session.board import Board
 
 FOLDS = 4
@@ -27,7 +27,7 @@ class Fitted(Protocol):
 
 
 def folds_of(views: Sequence[View]) -> int:
-    return min(FOLDS, int(board_poses(views).max() + 1) // 2)
+    return min(FOLDS, int(pose_labels(views).max() + 1) // 2)
 
 
 def held_out_errors(
@@ -36,7 +36,7 @@ def held_out_errors(
     """(V,) px, each view's error by the fit to those outside its fold, whose number `fit` is told;
     views of one pose stay together.
     """
-    poses, folds = board_poses(views), folds_of(views)
+    poses, folds = pose_labels(views), folds_of(views)
     per_view = np.empty(len(views))
     for fold in range(folds):
         out = poses % folds == fold

@@ -28,7 +28,7 @@ from calib.optics.splined import GRID, SHIFTS, Grid, Splined
 from calib.session.board import Board
 from calib.session.camera import Intrinsics
 from calib.session.lens import FISHEYE, NAMES, SPLINED
-from calib.session.lens_spline import FEWEST, Spline
+from calib.session.lens_spline import MIN_CONTROL_POINTS, Spline
 from calib.session.schema import Number
 from calib.threads import single_thread
 
@@ -165,7 +165,7 @@ def _with_spline(
     """A fisheye's fit with a spline, whose cells are about square, and whose prior is of the size
     with the largest evidence.
     """
-    rows = max(FEWEST, round((columns - 3) * size[1] / size[0]) + 3)
+    rows = max(MIN_CONTROL_POINTS, round((columns - 3) * size[1] / size[0]) + 3)
     grid = Grid(size, (columns, rows))
     flat = torch.zeros(columns * rows, dtype=torch.float64)
     path, values = (

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.corners.usable import FEWEST_CORNERS
+from calib.corners.pose_requirements import MIN_POSE_CORNERS
 from calib.errors import InputError
 from calib.session.board import Board
 from calib.session.camera import Camera
@@ -136,7 +136,9 @@ def enough_seen(corners: Array, board: Board) -> NDArray[np.bool_]:
     """(P,) whether poses in which these (P, count, 2) px are seen, NaN where not, are worth asking
     for.
     """
-    needed = board.count if not board.coding else max(FEWEST_SEEN * board.count, 2 * FEWEST_CORNERS)
+    needed = (
+        board.count if not board.coding else max(FEWEST_SEEN * board.count, 2 * MIN_POSE_CORNERS)
+    )
     return np.asarray(np.isfinite(corners[..., 0]).sum(1) >= min(needed, board.count))
 
 

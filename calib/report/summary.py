@@ -57,7 +57,7 @@ def _subject(evidence: Evidence) -> str:
     )
     return (
         f"{camera}{behind} was calibrated from {len(calibration.views)} views of a {board} board"
-        f" with {1e3 * board.square:g} mm {board.part}s: {len(evidence.depth)} corners,"
+        f" with {1e3 * board.square:g} mm {board.cell}s: {len(evidence.depth)} corners,"
         f" {near:.2g} to {far:.2g} m away."
     )
 

@@ -1,4 +1,6 @@
-"""The board: how many corners, how far apart, where they are, and what tells them apart."""
+"""The board: the number, spacing and positions of its corners, and the markers that identify
+them.
+"""
 
 from dataclasses import dataclass, field
 
@@ -14,48 +16,49 @@ class Board:
     """A flat board. Its corners come row by row, columns fastest, from the upper left."""
 
     columns: int
-    """Inner corners along x; of an AprilGrid two for each tag."""
+    """Inner corners along x; an AprilGrid has two for each tag."""
     rows: int
-    """The same along y."""
+    """Inner corners along y."""
     square: float
-    """m, side of a square, or of an AprilGrid's tag."""
+    """m, the side of a square, or of an AprilGrid's tag."""
     square_sigma: float | None = field(default=None, compare=False)
-    """m, how well that is known: what is measured in metres is no surer.
+    """m, the standard deviation of `square`, which limits the accuracy of everything in metres.
 
-    None: not stated, and SQUARE_SIDE of it; 0: exactly.
+    None: not stated, then the tolerance SQUARE_SIDE applies; 0: exact.
     """
     coding: Coding | None = None
     """None: a plain checkerboard, whose corners look alike."""
 
     @property
     def count(self) -> int:
+        """The number of corners."""
         return self.columns * self.rows
 
     @property
     def relative_sigma(self) -> float:
-        """The standard deviation of everything's size, as the board gives it."""
+        """The relative standard deviation of all sizes that follows from the board's."""
         return SQUARE_SIDE.sigma if self.square_sigma is None else self.square_sigma / self.square
 
     @property
-    def part(self) -> str:
-        """What has the side."""
+    def cell(self) -> str:
+        """The name of the shape whose side `square` is."""
         return "tag" if isinstance(self.coding, AprilGrid) else "square"
 
     @property
     def half(self) -> tuple[float, float]:
-        """m, from the middle to the outermost corners along x and y."""
+        """m, the distance from the middle to the outermost corners along x and y."""
         return float(self._places(self.columns)[-1]), float(self._places(self.rows)[-1])
 
     def points(self) -> NDArray[np.float64]:
-        """(count, 2) m, the corners in board coordinates: origin at the board's centre, x along
-        columns, y along rows.
+        """Return (count, 2) m, the corners in board coordinates. The origin is the board's centre,
+        x runs along a row and y along a column.
         """
         return np.stack(
             np.meshgrid(self._places(self.columns), self._places(self.rows), indexing="xy"), axis=-1
         ).reshape(-1, 2)
 
     def _places(self, count: int) -> NDArray[np.float64]:
-        """(count,) m, along a row or a column."""
+        """Return (count,) m, the positions along a row or a column."""
         match self.coding:
             case AprilGrid(spacing):
                 places = np.add.outer(np.arange(count // 2) * (1 + spacing), (0.0, 1.0)).ravel()

@@ -1,13 +1,15 @@
-"""The section `board` of session.yaml: a checkerboard, a ChArUco board, or Kalibr's AprilGrid."""
+"""Read and write the section `board` of session.yaml: a checkerboard, a ChArUco board, or Kalibr's
+AprilGrid.
+"""
 
 from calib.errors import InputError
 from calib.session.board import Board
 from calib.session.coding import DICTIONARIES, SPACING_LIMITS, TYPES, AprilGrid, Charuco
 from calib.session.schema import Number, Quantity, Section
 
-SQUARE, TAG, MARKER = (
-    Quantity(key, low=0.05, high=1e5) for key in ("square_mm", "tag_mm", "marker_mm")
-)
+SQUARE = Quantity("square_mm", low=0.05, high=1e5)
+TAG = Quantity("tag_mm", low=0.05, high=1e5)
+MARKER = Quantity("marker_mm", low=0.05, high=1e5)
 SPACING = Quantity("spacing", low=SPACING_LIMITS[0], high=SPACING_LIMITS[1])
 KEYS = {
     "checkerboard": ("type", "columns", "rows", "square_mm"),
@@ -25,22 +27,25 @@ KEYS = {
 
 
 def read_board(section: Section) -> Board:
+    """Read the board; raise InputError if the section is not valid."""
     kind = (
         section.choice("type", TYPES, ", ".join(TYPES[:-1]) + f" or {TYPES[-1]}")
         if "type" in section.values
         else "checkerboard"
     )
-    section.only(KEYS[kind], "known key" if "type" not in section.values else f"key of type {kind}")
+    key_kind = f"key of type {kind}" if "type" in section.values else "known key"
+    section.allow_only(KEYS[kind], key_kind)
     if kind == "aprilgrid":
         return _aprilgrid(section)
-    columns, rows = (section.whole(key, 3, 1000) for key in ("columns", "rows"))
+    columns = section.integer("columns", 3, 1000)
+    rows = section.integer("rows", 3, 1000)
     square = section.read(SQUARE)["square"]
     board = Board(columns, rows, square.value, _sigma(square))
     return board if kind == "checkerboard" else _charuco(section, board)
 
 
 def board_to_yaml(board: Board) -> dict[str, object]:
-    """The mapping that `read_board` reads as the same board."""
+    """Return the mapping that `read_board` reads as the same board."""
     side = Number(board.square, board.square_sigma or 0.0, exact=board.square_sigma == 0)
     size: dict[str, object] = {"columns": board.columns, "rows": board.rows}
     match board.coding:
@@ -62,19 +67,20 @@ def board_to_yaml(board: Board) -> dict[str, object]:
 
 
 def _charuco(section: Section, plain: Board) -> Board:
+    """Add the section's markers to a plain checkerboard."""
     marker = section.read(MARKER)["marker"]
     if not marker.value < plain.square:
-        raise section.wrong(
+        raise section.error(
             "marker_mm",
             section.values["marker_mm"],
-            "less than square_mm, as markers are inside of the squares",
+            "less than square_mm: the markers lie inside the squares",
         )
     dictionary = section.choice(
         "dictionary", tuple(DICTIONARIES), "one of OpenCV's names, such as DICT_4X4_250"
     )
     legacy = section.values.get("legacy_pattern", False)
     if not isinstance(legacy, bool):
-        raise section.wrong("legacy_pattern", legacy, "true or false")
+        raise section.error("legacy_pattern", legacy, "true or false")
     _check_markers(section, (plain.columns + 1) * (plain.rows + 1) // 2, dictionary)
     return Board(
         plain.columns,
@@ -86,7 +92,8 @@ def _charuco(section: Section, plain: Board) -> Board:
 
 
 def _aprilgrid(section: Section) -> Board:
-    columns, rows = (section.whole(key, 2, 500) for key in ("columns", "rows"))
+    columns = section.integer("columns", 2, 500)
+    rows = section.integer("rows", 2, 500)
     tag = section.read(TAG)["tag"]
     spacing = section.read(SPACING)["spacing"]
     coding = AprilGrid(spacing.value)
@@ -95,6 +102,7 @@ def _aprilgrid(section: Section) -> Board:
 
 
 def _check_markers(section: Section, needed: int, dictionary: str) -> None:
+    """Raise InputError if the dictionary has fewer markers than the board needs."""
     if needed > DICTIONARIES[dictionary]:
         raise InputError(
             f"{section.file}: {section.path} needs {needed} markers where {dictionary} has"
@@ -103,4 +111,5 @@ def _check_markers(section: Section, needed: int, dictionary: str) -> None:
 
 
 def _sigma(side: Number) -> float | None:
+    """Return the side's standard deviation, 0 if it is exact, None if it is not stated."""
     return side.sigma if side.sigma or side.exact else None

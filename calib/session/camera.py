@@ -1,4 +1,4 @@
-"""The bare camera as a session describes it: its size, and its intrinsics if they are known."""
+"""The bare camera as a session describes it: its size, and its intrinsics if they are given."""
 
 from dataclasses import dataclass
 
@@ -9,8 +9,10 @@ from calib.session.lens_spline import Spline, read_spline, spline_to_yaml
 from calib.session.schema import Number, Quantity, Section
 from calib.session.shutter import Shutter, read_shutter, shutter_to_yaml
 
-MOST_PIXELS = 2**28
-"""Of a picture: the largest sensors have as many, and its map takes 2.4 GB."""
+MAX_PIXELS = 2**28
+"""Pixels of a picture: the largest sensors have as many, and the map of such a picture takes 2.4
+GB.
+"""
 
 PINHOLE = (
     Quantity("fx", low=1, high=1e7),
@@ -25,8 +27,8 @@ LENSES = (AUTO, *MODELS)
 
 @dataclass(frozen=True, slots=True)
 class Intrinsics:
-    """A pinhole with the lens of cv2 or, for wide ones, of cv2.fisheye, in px; the latter with a
-    spline or without.
+    """The intrinsics in px: a pinhole with cv2's distortion, or a fisheye lens of cv2.fisheye, with
+    a spline or without.
     """
 
     fx: Number
@@ -34,26 +36,27 @@ class Intrinsics:
     cx: Number
     cy: Number
     distortion: tuple[Number, ...] = ()
-    """As many of the model's coefficients as it has, in the order of `calib.session.lens.NAMES`."""
+    """The model's coefficients, in the order of `calib.session.lens.NAMES`."""
     correlations: tuple[tuple[float, ...], ...] = ()
-    """Of each number but the first, in the order of these fields, with every one before it.
+    """Rows of the correlation matrix below its diagonal: for each number but the first, in the
+    order of these fields, its correlation with every number before it.
 
-    Empty: they are independent.
+    Empty: the numbers are independent.
     """
     model: str = OPENCV
-    """Of `calib.session.lens.MODELS`."""
+    """A name of `calib.session.lens.MODELS`."""
     spline: Spline | None = None
-    """Of a splined lens, which is a fisheye with this displacement before it."""
+    """The displacement of a splined lens, applied before its fisheye formula."""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of its coefficients."""
+        """The names of its coefficients."""
         return NAMES[self.model][: len(self.distortion)]
 
     @property
     def distorts(self) -> bool:
-        """Whether a coefficient is there that is not zero for certain, or the lens is no pinhole
-        without any.
+        """True if a coefficient may differ from zero, or the model is no pinhole even without
+        coefficients.
         """
         return self.model != OPENCV or any(
             number.value or number.sigma for number in self.distortion
@@ -62,28 +65,35 @@ class Intrinsics:
 
 @dataclass(frozen=True, slots=True)
 class Camera:
+    """The camera of a session."""
+
     width: int
     """px"""
     height: int
     """px"""
     model: str = ""
+    """The camera's name."""
     intrinsics: Intrinsics | None = None
-    """None: to be found from pictures without the cover."""
+    """None: to be estimated from pictures without the cover."""
     lens_coefficients: int | None = None
-    """How many of OpenCV's distortion coefficients to fit.
+    """The number of OpenCV's distortion coefficients to fit.
 
-    None: the fewest that held-out views ask for.
+    None: as few as held-out views justify.
     """
     lens: str | None = None
-    """The lens model to fit, of `calib.session.lens.MODELS`, or AUTO. None: it is not said."""
+    """The lens model to fit, a name of `calib.session.lens.MODELS`, or AUTO. None: not stated."""
     shutter: Shutter | None = None
-    """None: it is not known whether lines are read one after the other."""
+    """None: it is not known whether the sensor's lines are read one after the other."""
 
 
 def read_camera(section: Section) -> Camera:
-    section.only(("model", "width", "height", "intrinsics", "lens", "lens_coefficients", "shutter"))
+    """Read the section `camera` of session.yaml; raise InputError if it is not valid."""
+    section.allow_only(
+        ("model", "width", "height", "intrinsics", "lens", "lens_coefficients", "shutter")
+    )
     counts = f"one of the whole numbers {', '.join(map(str, COEFFICIENTS))}"
-    width, height = (section.whole(key, 1, 100_000) for key in ("width", "height"))
+    width = section.integer("width", 1, 100_000)
+    height = section.integer("height", 1, 100_000)
     intrinsics = (
         _read_intrinsics(section, (width, height)) if "intrinsics" in section.values else None
     )
@@ -93,20 +103,20 @@ def read_camera(section: Section) -> Camera:
         else None
     )
     if lens not in (None, OPENCV, AUTO) and "lens_coefficients" in section.values:
-        raise section.wrong(
+        raise section.error(
             "lens_coefficients",
             section.values["lens_coefficients"],
             f"nothing: it is OpenCV's, and lens is {lens}",
         )
     if intrinsics and lens not in (None, AUTO, intrinsics.model):
-        raise section.wrong(
+        raise section.error(
             "lens", lens, f"{intrinsics.model}, the model of camera.intrinsics, or drop the key"
         )
-    if width * height > MOST_PIXELS:
-        raise section.wrong(
+    if width * height > MAX_PIXELS:
+        raise section.error(
             "height",
             height,
-            f"the pictures' own: {width}x{height} px are more than a sensor has, {MOST_PIXELS:,} at"
+            f"the pictures' own: {width}x{height} px are more than a sensor has, {MAX_PIXELS:,} at"
             " most",
         )
     return Camera(
@@ -125,10 +135,10 @@ def read_camera(section: Section) -> Camera:
 
 
 def camera_to_yaml(camera: Camera) -> dict[str, object]:
-    """The mapping that `read_camera` reads as this camera."""
-    written: dict[str, object] = {"width": camera.width, "height": camera.height}
+    """Return the mapping that `read_camera` reads as this camera."""
+    document: dict[str, object] = {"width": camera.width, "height": camera.height}
     if camera.model:
-        written["model"] = camera.model
+        document["model"] = camera.model
     if camera.intrinsics:
         k = camera.intrinsics
         intrinsics: dict[str, object] = {} if k.model == OPENCV else {"model": k.model}
@@ -140,21 +150,21 @@ def camera_to_yaml(camera: Camera) -> dict[str, object]:
             intrinsics["spline"] = spline_to_yaml(k.spline)
         if k.correlations:
             intrinsics["correlations"] = [list(row) for row in k.correlations]
-        written["intrinsics"] = intrinsics
+        document["intrinsics"] = intrinsics
     if camera.lens is not None:
-        written["lens"] = camera.lens
+        document["lens"] = camera.lens
     if camera.lens_coefficients is not None:
-        written["lens_coefficients"] = camera.lens_coefficients
+        document["lens_coefficients"] = camera.lens_coefficients
     if camera.shutter:
-        written["shutter"] = shutter_to_yaml(camera.shutter)
-    return written
+        document["shutter"] = shutter_to_yaml(camera.shutter)
+    return document
 
 
 def _read_intrinsics(camera: Section, size: tuple[int, int]) -> Intrinsics:
     section = camera.section(
         "intrinsics", "{fx: 1279.2, fy: 1279.2, cx: 832.8, cy: 636.6, distortion: [0, 0, 0, 0, 0]}"
     )
-    section.only(
+    section.allow_only(
         (*(quantity.key for quantity in PINHOLE), "distortion", "correlations", "model", "spline")
     )
     model = (
@@ -162,38 +172,46 @@ def _read_intrinsics(camera: Section, size: tuple[int, int]) -> Intrinsics:
         if "model" in section.values
         else OPENCV
     )
-    fx, fy, cx, cy = (section.read(quantity)[quantity.key] for quantity in PINHOLE)
+    pinhole = {quantity.key: section.read(quantity)[quantity.key] for quantity in PINHOLE}
     expected = (
         f"a list of {', '.join(map(str, COUNTS[model]))} numbers in"
         f" {'OpenCV' if model == OPENCV else 'cv2.fisheye'}'s order"
     )
-    written = section.values.get("distortion", [])
-    if not isinstance(written, list) or len(written) not in COUNTS[model]:
-        raise section.wrong("distortion", written, expected)
+    coefficients = section.values.get("distortion", [])
+    if not isinstance(coefficients, list) or len(coefficients) not in COUNTS[model]:
+        raise section.error("distortion", coefficients, expected)
     if model != SPLINED and "spline" in section.values:
-        raise section.wrong(
+        raise section.error(
             "spline", section.values["spline"], f"nothing: a lens of the model {model} has none"
         )
     spline = read_spline(section, size) if model == SPLINED else None
     distortion = tuple(
-        section.number(f"distortion[{i}]", entry, COEFFICIENT) for i, entry in enumerate(written)
+        section.number(f"distortion[{i}]", entry, COEFFICIENT)
+        for i, entry in enumerate(coefficients)
     )
     return Intrinsics(
-        fx, fy, cx, cy, distortion, _read_correlations(section, 3 + len(written)), model, spline
+        fx=pinhole["fx"],
+        fy=pinhole["fy"],
+        cx=pinhole["cx"],
+        cy=pinhole["cy"],
+        distortion=distortion,
+        correlations=_read_correlations(section, 3 + len(coefficients)),
+        model=model,
+        spline=spline,
     )
 
 
 def _read_correlations(section: Section, count: int) -> tuple[tuple[float, ...], ...]:
-    """`count` rows, of one number, of two and so on; none where the key is missing."""
+    """Return `count` rows, of one number, of two and so on; () where the key is missing."""
     if "correlations" not in section.values:
         return ()
-    written = section.values["correlations"]
-    if not isinstance(written, list) or [
-        isinstance(row, list) and len(row) for row in written
+    matrix = section.values["correlations"]
+    if not isinstance(matrix, list) or [
+        isinstance(row, list) and len(row) for row in matrix
     ] != list(range(1, count + 1)):
-        raise section.wrong(
+        raise section.error(
             "correlations",
-            written,
+            matrix,
             f"{count} rows: of fy, cx, cy and each coefficient, with every number before it",
         )
     rows = tuple(
@@ -201,16 +219,16 @@ def _read_correlations(section: Section, count: int) -> tuple[tuple[float, ...],
             section.number(f"correlations[{i}][{j}]", entry, CORRELATION).value
             for j, entry in enumerate(row)
         )
-        for i, row in enumerate(written)
+        for i, row in enumerate(matrix)
     )
     lower = np.eye(count + 1)
     lower[np.tril_indices(count + 1, -1)] = [value for row in rows for value in row]
     try:
-        np.linalg.cholesky(lower)  # which reads what is below the diagonal
+        np.linalg.cholesky(lower)  # it reads only the part below the diagonal
     except np.linalg.LinAlgError:
-        raise section.wrong(
+        raise section.error(
             "correlations",
-            written,
-            "numbers that all can be correlated by, a positive definite matrix",
+            matrix,
+            "correlations that are possible together, a positive definite matrix",
         ) from None
     return rows

@@ -1,5 +1,5 @@
-"""What makes a board's corners tell which they are: markers with numbers, beside the corners or
-between them.
+"""The coding of a board: numbered markers, inside its squares or between them, that identify its
+corners.
 """
 
 from dataclasses import dataclass
@@ -17,33 +17,35 @@ DICTIONARIES = {
     "DICT_APRILTAG_36h10": 2320,
     "DICT_APRILTAG_36h11": 587,
 }
-"""OpenCV's names, and how many markers each has."""
+"""OpenCV's names, and the number of markers in each dictionary."""
 
 TYPES = ("checkerboard", "charuco", "aprilgrid")
-"""As session.yaml and the command line call them."""
+"""The names of the board types in session.yaml and on the command line."""
 SPACING_LIMITS = (0.05, 1.0)
-"""Of an AprilGrid, in sides of a tag."""
+"""The limits of an AprilGrid's spacing, in sides of a tag."""
 
 
 @dataclass(frozen=True, slots=True)
 class Charuco:
-    """A marker in each white square of a checkerboard, as OpenCV draws it."""
+    """A checkerboard with a marker in each white square, as OpenCV draws it."""
 
     marker: float
-    """m, side of a marker."""
+    """m, the side of a marker."""
     dictionary: str
     legacy_pattern: bool = False
-    """Whether a board with an even number of rows of squares begins with a white one, as OpenCV's
-    did before 4.6 and calib.io's do.
+    """True if a board with an even number of rows of squares starts with a white square, as
+    OpenCV's did before 4.6 and calib.io's do.
     """
 
 
 @dataclass(frozen=True, slots=True)
 class AprilGrid:
-    """Kalibr's: the corners are those of tags of one family, which touch small black squares."""
+    """Kalibr's board: its corners are those of tags of one family, with small black squares between
+    them.
+    """
 
     spacing: float
-    """Between two tags, in sides of a tag."""
+    """The gap between two tags, in sides of a tag."""
     dictionary: str = "DICT_APRILTAG_36h11"
 
 

@@ -1,4 +1,4 @@
-"""The cover in front of the camera: its shapes, and the numbers that each of them has."""
+"""The cover in front of the camera: its shapes, and the numbers of each shape."""
 
 import math
 from collections.abc import Mapping
@@ -36,29 +36,30 @@ SHAPES: Mapping[str, tuple[Quantity, ...]] = {
     ),
     "dome": (RADIUS, Quantity("centre_mm", ("x", "y", "z"), low=-1e5, high=1e5), *GLASS),
 }
-"""Every shape a session may name, and the keys of each."""
+"""Every shape that a session may name, and its keys."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cover:
-    """A shape and its numbers: {"inner_radius": ..., "tilt.x": ...}, in SI units, by the names of
+    """A shape and its numbers: {"inner_radius": ..., "tilt.x": ...}, in SI units, with the names of
     `SHAPES`.
     """
 
     shape: str
     parameters: Mapping[str, Number]
     correlations: tuple[tuple[str, str, float], ...] = ()
-    """Of pairs of numbers of which one at least is the cover's, called cover.thickness, camera.fx
-    and so on; others are independent.
+    """Correlations of pairs of numbers, called cover.thickness, camera.fx and so on. At least one
+    number of a pair is the cover's. Other pairs are independent.
     """
     glass: Glass | None = None
-    """What is known of its unevenness; None: what holds for any glass."""
+    """The prior of the cover's unevenness; None: the prior for any glass."""
 
 
 def read_cover(section: Section) -> Cover:
+    """Read the section `cover` of session.yaml; raise InputError if it is not valid."""
     shapes = tuple(SHAPES)
     shape = section.choice("shape", shapes, f"one of {', '.join(shapes)}")
-    section.only(
+    section.allow_only(
         ("shape", *(quantity.key for quantity in SHAPES[shape]), CORRELATIONS, GLASS_KEY),
         f"key of the shape {shape}",
     )
@@ -78,65 +79,65 @@ def read_cover(section: Section) -> Cover:
 
 
 def cover_to_yaml(cover: Cover) -> dict[str, object]:
-    """The mapping that `read_cover` reads as this cover."""
-    written: dict[str, object] = {"shape": cover.shape}
+    """Return the mapping that `read_cover` reads as this cover."""
+    document: dict[str, object] = {"shape": cover.shape}
     for quantity in SHAPES[cover.shape]:
         entries = [quantity.to_yaml(cover.parameters[name]) for name in quantity.names]
-        written[quantity.key] = entries if quantity.components else entries[0]
+        document[quantity.key] = entries if quantity.components else entries[0]
     if cover.correlations:
-        written[CORRELATIONS] = [list(pair) for pair in cover.correlations]
+        document[CORRELATIONS] = [list(pair) for pair in cover.correlations]
     if cover.glass:
-        written[GLASS_KEY] = glass_to_yaml(cover.glass)
-    return written
+        document[GLASS_KEY] = glass_to_yaml(cover.glass)
+    return document
 
 
 def _read_correlations(section: Section) -> tuple[tuple[str, str, float], ...]:
-    """What they are of, and whether all can be true together, is checked where the camera is known
-    too.
+    """Read the pairs. Their names, and whether all correlations are possible together, are checked
+    once the camera is known (`check_correlations`).
     """
-    written = section.values.get(CORRELATIONS, [])
-    if not isinstance(written, list):
-        raise section.wrong(CORRELATIONS, written, PAIRS)
-    found: list[tuple[str, str, float]] = []
-    for index, entry in enumerate(written):
+    pairs = section.values.get(CORRELATIONS, [])
+    if not isinstance(pairs, list):
+        raise section.error(CORRELATIONS, pairs, PAIRS)
+    correlations: list[tuple[str, str, float]] = []
+    for index, entry in enumerate(pairs):
         match entry:
-            case [str() as one, str() as other, value]:
+            case [str() as first, str() as second, value]:
                 key = f"{CORRELATIONS}[{index}][2]"
-                found.append((one, other, section.number(key, value, CORRELATION).value))
+                correlations.append((first, second, section.number(key, value, CORRELATION).value))
             case _:
-                raise section.wrong(f"{CORRELATIONS}[{index}]", entry, PAIRS)
-    return tuple(found)
+                raise section.error(f"{CORRELATIONS}[{index}]", entry, PAIRS)
+    return tuple(correlations)
 
 
 def _refuse_camera_outside(section: Section, cover: Cover) -> None:
+    """Raise InputError if the camera lies outside the cover's inner surface."""
     n = {name: number.value for name, number in cover.parameters.items()}
     if cover.shape == "dome":
-        away, radius, key, centre = (
-            math.hypot(n["centre.x"], n["centre.y"], n["centre.z"]),
-            n["inner_radius"],
-            "centre_mm",
-            "centre",
-        )
+        distance = math.hypot(n["centre.x"], n["centre.y"], n["centre.z"])
+        radius = n["inner_radius"]
+        key = "centre_mm"
+        centre = "centre"
     elif cover.shape in ("cone", "cylinder"):
-        along = -_axis_dot_offset(n)  # m, of the pinhole, from the axis's point at y = 0
-        away = math.sqrt(max(n["axis_offset.x"] ** 2 + n["axis_offset.z"] ** 2 - along**2, 0.0))
-        radius, key, centre = (
-            n["inner_radius"] + n.get("radius_slope", 0.0) * along,
-            "axis_offset_mm",
-            "axis",
-        )
+        axial = -_axis_dot_offset(n)  # m, of the pinhole, from the axis's point at y = 0
+        radial_squared = n["axis_offset.x"] ** 2 + n["axis_offset.z"] ** 2 - axial**2
+        distance = math.sqrt(max(radial_squared, 0.0))
+        radius = n["inner_radius"] + n.get("radius_slope", 0.0) * axial
+        key = "axis_offset_mm"
+        centre = "axis"
     else:
         return
-    if away >= radius:
+    if distance >= radius:
         raise InputError(
-            f"{section.file}: {section.at(key)} puts the camera outside the {cover.shape},"
-            f" {away * 1000:g} mm from its {centre} where the inner radius is {radius * 1000:g} mm:"
-            f" write a smaller {key} or a larger inner_radius_mm."
+            f"{section.file}: {section.key_path(key)} puts the camera outside the {cover.shape},"
+            f" {distance * 1000:g} mm from its {centre} where the inner radius is"
+            f" {radius * 1000:g} mm: write a smaller {key} or a larger inner_radius_mm."
         )
 
 
 def _axis_dot_offset(n: Mapping[str, float]) -> float:
-    """m. The axis is y, turned by the rotation vector (tilt.x, 0, tilt.z)."""
+    """Return the component of the axis's offset along the axis, m. The axis is y, turned by the
+    rotation vector (tilt.x, 0, tilt.z).
+    """
     angle = math.hypot(n["tilt.x"], n["tilt.z"])
     scale = math.sin(angle) / angle if angle else 1.0
     return scale * (n["tilt.x"] * n["axis_offset.z"] - n["tilt.z"] * n["axis_offset.x"])

@@ -1,5 +1,5 @@
-"""Which declared numbers of the cover and the camera the joint fit estimates: all by default, or by
-the names that people use for them.
+"""Choose the declared numbers of cover and camera that the joint fit estimates: all by default, or
+those of the names that people use for them.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,89 +26,85 @@ from calib.session.tolerances import (
 
 
 @dataclass(frozen=True, slots=True)
-class Freeable:
-    """One name of `--free`, and how well its numbers are known where the session gives them without
-    a sigma.
+class FreeOption:
+    """A name of `--free`, and the tolerance of its numbers where the session gives them without a
+    sigma.
     """
 
     name: str
     parameters: tuple[str, ...]
-    """Of calib.session.cover.SHAPES; those that the shape does not have are left out."""
+    """Names of calib.session.cover.SHAPES. A shape may lack some of them."""
     tolerance: Tolerance
 
 
 COVER = (
-    Freeable("radius", ("inner_radius",), RADIUS),
-    Freeable("slope", ("radius_slope",), RADIUS_SLOPE),
-    Freeable("offset", ("axis_offset.x", "axis_offset.z"), OFFSET),
-    Freeable("centre", ("centre.x", "centre.y", "centre.z"), OFFSET),
-    Freeable("distance", ("distance",), DISTANCE),
-    Freeable("tilt", ("tilt.x", "tilt.y", "tilt.z"), COVER_TILT),
-    Freeable("thickness", ("thickness",), THICKNESS),
-    Freeable("index", ("refractive_index",), INDEX),
+    FreeOption("radius", ("inner_radius",), RADIUS),
+    FreeOption("slope", ("radius_slope",), RADIUS_SLOPE),
+    FreeOption("offset", ("axis_offset.x", "axis_offset.z"), OFFSET),
+    FreeOption("centre", ("centre.x", "centre.y", "centre.z"), OFFSET),
+    FreeOption("distance", ("distance",), DISTANCE),
+    FreeOption("tilt", ("tilt.x", "tilt.y", "tilt.z"), COVER_TILT),
+    FreeOption("thickness", ("thickness",), THICKNESS),
+    FreeOption("index", ("refractive_index",), INDEX),
 )
 INTRINSICS = "intrinsics"
 TANGENTIAL_NAMES = ("p1", "p2")
 ALL = "all"
-"""Every number that has a tolerance, those aside that the session calls exact."""
+"""Every number that has a tolerance, except those that the session calls exact."""
 AUTO = "auto"
-"""The same as long as the estimates keep to their tolerances, or are decisively more probable than
-exact numbers.
+"""The same, as long as the estimates stay within their tolerances or are decisively more probable
+than exact numbers.
 """
 NONE = "none"
-"""Only what the session states with a sigma."""
-NAMES = (*(freeable.name for freeable in COVER), INTRINSICS, AUTO, ALL, NONE)
+"""Only the numbers that the session states with a sigma."""
+NAMES = (*(option.name for option in COVER), INTRINSICS, AUTO, ALL, NONE)
 
 
-def with_free(
+def free_parameters(
     intrinsics: Intrinsics, cover: Cover, names: Sequence[str]
 ) -> tuple[Intrinsics, Cover]:
-    """The same description with a sigma for every number of these names; stated sigmas stay.
+    """Return the description with a sigma for every number of these names; stated sigmas stay.
 
     Raises:
         InputError: the cover has no such number.
     """
     if ALL in names or AUTO in names:
-        intrinsics, cover = _all_free(intrinsics, cover)
+        intrinsics, cover = _free_all(intrinsics, cover)
     parameters = dict(cover.parameters)
-    for freeable in COVER:
-        if freeable.name not in names:
+    for option in COVER:
+        if option.name not in names:
             continue
-        own = [name for name in freeable.parameters if name in parameters]
-        if not own:
-            has = [f.name for f in COVER if set(f.parameters) & set(parameters)]
+        cover_names = [name for name in option.parameters if name in parameters]
+        if not cover_names:
+            available = [entry.name for entry in COVER if set(entry.parameters) & set(parameters)]
             raise InputError(
-                f"--free {freeable.name}: a cover of shape {cover.shape} has no {freeable.name}: "
-                f"write some of {', '.join((*has, INTRINSICS))}."
+                f"--free {option.name}: a cover of shape {cover.shape} has no {option.name}: "
+                f"write some of {', '.join((*available, INTRINSICS))}."
             )
-        parameters |= {name: _freed(parameters[name], freeable.tolerance.sigma) for name in own}
+        parameters |= {
+            name: _free_number(parameters[name], option.tolerance.sigma) for name in cover_names
+        }
     if INTRINSICS in names:
-        intrinsics = _map_intrinsics(intrinsics, _freed)
+        intrinsics = _map_intrinsics(intrinsics, _free_number)
     return intrinsics, replace(cover, parameters=parameters)
 
 
-def _all_free(intrinsics: Intrinsics, cover: Cover) -> tuple[Intrinsics, Cover]:
-    """With the tolerance of its kind for every number that has neither a sigma nor is exact."""
-    tolerances = {
-        name: freeable.tolerance.sigma for freeable in COVER for name in freeable.parameters
-    }
+def _free_all(intrinsics: Intrinsics, cover: Cover) -> tuple[Intrinsics, Cover]:
+    """Give the tolerance of its kind to every number that has no sigma and is not exact."""
+    tolerances = {name: option.tolerance.sigma for option in COVER for name in option.parameters}
     parameters = {
-        name: _declared(number, tolerances.get(name, 0.0))
+        name: _free_unless_exact(number, tolerances.get(name, 0.0))
         for name, number in cover.parameters.items()
     }
-    return _map_intrinsics(intrinsics, _declared), replace(cover, parameters=parameters)
+    return _map_intrinsics(intrinsics, _free_unless_exact), replace(cover, parameters=parameters)
 
 
 def _map_intrinsics(
     intrinsics: Intrinsics, change: Callable[[Number, float], Number]
 ) -> Intrinsics:
-    """Each number changed, given its tolerance; a pinhole that is stated to have no distortion
-    keeps none.
+    """Change each number, given its tolerance. A pinhole that is stated to have no distortion keeps
+    none.
     """
-    fx, fy = (
-        change(number, FOCAL.sigma * number.value) for number in (intrinsics.fx, intrinsics.fy)
-    )
-    cx, cy = (change(number, PRINCIPAL_POINT.sigma) for number in (intrinsics.cx, intrinsics.cy))
     lens = intrinsics.distortion if intrinsics.distorts else ()
     sigmas = [
         (TANGENTIAL if name in TANGENTIAL_NAMES else RADIAL).sigma
@@ -117,18 +113,18 @@ def _map_intrinsics(
     distortion = tuple(map(change, lens, sigmas))
     return replace(
         intrinsics,
-        fx=fx,
-        fy=fy,
-        cx=cx,
-        cy=cy,
+        fx=change(intrinsics.fx, FOCAL.sigma * intrinsics.fx.value),
+        fy=change(intrinsics.fy, FOCAL.sigma * intrinsics.fy.value),
+        cx=change(intrinsics.cx, PRINCIPAL_POINT.sigma),
+        cy=change(intrinsics.cy, PRINCIPAL_POINT.sigma),
         distortion=distortion,
         correlations=intrinsics.correlations[: 3 + len(lens)],
     )
 
 
-def _freed(number: Number, sigma: float) -> Number:
+def _free_number(number: Number, sigma: float) -> Number:
     return number if number.sigma else Number(number.value, sigma)
 
 
-def _declared(number: Number, sigma: float) -> Number:
-    return number if number.exact else _freed(number, sigma)
+def _free_unless_exact(number: Number, sigma: float) -> Number:
+    return number if number.exact else _free_number(number, sigma)

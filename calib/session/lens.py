@@ -1,11 +1,13 @@
-"""The lens models that a session can name, and what each calls its coefficients."""
+"""The lens models that a session can name, and the names of their coefficients."""
 
-OPENCV, FISHEYE, SPLINED = "opencv", "fisheye", "splined"
+OPENCV = "opencv"
+FISHEYE = "fisheye"
+SPLINED = "splined"
 AUTO = "auto"
-"""Whichever predicts held-out views best."""
+"""The model that predicts held-out views best."""
 
 COEFFICIENTS = (0, 4, 5, 8, 12, 14)
-"""How many distortion coefficients OpenCV's model may have."""
+"""The possible numbers of distortion coefficients in OpenCV's model."""
 
 NAMES = {
     OPENCV: (
@@ -27,11 +29,11 @@ NAMES = {
     FISHEYE: ("kb1", "kb2", "kb3", "kb4"),
     SPLINED: ("kb1", "kb2", "kb3", "kb4"),
 }
-"""Of each model's coefficients, in the order of cv2 and cv2.fisheye. The fisheye's have names of
-their own, so that no k1 is taken for the other model's.
+"""The coefficients of each model, in the order of cv2 and cv2.fisheye. The fisheye's have distinct
+names, so that no k1 is taken for the other model's.
 """
 
 COUNTS = {OPENCV: COEFFICIENTS, FISHEYE: (4,), SPLINED: (4,)}
-"""How many coefficients a lens of each model may have."""
+"""The possible numbers of coefficients in each model."""
 
 MODELS = tuple(NAMES)

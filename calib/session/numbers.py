@@ -1,4 +1,4 @@
-"""The numbers of a camera and its cover by one name each, as the ray path calls them: camera.fx,
+"""The numbers of a camera and its cover, by the names that the ray path gives them: camera.fx,
 camera.k1, cover.thickness.
 """
 
@@ -17,13 +17,14 @@ Array = NDArray[np.float64]
 
 
 def numbers_of(intrinsics: Intrinsics, cover: Cover) -> dict[str, Number]:
-    """The cover's, then the camera's."""
+    """Return the numbers by name, the cover's first, then the camera's."""
     return {f"cover.{name}": number for name, number in cover.parameters.items()} | camera_numbers(
         intrinsics
     )
 
 
 def camera_numbers(intrinsics: Intrinsics) -> dict[str, Number]:
+    """Return the camera's numbers by name."""
     pinhole = {f"camera.{name}": getattr(intrinsics, name) for name in ("fx", "fy", "cx", "cy")}
     return pinhole | {
         f"camera.{name}": number
@@ -31,84 +32,99 @@ def camera_numbers(intrinsics: Intrinsics) -> dict[str, Number]:
     }
 
 
-def with_numbers(
-    intrinsics: Intrinsics, cover: Cover, found: Mapping[str, Number]
+def replace_numbers(
+    intrinsics: Intrinsics, cover: Cover, numbers: Mapping[str, Number]
 ) -> tuple[Intrinsics, Cover]:
-    """The description with some numbers in place of its own, all independent; what was known of the
-    glass goes with them.
+    """Return the description with some numbers replaced. Correlations and the glass's prior are
+    dropped: they do not hold for the new numbers.
     """
     parameters = {
-        name: found.get(f"cover.{name}", number) for name, number in cover.parameters.items()
+        name: numbers.get(f"cover.{name}", number) for name, number in cover.parameters.items()
     }
-    fx, fy, cx, cy, *lens = (
-        found.get(name, number) for name, number in camera_numbers(intrinsics).items()
-    )
+    camera = {
+        name: numbers.get(name, number) for name, number in camera_numbers(intrinsics).items()
+    }
     intrinsics = replace(
-        intrinsics, fx=fx, fy=fy, cx=cx, cy=cy, distortion=tuple(lens), correlations=()
+        intrinsics,
+        fx=camera["camera.fx"],
+        fy=camera["camera.fy"],
+        cx=camera["camera.cx"],
+        cy=camera["camera.cy"],
+        distortion=tuple(camera[f"camera.{name}"] for name in intrinsics.names),
+        correlations=(),
     )
     return intrinsics, replace(cover, parameters=parameters, correlations=(), glass=None)
 
 
 def correlations_of(intrinsics: Intrinsics | None, cover: Cover) -> dict[tuple[str, str], float]:
-    """Each pair once. Pairs that are not there are independent."""
-    names = tuple(camera_numbers(intrinsics)) if intrinsics else ()
-    rows = zip(names[1:], intrinsics.correlations if intrinsics else (), strict=False)
-    own = {
-        (one, other): value for one, row in rows for other, value in zip(names, row, strict=False)
-    }
-    return own | {(one, other): value for one, other, value in cover.correlations}
+    """Return the correlation of each pair of names, once. Missing pairs are independent."""
+    correlations = {}
+    if intrinsics:
+        names = tuple(camera_numbers(intrinsics))
+        for first, row in zip(names[1:], intrinsics.correlations, strict=False):
+            for second, value in zip(names, row, strict=False):
+                correlations[first, second] = value
+    for first, second, value in cover.correlations:
+        correlations[first, second] = value
+    return correlations
 
 
-def with_correlations(
+def replace_correlations(
     intrinsics: Intrinsics, cover: Cover, pairs: Mapping[tuple[str, str], float]
 ) -> tuple[Intrinsics, Cover]:
-    """The description with these in place of its own."""
+    """Return the description with these correlations in place of its own."""
     names = tuple(camera_numbers(intrinsics))
     rows = tuple(
-        tuple(pairs.get((one, other), pairs.get((other, one), 0.0)) for other in names[:i])
-        for i, one in enumerate(names)
-        if i
+        tuple(
+            pairs.get((first, second), pairs.get((second, first), 0.0)) for second in names[:count]
+        )
+        for count, first in enumerate(names)
+        if count
     )
-    own = rows if any(map(any, rows)) else ()
-    others = tuple(
-        (one, other, value)
-        for (one, other), value in pairs.items()
-        if value and not {one, other} <= set(names)
+    camera_rows = rows if any(map(any, rows)) else ()
+    cover_pairs = tuple(
+        (first, second, value)
+        for (first, second), value in pairs.items()
+        if value and not {first, second} <= set(names)
     )
-    return replace(intrinsics, correlations=own), replace(cover, correlations=others)
+    return replace(intrinsics, correlations=camera_rows), replace(cover, correlations=cover_pairs)
 
 
 def check_correlations(section: Section, intrinsics: Intrinsics | None, cover: Cover) -> None:
-    """Refuse those of numbers that are not there, and those that cannot all be true.
+    """Raise InputError for correlations of missing numbers, and for correlations that are
+    impossible together.
 
-    Args: section: the cover's.
+    Args:
+        section: the cover's.
+        intrinsics: the camera's, if the session gives them.
+        cover: the cover.
     """
     if not (cover.correlations or cover.glass):
         return
     names = [f"cover.{name}" for name in cover.parameters] + list(
         camera_numbers(intrinsics) if intrinsics else ()
     )
-    for one, other, _ in cover.correlations:
-        for name in (one, other):
+    for first, second, _ in cover.correlations:
+        for name in (first, second):
             if name not in names:
-                raise section.wrong(
-                    CORRELATIONS, name, f"names of numbers that are there: {', '.join(names)}"
+                raise section.error(
+                    CORRELATIONS, name, f"names of existing numbers: {', '.join(names)}"
                 )
-        if one == other or (intrinsics and {one, other} <= set(camera_numbers(intrinsics))):
-            raise section.wrong(
+        if first == second or (intrinsics and {first, second} <= set(camera_numbers(intrinsics))):
+            raise section.error(
                 CORRELATIONS,
-                f"{one}, {other}",
-                "pairs of which one is the cover's; the camera's own are in camera.intrinsics",
+                f"{first}, {second}",
+                "pairs with a number of the cover: the camera's own are in camera.intrinsics",
             )
     glass = cover.glass
     for name in glass.numbers if glass else ():
         if name not in names:
-            raise section.wrong(
-                "glass.covariance_um", name, f"names of numbers that are there: {', '.join(names)}"
+            raise section.error(
+                "glass.covariance_um", name, f"names of existing numbers: {', '.join(names)}"
             )
     correlation = np.eye(len(names))
-    for (one, other), value in correlations_of(intrinsics, cover).items():
-        i, j = names.index(one), names.index(other)
+    for (first, second), value in correlations_of(intrinsics, cover).items():
+        i, j = names.index(first), names.index(second)
         correlation[i, j] = correlation[j, i] = value
     key = "glass" if glass else CORRELATIONS
     try:
@@ -116,51 +132,53 @@ def check_correlations(section: Section, intrinsics: Intrinsics | None, cover: C
             _with_glass(correlation, names, intrinsics, cover, glass) if glass else correlation
         )
     except np.linalg.LinAlgError:
-        raise section.wrong(
+        raise section.error(
             key,
             section.values[key],
-            "numbers that all can be correlated by, a positive definite matrix",
+            "correlations that are possible together, a positive definite matrix",
         ) from None
 
 
 def _with_glass(
     correlation: Array, names: list[str], intrinsics: Intrinsics | None, cover: Cover, glass: Glass
 ) -> Array:
-    """The correlations of the glass's coefficients, and of the numbers."""
-    stated = {f"cover.{name}": number for name, number in cover.parameters.items()}
-    stated |= camera_numbers(intrinsics) if intrinsics else {}
-    size = np.sqrt(np.clip(glass.covariance.diagonal(), np.finfo(float).tiny, None))
-    beside = np.zeros((len(size), len(names)))
-    for name, column in zip(glass.numbers, glass.beside.T, strict=True):
-        if stated[name].sigma:
-            beside[:, names.index(name)] = column / size / stated[name].sigma
-    return np.block([[glass.covariance / size[:, None] / size, beside], [beside.T, correlation]])
+    """Return the correlation matrix of the glass's coefficients and the numbers."""
+    numbers = {f"cover.{name}": number for name, number in cover.parameters.items()}
+    numbers |= camera_numbers(intrinsics) if intrinsics else {}
+    sigma = np.sqrt(np.clip(glass.covariance.diagonal(), np.finfo(float).tiny, None))
+    cross_correlation = np.zeros((len(sigma), len(names)))
+    for name, column in zip(glass.numbers, glass.cross_covariance.T, strict=True):
+        if numbers[name].sigma:
+            cross_correlation[:, names.index(name)] = column / sigma / numbers[name].sigma
+    return np.block(
+        [
+            [glass.covariance / sigma[:, None] / sigma, cross_correlation],
+            [cross_correlation.T, correlation],
+        ]
+    )
 
 
 def covariance_of(intrinsics: Intrinsics, cover: Cover, names: tuple[str, ...]) -> Array:
-    """(K, K) of these numbers, in SI units and px."""
-    numbers, places = (
-        numbers_of(intrinsics, cover),
-        {name: place for place, name in enumerate(names)},
-    )
+    """Return the (K, K) covariance of these numbers, in SI units and px."""
+    numbers = numbers_of(intrinsics, cover)
+    places = {name: place for place, name in enumerate(names)}
     correlation = np.eye(len(names))
-    for (one, other), value in correlations_of(intrinsics, cover).items():
-        if one in places and other in places:
-            correlation[places[one], places[other]] = correlation[places[other], places[one]] = (
-                value
-            )
+    for (first, second), value in correlations_of(intrinsics, cover).items():
+        if first in places and second in places:
+            correlation[places[first], places[second]] = value
+            correlation[places[second], places[first]] = value
     sigmas = np.array([numbers[name].sigma for name in names])
     return np.asarray(correlation * sigmas[:, None] * sigmas)
 
 
-def with_covariance(
+def replace_covariance(
     intrinsics: Intrinsics, cover: Cover, names: tuple[str, ...], mean: Array, covariance: Array
 ) -> tuple[Intrinsics, Cover]:
-    """The description with these numbers, (K,) and (K, K), in place of its own; others stay, and
-    are independent.
+    """Return the description with these numbers' (K,) values and (K, K) covariance. Other numbers
+    stay, and are independent.
     """
     sigmas = np.sqrt(covariance.diagonal())
-    intrinsics, cover = with_numbers(
+    intrinsics, cover = replace_numbers(
         intrinsics,
         cover,
         {n: Number(float(m), float(s)) for n, m, s in zip(names, mean, sigmas, strict=True)},
@@ -169,4 +187,4 @@ def with_covariance(
     pairs = {
         (names[i], names[j]): float(correlation[i, j]) for i in range(len(names)) for j in range(i)
     }
-    return with_correlations(intrinsics, cover, pairs)
+    return replace_correlations(intrinsics, cover, pairs)

@@ -13,12 +13,12 @@ from calib.session.board import Board
 from calib.session.board_section import board_to_yaml, read_board
 from calib.session.camera import Camera, Intrinsics, camera_to_yaml, read_camera
 from calib.session.cover import Cover, cover_to_yaml, read_cover
-from calib.session.fleet_prior import FleetPrior, check_like, read_fleet_prior
+from calib.session.fleet_prior import FleetPrior, check_compatible, read_fleet_prior
 from calib.session.numbers import check_correlations
 from calib.session.schema import Number, Section
 
 __all__ = [
-    "FEWEST_VIEWS",
+    "MIN_FIT_VIEWS",
     "Board",
     "Camera",
     "Cover",
@@ -32,9 +32,9 @@ __all__ = [
 ]
 
 FORMAT = 1
-FEWEST_VIEWS = 3
-"""Of a fit."""
-PRIOR = "prior"
+MIN_FIT_VIEWS = 3
+"""Views that a fit needs."""
+PRIOR_KEY = "prior"
 MINIMAL = (
     "{format: 1, board: {columns: 9, rows: 6, square_mm: 25.0}, camera: {width: 1640, height:"
     " 1232}, cover: {shape: none}}"
@@ -43,7 +43,7 @@ MINIMAL = (
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """What a session folder says. Its pictures and corners are not read yet."""
+    """The contents of a session folder. Its pictures and corners are not read yet."""
 
     path: Path
     """The folder."""
@@ -53,15 +53,15 @@ class Session:
     frames: tuple[Path, ...]
     """Pictures through the cover; may be empty if there are corners."""
     corners: Path | None
-    """Corners already detected: read these, not the frames."""
+    """A corners file that is read in place of the frames."""
     bare: "Session | None"
     """The same camera without the cover."""
     prior: FleetPrior | None = None
-    """What a fleet of such cameras expects of this one."""
+    """The prior that a fleet of such cameras gives for this one."""
 
 
 def read_session(path: str | Path) -> Session:
-    """Read and check a session folder; an InputError says what is wrong, where, and what to write
+    """Read and check a session folder. An InputError says what is wrong, where, and what to write
     instead.
     """
     try:
@@ -74,7 +74,9 @@ def read_session(path: str | Path) -> Session:
 
 
 def check_images(session: Session) -> None:
-    """Read every picture, and refuse one that is damaged or of another size than the camera."""
+    """Read every picture; raise InputError for one that is damaged or has another size than the
+    camera.
+    """
     camera = session.camera
     for frame in session.frames:
         width, height = image_size(frame)
@@ -91,12 +93,12 @@ def check_images(session: Session) -> None:
 def session_from_mapping(mapping: Mapping[str, object], where: str) -> tuple[Board, Camera, Cover]:
     """Read the keys board, camera and cover; `where` names the file in messages."""
     section = Section(mapping, where)
-    section.only(("board", "camera", "cover"))
+    section.allow_only(("board", "camera", "cover"))
     return _read_setup(section)
 
 
 def session_to_yaml(board: Board, camera: Camera, cover: Cover) -> dict[str, object]:
-    """The mapping that `session_from_mapping` reads as the same numbers."""
+    """Return the mapping that `session_from_mapping` reads as the same numbers."""
     return {
         "board": board_to_yaml(board),
         "camera": camera_to_yaml(camera),
@@ -115,9 +117,11 @@ def _read(path: Path, bare_of: Session | None) -> Session:
         )
     section = Section(read_yaml(file), str(file))
     section.choice("format", (FORMAT,), f"{FORMAT}, the format that this version of calib reads")
-    section.only(("format", "board", "camera", "cover", "corners", *(() if bare_of else (PRIOR,))))
+    section.allow_only(
+        ("format", "board", "camera", "cover", "corners", *(() if bare_of else (PRIOR_KEY,)))
+    )
     board, camera, cover = _read_setup(section)
-    corners = _corners(section, path)
+    corners = _read_corners_path(section, path)
     frames = list_images(path / "frames") if (path / "frames").is_dir() else ()
     if not frames and not corners:
         hint = (
@@ -132,7 +136,9 @@ def _read(path: Path, bare_of: Session | None) -> Session:
     if bare_of:
         _check_bare(session, bare_of, file)
         return session
-    session = replace(session, bare=_bare(session), prior=_prior(section, path, camera, cover))
+    session = replace(
+        session, bare=_read_bare(session), prior=_read_prior(section, path, camera, cover)
+    )
     if not (camera.intrinsics or session.bare or session.prior or cover.shape == "none"):
         raise InputError(
             f"{file}: camera.intrinsics is missing: write {{fx: ..., fy: ..., cx: ..., cy: ...,"
@@ -145,12 +151,12 @@ def _read_setup(section: Section) -> tuple[Board, Camera, Cover]:
     board = section.section("board", "{columns: 9, rows: 6, square_mm: 25.0}")
     camera = section.section("camera", "{width: 1640, height: 1232}")
     cover = section.section("cover", "{shape: none}")
-    described = read_board(board), read_camera(camera), read_cover(cover)
-    check_correlations(cover, described[1].intrinsics, described[2])
-    return described
+    setup = read_board(board), read_camera(camera), read_cover(cover)
+    check_correlations(cover, setup[1].intrinsics, setup[2])
+    return setup
 
 
-def _corners(section: Section, folder: Path) -> Path | None:
+def _read_corners_path(section: Section, folder: Path) -> Path | None:
     if "corners" not in section.values:
         return None
     path = folder / section.text("corners", "the name of a corners file, such as corners.vnl")
@@ -162,25 +168,26 @@ def _corners(section: Section, folder: Path) -> Path | None:
     return path
 
 
-def _prior(section: Section, folder: Path, camera: Camera, cover: Cover) -> FleetPrior | None:
-    if PRIOR not in section.values:
+def _read_prior(section: Section, folder: Path, camera: Camera, cover: Cover) -> FleetPrior | None:
+    if PRIOR_KEY not in section.values:
         return None
     path = folder / section.text(
-        PRIOR,
+        PRIOR_KEY,
         "the file that calib fleet-prior wrote, from the session's folder on, such as"
         " ../prior.yaml",
     )
     if not path.is_file():
         raise InputError(
-            f"{section.file}: {PRIOR} names {path}, which is not a file: write it by calib"
+            f"{section.file}: {PRIOR_KEY} names {path}, which is not a file: write it by calib"
             " fleet-prior, or drop the key."
         )
     prior = read_fleet_prior(path)
-    check_like(prior, camera, cover, section.file)
+    check_compatible(prior, camera, cover, section.file)
     return prior
 
 
-def _bare(session: Session) -> Session | None:
+def _read_bare(session: Session) -> Session | None:
+    """Read the folder bare/, if there is one."""
     folder = session.path / "bare"
     if not folder.is_dir():
         return None
@@ -197,15 +204,17 @@ def _bare(session: Session) -> Session | None:
 
 
 def _check_bare(bare: Session, session: Session, file: Path) -> None:
+    """Raise InputError if bare/ describes another camera, or one with a cover."""
     if bare.cover.shape != "none":
         raise InputError(
             f"{file}: cover.shape is {bare.cover.shape}: write none, as bare/ is the camera without"
             " its cover."
         )
-    ours, theirs = session.camera, bare.camera
-    if (ours.width, ours.height) != (theirs.width, theirs.height):
+    camera = session.camera
+    bare_camera = bare.camera
+    if (camera.width, camera.height) != (bare_camera.width, bare_camera.height):
         raise InputError(
-            f"{file}: camera is {theirs.width}x{theirs.height} px: write"
-            f" {ours.width}x{ours.height}, as in the session around it, or take both with the same"
-            " camera mode."
+            f"{file}: camera is {bare_camera.width}x{bare_camera.height} px: write"
+            f" {camera.width}x{camera.height}, as in the session around it, or take both with the"
+            " same camera mode."
         )

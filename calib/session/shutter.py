@@ -1,4 +1,4 @@
-"""How a camera's sensor is read: all lines at once, or one after the other."""
+"""The shutter of a camera's sensor: it reads all lines at once, or one after the other."""
 
 from __future__ import annotations
 
@@ -12,23 +12,25 @@ EXAMPLE = "{type: rolling, readout_ms: 30}"
 
 @dataclass(frozen=True, slots=True)
 class Shutter:
+    """The type of a sensor's shutter."""
+
     rolling: bool
-    """False: a global shutter, and no board is seen to move during a picture."""
+    """False: a global shutter, with which no board moves during a picture."""
     readout: float | None = None
     """s, from a picture's first line to its last. None: not known."""
 
 
 def read_shutter(camera: Section) -> Shutter | None:
-    """None where the session does not say."""
+    """Read the shutter; None where the session does not state it."""
     if "shutter" not in camera.values:
         return None
     section = camera.section("shutter", EXAMPLE)
-    section.only(("type", READOUT.key))
+    section.allow_only(("type", READOUT.key))
     rolling = section.choice("type", ("rolling", "global"), "rolling or global") == "rolling"
     if READOUT.key not in section.values:
         return Shutter(rolling)
     if not rolling:
-        raise section.wrong(
+        raise section.error(
             READOUT.key,
             section.values[READOUT.key],
             "nothing: a global shutter reads all lines at once, so drop the key",
@@ -37,7 +39,7 @@ def read_shutter(camera: Section) -> Shutter | None:
 
 
 def shutter_to_yaml(shutter: Shutter) -> dict[str, object]:
-    """The mapping that `read_shutter` reads as this shutter."""
+    """Return the mapping that `read_shutter` reads as this shutter."""
     kind: dict[str, object] = {"type": "rolling" if shutter.rolling else "global"}
     return (
         kind

@@ -1,8 +1,8 @@
-"""How far each physical quantity may well be from what is stated, or from nominal where nothing is:
-the one table of the fits' priors.
+"""The tolerances of all physical quantities: how far each may deviate from its stated or nominal
+value. This is the one table of the fits' priors.
 
-What `--free` frees, what the diagnosis tries as an effect, and what is estimated of a board take
-their standard deviations from here.
+The numbers that `--free` frees, the effects that the diagnosis tries, and the estimates of a board
+take their standard deviations from here.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """Of one quantity."""
+    """The tolerance of one quantity."""
 
     sigma: float
-    """The standard deviation of its prior."""
+    """The standard deviation of the quantity's prior."""
     unit: str
     scale: float
-    """The size of a typical change: what a solver takes for one."""
+    """The size of a typical change; the solver divides by it."""
     reason: str
 
 

@@ -1,5 +1,5 @@
-"""Kalibr's AprilGrid: tags of the family 36h11 whose corners touch those of small black squares,
-numbered from the lower left.
+"""Draw Kalibr's AprilGrid: tags of the family 36h11, numbered from the lower left, whose corners
+touch those of small black squares.
 """
 
 from collections.abc import Mapping
@@ -7,25 +7,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.sheet.marker import black_bits, black_of, check_count
+from calib.sheet.marker import black_rectangles, check_marker_count, marker_cells
 from calib.sheet.target import Polygon, Target, rectangle
 
 FAMILY = "DICT_APRILTAG_36h11"
-BORDER = 2  # cells: Kalibr's, one more than elsewhere
+BORDER = 2  # cells: Kalibr's tags have one more than other markers
 
 
 @dataclass(frozen=True, slots=True)
 class AprilGrid:
+    """An AprilGrid of any size."""
+
     columns: int
     """Tags along x."""
     rows: int
     """Tags along y."""
     spacing: float = 0.3
-    """Between two tags, in sides of a tag: Kalibr's tagSpacing."""
+    """The gap between two tags in sides of a tag, Kalibr's tagSpacing."""
 
     @property
     def extent(self) -> tuple[float, float]:
-        """With the small squares around the outermost tags."""
+        """Width and height in sides of a tag, with the small squares around the outermost tags."""
         return (
             self.columns * (1 + self.spacing) + self.spacing,
             self.rows * (1 + self.spacing) + self.spacing,
@@ -36,12 +38,14 @@ class AprilGrid:
         return f"AprilGrid, {self.columns} × {self.rows} tags (36h11), spacing {self.spacing:g}"
 
     @property
-    def part(self) -> str:
+    def cell(self) -> str:
         return "tag"
 
     def draw(self, side: float) -> Target:
-        """Corners row by row from the upper left, two for each tag in a row."""
-        check_count(FAMILY, self.columns * self.rows)
+        """Draw the board; its corners come row by row from the upper left, two for each tag in a
+        row.
+        """
+        check_marker_count(FAMILY, self.columns * self.rows)
         small, pitch = self.spacing * side, (1 + self.spacing) * side
         polygons: list[Polygon] = [
             rectangle(i * pitch, j * pitch, small, small)
@@ -52,14 +56,13 @@ class AprilGrid:
             for i in range(self.columns):
                 number = (self.rows - 1 - j) * self.columns + i
                 upright = np.rot90(
-                    black_bits(FAMILY, number, BORDER), 2
+                    marker_cells(FAMILY, number, BORDER), 2
                 )  # OpenCV has the family upside down
-                polygons += black_of(upright, i * pitch + small, j * pitch + small, side)
-        x, y = (
-            [n * pitch + small + end for n in range(count) for end in (0, side)]
-            for count in (self.columns, self.rows)
-        )
-        return Target(tuple(polygons), tuple((across, down) for down in y for across in x))
+                polygons += black_rectangles(upright, i * pitch + small, j * pitch + small, side)
+        x = [n * pitch + small + end for n in range(self.columns) for end in (0, side)]
+        y = [n * pitch + small + end for n in range(self.rows) for end in (0, side)]
+        corners = tuple((corner_x, corner_y) for corner_y in y for corner_x in x)
+        return Target(tuple(polygons), corners)
 
     def to_yaml(self, side: float, entry: object) -> Mapping[str, object]:
         del side

@@ -1,24 +1,26 @@
-"""A ChArUco board as OpenCV draws it: a checkerboard with a marker in each white square."""
+"""Draw a ChArUco board like OpenCV: a checkerboard with a marker in each white square."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from calib.sheet.marker import black_bits, black_of, check_count
+from calib.sheet.marker import black_rectangles, check_marker_count, marker_cells
 from calib.sheet.target import Polygon, Target, rectangle
 
 
 @dataclass(frozen=True, slots=True)
 class Charuco:
+    """A ChArUco board of any size."""
+
     columns: int
     """Inner corners along x: one fewer than OpenCV's squares."""
     rows: int
     """Inner corners along y."""
     marker: float = 0.75
-    """Side of a marker, in sides of a square."""
+    """The side of a marker in sides of a square."""
     dictionary: str = "DICT_4X4_250"
     legacy_pattern: bool = False
-    """Whether a board with an even number of rows of squares begins with a white one, as OpenCV's
-    did before 4.6.
+    """True if a board with an even number of rows of squares starts with a white square, as
+    OpenCV's did before 4.6.
     """
 
     @property
@@ -34,14 +36,14 @@ class Charuco:
         )
 
     @property
-    def part(self) -> str:
+    def cell(self) -> str:
         return "square"
 
     def draw(self, side: float) -> Target:
         squares = [(i, j) for j in range(self.rows + 1) for i in range(self.columns + 1)]
         first_white = int(self.legacy_pattern and self.rows % 2 == 1)
         white = [(i, j) for i, j in squares if (i + j + first_white) % 2 == 1]
-        check_count(self.dictionary, len(white))
+        check_marker_count(self.dictionary, len(white))
         polygons: list[Polygon] = [
             rectangle(i * side, j * side, side, side)
             for i, j in squares
@@ -49,8 +51,10 @@ class Charuco:
         ]
         margin = (1 - self.marker) / 2
         for number, (i, j) in enumerate(white):
-            bits = black_bits(self.dictionary, number, border=1)
-            polygons += black_of(bits, (i + margin) * side, (j + margin) * side, self.marker * side)
+            bits = marker_cells(self.dictionary, number, border=1)
+            polygons += black_rectangles(
+                bits, (i + margin) * side, (j + margin) * side, self.marker * side
+            )
         corners = tuple(
             (i * side, j * side)
             for j in range(1, self.rows + 1)

@@ -1,5 +1,5 @@
-"""A checkerboard, whose upper left square is black, as is the one up-left of the first corner in
-every view.
+"""Draw a checkerboard. Its upper left square is black, like the square up-left of the first corner
+in every view.
 """
 
 from collections.abc import Mapping
@@ -10,6 +10,8 @@ from calib.sheet.target import Target, rectangle
 
 @dataclass(frozen=True, slots=True)
 class Checkerboard:
+    """A checkerboard of any size."""
+
     columns: int
     """Inner corners along x."""
     rows: int
@@ -24,7 +26,7 @@ class Checkerboard:
         return f"Checkerboard, {self.columns} × {self.rows} inner corners"
 
     @property
-    def part(self) -> str:
+    def cell(self) -> str:
         return "square"
 
     @property

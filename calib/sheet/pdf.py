@@ -1,4 +1,4 @@
-"""A sheet as PDF 1.4: one page in mm, in black, with the fonts that every reader of PDF has.
+"""Write a sheet as PDF 1.4: one page in mm, in black, with the fonts that every PDF reader has.
 
 Its numbers are those of the SVG, and nothing is compressed, so a text editor shows them.
 """
@@ -13,6 +13,7 @@ ENCODING = "cp1252"
 
 
 def to_pdf(sheet: Sheet) -> bytes:
+    """Return the file's bytes."""
     width, height = sheet.paper.width * POINTS, sheet.paper.height * POINTS
     fonts = " ".join(
         f"/{name} << /Type /Font /Subtype /Type1 /BaseFont /{font} /Encoding /WinAnsiEncoding >>"
@@ -21,7 +22,7 @@ def to_pdf(sheet: Sheet) -> bytes:
     drawing = _drawing(sheet, height)
     return _file(
         (
-            # else readers fit pages to the printer
+            # without this, readers fit pages to the printer
             b"<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>",
             b"<< /Type /Pages /Kids [3 0 R] /Count 1 >>",
             f"<< /Type /Page /Parent 2 0 R /MediaBox [0 0 {width:.4f} {height:.4f}] /Resources <<"
@@ -33,19 +34,19 @@ def to_pdf(sheet: Sheet) -> bytes:
 
 
 def _drawing(sheet: Sheet, height: float) -> bytes:
-    """Beginning with the change from points upwards from the lower left to mm downwards from the
-    upper left.
+    """Return the page's contents. They start with the change from points upwards from the lower
+    left to mm downwards from the upper left.
     """
-    parts = [f"{POINTS:.9f} 0 0 -{POINTS:.9f} 0 {height:.4f} cm".encode()]
-    parts += [" ".join(map(_outline, sheet.polygons)).encode(), b"f"]
-    parts += [_line(line) for line in sheet.lines]
-    parts += [b"BT", *map(_text, sheet.texts), b"ET"]
-    return b"\n".join(parts)
+    commands = [f"{POINTS:.9f} 0 0 -{POINTS:.9f} 0 {height:.4f} cm".encode()]
+    commands += [" ".join(map(_outline, sheet.polygons)).encode(), b"f"]
+    commands += [_line(line) for line in sheet.lines]
+    commands += [b"BT", *map(_text, sheet.texts), b"ET"]
+    return b"\n".join(commands)
 
 
 def _outline(polygon: Polygon) -> str:
-    first, *others = (f"{decimal(x)} {decimal(y)}" for x, y in polygon)
-    return f"{first} m " + " ".join(f"{other} l" for other in others) + " h"
+    points = [f"{decimal(x)} {decimal(y)}" for x, y in polygon]
+    return f"{points[0]} m " + " ".join(f"{point} l" for point in points[1:]) + " h"
 
 
 def _line(line: Line) -> bytes:
@@ -70,18 +71,18 @@ def _string(words: str) -> bytes:
 
 
 def _file(objects: tuple[bytes, ...]) -> bytes:
-    """The first is the catalog, the last the document's information; each is numbered by its place,
-    from 1.
+    """Assemble the file from its objects, numbered from 1. The first is the catalog, the last the
+    document's information.
     """
-    written = b"%PDF-1.4\n%\xe2\xe3\xcf\xd3\n"
+    body = b"%PDF-1.4\n%\xe2\xe3\xcf\xd3\n"
     table = b"0000000000 65535 f \n"
     for number, content in enumerate(objects, 1):
-        table += b"%010d 00000 n \n" % len(written)
-        written += b"%d 0 obj\n%b\nendobj\n" % (number, content)
+        table += b"%010d 00000 n \n" % len(body)
+        body += b"%d 0 obj\n%b\nendobj\n" % (number, content)
     size = len(objects) + 1
     trailer = b"trailer\n<< /Size %d /Root 1 0 R /Info %d 0 R >>\nstartxref\n%d\n%%%%EOF\n" % (
         size,
         len(objects),
-        len(written),
+        len(body),
     )
-    return written + b"xref\n0 %d\n" % size + table + trailer
+    return body + b"xref\n0 %d\n" % size + table + trailer

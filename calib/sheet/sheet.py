@@ -1,4 +1,4 @@
-"""A sheet of paper as it is to be printed: shapes and words in mm from its upper left, y down.
+"""A sheet of paper to print: shapes and words in mm from its upper left, y down.
 
 `pdf.py` and `svg.py` write it.
 """
@@ -9,11 +9,13 @@ from calib.sheet.paper import Paper
 from calib.sheet.target import Point, Polygon
 
 DIGIT = 0.556
-"""Of the font's size: how wide a digit is in Helvetica, and in the fonts made to its measure."""
+"""The width of a digit in font sizes, in Helvetica and in the fonts with its metrics."""
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
+    """A straight line."""
+
     start: Point
     end: Point
     width: float
@@ -25,32 +27,36 @@ class Text:
     """One line of Helvetica."""
 
     place: Point
-    """Where its baseline begins."""
+    """The start of its baseline, mm."""
     size: float
     """mm"""
     words: str
     bold: bool = False
     upwards: bool = False
-    """Turned to the left by 90 degrees."""
+    """True if it is rotated by 90 degrees to the left."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sheet:
+    """A sheet with a board, two rulers and the words below."""
+
     title: str
     paper: Paper
     side: float
-    """mm, of a square or a tag."""
+    """mm, the side of a square or a tag."""
     white: float
-    """mm, the least that is left free around the board."""
+    """mm, the width of the narrowest free strip around the board."""
     rulers: tuple[int, int]
-    """mm, how long they are, along x and along y."""
+    """mm, the lengths of the rulers along x and y."""
     polygons: tuple[Polygon, ...]
     corners: tuple[Point, ...]
-    """Where the detector is to find them."""
+    """The corners that a detector finds, mm."""
     lines: tuple[Line, ...]
     texts: tuple[Text, ...]
 
 
 def decimal(value: float) -> str:
-    """To 0.1 um, without zeros at the end: what both files have."""
-    return f"{round(value, 4) + 0.0:.4f}".rstrip("0").rstrip(".")  # 0.0 takes the sign from -0
+    """Return the number to 0.1 um, without zeros at the end, as both files have it."""
+    return f"{round(value, 4) + 0.0:.4f}".rstrip("0").rstrip(
+        "."
+    )  # adding 0.0 removes the sign of -0

@@ -1,4 +1,4 @@
-"""A sheet as SVG: one unit is one mm, text is text, and all that is black of the target is one
+"""Write a sheet as SVG: one unit is one mm, text is text, and the target's black areas are one
 path.
 """
 
@@ -9,6 +9,7 @@ from calib.sheet.target import Polygon
 
 
 def to_svg(sheet: Sheet) -> str:
+    """Return the file's text."""
     width, height = decimal(sheet.paper.width), decimal(sheet.paper.height)
     return "\n".join(
         (

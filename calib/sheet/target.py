@@ -1,29 +1,27 @@
-"""What is printed of a target: filled polygons, and where its corners are."""
+"""The printed part of a board: filled polygons, and the positions of its corners."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
 Point = tuple[float, float]
-"""x to the right and y down, mm."""
+"""mm, x to the right and y down."""
 
 Polygon = tuple[Point, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A drawing of `Pattern.extent` times the side, its origin at the upper left."""
+    """A drawing of `Pattern.extent` times the side; its origin is the upper left."""
 
     polygons: tuple[Polygon, ...]
-    """Black; they may touch, but do not overlap."""
+    """Black areas. They may touch, but they do not overlap."""
     corners: tuple[Point, ...]
-    """What a detector finds, in the order of the session's board."""
+    """The corners that a detector finds, in the order of the session's board."""
 
 
 class Pattern(Protocol):
-    """A target of any size: a kind of board, and all that is said of it but the side of its
-    parts.
-    """
+    """A kind of board, drawn at any size."""
 
     @property
     def extent(self) -> tuple[float, float]:
@@ -31,21 +29,21 @@ class Pattern(Protocol):
 
     @property
     def title(self) -> str:
-        """What it is, in words."""
+        """The description that the sheet shows."""
 
     @property
-    def part(self) -> str:
-        """What has the side: a square, a tag."""
+    def cell(self) -> str:
+        """The name of the shape that has the side: a square, a tag."""
 
     def draw(self, side: float) -> Target:
-        """With squares or tags of this side, mm."""
+        """Draw the board with squares or tags of this side, mm."""
 
     def to_yaml(self, side: float, entry: object) -> Mapping[str, object]:
-        """The section `board` of session.yaml for a side in mm, with `entry` in the place of the
+        """Return the section `board` of session.yaml for a side in mm, with `entry` in place of the
         side.
         """
 
 
 def rectangle(x: float, y: float, width: float, height: float) -> Polygon:
-    """Clockwise from its upper left, mm."""
+    """Return a rectangle, clockwise from its upper left, mm."""
     return (x, y), (x + width, y), (x + width, y + height), (x, y + height)

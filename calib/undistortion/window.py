@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from calib.errors import InputError
-from calib.session.camera import MOST_PIXELS
+from calib.session.camera import MAX_PIXELS
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,8 +21,8 @@ class Window:
     """How many of its pixels one of the picture's is wide and high."""
 
     def __post_init__(self) -> None:
-        if self.width * self.height > MOST_PIXELS:
+        if self.width * self.height > MAX_PIXELS:
             raise InputError(
                 f"a picture of {self.width}x{self.height} px is too large for memory: write a width"
-                f" and height of {MOST_PIXELS:,} px in all at most."
+                f" and height of {MAX_PIXELS:,} px in all at most."
             )

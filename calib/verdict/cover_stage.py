@@ -6,7 +6,7 @@ import numpy as np
 
 from calib.fitting.declared import comparisons
 from calib.fitting.fit_result import EFFECTS_STAGE
-from calib.session.freeing import AUTO, with_free
+from calib.session.freeing import AUTO, free_parameters
 from calib.verdict.bare_pictures import taken_through_cover
 from calib.verdict.case import Case
 from calib.verdict.thresholds import TAKEN_UP, WORSE_THAN_BARE
@@ -54,4 +54,7 @@ def _tried(case: Case) -> bool:
     """Whether the fit asked if a number is wrong before it held them all."""
     declared = case.calibration.declared
     told = declared.intrinsics, declared.cover
-    return AUTO in case.calibration.settings.get("free", ()) and with_free(*told, (AUTO,)) != told
+    return (
+        AUTO in case.calibration.settings.get("free", ())
+        and free_parameters(*told, (AUTO,)) != told
+    )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from calib.apply.map_uncertainty import ray_errors
 from calib.calibration import Calibration
-from calib.corners.view import board_poses
+from calib.corners.view import pose_labels
 from calib.inference.calibration_model import base_model
 from calib.intrinsics.advice import TILT
 from calib.verdict.case import Case
@@ -34,7 +34,7 @@ def too_few_views(case: Case) -> Iterator[Reason]:
     )
     unknowns = own + (FIGURE_UNKNOWNS if calibration.relief else 0)
     wanted = math.ceil(unknowns / TELLS)
-    views = int(board_poses(calibration.views).max()) + 1
+    views = int(pose_labels(calibration.views).max()) + 1
     if views < wanted:
         said = (
             f"{views} poses of the board are few for {unknowns} unknown numbers of camera and"

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from calib.corners.coded import BEYOND_ROWS
+from calib.corners.coded import PAST_LAST_ROW
 from calib.session.coding import AprilGrid
 from calib.verdict.case import Case
 from calib.verdict.thresholds import BESIDE_UNSEEN
@@ -38,11 +38,11 @@ def unseen_row(case: Case) -> Iterator[Reason]:
 
 
 def rows_beyond(case: Case) -> Iterator[Reason]:
-    count = sum(BEYOND_ROWS in rejected.reason for rejected in case.calibration.rejected)
+    count = sum(PAST_LAST_ROW in rejected.reason for rejected in case.calibration.rejected)
     if count:
         shows = "a picture shows" if count == 1 else f"{count} pictures show"
         said = (
-            f"{shows} markers {BEYOND_ROWS} of the board: it has more rows than are declared, so"
+            f"{shows} markers {PAST_LAST_ROW} of the board: it has more rows than are declared, so"
             " correct board.rows."
         )
         yield Reason(said, case.next.fit(), ("board.rows",))

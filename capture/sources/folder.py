@@ -104,7 +104,7 @@ class FolderSource:
 
 
 def open_source(place: str, options: Section) -> FolderSource:
-    options.only(("speed",), "known option")
+    options.allow_only(("speed",), "known option")
     return FolderSource(
         typed_path(place),
         None if options.values.get("speed") == "max" else read_number(options, SPEED),

@@ -243,7 +243,7 @@ class LibcameraSource:
 
 
 def open_source(place: str, options: Section) -> LibcameraSource:
-    options.only(
+    options.allow_only(
         ("size", EXPOSURE_US.key, GAIN.key, LENS_POSITION.key, PATIENCE_S.key), "known option"
     )
     asked: dict[str, float | int] = {}

@@ -26,5 +26,5 @@ def read_size(options: Section) -> tuple[int, int] | None:
     expected = "width and height in px, such as 1640x1232"
     found = re.fullmatch(r"([1-9][0-9]{0,4})x([1-9][0-9]{0,4})", options.text("size", expected))
     if not found:
-        raise options.wrong("size", options.values["size"], expected)
+        raise options.error("size", options.values["size"], expected)
     return int(found[1]), int(found[2])

@@ -229,7 +229,7 @@ class RpicamSource:
 
 
 def open_source(place: str, options: Section) -> RpicamSource:
-    options.only(
+    options.allow_only(
         ("size", "mode", "awbgains", *(quantity.key for quantity in QUANTITIES)), "known option"
     )
     if not place.isdecimal():
@@ -242,7 +242,7 @@ def open_source(place: str, options: Section) -> RpicamSource:
     ):
         text = options.text(key, f"text such as {example}", default)
         if text and not re.fullmatch(pattern, text):
-            raise options.wrong(key, text, f"it like {example}")
+            raise options.error(key, text, f"it like {example}")
         texts.append(text)
     return RpicamSource(
         int(place), read_size(options) or (1640, 1232), settings, texts[0], texts[1]

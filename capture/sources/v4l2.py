@@ -231,7 +231,7 @@ class V4l2Source:
 
 
 def open_source(place: str, options: Section) -> V4l2Source:
-    options.only(
+    options.allow_only(
         ("size", "format", EXPOSURE_US.key, GAIN.key, FOCUS.key, PATIENCE_S.key), "known option"
     )
     pixels = (

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.corners.reduced import reduced
+from calib.corners.picture_scale import reduce_picture
 from calib.session.shutter import Shutter as SensorShutter
 from capture.find import finder_of
 from capture.frames import Frame, FrameSource
@@ -63,7 +63,7 @@ class Preview:
     @staticmethod
     def of(pixels: NDArray[np.uint8], *, sharp: bool = False) -> "Preview":
         height, width = pixels.shape[:2]
-        middle = reduced(pixels, shown_factor((width, height)))
+        middle = reduce_picture(pixels, shown_factor((width, height)))
         scale = min(PREVIEW / max(middle.shape[:2]), 1.0)
         high, wide = (max(round(side * scale), 1) for side in middle.shape[:2])
         small = np.asarray(cv2.resize(middle, (wide, high), interpolation=cv2.INTER_AREA), np.uint8)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from calib.errors import InputError
 from calib.io.images import list_images
-from calib.session.session import FEWEST_VIEWS, read_session
+from calib.session.session import MIN_FIT_VIEWS, read_session
 from capture.session_file import Setup, read_setup
 from capture.tui.camera import Task
 
@@ -73,10 +73,10 @@ def lacking(session: Path) -> str:
     try:
         if lens_missing(session):
             return no_lens(session)
-        if (count := len(list_images(frames))) < FEWEST_VIEWS:
-            more = f"{FEWEST_VIEWS - count} more view{'s' * (FEWEST_VIEWS - count > 1)}"
+        if (count := len(list_images(frames))) < MIN_FIT_VIEWS:
+            more = f"{MIN_FIT_VIEWS - count} more view{'s' * (MIN_FIT_VIEWS - count > 1)}"
             return (
-                f"A fit needs {FEWEST_VIEWS} views and there {'is' if count == 1 else 'are'}"
+                f"A fit needs {MIN_FIT_VIEWS} views and there {'is' if count == 1 else 'are'}"
                 f" {count}: take {more}."
             )
         read_session(session)

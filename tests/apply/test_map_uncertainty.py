@@ -13,7 +13,7 @@ from calib.export.npz import write_npz
 from calib.fitting.stages import Settings, Setup, fit_stages
 from calib.io.file_set import FileSet
 from calib.progress import Silent
-from calib.session.freeing import with_free
+from calib.session.freeing import free_parameters
 from calib.session.schema import Number
 from fixtures.calibrated import CAMERA, GLASS, calibrate
 from fixtures.map_errors import errors
@@ -143,7 +143,7 @@ def test_freed_parameters_are_as_far_off_as_their_sigmas_say() -> None:
     for seed in range(500, 504):
         drawn = scene(seed, 20, (4, 4), 1e-5, 0.1, cover=GLASS)
         rng = np.random.default_rng(seed)
-        free, _ = with_free(INTRINSICS, GLASS, ("intrinsics",))
+        free, _ = free_parameters(INTRINSICS, GLASS, ("intrinsics",))
         names = ("fx", "fy", "cx", "cy")
         fx, fy, cx, cy = (
             Number(rng.normal(n.value, n.sigma), n.sigma)
@@ -163,7 +163,7 @@ def test_freed_parameters_are_as_far_off_as_their_sigmas_say() -> None:
 
 
 def test_a_freed_index_makes_maps_less_sure(made: Scene, calibration: Calibration) -> None:
-    intrinsics, cover = with_free(INTRINSICS, made.cover, ("index", "intrinsics"))
+    intrinsics, cover = free_parameters(INTRINSICS, made.cover, ("index", "intrinsics"))
     found = fit_stages(
         Setup(made.board, CAMERA, intrinsics, cover),
         made.observations,

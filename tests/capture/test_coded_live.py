@@ -252,7 +252,7 @@ def test_another_board_than_the_declared_one_is_named(
 
 @pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
 def test_a_mirrored_board_is_told(name: str) -> None:
-    assert "can be read in a mirror alone" in sentence(
+    assert "can be read only in a mirror" in sentence(
         np.ascontiguousarray(drawn(name)[0][:, ::-1]), KINDS[name].board
     )
 
@@ -264,7 +264,7 @@ def test_two_boards_and_a_marker_twice_are_told() -> None:
     parts = np.hstack(
         [both[:, :240], np.full((360, 100), 150, np.uint8), both[:, 720:]]
     )  # of no marker two
-    assert "lie not as on one 9x6 ChArUco board" in sentence(parts, CHARUCO.board)
+    assert "do not lie as on one 9x6 ChArUco board" in sentence(parts, CHARUCO.board)
 
 
 def test_what_the_picture_shows_instead_is_said_until_it_shows_the_board(

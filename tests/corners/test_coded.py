@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from calib.corners.detection import Detection, NotFound
 from calib.corners.find import find_board
-from calib.corners.lattice import Lattice, normals
+from calib.corners.lattice import Lattice, edge_normals
 from calib.corners.markers import check_aruco, marker_places, read_markers
 from calib.errors import InputError
 from calib.session.board import Board
@@ -106,11 +106,11 @@ def test_edges_bend_as_the_lens_bends_them(kind: Kind) -> None:
         )[0]
         return np.asarray(moved, np.float64).reshape(-1, 2)
 
-    middle, found = projected(np.zeros(3)), Lattice.of(projected(np.zeros(3)), kind.board)
+    middle, found = projected(np.zeros(3)), Lattice.from_corners(projected(np.zeros(3)), kind.board)
     for edge, along in enumerate(np.eye(3)[:2] * size):
         ahead, behind = projected(along), projected(-along)
         step, bend = (ahead - behind) / 2, ahead - 2 * middle + behind
-        true = (normals(step) * bend).sum(-1) / (step**2).sum(-1)
+        true = (edge_normals(step) * bend).sum(-1) / (step**2).sum(-1)
         off = np.abs(found.curvatures[:, edge] - true)
         assert off.max() < 3e-5
 
@@ -170,7 +170,7 @@ def test_two_boards_and_a_marker_twice() -> None:
     assert "is seen twice: show one board alone" in refused(both, CHARUCO.board)
     left, right = both[:, :240], both[:, 720:]
     parts = np.hstack([left, np.full((360, 100), 150, np.uint8), right])
-    assert "lie not as on one 9x6 ChArUco board" in refused(parts, CHARUCO.board)
+    assert "do not lie as on one 9x6 ChArUco board" in refused(parts, CHARUCO.board)
 
 
 MISTAKES: dict[str, tuple[Kind, Callable[[Board], Board], str]] = {
@@ -192,22 +192,22 @@ MISTAKES: dict[str, tuple[Kind, Callable[[Board], Board], str]] = {
     "a row too few, legacy": (
         KINDS["legacy"],
         lambda board: replace(board, rows=6),
-        "beyond the last row|lie not as on one 6x6",
+        "beyond the last row|do not lie as on one 6x6",
     ),
     "columns": (
         CHARUCO,
         lambda board: replace(board, columns=8),
-        "lie not as on one 8x6 ChArUco board|numbers up to 34",
+        "do not lie as on one 8x6 ChArUco board|numbers up to 34",
     ),
     "tags": (
         GRID,
         lambda board: replace(board, columns=14),
-        "lie not as on one 7x6 AprilGrid board",
+        "do not lie as on one 7x6 AprilGrid board",
     ),
     "marker": (
         CHARUCO,
         lambda board: replace(board, coding=Charuco(0.012, "DICT_4X4_250")),
-        "lie not as on one 9x6",
+        "do not lie as on one 9x6",
     ),
     "marker a little": (
         CHARUCO,
@@ -227,7 +227,7 @@ MISTAKES: dict[str, tuple[Kind, Callable[[Board], Board], str]] = {
     "legacy": (
         KINDS["legacy"],
         lambda _: KINDS["legacy"].with_coding(legacy_pattern=False),
-        "lie not as on one 6x7 ChArUco",
+        "do not lie as on one 6x7 ChArUco",
     ),
 }
 

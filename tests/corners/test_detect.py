@@ -186,7 +186,7 @@ def test_wrong_corners_of_the_saddles_are_replaced(monkeypatch: pytest.MonkeyPat
     picture, truth = Scene().draw()
     search = detect._by_saddles
 
-    def astray(grey: NDArray[np.uint8], board: Board) -> detect.Rough:
+    def astray(grey: NDArray[np.uint8], board: Board) -> detect.LocatedBoard:
         rough = search(grey, board)
         assert rough
         rough.corners[20] += 25.0

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from calib.corners import detect as detector
-from calib.corners.detect_all import KEPT, Detections, detect
+from calib.corners.detect_all import DETECTIONS_FILE, Detections, detect
 from calib.errors import InputError, NotEnoughDataError
 from calib.session.board import Board
 from tests.corners.test_detect import BOARD, Scene, rms
@@ -94,7 +94,7 @@ def test_the_order_of_the_pictures_and_the_number_of_threads_change_nothing(
 ) -> None:
     paths = write(tmp_path, views(4))
     first = detect(paths, BOARD)
-    (tmp_path / KEPT).unlink()
+    (tmp_path / DETECTIONS_FILE).unlink()
     monkeypatch.setattr("os.cpu_count", lambda: 1)
     again = detect(paths[::-1], BOARD)
     assert same(Detections(again.views[::-1], again.rejected), first)
@@ -181,7 +181,7 @@ def test_a_corrupt_store_is_ignored_and_written_anew(
 ) -> None:
     paths = write(tmp_path, views(3))
     first = detect(paths, BOARD)
-    kept = tmp_path / KEPT
+    kept = tmp_path / DETECTIONS_FILE
     whole = kept.read_bytes()
     kept.write_bytes(corrupt(whole))
     assert kept.read_bytes() != whole
@@ -192,11 +192,16 @@ def test_a_corrupt_store_is_ignored_and_written_anew(
 
 def test_a_folder_that_cannot_be_written_does_without(tmp_path: Path, looks: list[int]) -> None:
     paths = write(tmp_path, views(3))
-    (tmp_path / KEPT).mkdir()  # even root cannot write a file there
+    (tmp_path / DETECTIONS_FILE).mkdir()  # even root cannot write a file there
     for _ in range(2):
         assert len(detect(paths, BOARD).views) == 3
     assert len(looks) == 6
-    assert sorted(p.name for p in tmp_path.iterdir()) == [KEPT, "0000.png", "0001.png", "0002.png"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        DETECTIONS_FILE,
+        "0000.png",
+        "0001.png",
+        "0002.png",
+    ]
 
 
 def test_a_damaged_picture_is_named_and_the_others_are_kept(
@@ -254,7 +259,9 @@ def test_recorded_boards_are_found(tmp_path: Path, session: str, board: Board, l
     source = MEASURED / session / "frames"
     if not source.is_dir():
         pytest.skip(f"{source} is not here: the recorded pictures are no part of the project.")
-    frames = Path(shutil.copytree(source, tmp_path / "frames", ignore=shutil.ignore_patterns(KEPT)))
+    frames = Path(
+        shutil.copytree(source, tmp_path / "frames", ignore=shutil.ignore_patterns(DETECTIONS_FILE))
+    )
     assert (
         len(
             detect(sorted(p for p in frames.iterdir() if p.suffix in (".png", ".jpg")), board).views

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from calib.corners.lattice import Lattice
-from calib.corners.measure import measure
-from calib.corners.patch_model import ANGLES, PARAMETERS, Expected, by_distances
-from calib.corners.patches import patches_of
+from calib.corners.measure import measure_corners
+from calib.corners.patch_model import ANGLES, PARAMETERS, ExpectedPatches, place_per_distance
+from calib.corners.patches import sample_patches
 from calib.session.board import Board
 from fixtures.corner_pictures import Scene, draw
 from fixtures.corner_scores import drawn, ours
@@ -64,17 +64,19 @@ def test_derivatives_are_central_differences() -> None:
     """
     rng = np.random.default_rng(0)
     board = Board(3, 3, 1.0)
-    lattice = Lattice.of(board.points() * 20 + 60 + rng.uniform(-0.3, 0.3, 2), board)
-    patches = patches_of(np.zeros((120, 120), np.uint8), lattice, 3, 96)
+    lattice = Lattice.from_corners(board.points() * 20 + 60 + rng.uniform(-0.3, 0.3, 2), board)
+    patches = sample_patches(np.zeros((120, 120), np.uint8), lattice, 3, 96)
     parameters = np.tile(
         [0.1, -0.2, 0.1, np.pi / 2 + 0.1, -0.2, 0.1, 120, 60, 0.05, -0.1, 0.3], (18, 1)
     )
     parameters[9:, ANGLES] = np.pi / 2 + 0.1, 0.1  # a row has its own edge first
     curvatures = np.full((18, 2), 1e-3)
     analytic = np.empty((len(PARAMETERS), *patches.light.shape), np.float32)
-    Expected.of(parameters, patches, curvatures).derivatives(patches.used, list(analytic))
+    ExpectedPatches.predict(parameters, patches, curvatures).derivatives(
+        patches.used, list(analytic)
+    )
     # in place of x and y, how far the pixels are across both edges
-    moved = np.linalg.inv(by_distances(parameters))
+    moved = np.linalg.inv(place_per_distance(parameters))
     analytic[:2] = np.einsum("rep,erk->prk", moved, analytic[:2])
     for index in range(len(PARAMETERS)):
         step = 1e-2 * max(1, abs(parameters[0, index]) * 0.1)
@@ -82,7 +84,7 @@ def test_derivatives_are_central_differences() -> None:
         for sign in (-1, 1):
             shifted = parameters.copy()
             shifted[:, index] += sign * step
-            ends.append(Expected.of(shifted, patches, curvatures).light.astype(float))
+            ends.append(ExpectedPatches.predict(shifted, patches, curvatures).light.astype(float))
         numeric = (ends[1] - ends[0]) / (2 * step) * patches.used
         size = float(np.abs(numeric).max())
         assert size > 0, PARAMETERS[index]
@@ -96,13 +98,13 @@ def test_blurred_edges_are_error_functions() -> None:
     3e-4 of the contrast.
     """
     board = Board(3, 3, 1.0)
-    lattice = Lattice.of(board.points() * 40 + 100, board)
-    patches = patches_of(np.zeros((200, 200), np.uint8), lattice, 3, 96)
+    lattice = Lattice.from_corners(board.points() * 40 + 100, board)
+    patches = sample_patches(np.zeros((200, 200), np.uint8), lattice, 3, 96)
     parameters = np.tile(
         [0.0, 0, 0, np.pi / 2, np.log(0.8), np.log(0.8), 120, 90, 0, 0, 0], (18, 1)
     )
     parameters[9:, ANGLES] = np.pi / 2, 0
-    light = Expected.of(parameters, patches, np.zeros((18, 2))).light[4].astype(float)
+    light = ExpectedPatches.predict(parameters, patches, np.zeros((18, 2))).light[4].astype(float)
     x, y = (20 * form[4].astype(float) for form in patches.forms[1:3])
     exact = 120 + 90 * erf(x / 0.8 / 2**0.5) * erf(y / 0.8 / 2**0.5)
     assert np.abs(exact - 120).max() > 89
@@ -118,7 +120,7 @@ def test_saturated_white_and_black_do_not_move_corners() -> None:
         made = draw(scene, np.random.default_rng(seed))
         hard = np.clip((made.picture.astype(float) - 112) * 2.5 + 128, 0, 255).astype(np.uint8)
         assert ((hard == 0) | (hard == 255)).mean() > 0.75
-        measured = measure(hard, made.corners + 0.1, scene.board)
+        measured = measure_corners(hard, made.corners + 0.1, scene.board)
         off = measured.corners - made.corners
         errors.append(off)
         squared.append(np.einsum("ni,nij,nj->n", off, np.linalg.inv(measured.covariances), off) / 2)
@@ -143,7 +145,7 @@ def test_a_lens_that_bends_edges_leaves_no_bias() -> None:
     truth = made.corners.copy()
     for _ in range(50):
         truth -= _bent(truth, middle, strength) - made.corners
-    off = measure(np.asarray(picture), truth + 0.1, scene.board).corners - truth
+    off = measure_corners(np.asarray(picture), truth + 0.1, scene.board).corners - truth
     assert np.abs(off.mean(0)).max() < 0.005
 
 
@@ -160,7 +162,7 @@ def test_covered_corners_are_told() -> None:
     hidden = [8, 23]
     for corner in made.corners[hidden]:
         cv2.circle(picture, tuple(np.rint(corner + 3).astype(int).tolist()), 6, 130, -1)
-    measured = measure(picture, made.corners + 0.1, REFERENCE.board)
+    measured = measure_corners(picture, made.corners + 0.1, REFERENCE.board)
     assert np.isnan(measured.corners[hidden]).all()
     assert np.isnan(measured.covariances[hidden]).all()
     others = np.delete(measured.corners - made.corners, hidden, 0)
@@ -171,6 +173,6 @@ def test_sixteen_bits_are_measured_in_full() -> None:
     """A picture in the lower tenth of the range: eight bits would leave 20 grey levels."""
     scene = replace(REFERENCE, noise=0.5)
     made = draw(scene, np.random.default_rng(9))
-    shallow = measure(made.picture, made.corners + 0.1, scene.board)
-    deep = measure(made.picture.astype(np.uint16) * 20, made.corners + 0.1, scene.board)
+    shallow = measure_corners(made.picture, made.corners + 0.1, scene.board)
+    deep = measure_corners(made.picture.astype(np.uint16) * 20, made.corners + 0.1, scene.board)
     np.testing.assert_allclose(deep.corners, shallow.corners, atol=1e-3)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calib.corners.detect_all import KEPT, detect
+from calib.corners.detect_all import DETECTIONS_FILE, detect
 from calib.errors import NotEnoughDataError
 from calib.session.board import Board
 from calib.session.coding import AprilGrid, Charuco
@@ -103,7 +103,7 @@ def test_what_the_pictures_show_is_said(
 def test_mirrored_pictures_are_told(name: str, tmp_path: Path) -> None:
     flipped = [np.ascontiguousarray(picture[:, ::-1]) for picture in pictures(name)]
     with pytest.raises(
-        NotEnoughDataError, match="can be read in a mirror alone: turn the pictures' mirroring off"
+        NotEnoughDataError, match="can be read only in a mirror: turn the pictures' mirroring off"
     ):
         detect(write(tmp_path, flipped), (CHARUCO if name == "charuco" else GRID).board)
 
@@ -127,13 +127,13 @@ def test_a_refused_picture_is_listed_with_its_reason_and_both_are_kept(tmp_path:
     assert len(found.views) == 3
     ((name, reason),) = [(one.name, one.reason) for one in found.rejected]
     assert (name, "is seen twice" in reason) == ("3.png", True)
-    kept = (tmp_path / KEPT).read_bytes()
+    kept = (tmp_path / DETECTIONS_FILE).read_bytes()
     again = detect(paths, CHARUCO.board)
     assert again.rejected == found.rejected
     for view, same in zip(found.views, again.views, strict=True):
         assert np.array_equal(view.corners, same.corners, equal_nan=True)
         assert view.covariance is not None
         assert np.array_equal(view.covariance, np.asarray(same.covariance), equal_nan=True)
-    assert (tmp_path / KEPT).read_bytes() == kept
+    assert (tmp_path / DETECTIONS_FILE).read_bytes() == kept
     with pytest.raises(NotEnoughDataError):
         detect(paths, replace(CHARUCO.board, columns=10))

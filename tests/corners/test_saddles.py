@@ -29,9 +29,9 @@ def test_more_than_opencv_looks_at_in_one_call_are_found() -> None:
 
 def test_nothing_hangs_on_how_many_are_looked_at_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = find_saddles(noise(120), 1000)
-    monkeypatch.setattr(saddles, "AT_ONCE", 7)
+    monkeypatch.setattr(saddles, "RING_BATCH", 7)
     parts = find_saddles(noise(120), 1000)
-    for name in ("points", "bends", "edges"):
+    for name in ("points", "curvatures", "edges"):
         assert np.array_equal(getattr(whole, name), getattr(parts, name))
 
 
@@ -44,16 +44,16 @@ def test_a_stray_saddle_at_the_rim_is_not_a_larger_board_and_a_line_of_them_is()
     picture, _ = Scene().draw()
     grid = find_grid(picture, BOARD)
     assert grid is not None
-    assert len(list(grid.whole(BOARD))) == 1
-    assert not list(grid.whole(Board(8, 6, 0.025)))  # a line more
-    assert not list(grid.whole(Board(9, 5, 0.025)))
-    assert not list(grid.whole(Board(10, 6, 0.025)))  # a line fewer
+    assert len(list(grid.board_positions(BOARD))) == 1
+    assert not list(grid.board_positions(Board(8, 6, 0.025)))  # a line more
+    assert not list(grid.board_positions(Board(9, 5, 0.025)))
+    assert not list(grid.board_positions(Board(10, 6, 0.025)))  # a line fewer
     stray = np.full((7, 9, 2), np.nan)
     stray[:6], stray[6, 3] = (
         (grid.points if grid.points.shape[:2] == (6, 9) else grid.points.swapaxes(0, 1)),
         (1.0, 1.0),
     )
-    (whole,) = type(grid)(stray).whole(BOARD)
+    (whole,) = type(grid)(stray).board_positions(BOARD)
     assert np.array_equal(whole.reshape(6, 9, 2), stray[:6])
 
 

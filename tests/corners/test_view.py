@@ -4,7 +4,7 @@ taken.
 
 import numpy as np
 
-from calib.corners.view import View, are_timed, board_poses, capture_times
+from calib.corners.view import View, are_timed, capture_times, pose_labels
 
 
 def views(*said: tuple[float | None, str | None]) -> list[View]:
@@ -15,15 +15,15 @@ def views(*said: tuple[float | None, str | None]) -> list[View]:
 
 
 def test_views_of_a_burst_share_a_pose_and_others_have_their_own() -> None:
-    assert board_poses(
+    assert pose_labels(
         views((None, "7"), (None, None), (None, "7"), (None, "2"), (None, None))
     ).tolist() == [0, 1, 0, 2, 3]
-    assert board_poses([]).tolist() == []
+    assert pose_labels([]).tolist() == []
 
 
 def test_a_label_is_no_place_in_the_list() -> None:
     """A view without a label is not taken for one of the burst that is called after its place."""
-    assert board_poses(views((None, "1"), (None, None), (None, "1"))).tolist() == [0, 1, 0]
+    assert pose_labels(views((None, "1"), (None, None), (None, "1"))).tolist() == [0, 1, 0]
 
 
 def test_times_are_used_if_every_view_has_one_and_they_differ() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from calib.corners.view import View
-from calib.corners.weights import weighted
+from calib.corners.weights import weigh_views
 
 
 def test_the_better_half_weighs_one_and_the_rest_by_their_spread() -> None:
@@ -12,8 +12,8 @@ def test_the_better_half_weighs_one_and_the_rest_by_their_spread() -> None:
     known = View("a", np.zeros((5, 2)), np.ones(5), covariance=covariance)
     hidden = View("b", np.full((5, 2), np.nan), np.zeros(5), covariance=np.full((5, 2, 2), np.nan))
     plain = View("c", np.zeros((5, 2)), np.full(5, 0.25))
-    one, two, three = weighted([known, hidden, plain])
+    one, two, three = weigh_views([known, hidden, plain])
     np.testing.assert_allclose(one.weight, [1, 1, 1, 0.75, 0.5])
     assert not two.seen.any()
     assert three is plain
-    assert weighted([plain]) == (plain,)
+    assert weigh_views([plain]) == (plain,)

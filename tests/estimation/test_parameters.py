@@ -106,7 +106,7 @@ def test_a_figure_that_is_known_goes_with_the_numbers(model: tuple[Path, Values]
     )
     assert found[:heights, :heights] == pytest.approx(own, rel=1e-9)
     place = free.index("camera.fx")
-    beside = waves @ glass.beside[:, 0] / parameters.free[place].scale
+    beside = waves @ glass.cross_covariance[:, 0] / parameters.free[place].scale
     assert found[:heights, heights + place] == pytest.approx(beside, rel=1e-9, abs=1e-20)
     assert not np.delete(found[:heights, heights:], place, 1).any()
     assert found[heights:, heights:] == pytest.approx(covariance_of(parameters), rel=1e-9)

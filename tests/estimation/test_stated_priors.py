@@ -9,7 +9,7 @@ from calib.estimation.parameters import Parameters
 from calib.estimation.stated_priors import priors_of, widened, with_estimates
 from calib.optics.build import covered_path
 from calib.session.camera import Intrinsics
-from calib.session.freeing import with_free
+from calib.session.freeing import free_parameters
 from calib.session.schema import Number
 from fixtures.synthetic import paper_cone
 
@@ -57,7 +57,7 @@ def test_each_pair_has_its_names() -> None:
 
 
 def test_freeing_the_rest_leaves_them() -> None:
-    intrinsics, cover = with_free(FOUND, COVER, ("all",))
+    intrinsics, cover = free_parameters(FOUND, COVER, ("all",))
     assert intrinsics == FOUND
     assert cover.parameters["thickness"].sigma > 0
 

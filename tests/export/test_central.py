@@ -13,7 +13,7 @@ from calib.export import central
 from calib.export.central import best_central
 from calib.export.formats import FORMATS, OPENCV, SPLINED, ExportLens
 from calib.export.lens_fit import fit_lens, project
-from calib.export.sight import FITTED, Sight
+from calib.export.sampled_rays import FIT_GRID, SampledRays
 from calib.export.spline_fit import project_spline
 from tests.export.truth import LENS, distorted, fisheye, seen
 
@@ -62,7 +62,17 @@ def test_without_a_cover_the_lens_is_the_calibration_s_own(bare: Calibration) ->
     )
     assert model.distortion == tuple(number.value for number in LENS.distortion)
     assert model.centre == (0, 0, 0)
-    assert max(misfit.worst_px for misfit in (model.half, model.at, model.double)) < 1e-6
+    assert (
+        max(
+            misfit.worst_px
+            for misfit in (
+                model.misfit_at_half_depth,
+                model.misfit_at_depth,
+                model.misfit_at_double_depth,
+            )
+        )
+        < 1e-6
+    )
     assert list(model.remarks()) == []
 
 
@@ -90,7 +100,7 @@ def test_the_rays_nearly_intersect_where_the_model_stands(covered: Calibration) 
     """Any other point makes half and double depth worse, by far in z; at its own depth a model
     hardly cares.
     """
-    sight = Sight.of(covered, FITTED)
+    sight = SampledRays.sample(covered, FIT_GRID)
     best = sight.nearly_intersect()
 
     def passing(point: np.ndarray) -> float:
@@ -110,13 +120,14 @@ def test_the_rays_nearly_intersect_where_the_model_stands(covered: Calibration) 
 
 def test_more_coefficients_are_taken_only_where_they_are_worth_it(covered: Calibration) -> None:
     models = {lens.name: best_central(covered, 0.5, [lens]) for lens in OPENCV}
-    errors = [models[name].at.rms_px for name in ("4", "5", "8", "12")]
+    errors = [models[name].misfit_at_depth.rms_px for name in ("4", "5", "8", "12")]
     assert all(more < fewer / 0.98 for fewer, more in pairwise(errors))
-    least = min(model.at.rms_px for model in models.values())
+    least = min(model.misfit_at_depth.rms_px for model in models.values())
     chosen = best_central(covered, 0.5, OPENCV)
-    assert chosen.at.rms_px <= least / 0.98
+    assert chosen.misfit_at_depth.rms_px <= least / 0.98
     assert all(
-        models[lens.name].at.rms_px > least / 0.98 for lens in OPENCV[: OPENCV.index(chosen.lens)]
+        models[lens.name].misfit_at_depth.rms_px > least / 0.98
+        for lens in OPENCV[: OPENCV.index(chosen.lens)]
     )
 
 
@@ -138,8 +149,12 @@ def test_a_spline_follows_uneven_glass_at_its_depth_where_no_polynomial_does(
     nearest point as centre.
     """
     spline, polynomial = (best_central(covered, 1.0, [lens]) for lens in (SPLINED, TWELVE))
-    assert spline.at.rms_px < 0.002 < 0.2 < polynomial.at.rms_px
-    assert spline.at.rms_px < spline.double.rms_px < spline.half.rms_px
+    assert spline.misfit_at_depth.rms_px < 0.002 < 0.2 < polynomial.misfit_at_depth.rms_px
+    assert (
+        spline.misfit_at_depth.rms_px
+        < spline.misfit_at_double_depth.rms_px
+        < spline.misfit_at_half_depth.rms_px
+    )
 
 
 def test_a_spline_is_the_formula_of_its_knots() -> None:
@@ -164,26 +179,26 @@ def test_remarks_name_the_depth_where_the_model_goes_wrong(covered: Calibration)
     depth.
     """
     model = best_central(covered, 0.2, [SPLINED])
-    assert model.at.worst_px < 0.1
+    assert model.misfit_at_depth.worst_px < 0.1
     pixels, points = seen(covered, 0.1)
     tangents = (points - model.centre)[:, :2] / (points - model.centre)[:, 2:]
     parameters = np.array([*model.focal, *model.principal, *model.distortion])
     worst = np.linalg.norm(project_spline(model.lens, parameters, tangents) - pixels, axis=-1).max()
-    assert worst == pytest.approx(model.half.drift_px, rel=0.1)
+    assert worst == pytest.approx(model.misfit_at_half_depth.drift_px, rel=0.1)
     assert worst > 0.5
     (remark,) = model.remarks()
-    assert f"by up to {model.half.drift_px:.2f} px more or less at 0.1 m" in remark
+    assert f"differ by up to {model.misfit_at_half_depth.drift_px:.2f} px at 0.1 m" in remark
 
 
 def test_no_remark_where_depth_hardly_matters(covered: Calibration) -> None:
     model = best_central(covered, 20.0, [SPLINED])
-    assert max(model.half.drift_px, model.double.drift_px) < 0.5
+    assert max(model.misfit_at_half_depth.drift_px, model.misfit_at_double_depth.drift_px) < 0.5
     assert list(model.remarks()) == []
 
 
 def test_infinity_is_no_distance_to_fit_a_central_camera_at(covered: Calibration) -> None:
     """Its misfit at half and at twice the distance would be said to be of the same one."""
-    with pytest.raises(InputError, match="inf is none: write metres, such as 1000"):
+    with pytest.raises(InputError, match="at a finite distance: write metres, such as 1000"):
         best_central(covered, float("inf"), [FIVE])
 
 

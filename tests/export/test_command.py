@@ -90,8 +90,8 @@ def test_a_file_for_every_depth_and_the_misfit_on_the_terminal(
         assert len(stated) == 3
         assert all(misfit in err for misfit in stated)
     assert (
-        "this camera's distortion depends on depth and a central camera's does not: fitted at 0.2"
-        " m, this one goes wrong by up to" in err
+        "this camera's distortion depends on depth, and a central camera's does not: the one"
+        " fitted at 0.2 m has errors that differ by up to" in err
     )
 
 
@@ -158,7 +158,7 @@ def test_a_central_camera_is_not_warned_about(
         (["--format", "npz", "--axes", "opengl"], "drop --axes, or write --format ray-image."),
         (
             ["--format", "calibmar"],
-            "this cover is a cone: write --format generic, which holds all.",
+            "this cover is a cone: write --format generic, which holds every shape.",
         ),
         (["--format", "colmap", "--depth", "0.01"], "depth 0.01 m is too near"),
     ],

@@ -165,7 +165,7 @@ def test_a_splined_lens_is_chosen_saved_and_read(tmp_path: Path) -> None:
     _, directions = again.rays(pixels)
     assert np.abs(again.project(0.5 * directions) - pixels).max() < 1e-6
     model = best_central(again, 0.5, [lens for lens in ROS if lens.fisheye])
-    assert 0.05 < model.at.rms_px < 2, "what the spline is there for"
+    assert 0.05 < model.misfit_at_depth.rms_px < 2, "what the spline is there for"
 
 
 def test_a_fisheye_goes_all_the_way(tmp_path: Path) -> None:
@@ -218,7 +218,7 @@ def test_a_fisheye_goes_all_the_way(tmp_path: Path) -> None:
         model = best_central(again, 0.5, lenses)
         assert model.lens.fisheye
         assert model.distortion == tuple(number.value for number in own.distortion)
-        assert model.at.worst_px < 1e-6
+        assert model.misfit_at_depth.worst_px < 1e-6
 
 
 def test_what_a_session_states_is_held(tmp_path: Path) -> None:

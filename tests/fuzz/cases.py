@@ -26,11 +26,11 @@ from calib.apply.measure_files import read_points, read_poses
 from calib.calibration import Calibration
 from calib.cli import main
 from calib.corners.corners_file import read_corners
-from calib.corners.detect_all import KEPT, detect
+from calib.corners.detect_all import DETECTIONS_FILE, detect
 from calib.errors import MAX_MESSAGE, RefracalError
 from calib.importing.from_kalibr import from_kalibr
 from calib.importing.from_mrcal import from_cameramodel
-from calib.importing.from_ros import from_tar
+from calib.importing.from_ros import from_ros_archive
 from calib.io.depth_image import read_depth_image
 from calib.io.frames_table import last_view, read_frame_records, read_table
 from calib.io.images import list_images, read_image
@@ -179,7 +179,9 @@ class Bench:
 
     def _detections(self) -> dict[str, Any]:
         detect(list_images(self.session / "frames")[:1], BOARD)
-        said: dict[str, Any] = yaml.safe_load((self.session / "frames" / KEPT).read_text())
+        said: dict[str, Any] = yaml.safe_load(
+            (self.session / "frames" / DETECTIONS_FILE).read_text()
+        )
         return said
 
     def _put(self, name: str, data: bytes) -> Path:
@@ -204,7 +206,7 @@ class Bench:
         read_corners(self._put("corners.vnl", data), BOARD)
 
     def _kept(self, data: bytes) -> None:
-        self._put(f"session/frames/{KEPT}", data)
+        self._put(f"session/frames/{DETECTIONS_FILE}", data)
         detect(list_images(self.session / "frames")[:1], BOARD)
 
     def _picture(self, data: bytes) -> bool:
@@ -252,7 +254,7 @@ class Bench:
         from_cameramodel(self._put("a.cameramodel", data))
 
     def _ros(self, data: bytes) -> None:
-        for _, picture in from_tar(self._put("a.tar", data), BOARD, None).frames:
+        for _, picture in from_ros_archive(self._put("a.tar", data), BOARD, None).frames:
             assert len(picture) < 1 << 29
 
     def _kalibr(self, data: bytes) -> None:
@@ -282,7 +284,7 @@ class Bench:
             read_frame_records,
             lambda _: read_corners(path, BOARD),
             from_cameramodel,
-            lambda _: from_tar(path, BOARD, None),
+            lambda _: from_ros_archive(path, BOARD, None),
             Calibration.load,
             lambda _: self._command(
                 [

@@ -14,9 +14,9 @@ import pytest
 
 from calib.apply.measure_files import read_points
 from calib.corners.corners_file import read_corners
-from calib.corners.detect_all import KEPT, detect
+from calib.corners.detect_all import DETECTIONS_FILE, detect
 from calib.errors import InputError
-from calib.importing.from_ros import from_tar
+from calib.importing.from_ros import from_ros_archive
 from calib.io.arrays import decode_npy, decode_npz
 from calib.io.depth_image import read_depth_image
 from calib.io.files import npz, read_file
@@ -36,7 +36,7 @@ READERS: tuple[Callable[[Path], object], ...] = (
     read_frame_records,
     read_points,
     lambda path: read_corners(path, BOARD),
-    lambda path: from_tar(path, BOARD, None),
+    lambda path: from_ros_archive(path, BOARD, None),
 )
 
 
@@ -74,7 +74,7 @@ def test_a_file_that_is_too_large_says_what_it_may_have(tmp_path: Path) -> None:
 
 def test_kept_detections_that_are_a_pipe_do_not_hold_up_a_fit(tmp_path: Path) -> None:
     frames = write_good_session(tmp_path / "s") / "frames"
-    os.mkfifo(frames / KEPT)
+    os.mkfifo(frames / DETECTIONS_FILE)
     assert len(detect(list_images(frames), BOARD).views) == 3
 
 
@@ -86,11 +86,11 @@ def test_kept_detections_of_another_kind_are_looked_for_again(
 ) -> None:
     frames = write_good_session(tmp_path / "s") / "frames"
     good = detect(list_images(frames), BOARD).views
-    said = json.loads((frames / KEPT).read_text())
+    said = json.loads((frames / DETECTIONS_FILE).read_text())
     said["files"]["0000.png"]["corners"][3] = wrong
     said["files"]["0001.jpg"]["corners"] = wrong
     said["files"]["0002.png"]["size"] = wrong
-    (frames / KEPT).write_text(json.dumps(said))
+    (frames / DETECTIONS_FILE).write_text(json.dumps(said))
     for view, before in zip(detect(list_images(frames), BOARD).views, good, strict=True):
         if wrong is not None or view.name == "0002.png":  # null says: not measured, or not found
             np.testing.assert_array_equal(view.corners, before.corners)
@@ -168,12 +168,12 @@ def test_a_zip_is_no_npy_and_a_bomb_no_npz(tmp_path: Path, monkeypatch: pytest.M
 def test_an_archive_whose_member_says_it_has_a_tebibyte(tmp_path: Path) -> None:
     whole, claimed = tars(b"picture")
     assert [
-        data for _, data in from_tar(put(tmp_path / "whole.tar", whole), BOARD, None).frames
+        data for _, data in from_ros_archive(put(tmp_path / "whole.tar", whole), BOARD, None).frames
     ] == [b"picture"]
     with pytest.raises(
         InputError, match=r"left-0000\.png in it is larger than the 256 MB that a picture may have"
     ):
-        from_tar(put(tmp_path / "claimed.tar", claimed), BOARD, None)
+        from_ros_archive(put(tmp_path / "claimed.tar", claimed), BOARD, None)
 
 
 def test_a_jpeg_that_ends_in_erased_flash_is_told_at_once(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from calib.planning.pose_bank import Reach, bank
 from calib.session.camera import Camera
 from calib.session.coding import Charuco
 from calib.session.cover import Cover
-from calib.session.freeing import with_free
+from calib.session.freeing import free_parameters
 from capture.coverage import CELLS, InformedGuide, SeenView
 from capture.guidance import Guidance, GuidanceError, Request, answers
 from fixtures.calibrated import CAMERA, GLASS, calibrate
@@ -45,7 +45,9 @@ def made() -> Scene:
 @pytest.fixture(scope="module")
 def setup(made: Scene) -> Setup:
     """Thickness and focal length are estimated too."""
-    return Setup(made.board, CAMERA, *with_free(INTRINSICS, GLASS, ("thickness", "intrinsics")))
+    return Setup(
+        made.board, CAMERA, *free_parameters(INTRINSICS, GLASS, ("thickness", "intrinsics"))
+    )
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from calib.calibration import Calibration
-from calib.corners.view import Rejected
+from calib.corners.view import RejectedPicture
 from calib.diagnosis.requested_effects import with_requested
 from calib.fitting.fit import fit
 from calib.fitting.stages import Settings
@@ -209,7 +209,7 @@ def pages(
     diagnosed = replace(
         fitted,
         settings=fitted.settings | {"diagnosis": {"candidates": found}, "diagnosed": steps},
-        rejected=(Rejected(30 * "name" + ".png", "its board is not whole"),),
+        rejected=(RejectedPicture(30 * "name" + ".png", "its board is not whole"),),
     )
     lens = scene(7, views=8, noise=0.05)
     session = write_session(folder / "session", lens)

@@ -15,7 +15,7 @@ import pytest
 from calib.calibration import Calibration
 from calib.cli import main
 from calib.commands.console import print_fit
-from calib.corners.view import Rejected
+from calib.corners.view import RejectedPicture
 from calib.report.effects import EffectRow
 from tests.report.conftest import Reported
 from tests.report.made import report_in
@@ -94,7 +94,7 @@ def test_text_from_files_is_text(few: Calibration, tmp_path: Path) -> None:
         few,
         camera=replace(few.camera, model=HOSTILE),
         views=(replace(few.views[0], name=HOSTILE), *few.views[1:]),
-        rejected=(Rejected(HOSTILE, HOSTILE),),
+        rejected=(RejectedPicture(HOSTILE, HOSTILE),),
         settings=few.settings | {"made_by": {"session": HOSTILE, HOSTILE: HOSTILE}},
         gauge=HOSTILE,
     )
@@ -172,7 +172,7 @@ def test_a_file_name_that_is_no_utf_8_and_one_that_a_terminal_would_obey(
             *(replace(view, name=name) for view, name in zip(few.views, names, strict=False)),
             *few.views[len(names) :],
         ),
-        rejected=tuple(Rejected(name, "no board") for name in names),
+        rejected=tuple(RejectedPicture(name, "no board") for name in names),
         settings=few.settings | {"second_look": looks},
     )
     report_in(tmp_path, odd)

@@ -57,7 +57,7 @@ def test_an_aprilgrid_s_corners_are_its_tags() -> None:
     assert grid[0, :, 0] == pytest.approx([-0.125, -0.025, 0.025, 0.125])
     assert np.array_equal(grid[:, 0, 1], grid[0, :, 0])
     assert board.half == pytest.approx((0.125, 0.125))
-    assert (str(board), board.part) == ("2x2 AprilGrid", "tag")
+    assert (str(board), board.cell) == ("2x2 AprilGrid", "tag")
 
 
 WRONG: list[tuple[dict[str, object], str]] = [

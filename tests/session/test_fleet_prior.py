@@ -14,21 +14,21 @@ from calib.session.camera import Camera, Intrinsics
 from calib.session.cover import Cover
 from calib.session.fleet_prior import (
     FleetPrior,
-    check_like,
-    expected,
+    check_compatible,
+    combine_with_prior,
     fleet_prior_yaml,
     read_fleet_prior,
 )
-from calib.session.freeing import ALL, with_free
+from calib.session.freeing import ALL, free_parameters
 from calib.session.glass import Glass
-from calib.session.numbers import covariance_of, numbers_of, with_covariance
+from calib.session.numbers import covariance_of, numbers_of, replace_covariance
 from calib.session.schema import Number
 from calib.session.session import read_session, session_to_yaml
 from fixtures.fleet import BOARD
 from fixtures.synthetic import HEIGHT, INTRINSICS, WIDTH, paper_cone
 
 CONE = paper_cone()
-DECLARED = with_free(INTRINSICS, CONE, (ALL,))
+DECLARED = free_parameters(INTRINSICS, CONE, (ALL,))
 NAMES = tuple(name for name, number in numbers_of(*DECLARED).items() if number.sigma)
 COEFFICIENTS = 3
 THICKNESS, FX = NAMES.index("cover.thickness"), NAMES.index("camera.fx")
@@ -51,7 +51,7 @@ def covariance() -> np.ndarray:
 def prior() -> FleetPrior:
     whole, count = covariance(), len(NAMES)
     mean = np.array([numbers_of(*DECLARED)[name].value for name in NAMES])
-    intrinsics, cover = with_covariance(INTRINSICS, CONE, NAMES, mean, whole[:count, :count])
+    intrinsics, cover = replace_covariance(INTRINSICS, CONE, NAMES, mean, whole[:count, :count])
     glass = Glass(
         (-0.01, -0.3),
         (0.01, 0.3),
@@ -79,7 +79,9 @@ def told(intrinsics: Intrinsics, cover: Cover) -> np.ndarray:
     found = covariance_of(intrinsics, cover, NAMES)
     beside = np.stack(
         [
-            glass.beside[:, glass.numbers.index(name)] if name in glass.numbers else 0 * glass.mean
+            glass.cross_covariance[:, glass.numbers.index(name)]
+            if name in glass.numbers
+            else 0 * glass.mean
             for name in NAMES
         ],
         1,
@@ -102,7 +104,7 @@ def test_it_comes_back_from_its_file(prior: FleetPrior, tmp_path: Path) -> None:
 
 def test_plain_numbers_give_way_to_the_fleets(prior: FleetPrior) -> None:
     """What the drawing says the fleet's fits have had already."""
-    found = expected(prior, INTRINSICS, CONE, "session.yaml")
+    found = combine_with_prior(prior, INTRINSICS, CONE, "session.yaml")
     assert told(*found) == pytest.approx(covariance(), rel=1e-9, abs=0)
 
 
@@ -113,7 +115,7 @@ def with_thickness(number: Number) -> Cover:
 def test_a_measurement_of_this_camera_is_one_more(prior: FleetPrior) -> None:
     """Oracle: information adds."""
     sigma = float(np.sqrt(covariance()[THICKNESS, THICKNESS]))
-    found = expected(
+    found = combine_with_prior(
         prior,
         INTRINSICS,
         with_thickness(Number(CONE.parameters["thickness"].value + sigma, sigma)),
@@ -137,7 +139,7 @@ def test_what_the_fleet_declared_with_the_same_sigma_is_not_counted_twice(
     prior: FleetPrior,
 ) -> None:
     same = with_thickness(DECLARED[1].parameters["thickness"])
-    assert told(*expected(prior, INTRINSICS, same, "session.yaml")) == pytest.approx(
+    assert told(*combine_with_prior(prior, INTRINSICS, same, "session.yaml")) == pytest.approx(
         covariance(), rel=1e-9, abs=0
     )
 
@@ -145,7 +147,7 @@ def test_what_the_fleet_declared_with_the_same_sigma_is_not_counted_twice(
 def test_an_exact_number_is_held_and_tells_the_others(prior: FleetPrior) -> None:
     sigma = float(np.sqrt(covariance()[THICKNESS, THICKNESS]))
     exact = Number(CONE.parameters["thickness"].value + sigma, exact=True)
-    intrinsics, cover = expected(prior, INTRINSICS, with_thickness(exact), "session.yaml")
+    intrinsics, cover = combine_with_prior(prior, INTRINSICS, with_thickness(exact), "session.yaml")
     assert cover.parameters["thickness"] == exact
     whole = covariance()
     gain = whole[FX, THICKNESS] / whole[THICKNESS, THICKNESS]
@@ -185,7 +187,7 @@ def test_a_camera_of_another_make_is_refused(
     prior: FleetPrior, camera: Camera, cover: Cover, said: str
 ) -> None:
     with pytest.raises(InputError, match=said):
-        check_like(prior, camera, cover, "session.yaml")
+        check_compatible(prior, camera, cover, "session.yaml")
 
 
 def test_a_measurement_that_cannot_be_of_this_fleet_is_refused(prior: FleetPrior) -> None:
@@ -196,7 +198,7 @@ def test_a_measurement_that_cannot_be_of_this_fleet_is_refused(prior: FleetPrior
             r" key prior"
         ),
     ):
-        expected(prior, INTRINSICS, with_thickness(Number(0.004, 1e-5)), "session.yaml")
+        combine_with_prior(prior, INTRINSICS, with_thickness(Number(0.004, 1e-5)), "session.yaml")
 
 
 def session(folder: Path, **more: object) -> Path:
@@ -249,9 +251,9 @@ def test_a_file_that_is_none_is_refused(
         (
             "covariance_um2",
             [[1], [0, 1], [0, 0, -1]],
-            "glass is a mapping: write numbers that all can be correlated by",
+            "glass is a mapping: write correlations that are possible together",
         ),
-        ("covariance_um", {"cover.thicknes": [0, 0, 0]}, "names of numbers that are there"),
+        ("covariance_um", {"cover.thicknes": [0, 0, 0]}, "names of existing numbers"),
         ("high", [-1, 1], "two numbers, each above that of low"),
         ("degree", 99, "degree is 99: write a whole number from 0 to 10"),
     ],
@@ -272,7 +274,7 @@ def test_glass_that_cannot_be_is_refused(
         ([["cover.thickness", "camera.fx"]], "two names and a number from -1 to 1 for each pair"),
         (
             [["cover.thickness", "camera.f", 0.5]],
-            "names of numbers that are there: cover.inner_radius",
+            "names of existing numbers: cover.inner_radius",
         ),
         ([["camera.fx", "camera.fy", 0.5]], "the camera's own are in camera.intrinsics"),
         ([["cover.thickness", "camera.fx", 1.0]], "positive definite"),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from calib.sheet.checkerboard import Checkerboard
 from calib.sheet.layout import lay_out
-from calib.sheet.paper import papers
+from calib.sheet.paper import parse_paper
 from calib.sheet.sheet import Sheet
 
 MM = 25.4 / 72  # of a point
@@ -31,7 +31,7 @@ class Raster:
 
 
 def made(paper: str, columns: int = 9, rows: int = 6, side: float | None = None) -> Sheet:
-    sizes = papers(paper)
+    sizes = parse_paper(paper)
     assert sizes
     return lay_out(Checkerboard(columns, rows), sizes, side)
 

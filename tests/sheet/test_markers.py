@@ -12,7 +12,7 @@ from calib.errors import InputError
 from calib.sheet.aprilgrid import AprilGrid
 from calib.sheet.charuco import Charuco
 from calib.sheet.layout import lay_out
-from calib.sheet.paper import papers
+from calib.sheet.paper import parse_paper
 from calib.sheet.pdf import to_pdf
 from calib.sheet.sheet import Sheet
 from calib.sheet.svg import to_svg
@@ -39,7 +39,7 @@ grids = pytest.mark.parametrize(
 
 
 def made(pattern: Pattern, side: float | None) -> tuple[Sheet, Raster]:
-    sizes = papers("A4")
+    sizes = parse_paper("A4")
     assert sizes
     sheet = lay_out(pattern, sizes, side)
     pdf = to_pdf(sheet)

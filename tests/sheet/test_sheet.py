@@ -11,7 +11,7 @@ import pytest
 from calib.corners.detect import find_corners
 from calib.errors import InputError
 from calib.session.board import Board
-from calib.sheet.layout import EDGE
+from calib.sheet.layout import PAPER_EDGE
 from calib.sheet.pdf import to_pdf
 from calib.sheet.sheet import Sheet
 from calib.sheet.svg import to_svg
@@ -127,11 +127,11 @@ def test_words_are_text_inside_the_page_and_off_the_board(
     assert "Print at 100 %, no scaling." in said
     assert f"VALUE = {sheet.side:g} * (a / {a} + b / {b}) / 2" in " ".join(said.split())
     boxes = np.array([box for _, box in stretches])
-    assert (boxes[:, :2] > EDGE - 0.5).all(), (
+    assert (boxes[:, :2] > PAPER_EDGE - 0.5).all(), (
         "letters reach over their own origin by some tenths of a mm"
     )
-    assert (boxes[:, 2] < sheet.paper.width - EDGE + 0.5).all()
-    assert (boxes[:, 3] < sheet.paper.height - EDGE + 1).all(), (
+    assert (boxes[:, 2] < sheet.paper.width - PAPER_EDGE + 0.5).all()
+    assert (boxes[:, 3] < sheet.paper.height - PAPER_EDGE + 1).all(), (
         "what hangs below the last line's baseline"
     )
     left, right, top, bottom = _edges(sheet)
@@ -226,7 +226,7 @@ def test_the_white_is_as_wide_as_the_sheet_says() -> None:
             26.0,
             (
                 "9x6 corners with squares of 26 mm have no room on A4 beside rulers and words: "
-                "squares of up to 25 mm do, of up to 20 mm with a white margin as wide as they are."
+                "take squares of up to 25 mm, or up to 20 mm to have a white margin as wide as one."
             ),
         ),
         (

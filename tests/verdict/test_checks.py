@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from calib.calibration import Calibration, Declared, Stage
-from calib.corners.coded import BEYOND_ROWS
-from calib.corners.view import Rejected, View
+from calib.corners.coded import PAST_LAST_ROW
+from calib.corners.view import RejectedPicture, View
 from calib.estimation.levenberg_marquardt import Outcome
 from calib.estimation.relief_heights import height_spread
 from calib.fitting.evaluate import Evaluation
@@ -90,13 +90,14 @@ def test_a_row_that_no_view_shows_is_asked_for(
 def test_pictures_that_show_more_rows_than_are_declared_ask_for_the_board(
     good: Calibration,
 ) -> None:
-    left_out = Rejected(
+    left_out = RejectedPicture(
         "0001.png",
-        f"4 markers are seen {BEYOND_ROWS} of the 8x8 board, as on one with more: correct"
+        f"4 markers are seen {PAST_LAST_ROW} of the 8x8 board, as on one with more: correct"
         " board.rows in session.yaml",
     )
     (reason,) = asked(
-        rows_beyond, replace(good, rejected=(left_out, Rejected("0002.png", "no board was found")))
+        rows_beyond,
+        replace(good, rejected=(left_out, RejectedPicture("0002.png", "no board was found"))),
     )
     assert (reason.word, reason.suspects) == (Word.CARE, ("board.rows",))
     assert "a picture shows markers beyond the last row" in reason.sentence

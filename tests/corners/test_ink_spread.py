@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, binary_erosion, gaussian_filter
 
+from calib.corners.ink_spread import NO_INK_SPREAD, measure_ink_spread, remove_ink_spread
 from calib.corners.markers import black_cells
-from calib.corners.tag_growth import NONE, growth_of, without
 from calib.corners.tag_outline import measure_outlines
 
 Array = NDArray[np.float64]
@@ -39,11 +39,11 @@ def drawn(number: int, grown: int, noise: float = 2.0) -> NDArray[np.uint8]:
 def test_growth_is_found_and_taken_off(grown: int) -> None:
     picture = drawn(5, grown)
     outlines = measure_outlines(picture, (CORNERS + 0.3)[None], 8)
-    growth = growth_of(picture, outlines.corners, [black_cells(DICTIONARY, 5, 1)])
+    growth = measure_ink_spread(picture, outlines.corners, [black_cells(DICTIONARY, 5, 1)])
     assert abs(growth.px - grown / STRATA) < max(4 * growth.sigma, 0.012)
     assert growth.sigma < 0.01
-    assert growth.seen == (grown != 0)
-    left = without(growth, outlines)
+    assert growth.is_significant == (grown != 0)
+    left = remove_ink_spread(growth, outlines)
     assert np.abs(left.corners[0] - CORNERS).max() < 0.03
     assert (np.linalg.eigvalsh(left.covariances[0] - outlines.covariances[0]) > -1e-12).all()
 
@@ -57,11 +57,13 @@ def test_a_turned_tag_tells_the_same() -> None:
     for quarter in range(4):
         turned = np.rot90(picture, -quarter)  # clockwise
         outlines = measure_outlines(turned, CORNERS[None], 8)
-        growth = growth_of(turned, np.roll(outlines.corners, -quarter, 1), [black])
+        growth = measure_ink_spread(turned, np.roll(outlines.corners, -quarter, 1), [black])
         assert growth.px == pytest.approx(2 / STRATA, abs=0.02)
 
 
 def test_what_is_no_such_tag_says_nothing() -> None:
     plain = np.full((170, 170), 128, np.uint8)
-    assert growth_of(plain, CORNERS[None], [black_cells(DICTIONARY, 5, 1)]) == NONE
-    assert growth_of(plain, np.zeros((0, 4, 2)), []) == NONE
+    assert (
+        measure_ink_spread(plain, CORNERS[None], [black_cells(DICTIONARY, 5, 1)]) == NO_INK_SPREAD
+    )
+    assert measure_ink_spread(plain, np.zeros((0, 4, 2)), []) == NO_INK_SPREAD
