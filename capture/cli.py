@@ -18,14 +18,14 @@ from calib.commands.command_line import run_command
 from capture.commands import record, sources, ui
 
 COMMANDS = (ui, record, sources)
-"""In the order of the help.
+"""The commands in the order of the help.
 
-The first may go without its name: what is no other's name is its SESSION.
+The first may go without its name: a first word that is no command's name is its SESSION.
 """
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The command `capture`; returns its exit code."""
+    """Run the command `capture`, and return its exit code."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     argv = sys.argv[1:] if argv is None else list(argv)
     if not argv:

@@ -177,7 +177,7 @@ class GuardedServer(Server):
                     touched = (
                         touched if "drawn" in asked else time.monotonic()
                     )  # no person says that a picture was drawn
-                    await asyncio.wait_for(app_service.ask(asked), GRACE_S)
+                    await asyncio.wait_for(app_service.forward_request(asked), GRACE_S)
                 case ["ping", str() | int() | float() | None as sent]:
                     await websocket.send_json(["pong", sent])
                 case ["blur"]:

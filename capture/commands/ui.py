@@ -2,9 +2,8 @@
 for it.
 
 SOURCE is v4l2:/dev/video0, libcamera:0, rpicam:0, folder:PATH or video:FILE; options follow a
-question mark. With --serve the same
-runs in a browser: of this machine alone, or with --host of others too, which then need the address
-    that is printed once.
+question mark. With --serve the same runs in a browser: on this machine alone, or with --host on
+others too, which then need the address that is printed once.
 """
 
 import argparse
@@ -49,7 +48,7 @@ def run(args: argparse.Namespace) -> None:
         from capture.sources.registry import open_source
 
         open_source(args.source)
-    if _described(args.session):
+    if _has_session_file(args.session):
         from capture.session_file import board_of
 
         board_of(args.session, None)
@@ -87,9 +86,9 @@ def _apps(text: str) -> int:
     return int(text)
 
 
-def _described(session: Path) -> bool:
-    """Whether it has a session.yaml; InputError where it is no folder, or may not be read, which
-    the screen would do at every turn.
+def _has_session_file(session: Path) -> bool:
+    """Return True if the session has a session.yaml. InputError where the path is not a folder or
+    may not be read, which the screen would otherwise hit at every turn.
     """
     from calib.errors import InputError
     from calib.io.files import reading
@@ -109,7 +108,7 @@ def _described(session: Path) -> bool:
 def _check_terminal() -> None:
     """Refuse to wait for keys that nobody can press.
 
-    A driver of its own, such as a browser's, needs no terminal.
+    Another driver, such as the browser's, needs no terminal.
     """
     import os
     import sys

@@ -26,8 +26,8 @@ FORMATS: Mapping[str, Callable[[Grey, int, int], Grey | None]] = {
     "YU12": _plane,
     "MJPG": _decoded,
 }
-"""How the (height, width) grey values are taken from a raw buffer, the exact and cheap formats
-first. None: a damaged JPEG.
+"""The functions that take the (height, width) grey values from a raw buffer, the exact and cheap
+formats first. They return None for a damaged JPEG.
 """
 ROWS: Mapping[str, tuple[int, float]] = {
     "GREY": (1, 1),
@@ -36,6 +36,6 @@ ROWS: Mapping[str, tuple[int, float]] = {
     "NV12": (1, 1.5),
     "YU12": (1, 1.5),
 }
-"""Bytes of a pixel in a row of grey values, and rows of that length to a row of the picture,
-chroma's included. JPEGs have no rows.
+"""The bytes of a pixel in a row of grey values, and the number of rows of that length per row of
+the picture, chroma included. JPEGs have no rows.
 """

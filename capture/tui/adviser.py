@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 
 from calib.session.camera import Camera, read_camera
 from calib.session.schema import Section
-from capture.coverage import Guide, Hint, PlainGuide, SeenView, SessionProgress
+from capture.coverage import Guide, Hint, KeptView, PlainGuide, SessionProgress
 from capture.guidance import Guidance, GuidanceError
 from capture.tui.camera import Task
 from capture.tui.child import Child
-from capture.tui.lacking import has_bare
+from capture.tui.fit_requirements import has_bare
 from capture.tui.lens import ENOUGH, find_lens
 
 NOT_YET = "How sure the maps would be is not computed yet."
@@ -37,10 +37,10 @@ class Adviser:
         self._guidance: Guidance | None = None
         self._closed = False
 
-    def advise(self, views: Sequence[SeenView]) -> Advice:
+    def advise(self, views: Sequence[KeptView]) -> Advice:
         return self._guide.next_pose(views), self._guide.progress(views)
 
-    def improve(self, views: Sequence[SeenView]) -> Iterator[None]:
+    def improve(self, views: Sequence[KeptView]) -> Iterator[None]:
         """Look into what these views tell; at each step, the advice has become better.
 
         Blocks for seconds.

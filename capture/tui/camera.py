@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from calib.corners.reduced import reduced
 from calib.session.shutter import Shutter as SensorShutter
-from capture.find import finder_of
+from capture.finders import make_finder
 from capture.frames import Frame, FrameSource
 from capture.reader import Reader
 from capture.recorder import Recorder
-from capture.recording_loop import Plan, Shutter, Step, corners_of, record
+from capture.recording_loop import RecordingPlan, ShutterButton, Step, detect_in_pictures, record
 from capture.session_file import Setup, board_of
 from capture.sources.registry import open_source
 
@@ -116,7 +116,7 @@ class Shown:
     def __iter__(self) -> Iterator[Frame]:
         for frame in self._source:
             if (
-                frame.time_s - self._last_s >= INTERVAL_S and not frame.alone
+                frame.time_s - self._last_s >= INTERVAL_S and not frame.isolated
             ):  # a photograph is shown with what was found in it
                 self._last_s = frame.time_s
                 self._show(frame.pixels)
@@ -132,7 +132,7 @@ class Watch:
     def __init__(
         self,
         task: Task,
-        shutter: Shutter,
+        shutter: ShutterButton,
         show: Callable[[Preview], object],
         waits: Callable[[float], object] = lambda _: None,
         sharp: Callable[[], bool] = lambda: False,
@@ -165,15 +165,17 @@ class Watch:
                 task.session, board, like=like, bare=task.bare, shutter=reader.source.shutter
             ) as recorder,
         ):
-            finder = finder_of(board)
-            kept = corners_of(recorder.pictures, finder)
+            finder = make_finder(board)
+            kept = detect_in_pictures(recorder.pictures, finder)
             begun(tuple(kept))
-            for step in record(reader, finder, recorder, Plan(views=None), kept, self._shutter):
+            for step in record(
+                reader, finder, recorder, RecordingPlan(views=None), kept, self._shutter
+            ):
                 self.remarks = (
                     *reader.source.remarks,
                     *recorder.remarks[not described :],
                 )  # the first tells of what was just typed
-                if step.frame.alone:
+                if step.frame.isolated:
                     self._preview(step.frame.pixels)
                 yield step
 

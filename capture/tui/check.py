@@ -8,7 +8,7 @@ from typing import ClassVar
 from textual.binding import Binding
 
 from calib.errors import harmless
-from capture.tui.answering import SCROLL, AnswerPage
+from capture.tui.answer_page import SCROLL, AnswerPage
 from capture.tui.checking import check_calibration
 from capture.tui.child import Event
 from capture.tui.export import ExportScreen

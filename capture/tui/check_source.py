@@ -8,9 +8,9 @@ from typing import ClassVar
 
 from calib.errors import InputError
 from capture.sources.registry import open_source
-from capture.tui.named import cannot_be_opened, played
 from capture.tui.question import Question, keys
-from capture.typed_path import typed_path
+from capture.tui.references import cannot_be_opened, played
+from capture.typed_path import expand_typed_path
 
 FOLDER = "folder:"
 
@@ -29,7 +29,7 @@ class CheckSourceScreen(Question[str]):
     BINDINGS: ClassVar = [*keys(START)]
 
     async def answer(self, text: str) -> str:
-        source = f"{FOLDER}{text}" if typed_path(text).is_dir() else text
+        source = f"{FOLDER}{text}" if expand_typed_path(text).is_dir() else text
         open_source(source, self.LABEL)
         if played(source) and (shut := await to_thread(cannot_be_opened, source)):
             raise InputError(shut)
@@ -39,7 +39,7 @@ class CheckSourceScreen(Question[str]):
 def folder_of(source: str) -> Path | None:
     """The folder that a source plays back, whose pictures need not be taken again."""
     return (
-        typed_path(source.removeprefix(FOLDER).partition("?")[0])
+        expand_typed_path(source.removeprefix(FOLDER).partition("?")[0])
         if source.startswith(FOLDER)
         else None
     )

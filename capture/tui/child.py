@@ -62,10 +62,10 @@ class Child:
 def _sentence(ending: Ending) -> str:
     if ending.by_signal:
         return (
-            f"The process that calculates was ended from outside ({ending.words}): start it again."
+            f"The process that calculates was ended from outside ({ending.reason}): start it again."
         )
     return (
-        f"The process that calculates ended early, which is a bug in capture ({ending.words}):"
+        f"The process that calculates ended early, which is a bug in capture ({ending.reason}):"
         " start it again, or run calib fit."
     )
 

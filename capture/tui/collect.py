@@ -16,23 +16,23 @@ from textual.message import Message
 
 from calib.session.camera import Camera
 from capture.coverage import Hint, SessionProgress
-from capture.narrator import waiting
-from capture.recording_loop import Step, refusal
+from capture.narrator import silence_sentence
+from capture.recording_loop import Step, refusal_reason
 from capture.tui.camera import Preview, Task, Watch
 from capture.tui.cells import FOUND, HINT, Mark
-from capture.tui.doubts import too_few
 from capture.tui.farewell import fitted
 from capture.tui.fit import FitScreen
-from capture.tui.lacking import lacking, lens_known, no_lens, none_found
+from capture.tui.fit_requirements import lacking, lens_known, no_lens, none_found
 from capture.tui.lens import ENOUGH
-from capture.tui.named import played
+from capture.tui.live_undistortion import Straight
 from capture.tui.opening import OpeningScreen
 from capture.tui.page import DOTS, HELP_AND_QUIT, Line
 from capture.tui.panel import Panel
 from capture.tui.picture import Picture
-from capture.tui.straight import Straight
-from capture.tui.straightening import StraighteningPage
-from capture.tui.watching import WatchingPage
+from capture.tui.references import played
+from capture.tui.start_warnings import too_few
+from capture.tui.undistortion_page import StraighteningPage
+from capture.tui.watching_page import WatchingPage
 
 RETRY_S = 3.0  # after which a camera that failed is tried again
 TAKEN_S = 1.5  # for which a view that was kept is said, whatever comes next
@@ -160,7 +160,7 @@ class CollectScreen(WatchingPage, StraighteningPage):
 
     def waits(self, seconds: float) -> None:
         if time.monotonic() > self._said_until:
-            self.say(waiting(seconds))
+            self.say(silence_sentence(seconds))
 
     def has_begun(self) -> None:
         self.refresh_bindings()
@@ -169,13 +169,15 @@ class CollectScreen(WatchingPage, StraighteningPage):
 
     def judged(self, watch: Watch, step: Step) -> None:
         self._looked += 1
-        self._boards += step.sighting.corners is not None
+        self._boards += step.detection.corners is not None
         self._found = (
-            step.sighting.corners if step.sighting.corners is not None else step.sighting.part
+            step.detection.corners
+            if step.detection.corners is not None
+            else step.detection.partial_corners
         )
         if step.picture is not None:
-            assert step.sighting.corners is not None
-            self.kept.append(step.sighting.corners)
+            assert step.detection.corners is not None
+            self.kept.append(step.detection.corners)
             self.app.bell()
             self.post_message(self.Heard("taken"))
             self.say(f"TAKEN: view {len(self.kept)}. Move the board to the next place.", TAKEN_S)
@@ -184,11 +186,11 @@ class CollectScreen(WatchingPage, StraighteningPage):
             self.think()
         elif time.monotonic() > self._said_until:
             self.say(step.verdict.sentence)
-        if refusal(step) != self._refusal:
-            self._refusal = refusal(step)
+        if refusal_reason(step) != self._refusal:
+            self._refusal = refusal_reason(step)
             if self._refusal:
                 self.post_message(self.Heard("refused"))
-        if step.frame.alone:  # it is shown for as long as the next one takes
+        if step.frame.isolated:  # it is shown for as long as the next one takes
             self._draw()
         self._remarks = watch.remarks
         self._note()

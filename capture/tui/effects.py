@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from textual.binding import Binding
 
-from capture.tui.answering import SCROLL, AnswerPage
+from capture.tui.answer_page import SCROLL, AnswerPage
 from capture.tui.child import Event
 from capture.tui.diagnosing import diagnose_calibration
 from capture.tui.page import HELP_AND_QUIT

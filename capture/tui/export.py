@@ -18,7 +18,7 @@ from calib.errors import harmless
 from calib.export.formats import FORMATS
 from capture.tui.command import calib
 from capture.tui.page import TYPING, Field, onward, typed
-from capture.typed_path import typed_path
+from capture.typed_path import expand_typed_path
 
 ABOUT = (
     "Maps that undistort pictures, one for each depth of the scene. Name a depth or more, with a"
@@ -223,7 +223,7 @@ def folder(text: str) -> Path:
     """As a shell would take it."""
     if not text.strip():
         raise argparse.ArgumentTypeError("No folder is named: write where the files are to go")
-    path = typed_path(text.strip())
+    path = expand_typed_path(text.strip())
     if path.parts[0].startswith("~"):
         raise argparse.ArgumentTypeError(
             f"{quoted(text)} begins in the home of nobody who is known here: write the whole path"

@@ -11,7 +11,7 @@ from capture.tui.farewell import CALIBRATION, fitted
 from capture.tui.fitting import fit_session
 from capture.tui.page import HELP_AND_QUIT
 from capture.tui.results import ResultsScreen
-from capture.tui.working import WorkingPage
+from capture.tui.working_page import WorkingPage
 
 
 class FitScreen(WorkingPage):

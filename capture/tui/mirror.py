@@ -21,8 +21,8 @@ from capture.tui.help import Prose
 from capture.tui.maps import CoverageMap
 from capture.tui.page import STEPS, Page
 from capture.tui.picture import Picture
-from capture.tui.touch_words import worded
-from capture.tui.working import Bar, WorkingPage
+from capture.tui.touch_wording import worded
+from capture.tui.working_page import Bar, WorkingPage
 
 Block = dict[str, object]
 """`kind`: text, map, bar, field, choice or list; `name`, by which it is spoken of; and what it

@@ -9,7 +9,7 @@ from capture.tui.child import Event
 from capture.tui.fitting import open_results
 from capture.tui.page import HELP_AND_QUIT
 from capture.tui.results import ResultsScreen
-from capture.tui.working import WorkingPage
+from capture.tui.working_page import WorkingPage
 
 
 class OpeningScreen(WorkingPage):

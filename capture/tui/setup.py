@@ -14,28 +14,28 @@ from textual.widgets import Button, Input, Select, Static
 
 from calib.errors import InputError, RefracalError, harmless
 from capture.session_file import board_of, read_setup
+from capture.source_folder import check_source_folder, select_pictures
 from capture.sources.registry import open_source
-from capture.tui.anew import set_bare_aside
 from capture.tui.board_and_cover import EMPTY, BoardAndCover
 from capture.tui.camera import Task
 from capture.tui.collect import CollectScreen
-from capture.tui.doubts import doubts
 from capture.tui.draft import Draft, keep, kept
 from capture.tui.farewell import fitted
 from capture.tui.fit import FitScreen
+from capture.tui.fit_requirements import lacking
 from capture.tui.form import problem, read_form, write_form
-from capture.tui.lacking import lacking
 from capture.tui.lens import ENOUGH
-from capture.tui.like import Like
-from capture.tui.named import played
+from capture.tui.like_field import Like
 from capture.tui.opening import OpeningScreen
 from capture.tui.page import TYPING, Page, onward, typed
 from capture.tui.phase import Phase
-from capture.tui.recorded import described, state, taken
+from capture.tui.references import played
+from capture.tui.retake import set_bare_aside
 from capture.tui.row import Row
-from capture.tui.setup_words import OPENS, cover_on, help_of
+from capture.tui.session_state import described, state, taken
+from capture.tui.setup_texts import OPENS, cover_on, help_of
 from capture.tui.source import Source
-from capture.wrong_folder import check_folder, half
+from capture.tui.start_warnings import doubts
 
 
 class SetupScreen(Page):
@@ -133,7 +133,7 @@ class SetupScreen(Page):
         elif not self._form.filled:
             await self._begin_anew()
         source = self._source.field
-        both = half(source.value, covered=False) != source.value
+        both = select_pictures(source.value, covered=False) != source.value
         there = taken(self.session, bare=False)
         words = (
             cover_on(source.value, both=both, there=there)
@@ -337,7 +337,9 @@ class SetupScreen(Page):
         task = Task(self.session, source, asked, bare=self._phase.bare)
         if asked[2].shape == "none":
             return task
-        check_folder(wanted := half(task.source, covered=task.covered), covered=task.covered)
+        check_source_folder(
+            wanted := select_pictures(task.source, covered=task.covered), covered=task.covered
+        )
         return replace(task, source=wanted)
 
     def _say(self, sentence: str) -> None:

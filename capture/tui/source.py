@@ -12,8 +12,8 @@ from textual.widgets import Static
 
 from calib.errors import InputError, harmless
 from capture.sources.registry import SCHEMES, open_source
-from capture.tui.named import cannot_be_opened, played
 from capture.tui.page import Field
+from capture.tui.references import cannot_be_opened, played
 from capture.tui.row import Row
 
 

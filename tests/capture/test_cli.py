@@ -16,7 +16,7 @@ from calib.io.frames_table import read_table
 from calib.io.images import read_image
 from calib.session.session import read_session
 from capture.cli import main
-from capture.gate import KNOWN, MOVING, SOFT, WAIT
+from capture.gate import HOLD_STILL, KNOWN_VIEW, MOVING, OUT_OF_FOCUS
 from tests.capture.recordings import (
     BOARD_FLAGS,
     FIXTURE,
@@ -163,8 +163,8 @@ def test_photographs_are_judged_each_by_itself(tmp_path: Path, interval_s: float
     assert done.returncode == 0, done.stderr
     assert [pose_of(picture) for picture in read_pictures(session / "frames")] == [0, 1, 2]
     assert [row["sequence"] for row in read_table(session / "frames.csv")] == ["0", "2", "3"]
-    assert f"0001.png: {SOFT}" in done.stderr.splitlines()
-    assert f"0004.png: {KNOWN}" in done.stderr.splitlines()
+    assert f"0001.png: {OUT_OF_FOCUS}" in done.stderr.splitlines()
+    assert f"0004.png: {KNOWN_VIEW}" in done.stderr.splitlines()
 
 
 def test_pictures_that_are_near_in_time_are_no_photographs(tmp_path: Path) -> None:
@@ -176,7 +176,7 @@ def test_pictures_that_are_near_in_time_are_no_photographs(tmp_path: Path) -> No
         "record", tmp_path / "session", "--source", f"folder:{source}?speed=max", *BOARD_FLAGS
     )
     assert done.returncode == 3
-    assert done.stderr.splitlines()[:2] == [WAIT, MOVING]
+    assert done.stderr.splitlines()[:2] == [HOLD_STILL, MOVING]
 
 
 def test_every_spaces_the_views(still_poses: Path, tmp_path: Path) -> None:

@@ -17,10 +17,20 @@ from calib.corners.find import find_board
 from calib.session.board import Board
 from calib.session.session import read_session
 from capture.coded_finder import CodedFinder
-from capture.find import finder_of
+from capture.finders import make_finder
 from capture.frames import Frame
-from capture.gate import DARK, GLARE, GOOD, KNOWN, MOVING, SOFT, STREAKED, WAIT, judge
-from capture.sighting import Sighting
+from capture.gate import (
+    DARK,
+    GLARE,
+    GOOD_VIEW,
+    HOLD_STILL,
+    KNOWN_VIEW,
+    MOTION_BLUR,
+    MOVING,
+    OUT_OF_FOCUS,
+    judge_frame,
+)
+from capture.live_detection import LiveDetection
 from fixtures.coded_boards import CHARUCO, GRID, KINDS, LEGACY, LENS, PARTIAL, WHOLE
 from fixtures.coded_pictures import Lens
 from tests.capture.recordings import capture
@@ -38,15 +48,15 @@ def drawn(name: str, pose: str = "whole") -> tuple[Grey, NDArray[np.float64]]:
     return view.picture, view.corners
 
 
-def look(pixels: Grey, board: Board, time_s: float = 1.0) -> Sighting:
-    return finder_of(board).look(Frame(pixels, 0, time_s))
+def look(pixels: Grey, board: Board, time_s: float = 1.0) -> LiveDetection:
+    return make_finder(board).look(Frame(pixels, 0, time_s))
 
 
 def sentence(pixels: Grey, board: Board) -> str:
     """The verdict on a board that is held still, in a new session."""
-    finder = finder_of(board)
+    finder = make_finder(board)
     before, now = (finder.look(Frame(pixels, 0, time_s)) for time_s in (0.9, 1.0))
-    return judge(now, before, ()).sentence
+    return judge_frame(now, before, ()).sentence
 
 
 def off(found: NDArray[np.float64] | None, truth: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -93,7 +103,7 @@ def test_corners_are_where_they_are_and_none_is_made_up(name: str, pose: str) ->
 def test_large_pictures_are_searched_reduced_and_refined_in_full(name: str, pose: str) -> None:
     """Three times the picture's width is two blocks of pixels by two: markers are read in these."""
     picture, truth = enlarged(*drawn(name, pose), 3)
-    finder = finder_of(KINDS[name].board)
+    finder = make_finder(KINDS[name].board)
     frame = Frame(picture, 0, 1.0)
     seen = finder.look(frame)
     assert np.sqrt((off(seen.corners, truth) ** 2).mean()) < 0.5, "px of the whole picture"
@@ -142,7 +152,7 @@ def test_a_streak_is_measured_in_any_direction(name: str, angle: float) -> None:
     seen = look(streaked, KINDS[name].board)
     assert seen.blur
     assert seen.blur.streak == pytest.approx(4.0, abs=1.0)  # its spread is no normal blur's
-    assert sentence(streaked, KINDS[name].board) == STREAKED
+    assert sentence(streaked, KINDS[name].board) == MOTION_BLUR
 
 
 @pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
@@ -151,15 +161,15 @@ def test_the_gate_keeps_a_good_view_once(name: str, pose: str) -> None:
     picture, _ = drawn(name, pose)
     board = KINDS[name].board
     now, before = look(picture, board), look(picture, board, 0.9)
-    assert judge(now, before, ()).sentence == GOOD
-    assert judge(now, None, ()).sentence == WAIT
-    assert judge(look(moved(picture, 2.5, 0), board), before, ()).sentence == MOVING
+    assert judge_frame(now, before, ()).sentence == GOOD_VIEW
+    assert judge_frame(now, None, ()).sentence == HOLD_STILL
+    assert judge_frame(look(moved(picture, 2.5, 0), board), before, ()).sentence == MOVING
     assert now.corners is not None
-    assert judge(now, before, [now.corners]).sentence == KNOWN
+    assert judge_frame(now, before, [now.corners]).sentence == KNOWN_VIEW
     other, _ = drawn(name, "partial" if pose == "whole" else "whole")
     elsewhere = look(other, board).corners
     assert elsewhere is not None
-    assert judge(now, before, [elsewhere]).sentence == GOOD
+    assert judge_frame(now, before, [elsewhere]).sentence == GOOD_VIEW
 
 
 def test_a_view_that_shows_what_a_hand_hid_is_new() -> None:
@@ -169,8 +179,8 @@ def test_a_view_that_shows_what_a_hand_hid_is_new() -> None:
     half, whole = look(hidden, CHARUCO.board), look(picture, CHARUCO.board)
     assert half.corners is not None
     assert whole.corners is not None
-    assert judge(whole, whole, [half.corners]).sentence != KNOWN
-    assert judge(half, half, [whole.corners]).sentence == KNOWN
+    assert judge_frame(whole, whole, [half.corners]).sentence != KNOWN_VIEW
+    assert judge_frame(half, half, [whole.corners]).sentence == KNOWN_VIEW
 
 
 @pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
@@ -180,9 +190,9 @@ def test_light_and_focus_are_judged(name: str) -> None:
     assert sentence(np.asarray(np.minimum(picture * 1.6, 255), np.uint8), board) == GLARE
     assert sentence(np.asarray(picture * 0.15, np.uint8), board) == DARK
     large, _ = enlarged(picture, truth_of(name), 3)
-    assert sentence(np.asarray(cv2.GaussianBlur(large, (0, 0), 1.0), np.uint8), board) == SOFT, (
-        "2.1 px of its own, enlarged, and more"
-    )
+    assert (
+        sentence(np.asarray(cv2.GaussianBlur(large, (0, 0), 1.0), np.uint8), board) == OUT_OF_FOCUS
+    ), "2.1 px of its own, enlarged, and more"
 
 
 def truth_of(name: str) -> NDArray[np.float64]:
@@ -278,7 +288,7 @@ def test_what_the_picture_shows_instead_is_said_until_it_shows_the_board(
         return "They are others."
 
     monkeypatch.setattr("capture.coded_finder.other_coding", other)
-    monkeypatch.setattr("capture.coded_finder.RESTS", 1e9)
+    monkeypatch.setattr("capture.coded_finder.REST_RATIO", 1e9)
     finder, wall = CodedFinder(CHARUCO.board), np.full((360, 480), 120, np.uint8)
     for _ in range(3):
         assert finder.look(Frame(wall, 0, 1.0)).problem == "They are others"
@@ -395,6 +405,6 @@ def test_a_board_that_is_half_described_is_refused(
 
 def test_every_kind_has_its_finder() -> None:
     for kind in KINDS.values():
-        assert isinstance(finder_of(kind.board), CodedFinder)
-    assert not isinstance(finder_of(Board(9, 6, 0.02)), CodedFinder)
+        assert isinstance(make_finder(kind.board), CodedFinder)
+    assert not isinstance(make_finder(Board(9, 6, 0.02)), CodedFinder)
     assert LENS.width < 960, "drawn pictures are not reduced"

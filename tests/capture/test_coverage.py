@@ -16,8 +16,15 @@ from calib.session.board import Board
 from calib.session.camera import Camera, Intrinsics
 from calib.session.coding import Charuco
 from calib.session.schema import Number
-from capture.coverage import CELLS, InformedGuide, PlainGuide, SeenView, covered_cells, upright
-from capture.find import finder_of
+from capture.coverage import (
+    COVERAGE_CELLS,
+    InformedGuide,
+    KeptView,
+    PlainGuide,
+    covered_cells,
+    upright,
+)
+from capture.finders import make_finder
 from capture.frames import Frame
 from fixtures.coded_boards import CHARUCO, GRID, LENS, Kind
 
@@ -225,7 +232,7 @@ def test_what_the_bank_asks_for_can_be_found(kind: Kind) -> None:
     reaching = np.flatnonzero(np.isnan(found.corners[..., 0]).any(1) & near & simple)
     counted, apart = 0, []
     for pose in np.random.default_rng(4).choice(reaching, 4, replace=False):
-        sighting = finder_of(board).look(Frame(kind.view(found.poses[pose]).picture, 0, 1.0))
+        sighting = make_finder(board).look(Frame(kind.view(found.poses[pose]).picture, 0, 1.0))
         assert sighting.corners is not None, sighting.problem
         off = np.linalg.norm(sighting.corners - found.corners[pose], axis=1)
         counted += int(np.isfinite(found.corners[pose, :, 0]).sum())
@@ -239,10 +246,10 @@ def test_what_the_bank_asks_for_can_be_found(kind: Kind) -> None:
 
 def test_the_plain_rule_asks_for_the_borders_where_markers_allow() -> None:
     guide = PlainGuide(CODED, CAMERA, REACH)
-    views: list[SeenView] = []
+    views: list[KeptView] = []
     said = []
     while (hint := guide.next_pose(views)) is not None:
-        views.append(SeenView(seen_bare(CODED, CAMERA, hint.pose)))
+        views.append(KeptView(seen_bare(CODED, CAMERA, hint.pose)))
         said.append(hint.words)
         assert len(views) < 40
     for side in ("left", "right", "top", "bottom"):
@@ -269,8 +276,8 @@ def test_the_informed_guide_knows_views_of_a_part() -> None:
     )
     corners = found.corners[[left, right]]
     assert np.isnan(corners).any((1, 2)).all()
-    glass = np.zeros((*CELLS, 2))
-    spread = np.ones((*CELLS, 2, 2, 2))
+    glass = np.zeros((*COVERAGE_CELLS, 2))
+    spread = np.ones((*COVERAGE_CELLS, 2, 2, 2))
     information = np.array([np.diag([50.0, 0.0]), np.diag([0.0, 50.0])])
     design = Design(
         found.poses[[left, right]],
@@ -283,19 +290,19 @@ def test_the_informed_guide_knows_views_of_a_part() -> None:
         glass,
     )
     guide = InformedGuide(CODED, CAMERA, REACH, design)
-    first = SeenView(corners[0])
+    first = KeptView(corners[0])
     hint = guide.next_pose([first])
     assert hint
     assert hint.pose == pytest.approx(design.poses[1])
     assert np.isfinite(hint.outline).all()
     assert hint.outline[:, 0].max() > SIZE[0], "the frame goes on where the picture ends"
-    assert guide.next_pose([first, SeenView(corners[1])]) is None
+    assert guide.next_pose([first, KeptView(corners[1])]) is None
 
 
 def test_covered_cells_are_the_outlines_area() -> None:
     box = np.array([[100.0, 200], [900, 200], [900, 1000], [100, 1000]])
     cells = covered_cells(box, CAMERA)
-    assert cells.shape == CELLS
+    assert cells.shape == COVERAGE_CELLS
     assert cells.mean() == pytest.approx(800 * 800 / (1640 * 1232), rel=0.03)
     assert cells[:, -4:].max() == 0
 
@@ -310,7 +317,7 @@ def test_a_square_board_held_upside_down_is_the_same_view(quarters: int) -> None
 
 def test_the_plain_rule_ends_and_repeats_no_view() -> None:
     guide = PlainGuide(BOARD, CAMERA, REACH)
-    views: list[SeenView] = []
+    views: list[KeptView] = []
     first = guide.progress(views)
     assert not first.enough
     assert first.sigma_px is None
@@ -320,7 +327,7 @@ def test_the_plain_rule_ends_and_repeats_no_view() -> None:
             if first.views_needed
             else 0
         )
-        views.append(SeenView(seen_bare(BOARD, CAMERA, hint.pose), hint.pose))
+        views.append(KeptView(seen_bare(BOARD, CAMERA, hint.pose), hint.pose))
         assert len(views) < 40
     last = guide.progress(views)
     assert last.enough
@@ -333,10 +340,10 @@ def test_the_plain_rule_needs_no_poses() -> None:
     guide = PlainGuide(BOARD, CAMERA, REACH)
     found = bank(BOARD, CAMERA, REACH)
     posed = [
-        SeenView(corners, pose)
+        KeptView(corners, pose)
         for corners, pose in zip(found.corners[::40], found.poses[::40], strict=True)
     ]
-    unposed = [SeenView(view.corners) for view in posed]
+    unposed = [KeptView(view.corners) for view in posed]
     assert guide.progress(posed).views_needed == guide.progress(unposed).views_needed
 
 
@@ -344,7 +351,7 @@ def test_the_plain_rule_needs_no_poses() -> None:
 def test_the_same_view_again_and_again_is_never_enough(pose: tuple[float, ...]) -> None:
     guide = PlainGuide(BOARD, CAMERA, REACH)
     corners = seen_bare(BOARD, CAMERA, np.array(pose, float))
-    progress = guide.progress([SeenView(corners)] * 50)
+    progress = guide.progress([KeptView(corners)] * 50)
     assert not progress.enough
     assert progress.image.mean() < 0.5
     assert sorted(progress.depth)[:2] == [0, 0]
@@ -357,9 +364,11 @@ def made_design(information: Array, spread: Array, views: int = 0) -> Design:
     found = bank(BOARD, CAMERA, REACH)
     chosen = np.linspace(0, len(found.poses) - 1, len(information)).astype(int)
     modes = information.shape[-1]
-    at = np.zeros((*CELLS, 2, 2, modes))
+    at = np.zeros((*COVERAGE_CELLS, 2, 2, modes))
     at[..., 0, 0, :] = spread
-    glass = np.stack(np.meshgrid(*(np.linspace(0.2, 0.8, n) for n in CELLS), indexing="ij"), -1)
+    glass = np.stack(
+        np.meshgrid(*(np.linspace(0.2, 0.8, n) for n in COVERAGE_CELLS), indexing="ij"), -1
+    )
     return Design(
         found.poses[chosen],
         found.corners[chosen],
@@ -392,7 +401,7 @@ def test_the_predicted_error_is_the_one_of_the_linear_model() -> None:
     design = made_design(np.array([np.diag([3.0, 8.0])]), np.array([0.5, 2.0]))
     guide = InformedGuide(BOARD, CAMERA, REACH, design)
     assert guide.progress([]).sigma_px == pytest.approx(np.sqrt(0.5**2 + 2**2))
-    once = guide.progress([SeenView(design.corners[0])])
+    once = guide.progress([KeptView(design.corners[0])])
     assert once.sigma_px == pytest.approx(np.sqrt(0.5**2 / 4 + 2**2 / 9))
 
 
@@ -401,7 +410,7 @@ def test_as_many_views_are_needed_as_are_then_taken() -> None:
     rows = rng.normal(size=(60, 3, 8))
     design = made_design(10 * rows.transpose(0, 2, 1) @ rows, rng.normal(size=8))
     guide = InformedGuide(BOARD, CAMERA, REACH, design, target_px=0.1, folds_agree=True)
-    views: list[SeenView] = []
+    views: list[KeptView] = []
     needed = guide.progress(views).views_needed
     assert needed
     assert 1 < needed < MOST
@@ -411,7 +420,7 @@ def test_as_many_views_are_needed_as_are_then_taken() -> None:
         assert not progress.enough
         hint = guide.next_pose(views)
         assert hint
-        views.append(SeenView(seen_bare(BOARD, CAMERA, hint.pose)))
+        views.append(KeptView(seen_bare(BOARD, CAMERA, hint.pose)))
     assert guide.progress(views).enough
     assert len({tuple(np.round(view.corners.ravel())) for view in views}) == needed
 
@@ -440,7 +449,7 @@ def test_a_target_out_of_reach_is_said() -> None:
 
 def test_coverage_maps_stay_between_none_and_all() -> None:
     design = made_design(np.array([[[1.0]], [[2.0]]]), np.array([0.3]))
-    progress = InformedGuide(BOARD, CAMERA, REACH, design).progress([SeenView(design.corners[0])])
+    progress = InformedGuide(BOARD, CAMERA, REACH, design).progress([KeptView(design.corners[0])])
     for part in (progress.image, progress.depth, progress.glass):
         assert part.min() >= 0
         assert part.max() <= 1

@@ -64,7 +64,7 @@ def test_nothing_that_it_prints_reaches_the_terminal(capfd: pytest.CaptureFixtur
         assert process.receive() == "done"
         with pytest.raises(EOFError):
             process.receive()
-        assert process.end().words == "a library's complaint"
+        assert process.end().reason == "a library's complaint"
     assert capfd.readouterr() == ("", "")
 
 
@@ -73,7 +73,7 @@ def test_what_it_died_of_is_said(capfd: pytest.CaptureFixture[str]) -> None:
         with pytest.raises(EOFError):
             process.receive()
         ending = process.end()
-    assert (ending.by_signal, ending.words) == (False, "ValueError: odd")
+    assert (ending.by_signal, ending.reason) == (False, "ValueError: odd")
     assert capfd.readouterr() == ("", "")
 
 
@@ -85,7 +85,7 @@ def test_killed_while_another_thread_waits_it_leaves_no_zombie() -> None:
             process.receive()
         ending = process.end()
         assert ending.by_signal
-        assert ending.words.startswith("SIGKILL")
+        assert ending.reason.startswith("SIGKILL")
         process.kill()  # which is too late, and does no harm
     assert not runs(process.pid)
 
@@ -98,7 +98,7 @@ def test_one_that_was_killed_from_outside_takes_messages_until_its_end_is_read()
         process.send("a question" * 100_000)
         with pytest.raises(EOFError):
             process.receive()
-        assert process.end().words == "SIGTERM"
+        assert process.end().reason == "SIGTERM"
 
 
 class Screen:

@@ -11,7 +11,7 @@ import pytest
 
 from calib.errors import InputError
 from capture.frames import Frame
-from capture.narrator import Waits
+from capture.narrator import SilenceRemarks
 from capture.reader import SILENT_S, Reader
 from capture.sources.folder import FolderSource
 from tests.capture.recordings import noise, write_recording
@@ -47,7 +47,7 @@ def test_the_picture_judged_is_never_older_than_one_detection_plus_one_frame(
     with Reader(FolderSource(recorded, 1.0)) as reader:
         assert worst_age(reader, slower * DETECTION) < SLACK
     assert reader.lost == 0
-    assert (reader.unseen > 30) == (slower == 10)
+    assert (reader.skipped > 30) == (slower == 10)
 
 
 def test_without_the_reader_pictures_grow_old(recorded: Path) -> None:
@@ -65,7 +65,7 @@ def test_a_recording_waits_for_its_reader(recorded: Path) -> None:
             time.sleep(0.002)
             seen.append(frame.sequence)
     assert seen == list(range(60))
-    assert reader.unseen == reader.lost == 0
+    assert reader.skipped == reader.lost == 0
 
 
 def test_gaps_in_the_counter_are_counted(tmp_path: Path) -> None:
@@ -132,7 +132,7 @@ def test_nothing_is_said_of_a_recording_that_waits_for_its_reader(tmp_path: Path
 def test_the_console_says_a_silence_again_when_it_is_twice_as_long(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    waits = Waits()
+    waits = SilenceRemarks()
     for seconds in (1.0, 1.1, 1.9, 1.2, 2.1, 3.0, 4.3):
         waits(seconds)
     lines = capsys.readouterr().err.splitlines()

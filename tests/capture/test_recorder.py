@@ -139,7 +139,7 @@ def test_a_table_of_other_pictures_is_refused_not_emptied(tmp_path: Path) -> Non
     table.write_text("file,time_s\nframes/0000.png,1.5\n")
     with pytest.raises(
         InputError,
-        match=r"tells of frames/0000\.png and of no picture in .*: write names such as 0000\.png",
+        match=r"lists frames/0000\.png and no picture in .*: write names such as 0000\.png",
     ):
         keep(tmp_path, PICTURES[1:2])
     assert table.read_text() == "file,time_s\nframes/0000.png,1.5\n"
@@ -442,7 +442,10 @@ def test_a_strangers_session_cannot_have_another_file_changed(link: str, tmp_pat
             case "pipe":
                 os.mkfifo(place)
         with (
-            pytest.raises(InputError, match="leads elsewhere: remove it, or record elsewhere"),
+            pytest.raises(
+                InputError,
+                match="the recorder cannot use it: remove it, or record elsewhere",
+            ),
             ExitStack() as held,
         ):
             (
@@ -456,6 +459,6 @@ def test_a_strangers_session_cannot_have_another_file_changed(link: str, tmp_pat
 
 def test_a_lock_that_would_be_made_elsewhere_is_not(tmp_path: Path) -> None:
     (tmp_path / ".recording").symlink_to(tmp_path / "made")
-    with pytest.raises(InputError, match="leads elsewhere"), locked(tmp_path):
+    with pytest.raises(InputError, match="is a link or not a regular file"), locked(tmp_path):
         pass
     assert not (tmp_path / "made").exists()

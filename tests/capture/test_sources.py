@@ -154,7 +154,7 @@ def test_a_first_picture_without_a_time_does_not_shift_the_others(tmp_path: Path
     table.write_text(table.read_text().replace("0000.png,1000.0", "0000.png,"))
     with open_source(f"folder:{tmp_path}") as source:
         frames = list(source)
-    assert [frame.alone for frame in frames] == [True, False, False]
+    assert [frame.isolated for frame in frames] == [True, False, False]
     assert np.ptp([frame.time_s for frame in frames]) < 1
 
 

@@ -57,7 +57,7 @@ def slow(progress: Progress) -> dict[str, object]:
         (ended_by, (signal.SIGKILL,), "ended from outside (SIGKILL, perhaps for want of memory)"),
         (ended_by, (signal.SIGTERM,), "ended from outside (SIGTERM)"),
         (a_bug, (), "which is a bug in capture (ValueError: odd)"),
-        (silent, (), "which is a bug in capture (it said nothing)"),
+        (silent, (), "which is a bug in capture (it printed nothing)"),
     ],
 )
 def test_every_end_is_a_sentence(work: Work, arguments: tuple[object, ...], sentence: str) -> None:

@@ -17,7 +17,7 @@ from capture.disk import locked
 from capture.recorder import Recorder
 from capture.tui.collect import CollectScreen
 from capture.tui.picture import Picture
-from capture.tui.working import WorkingPage
+from capture.tui.working_page import WorkingPage
 from tests.capture.recordings import BOARD, noise, write_recording
 from tests.capture.test_rpicam import HEIGHT, PICTURES, SOURCE, STAND_IN, WIDTH
 from tests.capture.tui.driving import drive, running, see, shown, until

@@ -14,7 +14,7 @@ from calib.cli import main
 from calib.io.images import list_images
 from capture.tui.app import CaptureApp
 from capture.tui.fit import FitScreen
-from capture.tui.lacking import no_lens
+from capture.tui.fit_requirements import no_lens
 from tests.capture.tui.driving import drive, running, see, shown, until, write
 from tests.capture.tui.test_session import FIXTURE
 

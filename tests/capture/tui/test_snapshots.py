@@ -26,8 +26,8 @@ from calib.planning.pose_bank import Reach, seen_bare
 from calib.session.camera import Camera
 from calib.session.cover import Cover
 from calib.session.session import session_to_yaml
-from capture.coverage import Hint, SeenView, SessionProgress, hint
-from capture.find import finder_of
+from capture.coverage import Hint, KeptView, SessionProgress, make_hint
+from capture.finders import make_finder
 from capture.frames import Frame
 from capture.session_file import read_setup
 from capture.tui.child import LOADING, Child
@@ -37,7 +37,7 @@ from capture.tui.effects import EffectsScreen
 from capture.tui.fit import FitScreen
 from capture.tui.fitting import fit_session
 from capture.tui.results import ResultsScreen
-from capture.tui.working import WorkingPage
+from capture.tui.working_page import WorkingPage
 from fixtures.coded_boards import CHARUCO, LENS
 from tests.capture.tui.driving import SIZES, describe, drive, running, see, shown, until
 from tests.capture.tui.test_effects import FINDING, NUMBERS, WORDS
@@ -183,16 +183,16 @@ async def collect_charuco(pilot: Pilot[None], session: Path) -> None:
     await pilot.pause(0.5)
     board, camera, _ = read_setup(session / "session.yaml")
     screen._found = (
-        finder_of(board)
+        make_finder(board)
         .look(Frame(eight_bits(read_grey(session / "frames" / "0000.png")), 0, 1.0))
         .corners
     )
     assert screen._found is not None
     pose = np.array([0.0, -0.5, 0.0, 0.15, 0.0, 0.25])
-    outside = hint(
+    outside = make_hint(
         pose,
         seen_bare(board, camera, pose),
-        [SeenView(screen._found)],
+        [KeptView(screen._found)],
         board,
         camera,
         Reach.of(board, camera),

@@ -7,7 +7,7 @@ from calib.io.files import reading
 from capture.session_file import Setup, read_calibrated, read_setup
 from capture.sources.registry import open_source
 from capture.tui.farewell import CALIBRATION
-from capture.typed_path import typed_path
+from capture.typed_path import expand_typed_path
 
 
 def read_like(like: str) -> Setup | None:
@@ -16,7 +16,7 @@ def read_like(like: str) -> Setup | None:
     """
     if not like.strip():
         return None
-    place = typed_path(like.strip())
+    place = expand_typed_path(like.strip())
     with reading(place):
         place = place / "session.yaml" if place.is_dir() else place
     board, camera, cover = read_setup(place)

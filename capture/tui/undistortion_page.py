@@ -9,8 +9,8 @@ from textual import on, work
 
 from capture.tui.child import Child
 from capture.tui.depth import DepthScreen
+from capture.tui.live_undistortion import Straight, straighten
 from capture.tui.page import Page, Said
-from capture.tui.straight import Straight, straighten
 
 DEPTH = 1.0  # m, proposed until another was chosen
 SAID_S = 6.0  # for which it is said what becomes of the maps

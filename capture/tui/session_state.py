@@ -5,7 +5,7 @@ from pathlib import Path
 from calib.errors import InputError
 from calib.io.images import list_images
 from capture.tui.farewell import fitted
-from capture.tui.lacking import lens_missing
+from capture.tui.fit_requirements import lens_missing
 
 
 def described(session: Path) -> bool:

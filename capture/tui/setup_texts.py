@@ -1,7 +1,7 @@
 """What the set-up says of its fields, and of going on with the cover on."""
 
 from capture.tui.form import explained
-from capture.tui.named import played
+from capture.tui.references import played
 
 SOURCE = (
     "Where pictures come from: v4l2:/dev/video0, libcamera:0, rpicam:0, video:FILE, or folder:PATH"

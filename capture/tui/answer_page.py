@@ -3,7 +3,7 @@
 from textual.binding import Binding
 
 from capture.tui.child import Event
-from capture.tui.working import WorkingPage
+from capture.tui.working_page import WorkingPage
 
 SCROLL = (
     Binding("up", "scroll(-1)", "Up", key_display="↑"),

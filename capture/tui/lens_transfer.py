@@ -14,7 +14,7 @@ from calib.session.camera import camera_to_yaml, read_camera
 from calib.session.schema import Section
 from capture.disk import write_durably
 from capture.session_file import Setup, read_setup
-from capture.tui.named import read_like
+from capture.tui.references import read_like
 
 CAMERA = re.compile(r"^camera:[ \t]*(?:#.*)?\n(?=( +)\S)", re.MULTILINE)
 """Its line, where its keys have lines of their own, with their indentation."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from textual import on, work
 from textual.message import Message
 
-from capture.coverage import Hint, SeenView, SessionProgress
+from capture.coverage import Hint, KeptView, SessionProgress
 from capture.tui.adviser import Adviser
 from capture.tui.camera import Task
 from capture.tui.page import Page
@@ -71,11 +71,11 @@ class GuidedPage(Page):
             return
         self._advise(size, self._views())
 
-    def _views(self) -> list[SeenView]:
-        return [SeenView(corners) for corners in self.kept]
+    def _views(self) -> list[KeptView]:
+        return [KeptView(corners) for corners in self.kept]
 
     @work(thread=True, group="advice", description="advises")
-    def _advise(self, size: tuple[int, int], views: Sequence[SeenView]) -> None:
+    def _advise(self, size: tuple[int, int], views: Sequence[KeptView]) -> None:
         """One advice after the other; while a better one is computed, the next view gets the best
         that there is.
         """
@@ -87,7 +87,7 @@ class GuidedPage(Page):
             self.post_message(self.Advised(len(views), *self._adviser.advise(views)))
 
     @work(thread=True, group="improvement", description="improves the guide")
-    def _improve(self, adviser: Adviser, views: Sequence[SeenView]) -> None:
+    def _improve(self, adviser: Adviser, views: Sequence[KeptView]) -> None:
         for _ in adviser.improve(views):
             self.post_message(self.Improved(done=False))
         self.post_message(self.Improved(done=True))

@@ -14,12 +14,12 @@ from calib import Calibration, Undistorter
 from calib.io.images import read_grey
 from calib.progress import Silent
 from calib.session.board import Board
-from capture.find import finder_of
+from capture.finders import make_finder
 from capture.frames import Frame
 from capture.tui.camera import Preview
 from capture.tui.cells import FOUND, LINE, Mark
 from capture.tui.collect import CollectScreen
-from capture.tui.straight import GRID, Straight, along, straighten
+from capture.tui.live_undistortion import GRID, Straight, along, straighten
 from tests.capture.tui.driving import drive, running, see, shown, write
 from tests.capture.tui.test_session import FIXTURE
 
@@ -58,7 +58,7 @@ def test_points_go_where_the_undistorter_sends_them_and_rows_become_straight(
     session: Path, straight: Straight
 ) -> None:
     undistorter = Undistorter(Calibration.load(session / "calibration"), DEPTH)
-    finder, before, after = finder_of(BOARD), [], []
+    finder, before, after = make_finder(BOARD), [], []
     for picture in pictures(session):
         corners = finder.look(Frame(picture, 0, 0.0)).corners
         assert corners is not None
@@ -101,7 +101,7 @@ def test_the_picture_is_the_undistorters(session: Path, straight: Straight) -> N
 def test_lines_run_along_the_board_or_else_across_the_picture(
     session: Path, straight: Straight
 ) -> None:
-    corners = finder_of(BOARD).look(Frame(pictures(session)[0], 0, 0.0)).corners
+    corners = make_finder(BOARD).look(Frame(pictures(session)[0], 0, 0.0)).corners
     assert corners is not None
     marks = straight.marks([Mark(FOUND, corners)], BOARD)
     lines = [mark for mark in marks if mark.character == LINE]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from capture.tui.touch_words import worded
+from capture.tui.touch_wording import worded
 
 LABELS = {
     "f": "Fit",

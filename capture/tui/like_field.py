@@ -5,11 +5,11 @@ from pathlib import Path
 
 from calib.errors import InputError
 from capture.session_file import Setup
-from capture.tui.lacking import lens_known
-from capture.tui.lent_lens import lend_lens, lens_of
-from capture.tui.named import read_like
+from capture.tui.fit_requirements import lens_known
+from capture.tui.lens_transfer import lend_lens, lens_of
 from capture.tui.page import Field
-from capture.tui.recorded import described
+from capture.tui.references import read_like
+from capture.tui.session_state import described
 
 
 class Like(Field):

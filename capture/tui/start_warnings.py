@@ -5,9 +5,9 @@ recorded that it was not.
 from collections.abc import Iterator
 
 from capture.coverage import SessionProgress
+from capture.source_folder import describe_mismatch
 from capture.tui.camera import Task
-from capture.tui.lacking import lens_known
-from capture.wrong_folder import doubt
+from capture.tui.fit_requirements import lens_known
 
 NO_LENS_YET = (
     "The lens is not known yet: choose record now: without the cover, or name a session that knows"
@@ -17,7 +17,7 @@ NO_LENS_YET = (
 
 def doubts(task: Task) -> Iterator[tuple[str, str]]:
     """A sentence each, and the field that it is about."""
-    if said := doubt(task.source, covered=task.covered):
+    if said := describe_mismatch(task.source, covered=task.covered):
         other = "without the cover" if task.covered else "through the cover"
         yield (
             f"{said} Set record now to {other}, or start once more if they are right all the same.",

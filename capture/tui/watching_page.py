@@ -12,9 +12,9 @@ from textual.message import Message
 
 from calib.errors import RefracalError
 from capture.errors import CaptureError
-from capture.recording_loop import Shutter, Step
+from capture.recording_loop import ShutterButton, Step
 from capture.tui.camera import Preview, Task, Watch
-from capture.tui.guided import GuidedPage
+from capture.tui.guided_page import GuidedPage
 
 
 class WatchingPage(GuidedPage):
@@ -64,7 +64,7 @@ class WatchingPage(GuidedPage):
 
     def __init__(self, task: Task) -> None:
         super().__init__(task)
-        self.shutter = Shutter()
+        self.shutter = ShutterButton()
         self.watched: Watch | None = None
         """The source, as long as frames come from it."""
 
@@ -108,7 +108,7 @@ class WatchingPage(GuidedPage):
         except RefracalError as error:
             self.say(str(error))
             return False
-        self.shutter.pressed()  # of a source that has ended
+        self.shutter.take_press()  # of a source that has ended
         self._run(self.watched)
         return True
 

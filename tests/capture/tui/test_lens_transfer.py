@@ -10,8 +10,8 @@ from textual.widgets import Input
 
 from calib.errors import InputError
 from capture.session_file import read_setup
-from capture.tui.lacking import no_lens
-from capture.tui.lent_lens import lend_lens, lens_of
+from capture.tui.fit_requirements import no_lens
+from capture.tui.lens_transfer import lend_lens, lens_of
 from tests.capture.tui.driving import describe, drive, running, see, shown, until, write
 from tests.capture.tui.test_session import FIXTURE
 
