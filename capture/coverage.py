@@ -7,7 +7,7 @@ cover (calib.planning.design, computed in a separate process).
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import cv2
 import numpy as np
@@ -26,10 +26,20 @@ Array = NDArray[np.float64]
 TARGET_SIGMA_PX = 0.1  # px, a predicted sigma of the undistorted position that is good enough
 COVERAGE_CELLS = (9, 12)  # rows and columns of the coverage maps
 SAMPLES_PER_CELL = 16  # samples across a cell, to measure the fraction of it that a board covers
-REQUIRED_VIEWS = {"cell": 1.0, "depth": 4.0, "side": 2.0, "over": 2.0}
-"""The numbers of views that the plain rule wants: for each cell, each depth, each side tilted away,
-and each border that the board reaches over, as far as the board can.
-"""
+
+
+class RequiredViews(NamedTuple):
+    """The numbers of views that the plain guide wants, as far as the board can give them."""
+
+    per_cell: float
+    per_depth: float
+    per_tilt: float
+    """For each side that is tilted away."""
+    per_border: float
+    """For each border that the board reaches over."""
+
+
+REQUIRED_VIEWS = RequiredViews(per_cell=1.0, per_depth=4.0, per_tilt=2.0, per_border=2.0)
 MIN_GAIN = 0.1  # the gain of a further view below which the plain rule is content
 # fraction of the picture's width: the distance that counts for a corner that one view shows and the
 # other does not
@@ -61,7 +71,7 @@ class Hint:
     """
     pose: Array
     """(6,) rotation vector (rad) and translation (m)."""
-    words: str
+    instruction: str
     """An instruction, such as: closer, to the left edge, tilt the right side away."""
 
 
@@ -69,7 +79,7 @@ class Hint:
 class SessionProgress:
     """The progress of the session."""
 
-    enough: bool
+    is_enough: bool
     sentence: str
     sigma_px: float | None
     """The predicted standard deviation of the undistorted position, over the picture and the
@@ -118,9 +128,9 @@ class PlainGuide:
             ]
         )
         cells, levels = COVERAGE_CELLS[0] * COVERAGE_CELLS[1], len(self._reach.levels())
-        self._required = np.repeat(
-            list(REQUIRED_VIEWS.values()), (cells, levels, 4, 4)
-        ) * self._covered.any(0)  # no checkerboard fills the outermost cells
+        self._required = np.repeat(REQUIRED_VIEWS, (cells, levels, 4, 4)) * self._covered.any(
+            0
+        )  # no checkerboard fills the outermost cells
         self._weights = np.repeat((CELL_WEIGHT / cells, 1.0, 1.0, 1.0), (cells, levels, 4, 4))
 
     def next_pose(self, views: Sequence[KeptView]) -> Hint | None:
@@ -150,7 +160,7 @@ class PlainGuide:
         estimate = f"likely {needed} more view{'s' * (needed > 1)}" if needed else "enough"
         sentence = f"Judged by picture, depth and tilt: {estimate}."
         return SessionProgress(
-            enough=not needed,
+            is_enough=not needed,
             sentence=sentence,
             sigma_px=None,
             views_needed=needed,
@@ -243,7 +253,7 @@ class InformedGuide:
         planned = information + self._design.information[plan].sum(0)
         needed = len(plan) if self._design.sigma(planned) <= self._target else None
         return SessionProgress(
-            enough=needed == 0 and bool(self._folds_agree),
+            is_enough=needed == 0 and bool(self._folds_agree),
             sentence=self._sentence(sigma, needed),
             sigma_px=sigma,
             views_needed=needed,
@@ -262,7 +272,7 @@ class InformedGuide:
         if needed:
             return f"{estimate}: likely {needed} more view{'s' if needed > 1 else ''}."
         if self._folds_agree is None:
-            return f"{estimate}. Whether views left out of the fit agree is being computed."
+            return f"{estimate}. The test with views left out of the fit is still running."
         if not self._folds_agree:
             return (
                 f"{estimate}, but views left out of the fit do not agree: take more, fit, then"
@@ -332,7 +342,7 @@ class InformedGuide:
         mask = np.isfinite(self._design.glass[..., 0])
         cells = np.array(COVERAGE_CELLS)
         places = np.clip(self._design.glass[mask] * cells, 0, cells - 1).astype(int)
-        fraction = np.broadcast_to(crossed, COVERAGE_CELLS)[mask] / REQUIRED_VIEWS["cell"]
+        fraction = np.broadcast_to(crossed, COVERAGE_CELLS)[mask] / REQUIRED_VIEWS.per_cell
         np.maximum.at(glass, (places[:, 0], places[:, 1]), np.minimum(fraction, 1))
         return glass
 

@@ -109,7 +109,7 @@ def check_detection(
     if detection.too_large:
         return WRONG_BOARD
     return (
-        _cut(detection, detection.partial_corners, BORDER_SQUARES * detection.square)
+        _check_cut_off(detection, detection.partial_corners, BORDER_SQUARES * detection.square)
         or HIDDEN_BOARD
     )
 
@@ -117,7 +117,7 @@ def check_detection(
 def check_borders(
     detection: LiveDetection, _previous: LiveDetection | None, _views: Sequence[NDArray[np.float64]]
 ) -> str | None:
-    return _cut(detection, _corners(detection), detection.margin)
+    return _check_cut_off(detection, _corners(detection), detection.margin)
 
 
 def check_exposure(
@@ -198,7 +198,7 @@ def _corners(detection: LiveDetection) -> NDArray[np.float64]:
     return detection.corners
 
 
-def _cut(detection: LiveDetection, points: NDArray, min_distance: float) -> str | None:
+def _check_cut_off(detection: LiveDetection, points: NDArray, min_distance: float) -> str | None:
     """Return an instruction if one of the (n, 2) px points is nearer to a border than this; else
     None.
     """

@@ -40,10 +40,10 @@ class Narrator:
         if step.picture:
             self.report_picture(step.picture, step.view)
         elif step.frame.isolated:
-            _remark(f"{step.frame.name}: {step.verdict.sentence}")
-        elif step.verdict.sentence != self.sentence:
-            _remark(step.verdict.sentence)
-        self.sentence = step.verdict.sentence
+            _remark(f"{step.frame.name}: {step.decision.sentence}")
+        elif step.decision.sentence != self.sentence:
+            _remark(step.decision.sentence)
+        self.sentence = step.decision.sentence
 
     def report_picture(self, picture: Path, view: int) -> None:
         self.pictures.append(picture)

@@ -29,7 +29,7 @@ one, it collects others that have ended.
 """
 
 
-def prepare() -> None:
+def prepare_processes() -> None:
     """Prepare processes for use within a Textual app. Call it before the app runs.
 
     The first process starts multiprocessing's tracker, which inherits sys.stderr; the app's

@@ -67,7 +67,7 @@ class Step:
 
     frame: Frame
     detection: LiveDetection
-    verdict: FrameDecision
+    decision: FrameDecision
     picture: Path | None
     """The picture that holds it; None if it was not kept."""
     view: int
@@ -78,9 +78,9 @@ def refusal_reason(step: Step) -> str:
     """Return the reason why a visible board was not kept; empty if it was kept, or if the person
     only has to hold it still.
     """
-    accepted = step.verdict.keep or step.verdict.sentence in (HOLD_STILL, MOVING)
+    accepted = step.decision.keep or step.decision.sentence in (HOLD_STILL, MOVING)
     return (
-        "" if accepted or step.picture or step.detection.corners is None else step.verdict.sentence
+        "" if accepted or step.picture or step.detection.corners is None else step.decision.sentence
     )
 
 
@@ -105,19 +105,19 @@ def record(
         recorder.check(frame)
         detection = finder.look(frame)
         picture = None
-        if frame.isolated:  # it is not part of a burst
+        if frame.isolated:  # a photograph is not part of a burst
             remaining = 0
         if remaining:  # a burst: the same board again
-            verdict = judge_frame(detection, previous, ())
-            remaining = remaining - 1 if verdict.keep else 0
-            if verdict.keep:
+            decision = judge_frame(detection, previous, ())
+            remaining = remaining - 1 if decision.keep else 0
+            if decision.keep:
                 picture = recorder.keep(frame, same_view=True)
         else:
             # a folder, which plays back pictures that it gave before
             if frame.name and dropped_corners is None:
                 dropped_corners = detect_in_pictures(recorder.set_aside, finder)
             candidates = [*view_corners, *(dropped_corners or ())] if frame.name else view_corners
-            verdict = judge_frame(detection, previous, candidates, isolated=frame.isolated)
+            decision = judge_frame(detection, previous, candidates, isolated=frame.isolated)
             is_recorded = (
                 bool(frame.name)
                 and detection.corners is not None
@@ -125,13 +125,13 @@ def record(
             )
             if (
                 is_recorded
-                and verdict.sentence == KNOWN_VIEW
+                and decision.sentence == KNOWN_VIEW
                 and check_novelty(detection, previous, view_corners) is None
             ):
-                verdict = SET_ASIDE
+                decision = SET_ASIDE
             wanted = detection.corners is not None and not is_recorded and shutter.take_press()
             if wanted or (
-                shutter.automatic and verdict.keep and frame.time_s - last_s >= plan.every_s
+                shutter.automatic and decision.keep and frame.time_s - last_s >= plan.every_s
             ):
                 corners = finder.refine(frame, detection)
                 if corners is not None:
@@ -139,9 +139,9 @@ def record(
                     view_corners.append(corners)
                     views, remaining, last_s = views + 1, plan.burst - 1, frame.time_s
                 elif detection.corners is not None:
-                    verdict = UNMEASURED
+                    decision = UNMEASURED
         previous = detection
-        yield Step(frame, detection, verdict, picture, views)
+        yield Step(frame, detection, decision, picture, views)
         if views == plan.views and not remaining:
             return
 

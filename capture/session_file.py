@@ -66,7 +66,7 @@ def board_of(session: Path, requested: Board | None, like: Setup | None = None) 
     board, _, cover = read_setup(file)
     if requested not in (None, board):
         raise InputError(
-            f"{file} describes a board of {_described(board)} where {_described(requested)} were"
+            f"{file} describes a board of {_describe(board)} where {_describe(requested)} were"
             " asked for: leave --board and what belongs to it out, correct the file, or record"
             " elsewhere."
         )
@@ -98,7 +98,7 @@ def write_setup(
     return cover
 
 
-def _described(board: Board) -> str:
+def _describe(board: Board) -> str:
     match board.coding:
         case None:
             return f"{board} corners and {board.square * 1000:g} mm"

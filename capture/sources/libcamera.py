@@ -203,7 +203,7 @@ class LibcameraSource:
         while not self._closed.is_set():
             if self._pending:
                 request = self._pending.pop(0)
-                frame = self._copied(request)
+                frame = self._copy_frame(request)
                 request.reuse()
                 for control, value in self._controls.items():
                     request.set_control(control, value)
@@ -219,7 +219,7 @@ class LibcameraSource:
                 )
         return None
 
-    def _copied(self, request: Any) -> Frame | None:
+    def _copy_frame(self, request: Any) -> Frame | None:
         """Return the request's picture; None if the camera failed to take it."""
         buffer = next(iter(request.buffers.values())).metadata
         failed = (

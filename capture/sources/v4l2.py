@@ -68,7 +68,7 @@ class V4l2Source:
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            self._handle = stack.enter_context(device.opened(self._path))
+            self._handle = stack.enter_context(device.open_node(self._path))
             mode = self._mode()
             remarks = device.lock(self._handle)
             for control, value in self._controls.items():
@@ -122,7 +122,7 @@ class V4l2Source:
         fit = [
             m
             for m in offered
-            if (self._size is None or m.gives(self._size)) and self._pixels in (None, m.format)
+            if (self._size is None or m.supports(self._size)) and self._pixels in (None, m.format)
         ]
         if not fit:
             if not offered:
@@ -259,7 +259,7 @@ def inventory() -> Inventory:
     for node in nodes:
         source = f"v4l2:{node}"
         try:
-            with device.opened(str(node)) as handle:
+            with device.open_node(str(node)) as handle:
                 modes = [mode for mode in device.modes(handle) if mode.format in FORMATS]
                 problem = (
                     ""
@@ -267,7 +267,7 @@ def inventory() -> Inventory:
                     else f"It has no picture format that can be read: {RAW_CAMERA_ADVICE}"
                 )
                 cameras.append(
-                    ListedCamera(source, device.card(handle), tuple(map(str, modes)), problem)
+                    ListedCamera(source, device.read_name(handle), tuple(map(str, modes)), problem)
                 )
         except device.NoCameraError:
             continue

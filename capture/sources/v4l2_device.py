@@ -59,7 +59,7 @@ class Mode:
     scales: bool = False
     """True if the camera gives any size up to this one."""
 
-    def gives(self, size: tuple[int, int]) -> bool:
+    def supports(self, size: tuple[int, int]) -> bool:
         return size == (self.width, self.height) or (
             self.scales and size[0] <= self.width and size[1] <= self.height
         )
@@ -72,7 +72,7 @@ class Mode:
 
 
 @contextmanager
-def opened(path: str) -> Iterator[int]:
+def open_node(path: str) -> Iterator[int]:
     """Open a node that captures video, and give its descriptor; CaptureError says why that is
     impossible.
     """
@@ -107,7 +107,7 @@ def opened(path: str) -> Iterator[int]:
         os.close(handle)
 
 
-def card(handle: int) -> str:
+def read_name(handle: int) -> str:
     """Return the camera's name."""
     return str(ioctl(handle, QUERYCAP, bytes(104))[16:48].split(b"\0")[0].decode(errors="replace"))
 
@@ -185,7 +185,7 @@ def write(handle: int, control: int, value: int) -> None:
 def explain_silence(path: str) -> str:
     """Return a sentence that says why a camera that opens gives no picture."""
     try:
-        with opened(path) as handle:
+        with open_node(path) as handle:
             ioctl(handle, REQBUFS, struct.pack("=3I8x", 2, CAPTURE, MMAP))
             if struct.calcsize("P") == 8:  # the layout below needs pointers of 8 bytes
                 for index in range(2):

@@ -1,5 +1,5 @@
-"""The check of a calibration as the screen's child does it, for torch is never loaded in the
-process that draws.
+"""The check of a calibration in the screen's child process: the process that draws never loads
+torch.
 """
 
 from pathlib import Path
@@ -11,12 +11,12 @@ from capture.tui.child import LOADING
 def check_calibration(
     progress: Progress, place: Path, pictures: Path, updated: Path | None = None
 ) -> dict[str, object]:
-    """Answer as `calib check` does, and with `updated` write the calibration brought up to date
+    """Check a calibration as `calib check` does. With `updated`, write the updated calibration
     there, as its --update does.
 
-    Returns the answer's word and sentence, a text of what it rests on, whether these pictures can
-    bring the calibration up to date, whether it was made from them, and the file that was written,
-    if one was.
+    Returns the answer's word and sentence, a text with its evidence, whether these pictures can
+    update the calibration, whether the calibration was made from them, and the written file, if
+    any.
     """
     progress.task(LOADING, 1)
     from calib.calibration import DERIVED, Calibration
@@ -27,22 +27,22 @@ def check_calibration(
     from calib.io.file_set import FileSet
 
     calibration = Calibration.load(place)
-    found = read_pictures([pictures], calibration, progress)
+    check_views = read_pictures([pictures], calibration, progress)
     checker = Checker.of(calibration)
-    answer = checker.check(found, progress)
+    answer = checker.check(check_views, progress)
     moved: tuple[Moved, ...] = ()
     written = ""
     if updated:
-        better, moved = update(calibration, checker.known, answer, found)
+        updated_calibration, moved = update(calibration, checker.known, answer, check_views)
         with FileSet(updated) as files:
-            written = str(better.write(files))
+            written = str(updated_calibration.write(files))
             files.commit(instead_of=DERIVED)
     text = "\n\n".join(answer_lines(answer, moved))
     return {
         "word": answer.word.value,
         "sentence": answer.word.sentence,
         "text": text,
-        "usable": bool(found.views) and carries(answer),
+        "usable": bool(check_views.views) and carries(answer),
         "known": bool(answer.views) and answer.known == answer.views,
         "written": written,
     }

@@ -1,5 +1,5 @@
-"""The lens of another session for one that is recorded already and has none: it comes into
-session.yaml, and nothing else does.
+"""The transfer of another session's lens into the session.yaml of a recorded session that has none.
+Nothing else is transferred.
 """
 
 import re
@@ -17,45 +17,47 @@ from capture.session_file import Setup, read_setup
 from capture.tui.references import read_like
 
 CAMERA = re.compile(r"^camera:[ \t]*(?:#.*)?\n(?=( +)\S)", re.MULTILINE)
-"""Its line, where its keys have lines of their own, with their indentation."""
+"""The line `camera:` if its keys have lines of their own, with their indentation."""
 
 
-def lens_of(session: Path, like: str) -> Setup | None:
-    """What the session that is named says, whose lens is to be this one's; None where none is
+def read_lens(session: Path, like: str) -> Setup | None:
+    """Return the set-up of the named session, whose lens this session will use; None where none is
     named.
 
-    InputError where it knows no lens, or one of pictures of another size.
+    InputError where that session has no lens, or one for pictures of another size.
     """
-    if (named := read_like(like)) is None:
+    if (setup := read_like(like)) is None:
         return None
-    own, other = read_setup(session / "session.yaml")[1], named[1]
-    if other.intrinsics is None:
+    camera, named_camera = read_setup(session / "session.yaml")[1], setup[1]
+    if named_camera.intrinsics is None:
         raise InputError(
             f"{like.strip()} does not know its lens either: name a session whose session.yaml has"
             " camera.intrinsics."
         )
-    if (own.width, own.height) != (other.width, other.height):
+    if (camera.width, camera.height) != (named_camera.width, named_camera.height):
         raise InputError(
-            f"{like.strip()} knows the lens for pictures of {other.width}x{other.height} px, and"
-            f" these are {own.width}x{own.height}: name a session whose pictures are as large."
+            f"{like.strip()} knows the lens for pictures of"
+            f" {named_camera.width}x{named_camera.height} px, and these are"
+            f" {camera.width}x{camera.height}: name a session whose pictures are as large."
         )
-    return named
+    return setup
 
 
-def lend_lens(session: Path, like: Setup) -> None:
-    """Write it into session.yaml, whose other lines stay as they are where its camera is written
-    one key a line.
+def write_lens(session: Path, like: Setup) -> None:
+    """Write the lens into session.yaml. Its other lines stay as they are if its camera is written
+    one key per line.
     """
     file = session / "session.yaml"
-    said = read_yaml(file)
-    camera = said["camera"]
+    document = read_yaml(file)
+    camera = document["camera"]
     assert isinstance(camera, dict)
     written = {"intrinsics": camera_to_yaml(like[1])["intrinsics"]}
-    said["camera"] = whole = {**camera, **written}
-    read_camera(Section(whole, str(file), "camera"))  # what else it says of its lens goes with it
-    before = file.read_text(encoding="utf-8-sig")
+    document["camera"] = merged = {**camera, **written}
+    # its other keys of the lens are checked together with it
+    read_camera(Section(merged, str(file), "camera"))
+    original = file.read_text(encoding="utf-8-sig")
     lines = yaml.safe_dump(written, sort_keys=False, allow_unicode=True, width=120)
-    text = CAMERA.sub(lambda at: at[0] + indent(lines, at[1]), before, count=1)
-    if text == before:
-        text = yaml.safe_dump(said, sort_keys=False, allow_unicode=True, width=120)
+    text = CAMERA.sub(lambda match: match[0] + indent(lines, match[1]), original, count=1)
+    if text == original:
+        text = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120)
     write_durably(file, text)

@@ -1,4 +1,4 @@
-"""What a person names in the set-up: where pictures come from, and another session."""
+"""The sources and sessions that a person names in the set-up."""
 
 from dataclasses import replace
 
@@ -11,28 +11,30 @@ from capture.typed_path import expand_typed_path
 
 
 def read_like(like: str) -> Setup | None:
-    """What another session says, its lens as its fit found it where it states none; None where no
-    session is named.
+    """Return another session's set-up, with the lens that its fit found where it states none; None
+    where no session is named.
     """
     if not like.strip():
         return None
-    place = expand_typed_path(like.strip())
-    with reading(place):
-        place = place / "session.yaml" if place.is_dir() else place
-    board, camera, cover = read_setup(place)
-    found = place.parent / "calibration" / CALIBRATION
-    if camera.intrinsics is None and found.exists():
-        camera = replace(camera, intrinsics=read_calibrated(found)[1].intrinsics)
+    path = expand_typed_path(like.strip())
+    with reading(path):
+        path = path / "session.yaml" if path.is_dir() else path
+    board, camera, cover = read_setup(path)
+    calibration = path.parent / "calibration" / CALIBRATION
+    if camera.intrinsics is None and calibration.exists():
+        camera = replace(camera, intrinsics=read_calibrated(calibration)[1].intrinsics)
     return board, camera, cover
 
 
-def played(source: str) -> bool:
-    """Whether it is no camera, which may be plugged in yet, but pictures that are there or not."""
+def is_recorded_source(source: str) -> bool:
+    """Return True if the source plays back existing pictures; a camera, in contrast, may still be
+    plugged in.
+    """
     return source.startswith(("folder:", "video:"))
 
 
-def cannot_be_opened(source: str) -> str:
-    """Why these pictures cannot be opened; empty where they can. Blocks."""
+def explain_unreadable(source: str) -> str:
+    """Return the reason why these pictures cannot be opened; empty where they can. Blocks."""
     try:
         with open_source(source, "source"):
             return ""

@@ -1,24 +1,26 @@
-"""Pictures without the cover that were no good, such as those of a camera that had it on: all are
-set aside, and taken anew.
+"""Retaking the pictures without the cover, for example if the camera had it on: the old ones are
+set aside.
 """
 
 from pathlib import Path
 
 from capture.disk import locked, sync_folder, writing
-from capture.tui.drop import places
+from capture.tui.drop import candidate_paths
 
-ASIDE = "bare-aside"
+ASIDE_FOLDER = "bare-aside"
 
 
 def set_bare_aside(session: Path) -> Path:
-    """Rename bare/ to bare-aside, where calib does not look, with its table and what else is in it.
-    The new folder.
+    """Rename bare/ to bare-aside, where calib does not look, with its table and all other files.
+    Return the new folder.
 
-    InputError: it is being recorded into, or cannot be renamed.
+    InputError: a recording writes into it, or it cannot be renamed.
     """
     bare = session / "bare"
     with locked(session), writing(bare):
-        aside = next(place for place in places(session, ASIDE) if not place.exists())
+        aside = next(
+            place for place in candidate_paths(session, ASIDE_FOLDER) if not place.exists()
+        )
         bare.rename(aside)
         sync_folder(session)
     return aside

@@ -1,42 +1,42 @@
-"""What a session's folder says: whether it is described, and how many views were taken."""
+"""The state of a session's folder: whether it is described, and how many views it has."""
 
 from pathlib import Path
 
 from calib.errors import InputError
 from calib.io.images import list_images
-from capture.tui.farewell import fitted
-from capture.tui.fit_requirements import lens_missing
+from capture.tui.farewell import calibration_folder
+from capture.tui.fit_requirements import is_lens_missing
 
 
-def described(session: Path) -> bool:
+def has_session_file(session: Path) -> bool:
     return (session / "session.yaml").exists()
 
 
-def taken(session: Path, *, bare: bool) -> int:
-    """Pictures without the cover, or through it."""
+def count_pictures(session: Path, *, bare: bool) -> int:
+    """Return the number of pictures without the cover, or through it."""
     folder = session / ("bare" if bare else "frames")
     return len(list_images(folder)) if folder.is_dir() else 0
 
 
-def state(session: Path) -> str:
-    """The set-up's first line."""
-    if not described(session):
+def describe_session(session: Path) -> str:
+    """Return the set-up's first line."""
+    if not has_session_file(session):
         return f"{session}: a new session."
-    said = (
-        f"{session}: continued, {_views(taken(session, bare=True))} without cover and"
-        f" {_views(taken(session, bare=False))} through it."
+    text = (
+        f"{session}: continued, {_views(count_pictures(session, bare=True))} without cover and"
+        f" {_views(count_pictures(session, bare=False))} through it."
     )
-    if fitted(session):
-        said += " It is fitted: ^o opens its results."
-    elif taken(session, bare=False) and _lens_missing(session):
-        said += " Its lens is not known yet: record without the cover."
-    return said + " What is grey stands in its session.yaml: correct it there."
+    if calibration_folder(session):
+        text += " It is fitted: ^o opens its results."
+    elif count_pictures(session, bare=False) and _lens_missing(session):
+        text += " Its lens is not known yet: record without the cover."
+    return text + " Grey values come from its session.yaml: correct them there."
 
 
 def _lens_missing(session: Path) -> bool:
     try:
-        return lens_missing(session)
-    except InputError:  # which is said as such
+        return is_lens_missing(session)
+    except InputError:  # the set-up reports this error itself
         return False
 
 

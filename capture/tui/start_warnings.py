@@ -1,5 +1,5 @@
-"""What a start or a fit is asked about once: it may be meant, and nobody would see before all is
-recorded that it was not.
+"""Warnings before a start or a fit, each shown once: the person may intend it, and an error would
+show only after the recording.
 """
 
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from capture.coverage import SessionProgress
 from capture.source_folder import describe_mismatch
 from capture.tui.camera import Task
-from capture.tui.fit_requirements import lens_known
+from capture.tui.fit_requirements import is_lens_known
 
 NO_LENS_YET = (
     "The lens is not known yet: choose record now: without the cover, or name a session that knows"
@@ -15,18 +15,19 @@ NO_LENS_YET = (
 )
 
 
-def doubts(task: Task) -> Iterator[tuple[str, str]]:
-    """A sentence each, and the field that it is about."""
-    if said := describe_mismatch(task.source, covered=task.covered):
-        other = "without the cover" if task.covered else "through the cover"
+def find_warnings(task: Task) -> Iterator[tuple[str, str]]:
+    """Yield the warnings, each with the field that it concerns."""
+    if mismatch := describe_mismatch(task.source, covered=task.covered):
+        other_phase = "without the cover" if task.covered else "through the cover"
         yield (
-            f"{said} Set record now to {other}, or start once more if they are right all the same.",
+            f"{mismatch} Set record now to {other_phase}, or start once more if they are right all"
+            " the same.",
             "phase",
         )
-    if task.covered and not lens_known(task.session, task.asked):
+    if task.covered and not is_lens_known(task.session, task.setup):
         yield NO_LENS_YET, "like"
 
 
-def too_few(progress: SessionProgress) -> str:
-    """Of a fit before there are enough views."""
+def too_few_views(progress: SessionProgress) -> str:
+    """Return the warning about a fit that has too few views."""
     return f"{progress.sentence} Press f again to fit all the same."

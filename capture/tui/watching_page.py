@@ -1,6 +1,4 @@
-"""A page that watches a source of pictures in a thread of its own, and hears what came of every
-frame.
-"""
+"""A page that watches a source of pictures in a thread, and gets the result of every frame."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
@@ -13,145 +11,155 @@ from textual.message import Message
 from calib.errors import RefracalError
 from capture.errors import CaptureError
 from capture.recording_loop import ShutterButton, Step
-from capture.tui.camera import Preview, Task, Watch
+from capture.tui.camera import Preview, RecordingRun, Task
 from capture.tui.guided_page import GuidedPage
 
 
 class WatchingPage(GuidedPage):
-    class Waited(Message):
-        """No frame came for some time."""
+    class SourceSilent(Message):
+        """No frame has come for some time."""
 
         def __init__(self, seconds: float) -> None:
             super().__init__()
             self.seconds = seconds
 
-    class Begun(Message):
-        """The camera runs, and the views that the session has are known."""
+    class RecordingStarted(Message):
+        """The camera runs, and the session's views are known."""
 
-        def __init__(self, watch: Watch, kept: Sequence[NDArray[np.float64]]) -> None:
+        def __init__(
+            self, recording: RecordingRun, view_corners: Sequence[NDArray[np.float64]]
+        ) -> None:
             super().__init__()
-            self.watch = watch
-            self.kept = kept
+            self.recording = recording
+            self.view_corners = view_corners
 
-    class Judged(Message):
-        """A frame was looked at, and perhaps kept."""
+    class FrameJudged(Message):
+        """A frame was judged, and perhaps kept."""
 
-        def __init__(self, watch: Watch, step: Step) -> None:
+        def __init__(self, recording: RecordingRun, step: Step) -> None:
             super().__init__()
-            self.watch = watch
+            self.recording = recording
             self.step = step
 
-    class Stopped(Message):
+    class RecordingStopped(Message):
         """No more frames come."""
 
         def __init__(
-            self, watch: Watch, sentence: str, *, again: bool, ended: bool = False
+            self, recording: RecordingRun, sentence: str, *, retries: bool, exhausted: bool = False
         ) -> None:
-            """`again`: it may come back by itself.
+            """`retries` is True if the source may return by itself.
 
-            `ended`: every picture of the source was looked at.
+            `ended` is True if every picture of the source was judged.
             """
             super().__init__()
-            self.watch = watch
+            self.recording = recording
             self.sentence = sentence
-            self.again = again
-            self.ended = ended
+            self.retries = retries
+            self.exhausted = exhausted
 
         @property
-        def anew(self) -> str:
-            """What beginning once more comes to."""
-            return "look through it again" if self.ended else "try again"
+        def restart_text(self) -> str:
+            """The effect of starting once more."""
+            return "look through it again" if self.exhausted else "try again"
 
     def __init__(self, task: Task) -> None:
         super().__init__(task)
         self.shutter = ShutterButton()
-        self.watched: Watch | None = None
-        """The source, as long as frames come from it."""
+        self.recording: RecordingRun | None = None
+        """The recording, as long as frames come from its source."""
 
     @abstractmethod
-    def show(self, seen: Preview) -> None:
-        """A frame came; in the camera's thread."""
+    def show(self, preview: Preview) -> None:
+        """Show a frame; called in the camera's thread."""
 
     @abstractmethod
     def say(self, sentence: str, for_s: float = 0.0) -> None: ...
 
     @abstractmethod
-    def waits(self, seconds: float) -> None:
-        """No frame came for so long."""
+    def show_silence(self, seconds: float) -> None:
+        """Show that no frame has come for this time, in s."""
 
     @abstractmethod
-    def has_begun(self) -> None:
-        """Frames come, and `kept` has the views that there are."""
+    def recording_started(self) -> None:
+        """Frames come, and `view_corners` has the session's views."""
 
     @abstractmethod
-    def judged(self, watch: Watch, step: Step) -> None:
-        """A frame was looked at, and perhaps kept."""
+    def show_step(self, recording: RecordingRun, step: Step) -> None:
+        """Show a judged frame, which may have been kept."""
 
     @abstractmethod
-    def stopped(self, message: Stopped) -> None:
-        """No more frames come, and `watched` is None."""
+    def show_stop(self, message: RecordingStopped) -> None:
+        """No more frames come, and `recording` is None."""
 
-    def begin(self, sharp: Callable[[], bool]) -> bool:
-        """Open the source; whether frames can be expected now. What stands against it is said.
+    def start_recording(self, sharp: Callable[[], bool]) -> bool:
+        """Open the source; return True if frames can be expected. An error is shown.
 
         Args:
-            sharp: whether frames are shown larger than in a terminal; asked in the camera's thread.
+            sharp: says, in the camera's thread, whether frames are shown larger than in a terminal.
         """
         try:
-            self.watched = Watch(
+            self.recording = RecordingRun(
                 self.plan,
                 self.shutter,
                 self.show,
-                lambda seconds: self.post_message(self.Waited(seconds)),
+                lambda seconds: self.post_message(self.SourceSilent(seconds)),
                 sharp,
             )
         except RefracalError as error:
             self.say(str(error))
             return False
-        self.shutter.take_press()  # of a source that has ended
-        self._run(self.watched)
+        self.shutter.take_press()  # discard a press that was meant for a source that has ended
+        self._run(self.recording)
         return True
 
     @work(thread=True, group="camera", description="records")
-    def _run(self, watch: Watch) -> None:
+    def _run(self, recording: RecordingRun) -> None:
         try:
-            for step in watch.run(lambda kept: self.post_message(self.Begun(watch, kept))):
-                self.post_message(self.Judged(watch, step))
+            for step in recording.run(
+                lambda view_corners: self.post_message(
+                    self.RecordingStarted(recording, view_corners)
+                )
+            ):
+                self.post_message(self.FrameJudged(recording, step))
             self.post_message(
-                self.Stopped(watch, "The source has no more pictures.", again=False, ended=True)
+                self.RecordingStopped(
+                    recording, "The source has no more pictures.", retries=False, exhausted=True
+                )
             )
         except RefracalError as error:
             self.post_message(
-                self.Stopped(watch, str(error), again=isinstance(error, CaptureError))
+                self.RecordingStopped(
+                    recording, str(error), retries=isinstance(error, CaptureError)
+                )
             )
 
-    @on(Waited)
-    def _waited(self, message: Waited) -> None:
-        if self.watched is not None:
-            self.waits(message.seconds)
+    @on(SourceSilent)
+    def _handle_silence(self, message: SourceSilent) -> None:
+        if self.recording is not None:
+            self.show_silence(message.seconds)
 
-    @on(Begun)
-    def _begun(self, message: Begun) -> None:
-        if message.watch is self.watched:
-            self.kept = list(message.kept)
-            self.has_begun()
+    @on(RecordingStarted)
+    def _handle_start(self, message: RecordingStarted) -> None:
+        if message.recording is self.recording:
+            self.view_corners = list(message.view_corners)
+            self.recording_started()
 
-    @on(Judged)
-    def _judged(self, message: Judged) -> None:
-        if message.watch is self.watched:
-            self.judged(message.watch, message.step)
+    @on(FrameJudged)
+    def _handle_step(self, message: FrameJudged) -> None:
+        if message.recording is self.recording:
+            self.show_step(message.recording, message.step)
 
-    @on(Stopped)
-    def _stopped(self, message: Stopped) -> None:
-        if message.watch is self.watched:
-            self.watched = None
-            self.stopped(message)
+    @on(RecordingStopped)
+    def _handle_stop(self, message: RecordingStopped) -> None:
+        if message.recording is self.recording:
+            self.recording = None
+            self.show_stop(message)
 
-    def rest(self) -> None:
+    def stop_recording(self) -> None:
         """Close the camera."""
-        if self.watched:
-            self.watched.close()
-            self.watched = None
+        if self.recording:
+            self.recording.close()
+            self.recording = None
 
     def on_unmount(self) -> None:
-        self.rest()
+        self.stop_recording()

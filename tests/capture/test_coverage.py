@@ -250,16 +250,16 @@ def test_the_plain_rule_asks_for_the_borders_where_markers_allow() -> None:
     said = []
     while (hint := guide.next_pose(views)) is not None:
         views.append(KeptView(seen_bare(CODED, CAMERA, hint.pose)))
-        said.append(hint.words)
+        said.append(hint.instruction)
         assert len(views) < 40
     for side in ("left", "right", "top", "bottom"):
         assert (
             sum("a part outside" in words and side in words.split(" (a")[0] for words in said) >= 2
         )
-    assert guide.progress(views).enough
+    assert guide.progress(views).is_enough
     whole = [view for view in views if np.isfinite(view.corners).all()]
     assert whole
-    assert not guide.progress(whole).enough
+    assert not guide.progress(whole).is_enough
     assert guide.progress(whole).image.min() < guide.progress(views).image.min(), (
         "the outermost cells"
     )
@@ -319,7 +319,7 @@ def test_the_plain_rule_ends_and_repeats_no_view() -> None:
     guide = PlainGuide(BOARD, CAMERA, REACH)
     views: list[KeptView] = []
     first = guide.progress(views)
-    assert not first.enough
+    assert not first.is_enough
     assert first.sigma_px is None
     while (hint := guide.next_pose(views)) is not None:
         assert (
@@ -330,7 +330,7 @@ def test_the_plain_rule_ends_and_repeats_no_view() -> None:
         views.append(KeptView(seen_bare(BOARD, CAMERA, hint.pose), hint.pose))
         assert len(views) < 40
     last = guide.progress(views)
-    assert last.enough
+    assert last.is_enough
     assert last.views_needed == 0
     assert last.depth.min() == 1
     assert len({tuple(np.round(view.corners.ravel())) for view in views}) == len(views)
@@ -352,7 +352,7 @@ def test_the_same_view_again_and_again_is_never_enough(pose: tuple[float, ...]) 
     guide = PlainGuide(BOARD, CAMERA, REACH)
     corners = seen_bare(BOARD, CAMERA, np.array(pose, float))
     progress = guide.progress([KeptView(corners)] * 50)
-    assert not progress.enough
+    assert not progress.is_enough
     assert progress.image.mean() < 0.5
     assert sorted(progress.depth)[:2] == [0, 0]
 
@@ -417,11 +417,11 @@ def test_as_many_views_are_needed_as_are_then_taken() -> None:
     for left in range(needed, 0, -1):
         progress = guide.progress(views)
         assert progress.views_needed == left
-        assert not progress.enough
+        assert not progress.is_enough
         hint = guide.next_pose(views)
         assert hint
         views.append(KeptView(seen_bare(BOARD, CAMERA, hint.pose)))
-    assert guide.progress(views).enough
+    assert guide.progress(views).is_enough
     assert len({tuple(np.round(view.corners.ravel())) for view in views}) == needed
 
 
@@ -434,7 +434,7 @@ def test_sure_maps_are_enough_only_where_folds_agree(
 ) -> None:
     design = made_design(np.array([[[1.0]]]), np.array([0.05]))
     progress = InformedGuide(BOARD, CAMERA, REACH, design, folds_agree=agree).progress([])
-    assert progress.enough is enough
+    assert progress.is_enough is enough
     assert said in progress.sentence
     assert progress.image.min() == 1
 
@@ -443,7 +443,7 @@ def test_a_target_out_of_reach_is_said() -> None:
     design = made_design(np.array([[[1e-9]]]), np.array([5.0]))
     progress = InformedGuide(BOARD, CAMERA, REACH, design, folds_agree=True).progress([])
     assert progress.views_needed is None
-    assert not progress.enough
+    assert not progress.is_enough
     assert "would not reach" in progress.sentence
 
 

@@ -363,10 +363,10 @@ def test_a_corner_whose_window_is_cut(side: str) -> None:
 
 def test_the_registry_holds_the_checks_that_are_promised() -> None:
     assert [check.__name__ for check in CHECKS] == [
-        "board_found",
-        "wholly_inside",
-        "well_exposed",
-        "new",
-        "still",
-        "sharp",
+        "check_detection",
+        "check_borders",
+        "check_exposure",
+        "check_novelty",
+        "check_motion",
+        "check_sharpness",
     ]

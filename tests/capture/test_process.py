@@ -12,7 +12,7 @@ from threading import Thread
 
 import pytest
 
-from capture.process import NICENESS, Process, prepare
+from capture.process import NICENESS, Process, prepare_processes
 
 
 def echo(connection: Connection) -> None:
@@ -116,7 +116,7 @@ class Screen:
 
 def one_behind_a_screen() -> None:
     """In a fresh interpreter, for what `prepare` prepares lasts as long as that."""
-    prepare()
+    prepare_processes()
     sys.stderr = Screen()
     with Process(tell) as process:
         process.receive()

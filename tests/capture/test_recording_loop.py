@@ -10,7 +10,7 @@ from capture.finders import make_finder
 from capture.frames import Frame
 from capture.recorder import Recorder
 from capture.recording_loop import RecordingPlan, ShutterButton, record, refusal_reason
-from capture.tui.drop import drop
+from capture.tui.drop import drop_picture
 from tests.capture.recordings import BOARD, FIXTURE
 
 
@@ -55,7 +55,7 @@ def test_what_was_set_aside_is_not_taken_again_from_a_folder(tmp_path: Path) -> 
             for step in record(photographs("0000.jpg"), finder, recorder, RecordingPlan(None), [])
         )
         assert taken
-        drop(tmp_path, taken.name)
+        drop_picture(tmp_path, taken.name)
         shutter = ShutterButton()
         for press in (False, True):
             if press:
@@ -74,7 +74,7 @@ def test_what_was_set_aside_is_not_taken_again_from_a_folder(tmp_path: Path) -> 
                 ("0000.jpg", False),
                 ("0001.jpg", True),
             ]
-            assert "set aside" in steps[0].verdict.sentence
+            assert "set aside" in steps[0].decision.sentence
             assert "set aside" in refusal_reason(steps[0])
         (frame,) = photographs("0000.jpg")
         (step,) = record([replace(frame, name="")], finder, recorder, RecordingPlan(None), [])

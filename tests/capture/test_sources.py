@@ -28,8 +28,8 @@ from tests.capture.recordings import FIXTURE, noise, write_recording
         ("/dev/video0", "did you mean v4l2?"),
         ("vl42:/dev/video0", "did you mean v4l2?"),
         ("folders:x", "did you mean folder?"),
-        ("folder:", "does not say where: write it like folder:PATH"),
-        ("v4l2:?size=1x1", "does not say where"),
+        ("folder:", "does not say which one: write it like folder:PATH"),
+        ("v4l2:?size=1x1", "does not say which one"),
         ("folder:x?sped=2", "sped is not a known option (did you mean speed?)"),
         ("folder:x?speed=fast", 'speed is the text "fast": write a number from 0.01 to 1000'),
         ("folder:x?speed=0", "write a number from 0.01 to 1000"),
@@ -206,7 +206,7 @@ def test_a_video_that_breaks_off_gives_what_is_whole_and_says_so(tmp_path: Path)
         (
             "v4l2:/dev/null",
             CaptureError,
-            "/dev/null is not a camera: `capture sources` lists those there are",
+            "/dev/null is not a camera: `capture sources` lists the cameras",
         ),
         ("v4l2:{}/gone", CaptureError, "gone is not connected any more: plug the camera in again"),
         (

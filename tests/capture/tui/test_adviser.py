@@ -16,8 +16,8 @@ from tests.capture.tui.test_session import FIXTURE
         (
             "clean",
             (
-                "cannot be computed: the lens that is known is of pictures of 1640x1232 px, and"
-                " these are 820x616."
+                "cannot be computed: the known lens is for pictures of 1640x1232 px, and these"
+                " have 820x616."
             ),
         ),
         ("covered-bare", "cannot be computed: the lens is not known."),

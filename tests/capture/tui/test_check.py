@@ -50,7 +50,7 @@ def test_pictures_that_are_there_are_asked_at_once(session: Path, later: Path) -
 async def _asked(session: Path, later: Path) -> None:
     async with results(session) as pilot:
         await pilot.press("c")
-        await see(pilot, "Whether the calibration still holds")
+        await see(pilot, "Three to five pictures of the board")
         await write(pilot, f"folder:{later / 'nowhere'}")
         await pilot.press("ctrl+s")
         await see(pilot, "(No such file or directory)")

@@ -34,7 +34,7 @@ def empty(tmp_path: Path) -> Path:
 def test_a_source_without_the_board_says_what_was_looked_for(
     tmp_path: Path, empty: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(collect, "LACKING_S", 0.3)
+    monkeypatch.setattr(collect, "REASON_S", 0.3)
     drive(_without(tmp_path / "session", empty))
 
 
@@ -99,10 +99,10 @@ async def _before_the_first(session: Path, empty: Path) -> None:
         await see(pilot, "No board of 9x9")
         screen = pilot.app.screen
         assert isinstance(screen, CollectScreen)
-        await until(pilot, lambda: screen._improved_with == 0 and not screen._improving)
+        await until(pilot, lambda: screen._improved_views == 0 and not screen._improving)
         assert screen._adviser
         assert (
-            screen._adviser.remark == "How sure the maps would be is computed after the first view."
+            screen._adviser.remark == "The accuracy of the maps is computed after the first view."
         )
 
 

@@ -13,8 +13,8 @@ import pytest
 from textual.pilot import Pilot
 
 from calib.export.formats import BRIEF, FORMATS
-from capture.tui.command import Done
-from capture.tui.export import ExportScreen, depths, far_off
+from capture.tui.command import CommandResult
+from capture.tui.export import ExportScreen, parse_depths, warn_of_distance
 from tests.capture.tui.driving import drive, running, see, shown, until, write
 
 
@@ -24,10 +24,10 @@ def test_who_leaves_while_it_writes_is_told_when_it_is_done(
     left = Event()
     asked: list[Sequence[str]] = []
 
-    def slow(arguments: Sequence[str]) -> Done:
+    def slow(arguments: Sequence[str]) -> CommandResult:
         asked.append(arguments)
         assert left.wait(60)
-        return Done(0, f"{tmp_path / 'export' / 'map_1m.npz'}\n", "", ())
+        return CommandResult(0, f"{tmp_path / 'export' / 'map_1m.npz'}\n", "", ())
 
     monkeypatch.setattr("capture.tui.export.calib", slow)
     drive(_leave(tmp_path, left))
@@ -62,7 +62,7 @@ async def _leave(session: Path, left: Event) -> None:
     ],
 )
 def test_depths_are_a_list(text: str, read: list[str]) -> None:
-    assert depths(text) == read
+    assert parse_depths(text) == read
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ def test_depths_are_a_list(text: str, read: list[str]) -> None:
 )
 def test_what_may_be_a_decimal_comma_is_asked_about(text: str, advice: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match=re.escape(advice)):
-        depths(text)
+        parse_depths(text)
 
 
 @pytest.mark.parametrize(
@@ -103,7 +103,7 @@ def test_what_may_be_a_decimal_comma_is_asked_about(text: str, advice: str) -> N
     ],
 )
 def test_depths_far_from_every_board_are_told(listed: list[str], said: str) -> None:
-    assert far_off(listed, (0.25, 1.1)) == said
+    assert warn_of_distance(listed, (0.25, 1.1)) == said
 
 
 def test_a_depth_far_from_every_board_is_asked_about_once(
@@ -144,11 +144,11 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[str]]:
     """
     asked: list[Sequence[str]] = []
 
-    def export(arguments: Sequence[str]) -> Done:
+    def export(arguments: Sequence[str]) -> CommandResult:
         asked.append(arguments)
         folder = Path(arguments[arguments.index("-o") + 1])
         at = arguments[arguments.index("--depth") + 1 :] if "--depth" in arguments else []
-        return Done(
+        return CommandResult(
             0,
             "\n".join(
                 map(str, [folder / "rays.npz", *(folder / f"map_{depth}m.npz" for depth in at)])
@@ -180,7 +180,7 @@ async def _refuse(session: Path) -> None:
         await pilot.press("shift+tab")
         await write(pilot, "~nobody-by-this-name/maps")
         await pilot.press("ctrl+s")
-        await see(pilot, "write the whole path")
+        await see(pilot, "write the full path")
 
 
 def test_a_home_is_found_and_the_whole_folder_named(
@@ -224,10 +224,10 @@ def test_a_late_success_leaves_what_is_wrong_now(
 ) -> None:
     changed = Event()
 
-    def slow(arguments: Sequence[str]) -> Done:
+    def slow(arguments: Sequence[str]) -> CommandResult:
         del arguments
         assert changed.wait(60)
-        return Done(0, f"{tmp_path / 'map_1m.npz'}\n", "", ())
+        return CommandResult(0, f"{tmp_path / 'map_1m.npz'}\n", "", ())
 
     monkeypatch.setattr("capture.tui.export.calib", slow)
     drive(_late(tmp_path, changed))

@@ -8,7 +8,7 @@ from calib.errors import InputError
 from calib.session.cover import SHAPES, Cover
 from calib.session.schema import Number
 from capture.session_file import read_setup
-from capture.tui.form import HELP, Typed, explained, problem, read_form, write_form
+from capture.tui.form import HELP, FormTexts, explain_field, find_problem, read_form, write_form
 from tests.capture.recordings import FIXTURE
 
 SETUP = read_setup(FIXTURE / "session.yaml")
@@ -48,7 +48,7 @@ def test_what_is_written_reads_the_same() -> None:
     ],
 )
 def test_of_three_numbers(text: str, said: str | None) -> None:
-    found = problem("centre_mm", text, "dome")
+    found = find_problem("centre_mm", text, "dome")
     assert found is None if said is None else said in str(found)
 
 
@@ -106,7 +106,7 @@ def test_of_three_numbers(text: str, said: str | None) -> None:
     ],
 )
 def test_a_value_by_itself(key: str, text: str, said: str | None) -> None:
-    found = problem(key, text, "cone")
+    found = find_problem(key, text, "cone")
     assert found is None if said is None else found is not None and said in found
 
 
@@ -129,11 +129,11 @@ def test_the_order_of_the_tilts_is_said() -> None:
     }
     assert len(orders) == 3
     for shape, (first, second) in orders.items():
-        said = explained("tilt_deg", "checkerboard", shape)
+        said = explain_field("tilt_deg", "checkerboard", shape)
         assert said.index(f"about {first}") < said.index(f"about {second}")
 
 
 def test_no_cover_has_no_numbers() -> None:
-    assert read_form(Typed({"columns": "9", "rows": "6", "square_mm": "25"}, "none", {}))[
+    assert read_form(FormTexts({"columns": "9", "rows": "6", "square_mm": "25"}, "none", {}))[
         2
     ] == Cover("none", {})

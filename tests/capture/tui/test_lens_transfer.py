@@ -10,8 +10,8 @@ from textual.widgets import Input
 
 from calib.errors import InputError
 from capture.session_file import read_setup
-from capture.tui.fit_requirements import no_lens
-from capture.tui.lens_transfer import lend_lens, lens_of
+from capture.tui.fit_requirements import no_lens_advice
+from capture.tui.lens_transfer import read_lens, write_lens
 from tests.capture.tui.driving import describe, drive, running, see, shown, until, write
 from tests.capture.tui.test_session import FIXTURE
 
@@ -99,9 +99,9 @@ def test_what_else_session_yaml_says_stays_as_it_was_written(tmp_path: Path) -> 
     file = tmp_path / "session.yaml"
     file.write_text("# mine\n" + file.read_text())
     before, setup = file.read_text(), read_setup(file)
-    named = lens_of(tmp_path, str(KNOWN))
+    named = read_lens(tmp_path, str(KNOWN))
     assert named
-    lend_lens(tmp_path, named)
+    write_lens(tmp_path, named)
     assert all(line in file.read_text().splitlines() for line in before.splitlines())
     after = read_setup(file)
     assert (after[0], after[2]) == (setup[0], setup[2])
@@ -114,11 +114,11 @@ def test_a_session_that_was_fitted_lends_the_lens_that_its_fit_found(tmp_path: P
         folder.mkdir()
         shutil.copy(FIXTURE / "session.yaml", folder)
     with pytest.raises(InputError, match="does not know its lens either"):
-        lens_of(own, str(other))
+        read_lens(own, str(other))
     (other / "calibration").mkdir()
     found = KNOWN / "session.yaml"  # the part that counts is written alike
     shutil.copy(found, other / "calibration" / "calibration.yaml")
-    named = lens_of(own, str(other))
+    named = read_lens(own, str(other))
     assert named
     assert named[1].intrinsics == read_setup(found)[1].intrinsics
     assert named[2] == read_setup(other / "session.yaml")[2]
@@ -130,15 +130,15 @@ def test_a_camera_in_one_line_gets_its_lens_as_well(tmp_path: Path) -> None:
         "format: 1\nboard: {columns: 9, rows: 9, square_mm: 20}\ncamera: {width: 820, height:"
         " 616}\ncover: {shape: none}\n"
     )
-    named = lens_of(tmp_path, str(KNOWN))
+    named = read_lens(tmp_path, str(KNOWN))
     assert named
-    lend_lens(tmp_path, named)
+    write_lens(tmp_path, named)
     assert read_setup(file)[1].intrinsics == named[1].intrinsics
 
 
 def test_a_lens_of_larger_pictures_is_refused(tmp_path: Path) -> None:
     shutil.copy(FIXTURE / "session.yaml", tmp_path)
-    assert lens_of(tmp_path, "") is None
+    assert read_lens(tmp_path, "") is None
     with pytest.raises(InputError, match="1640x1232 px, and these are 820x616"):
-        lens_of(tmp_path, str(LARGE))
-    assert "camera.intrinsics into" in no_lens(tmp_path)
+        read_lens(tmp_path, str(LARGE))
+    assert "camera.intrinsics into" in no_lens_advice(tmp_path)

@@ -17,9 +17,14 @@ from calib.session.board import Board
 from capture.finders import make_finder
 from capture.frames import Frame
 from capture.tui.camera import Preview
-from capture.tui.cells import FOUND, LINE, Mark
+from capture.tui.cells import CORNER_MARK, LINE_MARK, Mark
 from capture.tui.collect import CollectScreen
-from capture.tui.live_undistortion import GRID, Straight, along, straighten
+from capture.tui.live_undistortion import (
+    GRID_DIVISIONS,
+    LiveUndistortion,
+    board_lines,
+    make_undistortion,
+)
 from tests.capture.tui.driving import drive, running, see, shown, write
 from tests.capture.tui.test_session import FIXTURE
 
@@ -28,9 +33,9 @@ DEPTH = 0.5
 
 
 @pytest.fixture(scope="module")
-def straight(session: Path) -> Straight:
-    made = straighten(Silent(), session / "calibration", DEPTH)["straight"]
-    assert isinstance(made, Straight)
+def straight(session: Path) -> LiveUndistortion:
+    made = make_undistortion(Silent(), session / "calibration", DEPTH)["straight"]
+    assert isinstance(made, LiveUndistortion)
     return made
 
 
@@ -55,7 +60,7 @@ def bend(corners: NDArray[np.float64]) -> float:
 
 
 def test_points_go_where_the_undistorter_sends_them_and_rows_become_straight(
-    session: Path, straight: Straight
+    session: Path, straight: LiveUndistortion
 ) -> None:
     undistorter = Undistorter(Calibration.load(session / "calibration"), DEPTH)
     finder, before, after = make_finder(BOARD), [], []
@@ -72,7 +77,7 @@ def test_points_go_where_the_undistorter_sends_them_and_rows_become_straight(
     assert np.mean(before) > 3 * np.mean(after)  # the control
 
 
-def test_points_that_are_not_seen_or_outside_stay_away(straight: Straight) -> None:
+def test_points_that_are_not_seen_or_outside_stay_away(straight: LiveUndistortion) -> None:
     there = straight.points(
         np.array([[410.0, 308.0], [np.nan, np.nan], [-40.0, 10.0], [10.0, 700.0]])
     )
@@ -80,7 +85,7 @@ def test_points_that_are_not_seen_or_outside_stay_away(straight: Straight) -> No
     assert np.isnan(there[1:]).all()
 
 
-def test_the_picture_is_the_undistorters(session: Path, straight: Straight) -> None:
+def test_the_picture_is_the_undistorters(session: Path, straight: LiveUndistortion) -> None:
     """Both reduced alike; what differs is that one is reduced before it is straightened."""
     picture = pictures(session)[0]
     seen = straight.preview(Preview.of(picture, sharp=True)).image
@@ -99,19 +104,19 @@ def test_the_picture_is_the_undistorters(session: Path, straight: Straight) -> N
 
 
 def test_lines_run_along_the_board_or_else_across_the_picture(
-    session: Path, straight: Straight
+    session: Path, straight: LiveUndistortion
 ) -> None:
     corners = make_finder(BOARD).look(Frame(pictures(session)[0], 0, 0.0)).corners
     assert corners is not None
-    marks = straight.marks([Mark(FOUND, corners)], BOARD)
-    lines = [mark for mark in marks if mark.character == LINE]
+    marks = straight.marks([Mark(CORNER_MARK, corners)], BOARD)
+    lines = [mark for mark in marks if mark.character == LINE_MARK]
     assert len(lines) == 18
     assert np.allclose(lines[0].points, straight.points(corners)[[0, 8]])
-    assert len([mark for mark in straight.marks([], BOARD) if mark.character == LINE]) == 2 * (
-        GRID - 1
+    assert len([mark for mark in straight.marks([], BOARD) if mark.character == LINE_MARK]) == 2 * (
+        GRID_DIVISIONS - 1
     )
     corners[:9] = np.nan  # a row that is hidden has none
-    assert len(along(corners, BOARD)) == 17
+    assert len(board_lines(corners, BOARD)) == 17
 
 
 @pytest.mark.slow
@@ -146,7 +151,7 @@ async def _asked(session: Path) -> None:
         await pilot.press("ctrl+s")
         await see(pilot, "Undistorted for 0.5 m")
         assert np.abs(screen._preview.image.astype(float) - before).mean() > 1
-        await see(pilot, LINE)
+        await see(pilot, LINE_MARK)
         await pilot.press("u")
         await pilot.pause()
         assert (screen._preview.image == before).all()

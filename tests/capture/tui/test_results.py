@@ -14,8 +14,8 @@ from textual.widgets import Input
 from calib.progress import Progress
 from capture.tui.app import CaptureApp
 from capture.tui.child import LOADING
-from capture.tui.command import Done
-from capture.tui.drop import Dropped, drop, take_back
+from capture.tui.command import CommandResult
+from capture.tui.drop import DroppedPicture, drop_picture, restore_picture
 from capture.tui.fit import FitScreen
 from capture.tui.help import HelpScreen
 from capture.tui.results import ResultsScreen
@@ -116,7 +116,7 @@ async def _gone(session: Path) -> None:
     async with results(session) as pilot:
         await see(pilot, "cannot be read any more")
         await pilot.press("d")
-        await see(pilot, "0001.jpg is not there any more")
+        await see(pilot, "0001.jpg is missing")
 
 
 def test_a_second_picture_of_that_name_is_the_one_that_comes_back(session: Path) -> None:
@@ -139,9 +139,9 @@ def test_what_a_fit_went_on_without_comes_back_the_last_one_first(session: Path)
     views = [view for view in RESULT["views"] if view["file"] not in ("0001.jpg", "0002.jpg")]  # type: ignore[attr-defined]
     frames = session / "frames"
     for file in ("0002.jpg", "0001.jpg"):  # which was set aside last
-        take_back(Dropped(file, frames / "dropped" / file))
+        restore_picture(DroppedPicture(file, frames / "dropped" / file))
         time.sleep(0.02)
-        drop(session, file)
+        drop_picture(session, file)
     drive(_earlier(session, {**RESULT, "views": views}))
     assert not list((frames / "dropped").iterdir())
     assert (frames / "0001.jpg").exists()
@@ -164,7 +164,8 @@ def test_the_verdict_stays_beside_the_report(
     session: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        "capture.tui.results.calib", lambda _: Done(0, "s/calibration/report.html\n", "", ())
+        "capture.tui.results.calib",
+        lambda _: CommandResult(0, "s/calibration/report.html\n", "", ()),
     )
     drive(_report(session))
 
@@ -185,9 +186,9 @@ def test_a_report_that_is_there_is_said_to_be_written_anew(
 ) -> None:
     asked = Event()
 
-    def slow(_: Sequence[str]) -> Done:
+    def slow(_: Sequence[str]) -> CommandResult:
         assert asked.wait(60)
-        return Done(0, "s/calibration/report.html\n", "", ())
+        return CommandResult(0, "s/calibration/report.html\n", "", ())
 
     monkeypatch.setattr("capture.tui.results.calib", slow)
     monkeypatch.chdir(session)
@@ -216,7 +217,7 @@ def test_back_from_an_export_it_is_said_what_was_written(
     out = session / "maps"
     monkeypatch.setattr(
         "capture.tui.export.calib",
-        lambda _: Done(0, f"{out / 'rays.npz'}\n{out / 'map_1m.npz'}\n", "", ()),
+        lambda _: CommandResult(0, f"{out / 'rays.npz'}\n{out / 'map_1m.npz'}\n", "", ()),
     )
     drive(_back_from_export(session, out))
 

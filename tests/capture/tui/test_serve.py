@@ -312,9 +312,9 @@ def test_what_a_window_asks_for_is_within_what_a_window_can_be() -> None:
 def test_an_address_of_one_interface_is_printed_as_it_is_and_without_a_network_the_name(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from capture.serve import _own_address
+    from capture.serve import _reachable_address
 
-    assert [_own_address(host) for host in ("192.168.1.5", "fe80::1", "pi.local")] == [
+    assert [_reachable_address(host) for host in ("192.168.1.5", "fe80::1", "pi.local")] == [
         "192.168.1.5",
         "fe80::1",
         "pi.local",
@@ -324,4 +324,4 @@ def test_an_address_of_one_interface_is_printed_as_it_is_and_without_a_network_t
         raise OSError("Network is unreachable")
 
     monkeypatch.setattr(socket.socket, "connect", unreachable)
-    assert _own_address("0.0.0.0") == socket.gethostname()
+    assert _reachable_address("0.0.0.0") == socket.gethostname()

@@ -14,7 +14,7 @@ from calib.cli import main
 from calib.io.images import list_images
 from capture.tui.app import CaptureApp
 from capture.tui.fit import FitScreen
-from capture.tui.fit_requirements import no_lens
+from capture.tui.fit_requirements import no_lens_advice
 from tests.capture.tui.driving import drive, running, see, shown, until, write
 from tests.capture.tui.test_session import FIXTURE
 
@@ -57,10 +57,10 @@ async def _nothing(session: Path) -> None:
         assert "f Fit" not in shown(pilot)
         shutil.copytree(FIXTURE / "frames", session / "frames", dirs_exist_ok=True)
         await pilot.press("f")
-        await see(pilot, no_lens(session).split(str(session))[0].strip())
+        await see(pilot, no_lens_advice(session).split(str(session))[0].strip())
         await pilot.press("escape", "ctrl+r")
         await see(pilot, "[SET-UP]")
-        await see(pilot, no_lens(session).split(str(session))[0].strip())
+        await see(pilot, no_lens_advice(session).split(str(session))[0].strip())
         for picture in (session / "frames").iterdir():
             picture.unlink()
         (session / "bare").mkdir()
@@ -90,7 +90,7 @@ async def _finished(session: Path) -> None:
         await pilot.press("ctrl+o")
         await see(pilot, "[RESULTS]")
         await see(pilot, "To be trusted where it has corners. The error fell from 0.4")
-        await see(pilot, "The maps are sure to")
+        await see(pilot, "The maps are accurate to")
         await see(pilot, "e Diagnose c Check r Report x Export")
         await pilot.press("r")
         await see(pilot, "The report is ")

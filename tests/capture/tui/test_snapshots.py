@@ -52,7 +52,7 @@ HINT = Hint(
     "closer, to the left edge, tilt the right side away",
 )
 PROGRESS = SessionProgress(
-    enough=False,
+    is_enough=False,
     sentence="The maps would be 0.31 px off; 0.10 px is wanted: about 6 more views.",
     sigma_px=0.31,
     views_needed=6,
@@ -147,12 +147,12 @@ async def collect(pilot: Pilot[None], _: Path) -> None:
         pilot, lambda: screen._adviser is not None and "cannot be" in screen._adviser.remark
     )  # it has said all that it will
     await pilot.pause(0.5)
-    screen.post_message(CollectScreen.Advised(3, HINT, PROGRESS))
-    await see(pilot, "More views would make it surer: they can come from another source.")
-    assert HINT.words not in shown(pilot)
+    screen.post_message(CollectScreen.AdviceReady(3, HINT, PROGRESS))
+    await see(pilot, "More views would improve the result: they can come from another source.")
+    assert HINT.instruction not in shown(pilot)
     screen.plan = replace(screen.plan, source=CAMERA)
-    screen.post_message(CollectScreen.Advised(3, HINT, PROGRESS))
-    await see(pilot, f"Next: {HINT.words}.")
+    screen.post_message(CollectScreen.AdviceReady(3, HINT, PROGRESS))
+    await see(pilot, f"Next: {HINT.instruction}.")
 
 
 async def collect_enough(pilot: Pilot[None], session: Path) -> None:
@@ -166,7 +166,7 @@ async def collect_enough(pilot: Pilot[None], session: Path) -> None:
         PROGRESS.depth,
         PROGRESS.glass,
     )
-    pilot.app.screen.post_message(CollectScreen.Advised(3, None, done))
+    pilot.app.screen.post_message(CollectScreen.AdviceReady(3, None, done))
     await pilot.press("a")
     await see(pilot, "ENOUGH")
 
@@ -182,23 +182,23 @@ async def collect_charuco(pilot: Pilot[None], session: Path) -> None:
     await until(pilot, lambda: screen._adviser is not None and not screen._improving)
     await pilot.pause(0.5)
     board, camera, _ = read_setup(session / "session.yaml")
-    screen._found = (
+    screen._corners = (
         make_finder(board)
         .look(Frame(eight_bits(read_grey(session / "frames" / "0000.png")), 0, 1.0))
         .corners
     )
-    assert screen._found is not None
+    assert screen._corners is not None
     pose = np.array([0.0, -0.5, 0.0, 0.15, 0.0, 0.25])
     outside = make_hint(
         pose,
         seen_bare(board, camera, pose),
-        [KeptView(screen._found)],
+        [KeptView(screen._corners)],
         board,
         camera,
         Reach.of(board, camera),
     )
     screen.plan = replace(screen.plan, source=CAMERA)
-    screen.post_message(CollectScreen.Advised(1, outside, PROGRESS))
+    screen.post_message(CollectScreen.AdviceReady(1, outside, PROGRESS))
     await see(pilot, "over the right edge (a part outside)")
     await see(pilot, "The maps would be 0.31 px")
 
@@ -224,13 +224,13 @@ async def fit(pilot: Pilot[None], session: Path) -> None:
     ]
     for title, total, done, words in events:
         screen.post_message(
-            FitScreen.Followed(child, {"event": "task", "title": title, "total": total})
+            FitScreen.ProcessReported(child, {"event": "task", "title": title, "total": total})
         )
         screen.post_message(
-            FitScreen.Followed(child, {"event": "step", "done": done, "words": words})
+            FitScreen.ProcessReported(child, {"event": "step", "done": done, "words": words})
         )
     screen.post_message(
-        FitScreen.Followed(child, {"event": "step", "done": 7, "words": "0.084 px"})
+        FitScreen.ProcessReported(child, {"event": "step", "done": 7, "words": "0.084 px"})
     )
     await see(pilot, "0.084 px")
 
@@ -301,10 +301,12 @@ async def effects_working(pilot: Pilot[None], session: Path) -> None:
     await see(pilot, "esc cancels")
     child = take_over(screen)
     screen.post_message(
-        EffectsScreen.Followed(child, {"event": "task", "title": "Diagnosis", "total": 20})
+        EffectsScreen.ProcessReported(child, {"event": "task", "title": "Diagnosis", "total": 20})
     )
     screen.post_message(
-        EffectsScreen.Followed(child, {"event": "step", "done": 4, "words": "fit with board_shape"})
+        EffectsScreen.ProcessReported(
+            child, {"event": "step", "done": 4, "words": "fit with board_shape"}
+        )
     )
     await see(pilot, "fit with board_shape")
     await see(pilot, "esc Back ? Help")

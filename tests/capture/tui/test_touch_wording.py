@@ -2,7 +2,7 @@
 
 import pytest
 
-from capture.tui.touch_wording import worded
+from capture.tui.touch_wording import name_buttons
 
 LABELS = {
     "f": "Fit",
@@ -32,8 +32,8 @@ LABELS = {
     ],
 )  # fmt: skip
 def test_keys_are_called_by_their_buttons(said: str, wanted: str) -> None:
-    assert worded(said, LABELS) == wanted
+    assert name_buttons(said, LABELS) == wanted
 
 
 def test_without_buttons_nothing_changes() -> None:
-    assert worded("Press f to fit.", {}) == "Press f to fit."
+    assert name_buttons("Press f to fit.", {}) == "Press f to fit."
