@@ -8,4 +8,5 @@ def expand_typed_path(text: str) -> Path:
     """Return the path with `~` replaced by the home folder, or unchanged where there is no such
     home.
     """
-    return Path(os.path.expanduser(text))  # noqa: PTH111 - Path.expanduser raises where there is none
+    # Path.expanduser raises where there is no such home
+    return Path(os.path.expanduser(text))  # noqa: PTH111

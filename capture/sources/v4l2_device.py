@@ -65,10 +65,9 @@ class Mode:
         )
 
     def __str__(self) -> str:
-        return (
-            f"{self.format}"
-            f" {'up to ' if self.scales else ''}{self.width}x{self.height}{f' {self.fps:g} fps' if self.fps else ''}"  # noqa: E501
-        )
+        limit = "up to " if self.scales else ""
+        rate = f" {self.fps:g} fps" if self.fps else ""
+        return f"{self.format} {limit}{self.width}x{self.height}{rate}"
 
 
 @contextmanager

@@ -57,10 +57,11 @@ class CollectScreen(WatchingPage, UndistortionPage):
     CollectScreen #top { height: 1fr; }
     CollectScreen Picture { width: 1fr; height: 1fr; }
     CollectScreen Panel { width: 31; }
-    CollectScreen #verdict { height: auto; min-height: 2; max-height: 5; background: $primary; color: auto; }
+    CollectScreen #verdict { height: auto; min-height: 2; max-height: 5; }
+    CollectScreen #verdict { background: $primary; color: auto; }
     CollectScreen:nocolor #verdict { text-style: bold reverse; }
     CollectScreen #next { height: 2; padding: 0 1; }
-    """  # noqa: E501
+    """
     BINDINGS: ClassVar = [
         Binding("space", "take", "Take now"),
         Binding("a", "automatic", "Auto"),

@@ -64,7 +64,8 @@ def load_draft(session: Path) -> Draft | None:
 
 
 def _draft_path(session: Path) -> Path:
-    home = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")  # noqa: PTH111 - without a home, it raises nothing
+    # os.path.expanduser raises nothing where there is no home
+    home = os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")  # noqa: PTH111
     return (
         Path(home)
         / "refracal"

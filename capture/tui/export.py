@@ -44,12 +44,13 @@ class ExportScreen(ModalScreen[str]):
 
     DEFAULT_CSS = """
     ExportScreen { align: center middle; }
-    ExportScreen #box { width: 76; height: 19; border: round $primary; padding: 0 1; background: $surface; }
+    ExportScreen #box { width: 76; height: 19; padding: 0 1; }
+    ExportScreen #box { border: round $primary; background: $surface; }
     ExportScreen .row { height: 1; margin: 0 0 1 0; }
     ExportScreen .row Label { width: 18; }
     ExportScreen .row Input, ExportScreen .row Select { width: 1fr; height: 1; }
     ExportScreen #said { height: 1fr; }
-    """  # noqa: E501
+    """
     BINDINGS: ClassVar = [
         *TYPING,
         Binding("ctrl+s", "export", "Export", key_display="^s", priority=True),

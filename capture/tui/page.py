@@ -86,10 +86,11 @@ class Page(Screen[bool]):
 
     DEFAULT_CSS = """
     Page > #steps { height: 1; background: $panel; text-style: bold; }
-    Page > #small { display: none; width: 1fr; height: 1fr; content-align: center middle; text-align: center; }
+    Page > #small { display: none; width: 1fr; height: 1fr; }
+    Page > #small { content-align: center middle; text-align: center; }
     Page.-small > * { display: none; }
     Page.-small > #small { display: block; }
-    """  # noqa: E501
+    """
 
     PART: ClassVar[str] = ""
     """The part of the step that this page shows, if it is not the step's only page."""

@@ -15,7 +15,8 @@ from capture.tui.page import Line
 
 MAP_SIZE = (13, 5)  # columns and rows of a coverage map
 MARKS_LEGEND = f"{CORNER_MARK} found   {HINT_MARK} hold it here"
-COUNT_LEGEND, ACCURACY_LEGEND = "░ ▒ ▓ some views   █ enough", "░▒▓ less sure   █ sure enough"
+COUNT_LEGEND = "░ ▒ ▓ some views   █ enough"
+ACCURACY_LEGEND = "░▒▓ less sure   █ sure enough"
 """The legends of the shades of picture and depth: the number of views, and once it is computed, the
 maps' accuracy.
 """

@@ -32,12 +32,13 @@ class Question(ModalScreen[Answer | None]):
 
     DEFAULT_CSS = """
     Question { align: center middle; }
-    Question #box { width: 76; height: 14; border: round $primary; padding: 0 1; background: $surface; }
+    Question #box { width: 76; height: 14; padding: 0 1; }
+    Question #box { border: round $primary; background: $surface; }
     Question .row { height: 1; margin: 1 0; }
     Question .row Label { width: 18; }
     Question .row Input { width: 1fr; height: 1; }
     Question #said { height: 1fr; }
-    """  # noqa: E501
+    """
     ABOUT: ClassVar[str]
     NAME: ClassVar[str]
     """The id of the field, and the label before it."""

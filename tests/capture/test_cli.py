@@ -1,4 +1,6 @@
-"""The command as a person runs it: what is kept, exit codes, sentences, and no traceback ever."""
+"""The command as a person runs it: the kept pictures, exit codes and sentences, and never a
+traceback.
+"""
 
 import json
 import shutil
@@ -31,8 +33,8 @@ POSES, REPEATS = (0, 1, 2, 3), 4
 
 @pytest.fixture(scope="module")
 def still_poses(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A board that is held still in one pose after another: each of the fixture's pictures four
-    times, 0.1 s apart.
+    """Write a recording of a board that stands still in one pose after another: each of the
+    fixture's pictures four times, 0.1 s apart.
     """
     folder = tmp_path_factory.mktemp("still")
     (folder / "frames").mkdir()
@@ -48,7 +50,7 @@ def still_poses(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def pose_of(picture: np.ndarray) -> int:
-    """Which of the fixture's pictures this is, bit for bit."""
+    """Return the name of the fixture's picture that equals this one, bit for bit."""
     for pose in POSES:
         if np.array_equal(picture, read_image(FIXTURE / "frames" / f"{pose:04d}.jpg")):
             return pose
@@ -146,8 +148,8 @@ def test_a_burst_is_of_one_pose_and_the_views_end_it(still_poses: Path, tmp_path
 
 @pytest.mark.parametrize("interval_s", [None, 0.0, 1.0], ids=["no times", "one time", "far apart"])
 def test_photographs_are_judged_each_by_itself(tmp_path: Path, interval_s: float | None) -> None:
-    """Between them, nothing tells whether the board was still: what is spoiled is left out, and
-    none is part of another's burst.
+    """Nothing shows whether the board was still between two photographs: a spoiled one is left out,
+    and none belongs to another's burst.
     """
     photographs = [read_image(FIXTURE / "frames" / f"{pose:04d}.jpg") for pose in (0, 1, 1, 2)]
     photographs[1] = np.asarray(cv2.GaussianBlur(photographs[1], (0, 0), 4), np.uint8)
@@ -258,11 +260,11 @@ def test_ctrl_c_ends_with_a_summary(tmp_path: Path, number: signal.Signals) -> N
         assert process.stdout
         assert process.stderr
         assert process.stdout.readline().endswith("view 1\n")
-        begun = time.monotonic()
+        start_s = time.monotonic()
         process.send_signal(number)
         out, err = process.communicate(timeout=10)
         assert process.returncode == 0, err
-        assert time.monotonic() - begun < 3
+        assert time.monotonic() - start_s < 3
     assert out.startswith("1 view with 1 picture (1 frame taken)")
     assert "Traceback" not in err
     assert len(read_table(tmp_path / "session" / "frames.csv")) == 1
@@ -290,12 +292,14 @@ def test_no_torch_is_loaded_by_a_recording(still_poses: Path, tmp_path: Path) ->
 
 
 def test_help_is_quick() -> None:
-    """Torch would take 1.5 s, OpenCV 0.15 s; the best of five, as this machine may be busy."""
+    """Importing torch would take 1.5 s, OpenCV 0.15 s; the best of five runs counts, because the
+    machine may be busy.
+    """
     times = []
     for _ in range(5):
-        begun = time.monotonic()
+        start_s = time.monotonic()
         done = capture("--help")
-        times.append(time.monotonic() - begun)
+        times.append(time.monotonic() - start_s)
         assert done.returncode == 0
         assert "stdout carries the result" in done.stdout
     assert min(times) < 0.3
@@ -433,7 +437,7 @@ def test_without_a_word_a_folder_is_asked_for(capsys: pytest.CaptureFixture[str]
 
 
 def test_the_screen_needs_a_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Anything that is no other command's name is a session for it. pytest has no terminal."""
+    """A word that is not the name of a command is a session. pytest has no terminal."""
     assert main([str(tmp_path / "show")]) == 2
     assert "There is no terminal" in capsys.readouterr().err
     assert not (tmp_path / "show").exists()

@@ -1,4 +1,4 @@
-"""Boards with markers in the live picture: found as far as it shows them, judged, recorded, and
+"""Boards with markers in the live picture: detected as far as it shows them, judged, recorded, and
 refused in a sentence where they are not the declared ones.
 """
 
@@ -43,7 +43,7 @@ POSES = {"whole": WHOLE, "partial": PARTIAL}
 
 
 def drawn(name: str, pose: str = "whole") -> tuple[Grey, NDArray[np.float64]]:
-    """The picture and its corners, px."""
+    """Return the picture and its corners, px."""
     view = KINDS[name].view(POSES[pose])
     return view.picture, view.corners
 
@@ -53,14 +53,14 @@ def look(pixels: Grey, board: Board, time_s: float = 1.0) -> LiveDetection:
 
 
 def sentence(pixels: Grey, board: Board) -> str:
-    """The verdict on a board that is held still, in a new session."""
+    """Return the decision on a board that stands still, in a new session."""
     finder = make_finder(board)
     before, now = (finder.look(Frame(pixels, 0, time_s)) for time_s in (0.9, 1.0))
     return judge_frame(now, before, ()).sentence
 
 
 def off(found: NDArray[np.float64] | None, truth: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) px, of the corners that were found."""
+    """Return (n,) px, the errors of the detected corners."""
     assert found is not None
     apart = np.linalg.norm(found - truth, axis=1)
     return np.asarray(apart[np.isfinite(apart)])
@@ -85,8 +85,8 @@ def moved(pixels: Grey, x: float, y: float) -> Grey:
 @each_kind
 @each_pose
 def test_corners_are_where_they_are_and_none_is_made_up(name: str, pose: str) -> None:
-    """To some tenths of a pixel, from markers and edges alone; those that calib would find in the
-    picture, but for a few.
+    """The finder's corners are accurate to some tenths of a pixel, from markers and edges alone,
+    and it finds nearly all that calib would find in the picture.
     """
     picture, truth = drawn(name, pose)
     seen = look(picture, KINDS[name].board)
@@ -101,7 +101,9 @@ def test_corners_are_where_they_are_and_none_is_made_up(name: str, pose: str) ->
 @pytest.mark.parametrize("name", ["charuco", "aprilgrid"])
 @each_pose
 def test_large_pictures_are_searched_reduced_and_refined_in_full(name: str, pose: str) -> None:
-    """Three times the picture's width is two blocks of pixels by two: markers are read in these."""
+    """At three times the picture's width, the finder reads the markers in blocks of two by two
+    pixels.
+    """
     picture, truth = enlarged(*drawn(name, pose), 3)
     finder = make_finder(KINDS[name].board)
     frame = Frame(picture, 0, 1.0)
@@ -113,7 +115,7 @@ def test_large_pictures_are_searched_reduced_and_refined_in_full(name: str, pose
 
 
 def test_markers_too_small_for_the_reduced_picture_are_read_in_a_finer_one() -> None:
-    """Of 22 px, cells of 1.8 px in blocks of two by two."""
+    """The markers of 22 px have cells of 1.8 px in blocks of two by two."""
     view = CHARUCO.view(
         np.array([0.2, 0.3, -0.5, 0.0, 0.0, 0.7]), lens=Lens(width=1000, height=300, focal=1000.0)
     )
@@ -200,7 +202,7 @@ def truth_of(name: str) -> NDArray[np.float64]:
 
 
 def test_too_little_of_a_board_is_said() -> None:
-    """Two markers and the corners around them."""
+    """Return two markers and the corners around them."""
     picture, truth = drawn("charuco")
     grid = truth.reshape(6, 9, 2)
     covered = np.full_like(picture, 120)
@@ -280,7 +282,7 @@ def test_two_boards_and_a_marker_twice_are_told() -> None:
 def test_what_the_picture_shows_instead_is_said_until_it_shows_the_board(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The search for it rests meanwhile: it takes as long as many frames."""
+    """The search for another board rests meanwhile: it takes as long as many frames."""
     searches = []
 
     def other(*_: object) -> str:
@@ -339,8 +341,8 @@ ASKED = {
 
 
 def recording(folder: Path, name: str) -> Path:
-    """Photographs of three poses, two of them of a board that reaches out of the picture, the first
-    one twice.
+    """Photographs of three poses, of which two show a board that reaches out of the picture; the
+    first is there twice.
     """
     folder.mkdir()
     for pose in ("whole", "partial"):

@@ -1,4 +1,4 @@
-"""Where to hold the board next, and when it is enough."""
+"""The guides: where to hold the board next, and when the views are enough."""
 
 from dataclasses import replace
 from itertools import product
@@ -158,7 +158,7 @@ def test_distance_is_said_as_from_where_the_board_is() -> None:
 )
 def test_a_board_that_reaches_out_is_named_so(x: float, y: float, place: str) -> None:
     pose = np.array([0, 0, 0, x, y, 0.5])
-    """What is outside is where the rest of the board has it."""
+    """The corners outside the picture are where the other corners of the board put them."""
     around = outline(seen_bare(CODED, CAMERA, pose), CODED)
     assert place in words(pose, around, SIZE, None, (0.4, 1.0))
     plain = seen_bare(BOARD, CAMERA, pose)[rim(BOARD)]
@@ -168,7 +168,7 @@ def test_a_board_that_reaches_out_is_named_so(x: float, y: float, place: str) ->
 
 
 def test_a_lens_that_folds_back_shows_no_corner_that_is_outside() -> None:
-    """This polynomial turns back at 0.9 from the middle, and would put what is at 1.5 into the
+    """This polynomial turns back at 0.9 from the middle, and would map a point at 1.5 into the
     picture again.
     """
     lens = Intrinsics(
@@ -185,8 +185,8 @@ def test_a_lens_that_folds_back_shows_no_corner_that_is_outside() -> None:
 
 @each_camera
 def test_the_bank_of_a_board_with_markers_reaches_out_of_the_picture(camera: Camera) -> None:
-    """All that a checkerboard has, and others; of each, so much is in the picture as is worth
-    asking for.
+    """The bank of a board with markers has all poses of a checkerboard's, and others that reach out
+    of the picture by useful amounts.
     """
     found, plain = bank(CODED, camera, REACH), bank(BOARD, camera, REACH)
     seen = np.isfinite(found.corners[..., 0])
@@ -213,7 +213,7 @@ def test_the_bank_of_a_board_with_markers_reaches_out_of_the_picture(camera: Cam
 @pytest.mark.parametrize("kind", [CHARUCO, GRID], ids=["charuco", "aprilgrid"])
 def test_what_the_bank_asks_for_can_be_found(kind: Kind) -> None:
     """Poses of the bank that reach out of the picture, drawn small and so not tilted about both
-    axes: the live finder sees most corners that the bank counts on, where they are.
+    axes: the live finder sees most corners that the bank counts on, where the bank has them.
     """
     k, board = LENS.matrix, kind.board
     lens = Intrinsics(
@@ -266,9 +266,7 @@ def test_the_plain_rule_asks_for_the_borders_where_markers_allow() -> None:
 
 
 def test_the_informed_guide_knows_views_of_a_part() -> None:
-    """Two poses at which half of the board is seen: what was seen at one tells of the other
-    nothing.
-    """
+    """Two poses show one half of the board each: the view at one says nothing about the other."""
     found = bank(CODED, CAMERA, REACH)
     left, right = (
         int(np.argmin(((found.poses[:, :3] ** 2).sum(1) > 0) + np.abs(found.poses[:, 3] - x)))
@@ -358,8 +356,8 @@ def test_the_same_view_again_and_again_is_never_enough(pose: tuple[float, ...]) 
 
 
 def made_design(information: Array, spread: Array, views: int = 0) -> Design:
-    """Over a bank of this many poses, with the maps' derivatives at one depth, the same for both
-    axes' pixels.
+    """Return a design over a bank of this many poses, with the maps' derivatives at one depth, the
+    same for both axes' pixels.
     """
     found = bank(BOARD, CAMERA, REACH)
     chosen = np.linspace(0, len(found.poses) - 1, len(information)).astype(int)
@@ -382,9 +380,8 @@ def made_design(information: Array, spread: Array, views: int = 0) -> Design:
 
 
 def test_the_informed_guide_asks_for_what_the_maps_lack() -> None:
-    """Two modes: the first hardly moves the maps.
-
-    One pose tells much of the first, another a little of the second.
+    """Of two modes, the first hardly moves the maps. One pose informs much about the first, another
+    a little about the second.
     """
     design = made_design(
         np.array([np.diag([1e4, 0.0]), np.diag([0.0, 10.0]), np.diag([0.0, 5.0])]),

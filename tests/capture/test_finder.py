@@ -1,5 +1,5 @@
-"""The live finder on rendered views: it agrees with the detector that calibrates, and looks at
-pictures of any kind without harm.
+"""The live finder on rendered views: it agrees with the detector of the calibration, and survives
+pictures of any kind.
 """
 
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Each check of the gate: on a rendered view in which only that is spoiled, and on sightings made
+"""Each check of the gate: on a rendered view with only that fault, and on detections made
 by hand.
 """
 
@@ -56,7 +56,7 @@ def look(pixels: NDArray[np.uint8], time_s: float = 1.0, board: Board = BOARD) -
 
 
 def sentence(pixels: Grey, board: Board = BOARD) -> str:
-    """The verdict on a board that is held still, in a new session."""
+    """Return the decision on a board that stands still, in a new session."""
     return judge_frame(look(pixels, 1.0, board), look(pixels, 0.9, board), ()).sentence
 
 
@@ -72,7 +72,7 @@ def moved(pixels: Grey, x: float, y: float) -> Grey:
 
 
 def streaked(pixels: Grey, length: int, angle: float) -> Grey:
-    """The mean of what is seen on the way."""
+    """Return the mean of the pictures along the motion."""
     steps = np.linspace(-0.5, 0.5, 16) * length
     return np.asarray(
         np.mean([moved(pixels, s * np.cos(angle), s * np.sin(angle)) for s in steps], 0).round(),
@@ -102,8 +102,8 @@ def test_no_board_asks_for_one() -> None:
 @each_view
 @pytest.mark.parametrize("squares", [-0.2, 0.5, 1.5], ids=lambda s: f"{s} squares")
 def test_a_cut_board_is_to_be_moved_from_that_border(view: str, squares: float) -> None:
-    """The border runs through the outermost corners' windows, or beyond the corners of one column,
-    or two.
+    """The border runs through the windows of the outermost corners, or beyond the corners of one
+    column, or two.
     """
     pixels = picture(view)
     whole = look(pixels)
@@ -215,7 +215,7 @@ def test_a_soft_picture_asks_for_focus(view: str) -> None:
 
 @each_view
 def test_a_sharp_scene_does_not_excuse_a_soft_board(view: str) -> None:
-    """A measure of the whole picture would be content."""
+    """A measure over the full picture would accept this frame."""
     pixels = picture(view)
     corners = look(pixels).corners
     assert corners is not None
@@ -247,7 +247,7 @@ def test_a_view_that_the_session_has_is_not_new(view: str) -> None:
 def seen(
     tilt: float = 0.0, distance: float = 0.6, x: float = 820.0, time_s: float = 1.0
 ) -> LiveDetection:
-    """A good sighting: 9x9 corners at f = 1280 px, tilted about the picture's vertical."""
+    """Return a good detection: 9x9 corners at f = 1280 px, tilted about the picture's vertical."""
     points = BOARD.points()
     depth = distance + points[:, 0] * np.sin(tilt)
     corners = 1280 * np.stack([points[:, 0] * np.cos(tilt), points[:, 1]], -1) / depth[:, None] + (

@@ -1,5 +1,5 @@
-"""A function in a process of its own: what it inherits, what nobody sees of it, and what is left
-when it has ended.
+"""A function in a separate process: what it inherits, what stays hidden, and what is left after its
+end.
 """
 
 import os
@@ -53,7 +53,7 @@ def test_messages_go_both_ways() -> None:
 
 
 def test_it_gives_way_to_the_screen_and_has_nothing_loaded() -> None:
-    """Even where this process, as one that tests, has torch."""
+    """The child loads no torch even if this test process has it."""
     pytest.importorskip("torch")
     with Process(tell) as process:
         assert process.receive() == (min(os.nice(0) + NICENESS, 19), False)
@@ -102,7 +102,7 @@ def test_one_that_was_killed_from_outside_takes_messages_until_its_end_is_read()
 
 
 class Screen:
-    """As sys.stderr is within a Textual app: there is no file behind it."""
+    """A replacement like the sys.stderr of a Textual app: there is no file behind it."""
 
     def write(self, text: str) -> int:
         return len(text)
@@ -115,7 +115,9 @@ class Screen:
 
 
 def one_behind_a_screen() -> None:
-    """In a fresh interpreter, for what `prepare` prepares lasts as long as that."""
+    """Run in a fresh interpreter, because the effect of `prepare_processes` lasts as long as the
+    process.
+    """
     prepare_processes()
     sys.stderr = Screen()
     with Process(tell) as process:
@@ -144,7 +146,7 @@ def test_the_end_of_the_program_is_its_end() -> None:
 
 
 def runs(pid: int) -> bool:
-    """Or waits as a zombie to be collected."""
+    """Return True if the process has ended, perhaps as a zombie that waits to be collected."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:

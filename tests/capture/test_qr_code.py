@@ -1,4 +1,4 @@
-"""The code in the terminal, as a camera reads it: drawn by its letters and colours, and read by
+"""The code in the terminal, as a camera reads it: drawn from its letters and colours, and read by
 OpenCV.
 """
 
@@ -25,7 +25,7 @@ MODULE = 8  # px
 
 
 def seen(lines: list[str]) -> NDArray[np.uint8]:
-    """What a terminal of any colours shows of these lines: their ink is black, their ground
+    """Draw these lines as a terminal of any colours does: their ink is black, their ground
     white.
     """
     assert all(line.startswith(INK) and line.endswith(PLAIN) for line in lines)

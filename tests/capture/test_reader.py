@@ -23,15 +23,15 @@ SLACK = 0.15
 
 
 def worst_age(frames: Iterable[Frame], detection: float) -> float:
-    """s, by which the oldest picture exceeds one detection and one frame at the moment of its
-    verdict.
+    """Return the seconds by which the oldest picture exceeds one detection and one frame at the
+    moment of its decision.
     """
     worst = -np.inf
     for frame in frames:
-        begun = time.monotonic()
+        start_s = time.monotonic()
         time.sleep(detection)
         judged = time.monotonic()
-        worst = max(worst, judged - frame.time_s - (judged - begun) - INTERVAL)
+        worst = max(worst, judged - frame.time_s - (judged - start_s) - INTERVAL)
     return float(worst)
 
 
@@ -98,12 +98,12 @@ def test_what_goes_wrong_in_the_thread_is_raised_after_the_good_frames(tmp_path:
 
 def test_who_waits_for_a_slow_camera_is_told_so(tmp_path: Path) -> None:
     write_recording(tmp_path, noise(3, 64, 48), 2.5)
-    told: list[float] = []
-    with Reader(FolderSource(tmp_path, 1.0), told.append) as reader:
+    silences: list[float] = []
+    with Reader(FolderSource(tmp_path, 1.0), silences.append) as reader:
         assert len(list(reader)) == 3
-    assert len(told) >= 2, "once before each of two frames, at the least"
-    assert min(told) >= SILENT_S
-    assert min(told) < 2 * SILENT_S, "the seconds are counted from the last frame"
+    assert len(silences) >= 2, "once before each of two frames, at the least"
+    assert min(silences) >= SILENT_S
+    assert min(silences) < 2 * SILENT_S, "the seconds are counted from the last frame"
 
 
 def test_who_waits_for_a_camera_to_open_is_told_so(
@@ -123,10 +123,10 @@ def test_who_waits_for_a_camera_to_open_is_told_so(
 
 def test_nothing_is_said_of_a_recording_that_waits_for_its_reader(tmp_path: Path) -> None:
     write_recording(tmp_path, noise(3, 64, 48), 2.5)
-    told: list[float] = []
-    with Reader(FolderSource(tmp_path, None), told.append) as reader:
+    silences: list[float] = []
+    with Reader(FolderSource(tmp_path, None), silences.append) as reader:
         assert len(list(reader)) == 3
-    assert told == []
+    assert silences == []
 
 
 def test_the_console_says_a_silence_again_when_it_is_twice_as_long(
@@ -146,8 +146,8 @@ def test_close_ends_the_iteration_from_another_thread(tmp_path: Path) -> None:
     with Reader(FolderSource(tmp_path, 1.0)) as reader:
         timer = threading.Timer(0.2, reader.close)
         timer.start()
-        begun = time.monotonic()
+        start_s = time.monotonic()
         assert len(list(reader)) == 1
-        assert time.monotonic() - begun < 2
+        assert time.monotonic() - start_s < 2
         timer.join()
     assert not [thread for thread in threading.enumerate() if thread.name == "camera"]

@@ -42,7 +42,7 @@ PICTURES = noise(8)
 
 
 def keep(session: Path, pictures: list[NDArray[np.uint8]], **options: object) -> list[str]:
-    """Record pictures as a camera's frames; the recorder's remarks."""
+    """Record pictures as a camera's frames, and return the recorder's remarks."""
     with Recorder(session, BOARD, **options) as recorder:  # type: ignore[arg-type]
         for index, picture in enumerate(pictures):
             recorder.keep(Frame(picture, index, time.monotonic(), {"gain": 2.0}))
@@ -123,7 +123,7 @@ def test_what_a_kill_leaves_beside_the_table_is_removed_and_nothing_else(tmp_pat
 
 
 def test_a_table_by_hand_keeps_its_last_row(tmp_path: Path) -> None:
-    """Only what a recorder wrote is known to end in a line break."""
+    """Only a file that a recorder wrote surely ends in a line break."""
     write_recording(tmp_path, PICTURES[:2])
     (tmp_path / "frames.csv").write_text("file,time_s,gain\n0000.png,1.5,2\n0001.png,2.5,2")
     keep(tmp_path, PICTURES[2:3])
@@ -376,7 +376,7 @@ for line in sys.stdin:
     os.waitpid(child, 0)
     print("ended", flush=True)
 """
-"""Forks a recording for each line, so that none pays for Python's start."""
+"""Fork a recording for each line, so that none pays for Python's start."""
 
 
 def kill_and_continue(tmp_path: Path, times: int) -> None:
@@ -428,7 +428,7 @@ def kill_and_continue(tmp_path: Path, times: int) -> None:
 
 @pytest.mark.parametrize("link", ["symbolic", "hard", "pipe"])
 def test_a_strangers_session_cannot_have_another_file_changed(link: str, tmp_path: Path) -> None:
-    """By a link where the recorder has a file of its own, which it changes in its place."""
+    """The stranger's folder has a link where the recorder has a file that it changes in place."""
     victim = tmp_path / "victim"
     victim.write_text("precious")
     for name in (".recording", "frames.csv"):

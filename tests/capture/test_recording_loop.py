@@ -1,4 +1,4 @@
-"""From frames to pictures: what a pressed shutter takes."""
+"""The recording loop: which frames a pressed shutter takes."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +15,7 @@ from tests.capture.recordings import BOARD, FIXTURE
 
 
 def photographs(*names: str) -> list[Frame]:
-    """Of the fixture; nothing is in `blank`."""
+    """Yield photographs of the fixture; `blank` shows no board."""
     blank = np.full((1232, 1640), 100, np.uint8)
     read = [
         blank if name == "blank" else np.asarray(read_image(FIXTURE / "frames" / name), np.uint8)
@@ -45,9 +45,7 @@ def test_a_press_takes_the_next_board_but_no_recorded_picture_twice(tmp_path: Pa
 
 
 def test_what_was_set_aside_is_not_taken_again_from_a_folder(tmp_path: Path) -> None:
-    """But from a camera, whose frames have no name: there a better picture of that view is
-    wanted.
-    """
+    """A camera's frames have no name: there the person wants a better picture of that view."""
     finder = make_finder(BOARD)
     with Recorder(tmp_path, BOARD) as recorder:
         (taken,) = (

@@ -56,7 +56,7 @@ for word in script:
         time.sleep(60)
     sys.stdout.flush()
 """  # noqa: E501
-"""Does what its script says: sends pictures by number, half of one, fails, hangs."""
+"""A stand-in that follows its script: it sends pictures by number, half of one, fails, or hangs."""
 
 WIDTH, HEIGHT = 100, 48
 PICTURES = noise(3, WIDTH, HEIGHT)

@@ -1,4 +1,4 @@
-"""Where frames come from: what each source gives, and the sentence of each that cannot give any."""
+"""The sources of frames: the frames of each, and the sentence of each that can give none."""
 
 import os
 import stat
@@ -241,7 +241,7 @@ def test_what_cannot_be_opened_gets_its_sentence(
 
 
 def make_node(path: Path) -> None:
-    """A device node that no driver stands behind."""
+    """A device node without a driver."""
     try:
         os.mknod(path, 0o600 | stat.S_IFCHR, os.makedev(81, 63))
         os.close(os.open(path, os.O_RDWR))

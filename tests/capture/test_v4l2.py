@@ -1,4 +1,4 @@
-"""What a V4L2 driver says of its pictures, with the driver faked at the system call."""
+"""The answers of a V4L2 driver about its pictures, with the driver faked at the system call."""
 
 import errno
 import os
@@ -66,8 +66,8 @@ def test_every_format_but_jpeg_has_rows() -> None:
 
 
 class Camera:
-    """A driver with one mode, 64x48 grey, and OpenCV's way of reading it: a wait that ends without
-    a picture is no error.
+    """A driver with one mode, 64x48 grey, and OpenCV's way to read it: a wait that ends without a
+    picture is not an error.
     """
 
     def __init__(self, interval: float) -> None:

@@ -1,5 +1,5 @@
-"""Chromium without a window, driven over its DevTools protocol: keys in, the terminal's text and
-pictures of it out.
+"""Chromium without a window, driven over its DevTools protocol: keys go in, the terminal's text and
+pictures come out.
 """
 
 import asyncio
@@ -33,7 +33,9 @@ Object.defineProperty(Object.prototype, "fitAddon", {configurable: true, set(add
   Object.defineProperty(this, "fitAddon", {value: addon, writable: true});
 }});
 """
-"""Keeps hold of the page's terminal, which is drawn and has no text in the document."""
+"""A script that keeps a reference to the page's terminal, which is drawn and has no text in the
+document.
+"""
 TEXT = """
 (() => {
   const buffer = window.served?.terminal.buffer.active;
@@ -50,7 +52,7 @@ class Browser:
 
     def __init__(self, socket: ClientWebSocketResponse) -> None:
         self.complaints: list[str] = []
-        """What its console warned of, and what it threw."""
+        """The warnings and errors of the page's console."""
         self._socket = socket
         self._asked = 0
 
@@ -75,7 +77,7 @@ class Browser:
         return (await self.do("Runtime.evaluate", expression=script))["result"].get("value")
 
     async def arrive(self, address: str, ready: str) -> None:
-        """Open a page, and wait until this holds on it."""
+        """Open a page, and wait until this condition holds on it."""
         await self.do("Runtime.enable")
         await self.do("Page.enable")
         await self.do("Page.addScriptToEvaluateOnNewDocument", source=HOOK)
@@ -97,7 +99,7 @@ class Browser:
             await asyncio.sleep(0.2)
 
     async def press(self, *keys: str) -> None:
-        """A letter, a name of CODES, or ^ and a letter."""
+        """Press a key: a letter, a name of CODES, or ^ and a letter."""
         for key in keys:
             if key in CODES:
                 named = {"key": key, "code": key, "windowsVirtualKeyCode": CODES[key]}
@@ -114,7 +116,7 @@ class Browser:
             await self.do("Input.dispatchKeyEvent", type="keyUp", **named)
 
     async def write(self, text: str) -> None:
-        """Type over what stands in the field, and go on to the next."""
+        """Replace the text of the field, and go on to the next."""
         await self.press("^u", "^k", *text, "Enter")
 
     async def picture(self, file: Path) -> None:
@@ -124,7 +126,7 @@ class Browser:
 
 @asynccontextmanager
 async def browsing(address: str, profile: Path, size: tuple[int, int]) -> AsyncIterator[Browser]:
-    """A page with this address in a window of this size, px."""
+    """Open a page with this address in a window of this size, px."""
     async with connected(profile) as socket:
         browser = Browser(socket)
         await browser.do(
@@ -140,7 +142,7 @@ async def browsing(address: str, profile: Path, size: tuple[int, int]) -> AsyncI
 
 @asynccontextmanager
 async def connected(profile: Path, *flags: str) -> AsyncIterator[ClientWebSocketResponse]:
-    """The DevTools of an empty page."""
+    """Return the DevTools of an empty page."""
     assert CHROMIUM
     command = [CHROMIUM, *FLAGS, *flags, f"--user-data-dir={profile}", "about:blank"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

@@ -1,4 +1,4 @@
-"""Why the maps' sureness is not computed, in words that say what is known."""
+"""The reason why the maps' accuracy is not computed, in words that say what is known."""
 
 from pathlib import Path
 

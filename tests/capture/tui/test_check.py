@@ -1,5 +1,5 @@
-"""From the results to a check of them: with pictures that are there, and with some that are taken
-for it.
+"""From the results to a check of them: with existing pictures, and with pictures that are taken for
+it.
 """
 
 import shutil
@@ -25,7 +25,7 @@ from tests.capture.tui.test_session import FIXTURE
 
 @pytest.fixture
 def later(tmp_path: Path) -> Path:
-    """A folder of four pictures that the calibration has not seen."""
+    """A folder of four pictures that the calibration has not used."""
     folder = tmp_path / "later"
     folder.mkdir()
     for picture in sorted((FIXTURE / "frames").glob("*.jpg"))[8:]:
@@ -147,7 +147,7 @@ async def _few(session: Path, later: Path, folder: Path) -> None:
 def test_pictures_that_cannot_bring_it_up_to_date_are_not_offered_to(
     session: Path, later: Path
 ) -> None:
-    """And of the calibration's own it is said that they are."""
+    """The screen says so if the pictures are the calibration's own."""
     drive(_useless(session, later))
 
 

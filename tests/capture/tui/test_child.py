@@ -1,4 +1,4 @@
-"""Work in a process of its own: what it says, and how its end is told apart from its death."""
+"""Work in a separate process: its events, and how its end differs from its death."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""While collecting: a source without the board, what is recorded when, and a source that has
+"""The collecting screen: a source without the board, the choice of the phase, and a source that has
 ended.
 """
 
@@ -23,7 +23,7 @@ from tests.capture.tui.test_session import FIXTURE
 
 @pytest.fixture
 def empty(tmp_path: Path) -> Path:
-    """A folder of three pictures in which there is no board."""
+    """A folder of three pictures without a board."""
     folder = tmp_path / "camera"
     folder.mkdir()
     for number in range(3):
@@ -64,7 +64,7 @@ def test_what_to_record_stays_as_it_was_chosen(tmp_path: Path, empty: Path) -> N
 
 
 async def _chosen(session: Path, empty: Path) -> None:
-    """Through the cover although no view without it is there."""
+    """The phase is through the cover although there is no view without it."""
     async with running(session, f"folder:{empty}") as pilot:
         await see(pilot, "a new session")
         burst(pilot, "<enter>", str(FIXTURE))
@@ -142,7 +142,7 @@ def test_a_fit_before_there_are_enough_views_is_doubted_once(
 
 
 async def _too_few(session: Path, slow: Path) -> None:
-    """While pictures are coming."""
+    """The case in which pictures still arrive."""
     async with running(session, f"folder:{slow}") as pilot:
         await see(pilot, "continued")
         await pilot.press("ctrl+s")

@@ -1,4 +1,4 @@
-"""What a diagnosis says on the screen, and how one goes on with what it found."""
+"""The text of a diagnosis on the screen, and how the person goes on with the effects."""
 
 import shutil
 from dataclasses import replace
@@ -126,7 +126,7 @@ async def _bow(session: Path) -> None:
 
 
 async def _again(session: Path) -> None:
-    """What was found is there when the session is opened again."""
+    """The effects are there when the session is opened again."""
     async with running(session) as pilot:
         await see(pilot, "^o opens its results")
         await pilot.press("ctrl+o")

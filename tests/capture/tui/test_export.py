@@ -1,5 +1,5 @@
-"""What the export screen takes, what it says was written, and that it may be left while that goes
-on.
+"""The export screen: its inputs, its message about the files, and leaving it while the
+export runs.
 """
 
 import argparse
@@ -139,9 +139,7 @@ async def exporting(session: Path, *, notices: bool = False) -> AsyncIterator[Pi
 
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[str]]:
-    """What is asked of `calib`, which is a command of its own, and writes here as it says it
-    would.
-    """
+    """The arguments for `calib`, which is a separate command and writes here what it reports."""
     asked: list[Sequence[str]] = []
 
     def export(arguments: Sequence[str]) -> CommandResult:

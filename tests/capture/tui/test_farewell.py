@@ -1,4 +1,4 @@
-"""What the terminal says when the screen has gone: paths that are there, and commands that can be
+"""The terminal's last lines after the screen has gone: existing paths, and commands that can be
 typed.
 """
 

@@ -1,4 +1,4 @@
-"""What goes wrong leaves the app running, with a sentence that says what to do."""
+"""Faults leave the app running, with a sentence that says what to do."""
 
 import os
 import resource
@@ -33,7 +33,7 @@ cover: {{shape: none}}
 
 @pytest.fixture
 def session(tmp_path: Path) -> Path:
-    """One that goes on through the cover, and can be fitted."""
+    """A session that continues through the cover, and can be fitted."""
     folder = tmp_path / "session"
     shutil.copytree(FIXTURE, folder, ignore=shutil.ignore_patterns("truth.npz"))
     return folder
@@ -182,9 +182,8 @@ async def _too_little(session: Path) -> None:
 
 @pytest.fixture
 def full_disk(session: Path) -> Iterator[Path]:
-    """A session of three views.
-
-    No file may grow beyond 20 kB: to a writer, the same as a disk that is full. No picture fits.
+    """A session of three views. No file may grow beyond 20 kB, which for a writer is the same as a
+    full disk. No picture fits.
     """
     for picture in sorted((session / "frames").glob("*.jpg"))[3:]:
         picture.unlink()

@@ -1,4 +1,4 @@
-"""What is typed is judged by the session's own rules, and reads as what was meant."""
+"""Typed texts are checked by the session's own rules, and read as the person meant them."""
 
 from dataclasses import replace
 

@@ -1,5 +1,5 @@
-"""A session through its cover without a lens: it is asked about before it is recorded, and another
-session can lend its lens later.
+"""A session through its cover without a lens: the screen warns before the recording, and another
+session can give its lens later.
 """
 
 import shutil
@@ -16,7 +16,7 @@ from tests.capture.tui.driving import describe, drive, running, see, shown, unti
 from tests.capture.tui.test_session import FIXTURE
 
 KNOWN = FIXTURE.parent / "tilted"
-"""A session that knows its lens, of pictures of the same size."""
+"""A session that knows its lens, for pictures of the same size."""
 LARGE = FIXTURE.parent / "bumps"
 
 

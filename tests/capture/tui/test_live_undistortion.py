@@ -1,5 +1,5 @@
-"""The live picture straightened: against the library's own undistorter, on a board whose rows are
-bent by a cover; and by keys.
+"""The undistorted live picture: compared with the library's own undistorter on a board whose rows a
+cover bends, and operated by keys.
 """
 
 import shutil
@@ -46,8 +46,8 @@ def pictures(session: Path) -> list[NDArray[np.uint8]]:
 
 
 def bend(corners: NDArray[np.float64]) -> float:
-    """px, RMS of the corners' distance from the straight line through the ends of their row or
-    column.
+    """Return the RMS distance in px of the corners from the straight line through the ends of their
+    row or column.
     """
     grid = corners.reshape(9, 9, 2)
     apart = []
@@ -86,7 +86,9 @@ def test_points_that_are_not_seen_or_outside_stay_away(straight: LiveUndistortio
 
 
 def test_the_picture_is_the_undistorters(session: Path, straight: LiveUndistortion) -> None:
-    """Both reduced alike; what differs is that one is reduced before it is straightened."""
+    """Both pictures are reduced alike; the difference is that one is reduced before it is
+    undistorted.
+    """
     picture = pictures(session)[0]
     seen = straight.preview(Preview.of(picture, sharp=True)).image
     wanted = cv2.resize(

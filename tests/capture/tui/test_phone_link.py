@@ -1,5 +1,5 @@
-"""What goes between the app and a page for a thumb: nothing before it asks, pictures as fast as it
-draws them, and no nonsense back.
+"""The link between the app and a page for a thumb: nothing is sent before the page asks, pictures
+come as fast as it draws them, and invalid requests do nothing.
 """
 
 import asyncio

@@ -1,4 +1,4 @@
-"""The results of a session that was left and is opened again, and what stays on their screen."""
+"""The results of a session that is opened again, and the contents of their screen that last."""
 
 import shutil
 import time
@@ -31,7 +31,7 @@ BEFORE = {
 
 @pytest.fixture
 def session(tmp_path: Path) -> Path:
-    """Whose first two views were set aside by a program that has ended."""
+    """A session whose first two views were set aside by a program that has ended."""
     (tmp_path / "frames" / "dropped").mkdir(parents=True)
     shutil.copy(FIXTURE / "session.yaml", tmp_path)
     for number, view in enumerate(RESULT["views"]):  # type: ignore[arg-type, var-annotated]
@@ -319,8 +319,8 @@ def when_told(progress: Progress, session: Path, _out: Path) -> dict[str, object
 def test_a_fit_that_ends_behind_the_help_gives_its_results_when_that_is_closed(
     session: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The results took the place of the help, and the fit's screen stayed behind them, with nothing
-    that ran.
+    """The results replaced the help, and the fit's screen stayed behind them, with nothing
+    running.
     """
     monkeypatch.setattr("capture.tui.fit.fit_session", when_told)
     drive(_behind_help(session))
@@ -347,8 +347,8 @@ async def _behind_help(session: Path) -> None:
 def test_beside_what_a_diagnosis_found_no_same_numbers_stand(
     session: Path, of_an_effect: bool
 ) -> None:
-    """Effects go on from the fit that was diagnosed, so its stages are theirs; another fit is
-    compared with.
+    """Effects continue the diagnosed fit, so its stages are theirs; another fit is compared
+    with.
     """
     stages = list(RESULT["stages"])  # type: ignore[call-overload]
     before = {**RESULT, "stages": stages[:-1] if of_an_effect else stages}

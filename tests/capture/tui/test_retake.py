@@ -1,4 +1,4 @@
-"""Views without the cover that are set aside, to be taken anew."""
+"""Views without the cover that are set aside, to be taken again."""
 
 from pathlib import Path
 

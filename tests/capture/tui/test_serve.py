@@ -1,6 +1,4 @@
-"""Who may reach the screen in a browser: this machine by its own name, others by the token
-alone.
-"""
+"""Access to the screen in a browser: this machine by its own name, others only by the token."""
 
 import http.client
 import re
@@ -32,7 +30,7 @@ def free_port() -> int:
 
 
 class Served:
-    """`capture SESSION --serve` in a process of its own."""
+    """Run `capture SESSION --serve` in a separate process."""
 
     def __init__(self, session: Path, *options: str) -> None:
         self.port = free_port()
@@ -227,7 +225,7 @@ def test_odd_requests_are_answered_and_no_news(open_to_all: Served) -> None:
 
 
 def apps_of(server: int) -> list[int]:
-    """The processes that a server has started."""
+    """Return the processes that a server has started."""
     found = []
     for stat in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError, ValueError):
@@ -291,7 +289,7 @@ def test_messages_of_any_kind_end_with_their_window(local: Served) -> None:
 
 
 def frame(payload: bytes) -> bytes:
-    """As a browser sends it: masked, here by zeros."""
+    """Encode a message as a browser sends it: masked, here by zeros."""
     length = (
         bytes([0x80 | len(payload)])
         if len(payload) < 126

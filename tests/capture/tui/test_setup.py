@@ -1,5 +1,5 @@
-"""The set-up: what is typed counts, however fast the next key follows, and each field has its own
-words.
+"""The set-up: typed texts count, however fast the next key follows, and each field has its own
+help.
 """
 
 import asyncio

@@ -1,5 +1,5 @@
-"""The set-up of a session that was there before: fitted from its folder, and with what was typed
-the last time.
+"""The set-up of an existing session: fitted from its folder, and with the texts that were typed the
+last time.
 """
 
 import shutil

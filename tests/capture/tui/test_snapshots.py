@@ -44,7 +44,7 @@ from tests.capture.tui.test_effects import FINDING, NUMBERS, WORDS
 from tests.capture.tui.test_session import FIXTURE
 
 CAMERA = "v4l2:/dev/video0"
-"""Which may give more views, unlike a folder that has ended."""
+"""A source that may give more views, unlike a folder that has ended."""
 FOLDER = Path(__file__).parent / "snapshots"
 HINT = Hint(
     np.array([[60.0, 150.0], [330, 120], [350, 420], [40, 450]]),
@@ -172,7 +172,7 @@ async def collect_enough(pilot: Pilot[None], session: Path) -> None:
 
 
 async def collect_charuco(pilot: Pilot[None], session: Path) -> None:
-    """A board over the left edge, and wanted over the right one."""
+    """A board over the left edge, and a hint over the right one."""
     await see(pilot, "continued")
     await pilot.press("ctrl+s")
     await see(pilot, "no more pictures")
@@ -204,8 +204,8 @@ async def collect_charuco(pilot: Pilot[None], session: Path) -> None:
 
 
 def take_over(screen: WorkingPage) -> Child:
-    """The process that the screen has started is ended, and this, which never starts, is in its
-    place: the story says what it says.
+    """End the process that the screen has started, and put this one, which never starts, in its
+    place: the story gives its events.
     """
     screen.cancel()
     screen._tasks.clear()
@@ -253,7 +253,7 @@ async def results_dropped(pilot: Pilot[None], session: Path) -> None:
 
 
 async def results_doubtful(pilot: Pilot[None], session: Path) -> None:
-    """As much to be said as there may be."""
+    """The longest possible text."""
     reasons = [
         (
             "0.227 px are left where the corners' noise is about 0.047 px: it may be board_shape,"

@@ -1,4 +1,4 @@
-"""What a page for a thumb says where a terminal names keys."""
+"""The sentences of a page for a thumb, where a terminal names keys."""
 
 import pytest
 

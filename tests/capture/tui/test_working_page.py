@@ -1,4 +1,4 @@
-"""What is said while a process calculates."""
+"""The text on the screen while a process calculates."""
 
 from pathlib import Path
 
