@@ -82,17 +82,17 @@ def test_record_keeps_each_pose_once_and_says_so(still_poses: Path, tmp_path: Pa
         " cover is another." in sentences
     )
     assert len(sentences) <= 1 + 2 * len(POSES)  # a verdict is told when it changes
-    described, given = read_session(session), read_session(FIXTURE)
+    described, expected = read_session(session), read_session(FIXTURE)
     assert (described.board, described.camera, described.cover) == (
-        given.board,
-        given.camera,
-        given.cover,
+        expected.board,
+        expected.camera,
+        expected.cover,
     )
     assert [row["exposure_us"] for row in read_table(session / "frames.csv")] == ["8000.0"] * 4
 
-    again = capture("record", session, "--source", f"folder:{still_poses}?speed=max")
-    assert again.returncode == 3
-    assert again.stderr.splitlines()[-1].startswith(
+    second_run = capture("record", session, "--source", f"folder:{still_poses}?speed=max")
+    assert second_run.returncode == 3
+    assert second_run.stderr.splitlines()[-1].startswith(
         f"capture: No frame of folder:{still_poses}?speed=max was kept: "
     )
     assert len(read_pictures(session / "frames")) == 4
@@ -113,8 +113,8 @@ def test_a_burst_is_of_one_pose_and_the_views_end_it(still_poses: Path, tmp_path
         "--json",
     )
     assert done.returncode == 0, done.stderr
-    said = json.loads(done.stdout)
-    assert list(said) == [
+    document = json.loads(done.stdout)
+    assert list(document) == [
         *(
             "session",
             "pictures",
@@ -126,8 +126,8 @@ def test_a_burst_is_of_one_pose_and_the_views_end_it(still_poses: Path, tmp_path
             "ended",
         ),
     ]
-    assert said["pictures"] == [f"frames/{number:04d}.png" for number in range(6)]
-    assert (said["views"], said["ended"], said["frames_passed_over"]) == (3, "views", 0)
+    assert document["pictures"] == [f"frames/{number:04d}.png" for number in range(6)]
+    assert (document["views"], document["ended"], document["frames_passed_over"]) == (3, "views", 0)
     assert [pose_of(picture) for picture in read_pictures(tmp_path / "frames")] == [
         0,
         0,
@@ -155,7 +155,7 @@ def test_photographs_are_judged_each_by_itself(tmp_path: Path, interval_s: float
     photographs[1] = np.asarray(cv2.GaussianBlur(photographs[1], (0, 0), 4), np.uint8)
     source = write_recording(
         tmp_path / "source",
-        [np.asarray(each, np.uint8) for each in (*photographs, photographs[0])],
+        [np.asarray(photograph, np.uint8) for photograph in (*photographs, photographs[0])],
         interval_s,
     )
     session = tmp_path / "session"
@@ -212,14 +212,14 @@ def test_all_keeps_every_frame_without_looking(tmp_path: Path) -> None:
         "--bare",
     )
     assert done.returncode == 0, done.stderr
-    kept = read_pictures(tmp_path / "session" / "bare")
-    assert all(np.array_equal(a, b) for a, b in zip(kept, pictures[:4], strict=True))
+    pictures_kept = read_pictures(tmp_path / "session" / "bare")
+    assert all(np.array_equal(a, b) for a, b in zip(pictures_kept, pictures[:4], strict=True))
 
 
 def test_a_covered_folder_recorded_without_cover_is_remarked_on(tmp_path: Path) -> None:
     source = write_recording(tmp_path / "source", noise(2))
     shutil.copy(FIXTURE / "session.yaml", source)
-    asked = (
+    arguments = (
         "record",
         tmp_path / "session",
         "--source",
@@ -228,14 +228,14 @@ def test_a_covered_folder_recorded_without_cover_is_remarked_on(tmp_path: Path) 
         "--all",
         "--bare",
     )
-    done = capture(*asked)
+    done = capture(*arguments)
     assert done.returncode == 0
     assert (
         "says that its pictures have a cover, a cone, where those without the cover are wanted."
         in done.stderr
     )
     (source / "bare").mkdir()
-    done = capture(*asked)
+    done = capture(*arguments)
     assert done.returncode == 2
     assert f"for those without, write folder:{source / 'bare'}." in done.stderr
 
@@ -457,10 +457,10 @@ def test_sources_says_what_there_is_and_what_is_missing(
         "rpicam: rpicam-apps is not installed: on Raspberry Pi OS, run sudo apt install"
         " rpicam-apps." in done.stdout
     )
-    said = json.loads(capture("sources", "--json").stdout)
-    assert list(said) == ["cameras", "missing"]
-    assert {"libcamera", "rpicam"} <= {one["scheme"] for one in said["missing"]}
-    assert all(list(one) == ["source", "name", "modes", "problem"] for one in said["cameras"])
+    document = json.loads(capture("sources", "--json").stdout)
+    assert list(document) == ["cameras", "missing"]
+    assert {"libcamera", "rpicam"} <= {item["scheme"] for item in document["missing"]}
+    assert all(list(item) == ["source", "name", "modes", "problem"] for item in document["cameras"])
 
 
 def test_a_folder_that_may_not_be_read_is_said_before_the_screen(

@@ -57,19 +57,21 @@ each_camera = pytest.mark.parametrize(
 
 @each_camera
 def test_every_pose_of_the_bank_is_within_reach_and_picture(camera: Camera) -> None:
-    found = bank(BOARD, camera, REACH)
-    assert 200 < len(found.poses) < 500
-    assert (found.corners > 10).all()
-    assert (found.corners < np.array(SIZE) - 11).all()
-    assert (found.poses[:, 5] >= 0.4 - 1e-9).all()
-    assert (found.poses[:, 5] <= 1.0 + 1e-9).all()
+    candidates = bank(BOARD, camera, REACH)
+    assert 200 < len(candidates.poses) < 500
+    assert (candidates.corners > 10).all()
+    assert (candidates.corners < np.array(SIZE) - 11).all()
+    assert (candidates.poses[:, 5] >= 0.4 - 1e-9).all()
+    assert (candidates.poses[:, 5] <= 1.0 + 1e-9).all()
 
 
 @each_camera
 def test_the_bank_reaches_into_every_corner_of_the_picture(camera: Camera) -> None:
-    found = bank(BOARD, camera, REACH)
+    candidates = bank(BOARD, camera, REACH)
     for corner in product((0, SIZE[0]), (0, SIZE[1])):
-        assert np.linalg.norm(found.corners.reshape(-1, 2) - corner, axis=1).min() < 0.1 * SIZE[0]
+        assert (
+            np.linalg.norm(candidates.corners.reshape(-1, 2) - corner, axis=1).min() < 0.1 * SIZE[0]
+        )
 
 
 def test_a_board_that_never_fits_is_said() -> None:
@@ -83,8 +85,8 @@ def test_a_board_that_never_fits_is_said() -> None:
 def test_the_reach_of_a_board_lets_it_fill_the_picture_and_a_quarter() -> None:
     reach = Reach.of(BOARD, CAMERA)
     for depth, share in ((reach.near, 0.75), (reach.far, 0.25)):
-        seen = seen_bare(BOARD, CAMERA, np.array([0, 0, 0, 0, 0, depth]))
-        assert np.ptp(seen[:, 0]) == pytest.approx(share * SIZE[1])
+        visible = seen_bare(BOARD, CAMERA, np.array([0, 0, 0, 0, 0, depth]))
+        assert np.ptp(visible[:, 0]) == pytest.approx(share * SIZE[1])
 
 
 def test_the_outline_goes_once_around() -> None:
@@ -98,27 +100,29 @@ def test_the_outline_goes_once_around() -> None:
 
 def test_a_pose_is_found_from_its_corners() -> None:
     pose = np.array([0.3, -0.2, 0.1, 0.05, -0.02, 0.6])
-    found = bare_pose(BOARD, BARREL, seen_bare(BOARD, BARREL, pose))
-    assert found == pytest.approx(pose, abs=1e-4)
+    estimate = bare_pose(BOARD, BARREL, seen_bare(BOARD, BARREL, pose))
+    assert estimate == pytest.approx(pose, abs=1e-4)
 
 
 @pytest.mark.parametrize("in_plane", [0, 90, 180, 270])
-@pytest.mark.parametrize(("across", "down"), list(product((-1, 0, 1), repeat=2)))
-def test_the_side_that_is_said_to_be_away_is_away(across: int, down: int, in_plane: int) -> None:
+@pytest.mark.parametrize(("horizontal", "vertical"), list(product((-1, 0, 1), repeat=2)))
+def test_the_side_that_is_said_to_be_away_is_away(
+    horizontal: int, vertical: int, in_plane: int
+) -> None:
     """Oracle: the depths of points on the board, to the left and right of its middle and above and
     below it in the picture.
     """
-    tilt = cv2.Rodrigues(np.radians(25) * np.array([down, -across, 0.0]))[0]
+    tilt = cv2.Rodrigues(np.radians(25) * np.array([vertical, -horizontal, 0.0]))[0]
     turn = tilt @ cv2.Rodrigues(np.radians(in_plane) * np.array([0, 0, 1.0]))[0]
     pose = np.concatenate([cv2.Rodrigues(turn)[0].ravel(), [0, 0, 0.6]])
     points = BOARD.points() @ turn[:, :2].T
-    away = points[:, 2] > 0.01
-    said = words(pose, seen_bare(BOARD, CAMERA, pose), SIZE, None, (0.4, 1.0))
-    assert ("right" in said) == bool(across and points[away][:, 0].mean() > 0)
-    assert ("left" in said) == bool(across and points[away][:, 0].mean() < 0)
-    assert ("bottom" in said) == bool(down and points[away][:, 1].mean() > 0)
-    assert ("top" in said) == bool(down and points[away][:, 1].mean() < 0)
-    assert ("facing the camera" in said) == (not across and not down)
+    is_far = points[:, 2] > 0.01
+    text = words(pose, seen_bare(BOARD, CAMERA, pose), SIZE, None, (0.4, 1.0))
+    assert ("right" in text) == bool(horizontal and points[is_far][:, 0].mean() > 0)
+    assert ("left" in text) == bool(horizontal and points[is_far][:, 0].mean() < 0)
+    assert ("bottom" in text) == bool(vertical and points[is_far][:, 1].mean() > 0)
+    assert ("top" in text) == bool(vertical and points[is_far][:, 1].mean() < 0)
+    assert ("facing the camera" in text) == (not horizontal and not vertical)
 
 
 @pytest.mark.parametrize(
@@ -136,7 +140,9 @@ def test_the_place_is_named(x: float, y: float, place: str) -> None:
 
 
 def test_distance_is_said_as_from_where_the_board_is() -> None:
-    pose, near, far = (np.array([0, 0, 0, 0, 0, depth]) for depth in (0.6, 0.4, 1.0))
+    pose = np.array([0, 0, 0, 0, 0, 0.6])
+    near = np.array([0, 0, 0, 0, 0, 0.4])
+    far = np.array([0, 0, 0, 0, 0, 1.0])
     outline = seen_bare(BOARD, CAMERA, pose)
     assert words(pose, outline, SIZE, far, (0.4, 1.0)) == "closer, in the middle, facing the camera"
     assert (
@@ -179,8 +185,15 @@ def test_a_lens_that_folds_back_shows_no_corner_that_is_outside() -> None:
         tuple(map(Number, (-0.4, 0, 0, 0))),
     )
     folding = replace(CAMERA, intrinsics=lens)
-    seen = seen_bare(CODED, folding, np.array([0, 0, 0, 0.75, 0, 0.5]))
-    assert np.isnan(seen).all()
+    visible = seen_bare(CODED, folding, np.array([0, 0, 0, 0.75, 0, 0.5]))
+    assert np.isnan(visible).all()
+
+
+def _distances_to_ends(corners: Array) -> list[float]:
+    """Return px, the distance of the nearest corner to each of the picture's corners."""
+    points = corners.reshape(-1, 2)
+    visible = points[~np.isnan(points[:, 0])]
+    return [float(np.linalg.norm(visible - end, axis=1).min()) for end in ENDS]
 
 
 @each_camera
@@ -188,26 +201,20 @@ def test_the_bank_of_a_board_with_markers_reaches_out_of_the_picture(camera: Cam
     """The bank of a board with markers has all poses of a checkerboard's, and others that reach out
     of the picture by useful amounts.
     """
-    found, plain = bank(CODED, camera, REACH), bank(BOARD, camera, REACH)
-    seen = np.isfinite(found.corners[..., 0])
-    assert len(found.poses) > 1.4 * len(plain.poses)
-    assert seen.mean(1).min() >= 0.4
-    reaching = ~seen.all(1)
+    candidates, plain = bank(CODED, camera, REACH), bank(BOARD, camera, REACH)
+    visible = np.isfinite(candidates.corners[..., 0])
+    assert len(candidates.poses) > 1.4 * len(plain.poses)
+    assert visible.mean(1).min() >= 0.4
+    reaching = ~visible.all(1)
     assert 0.25 < reaching.mean() < 0.7
-    inside = found.corners[seen]
-    assert (inside > 0).all()
-    assert (inside < np.array(SIZE) - 1).all()
-    nearest, whole = (
-        [
-            np.linalg.norm(
-                each.corners.reshape(-1, 2)[~np.isnan(each.corners.reshape(-1, 2)[:, 0])] - corner,
-                axis=1,
-            ).min()
-            for corner in ENDS
-        ]
-        for each in (found, plain)
+    interior = candidates.corners[visible]
+    assert (interior > 0).all()
+    assert (interior < np.array(SIZE) - 1).all()
+    nearest = _distances_to_ends(candidates.corners)
+    complete = _distances_to_ends(plain.corners)
+    assert max(nearest) < 0.5 * min(complete), (
+        "px: a cover bends most in the corners of the picture"
     )
-    assert max(nearest) < 0.5 * min(whole), "px: a cover bends most in the corners of the picture"
 
 
 @pytest.mark.parametrize("kind", [CHARUCO, GRID], ids=["charuco", "aprilgrid"])
@@ -224,22 +231,22 @@ def test_what_the_bank_asks_for_can_be_found(kind: Kind) -> None:
         tuple(map(Number, LENS.distortion[:4])),
     )
     camera = Camera(LENS.width, LENS.height, intrinsics=lens)
-    found = bank(board, camera, Reach.of(board, camera))
+    candidates = bank(board, camera, Reach.of(board, camera))
     near, simple = (
-        found.poses[:, 5] < np.median(found.poses[:, 5]),
-        (found.poses[:, :2] != 0).sum(1) < 2,
+        candidates.poses[:, 5] < np.median(candidates.poses[:, 5]),
+        (candidates.poses[:, :2] != 0).sum(1) < 2,
     )
-    reaching = np.flatnonzero(np.isnan(found.corners[..., 0]).any(1) & near & simple)
-    counted, apart = 0, []
+    reaching = np.flatnonzero(np.isnan(candidates.corners[..., 0]).any(1) & near & simple)
+    counted, distances = 0, []
     for pose in np.random.default_rng(4).choice(reaching, 4, replace=False):
-        sighting = make_finder(board).look(Frame(kind.view(found.poses[pose]).picture, 0, 1.0))
+        sighting = make_finder(board).look(Frame(kind.view(candidates.poses[pose]).picture, 0, 1.0))
         assert sighting.corners is not None, sighting.problem
-        off = np.linalg.norm(sighting.corners - found.corners[pose], axis=1)
-        counted += int(np.isfinite(found.corners[pose, :, 0]).sum())
-        apart.append(off[np.isfinite(off)])
-    every = np.concatenate(apart)
-    assert len(every) > 0.6 * counted
-    assert np.mean(every < 0.3) > 0.95, (
+        error = np.linalg.norm(sighting.corners - candidates.corners[pose], axis=1)
+        counted += int(np.isfinite(candidates.corners[pose, :, 0]).sum())
+        distances.append(error[np.isfinite(error)])
+    errors = np.concatenate(distances)
+    assert len(errors) > 0.6 * counted
+    assert np.mean(errors < 0.3) > 0.95, (
         "px; a tag of 25 px at the border is outlined wrongly now and then"
     )
 
@@ -247,38 +254,37 @@ def test_what_the_bank_asks_for_can_be_found(kind: Kind) -> None:
 def test_the_plain_rule_asks_for_the_borders_where_markers_allow() -> None:
     guide = PlainGuide(CODED, CAMERA, REACH)
     views: list[KeptView] = []
-    said = []
+    text = []
     while (hint := guide.next_pose(views)) is not None:
         views.append(KeptView(seen_bare(CODED, CAMERA, hint.pose)))
-        said.append(hint.instruction)
+        text.append(hint.instruction)
         assert len(views) < 40
     for side in ("left", "right", "top", "bottom"):
         assert (
-            sum("a part outside" in words and side in words.split(" (a")[0] for words in said) >= 2
+            sum("a part outside" in words and side in words.split(" (a")[0] for words in text) >= 2
         )
     assert guide.progress(views).is_enough
-    whole = [view for view in views if np.isfinite(view.corners).all()]
-    assert whole
-    assert not guide.progress(whole).is_enough
-    assert guide.progress(whole).image.min() < guide.progress(views).image.min(), (
+    complete = [view for view in views if np.isfinite(view.corners).all()]
+    assert complete
+    assert not guide.progress(complete).is_enough
+    assert guide.progress(complete).image.min() < guide.progress(views).image.min(), (
         "the outermost cells"
     )
 
 
 def test_the_informed_guide_knows_views_of_a_part() -> None:
     """Two poses show one half of the board each: the view at one says nothing about the other."""
-    found = bank(CODED, CAMERA, REACH)
-    left, right = (
-        int(np.argmin(((found.poses[:, :3] ** 2).sum(1) > 0) + np.abs(found.poses[:, 3] - x)))
-        for x in (-1, 1)
-    )
-    corners = found.corners[[left, right]]
+    candidates = bank(CODED, CAMERA, REACH)
+    tilted = (candidates.poses[:, :3] ** 2).sum(1) > 0
+    leftmost = int(np.argmin(tilted + np.abs(candidates.poses[:, 3] + 1)))
+    rightmost = int(np.argmin(tilted + np.abs(candidates.poses[:, 3] - 1)))
+    corners = candidates.corners[[leftmost, rightmost]]
     assert np.isnan(corners).any((1, 2)).all()
     glass = np.zeros((*COVERAGE_CELLS, 2))
     spread = np.ones((*COVERAGE_CELLS, 2, 2, 2))
     information = np.array([np.diag([50.0, 0.0]), np.diag([0.0, 50.0])])
     design = Design(
-        found.poses[[left, right]],
+        candidates.poses[[leftmost, rightmost]],
         corners,
         information,
         np.zeros((2, 2)),
@@ -336,10 +342,10 @@ def test_the_plain_rule_ends_and_repeats_no_view() -> None:
 
 def test_the_plain_rule_needs_no_poses() -> None:
     guide = PlainGuide(BOARD, CAMERA, REACH)
-    found = bank(BOARD, CAMERA, REACH)
+    candidates = bank(BOARD, CAMERA, REACH)
     posed = [
         KeptView(corners, pose)
-        for corners, pose in zip(found.corners[::40], found.poses[::40], strict=True)
+        for corners, pose in zip(candidates.corners[::40], candidates.poses[::40], strict=True)
     ]
     unposed = [KeptView(view.corners) for view in posed]
     assert guide.progress(posed).views_needed == guide.progress(unposed).views_needed
@@ -359,8 +365,8 @@ def made_design(information: Array, spread: Array, views: int = 0) -> Design:
     """Return a design over a bank of this many poses, with the maps' derivatives at one depth, the
     same for both axes' pixels.
     """
-    found = bank(BOARD, CAMERA, REACH)
-    chosen = np.linspace(0, len(found.poses) - 1, len(information)).astype(int)
+    candidates = bank(BOARD, CAMERA, REACH)
+    chosen = np.linspace(0, len(candidates.poses) - 1, len(information)).astype(int)
     modes = information.shape[-1]
     at = np.zeros((*COVERAGE_CELLS, 2, 2, modes))
     at[..., 0, 0, :] = spread
@@ -368,8 +374,8 @@ def made_design(information: Array, spread: Array, views: int = 0) -> Design:
         np.meshgrid(*(np.linspace(0.2, 0.8, n) for n in COVERAGE_CELLS), indexing="ij"), -1
     )
     return Design(
-        found.poses[chosen],
-        found.corners[chosen],
+        candidates.poses[chosen],
+        candidates.corners[chosen],
         information,
         np.zeros((modes, modes)),
         views,
@@ -411,9 +417,9 @@ def test_as_many_views_are_needed_as_are_then_taken() -> None:
     needed = guide.progress(views).views_needed
     assert needed
     assert 1 < needed < MOST
-    for left in range(needed, 0, -1):
+    for remaining in range(needed, 0, -1):
         progress = guide.progress(views)
-        assert progress.views_needed == left
+        assert progress.views_needed == remaining
         assert not progress.is_enough
         hint = guide.next_pose(views)
         assert hint
@@ -423,16 +429,16 @@ def test_as_many_views_are_needed_as_are_then_taken() -> None:
 
 
 @pytest.mark.parametrize(
-    ("agree", "enough", "said"),
+    ("agree", "enough", "text"),
     [(None, False, "being computed"), (False, False, "do not agree"), (True, True, "Enough")],
 )
 def test_sure_maps_are_enough_only_where_folds_agree(
-    agree: bool | None, enough: bool, said: str
+    agree: bool | None, enough: bool, text: str
 ) -> None:
     design = made_design(np.array([[[1.0]]]), np.array([0.05]))
     progress = InformedGuide(BOARD, CAMERA, REACH, design, folds_agree=agree).progress([])
     assert progress.is_enough is enough
-    assert said in progress.sentence
+    assert text in progress.sentence
     assert progress.image.min() == 1
 
 
@@ -447,8 +453,8 @@ def test_a_target_out_of_reach_is_said() -> None:
 def test_coverage_maps_stay_between_none_and_all() -> None:
     design = made_design(np.array([[[1.0]], [[2.0]]]), np.array([0.3]))
     progress = InformedGuide(BOARD, CAMERA, REACH, design).progress([KeptView(design.corners[0])])
-    for part in (progress.image, progress.depth, progress.glass):
-        assert part.min() >= 0
-        assert part.max() <= 1
+    for piece in (progress.image, progress.depth, progress.glass):
+        assert piece.min() >= 0
+        assert piece.max() <= 1
     assert 0 < progress.glass.mean() < 0.5
     assert progress.glass[0].max() == 0  # the patch reaches beyond what the picture sees

@@ -37,18 +37,18 @@ def test_corners_are_those_of_the_full_detector(folder: str) -> None:
     pictures = list_images(FIXTURES / folder)[::4]
     assert len(pictures) >= 3
     for path in pictures:
-        seen = frame(np.asarray(read_grey(path), np.uint8))
-        whole = find_corners(seen.pixels, BOARD)
-        detection = finder.look(seen)
-        refined = finder.refine(seen, detection)
-        assert whole is not None
+        detected = frame(np.asarray(read_grey(path), np.uint8))
+        full = find_corners(detected.pixels, BOARD)
+        detection = finder.look(detected)
+        refined = finder.refine(detected, detection)
+        assert full is not None
         assert detection.corners is not None, path
         assert refined is not None, path
-        assert rms(detection.corners, whole.corners) < 0.2, path
-        assert rms(refined, refine(seen.pixels, whole.corners, BOARD)) < 0.02, (
+        assert rms(detection.corners, full.corners) < 0.2, path
+        assert rms(refined, refine(detected.pixels, full.corners, BOARD)) < 0.02, (
             path
         )  # what a calibration's own measurement starts from
-        assert (detection.width, detection.height, detection.time_s) == (*seen.size, 2.5)
+        assert (detection.width, detection.height, detection.time_s) == (*detected.size, 2.5)
 
 
 def test_every_rendered_board_is_found() -> None:
@@ -86,10 +86,10 @@ def test_drawn_boards(scene: Scene) -> None:
 def test_colour_is_seen_as_grey() -> None:
     grey, _ = Scene().draw()
     board = Scene().board
-    one, other = look(grey, board).corners, look(np.repeat(grey[..., None], 3, 2), board).corners
-    assert one is not None
-    assert other is not None
-    assert rms(one, other) == 0
+    item, second = look(grey, board).corners, look(np.repeat(grey[..., None], 3, 2), board).corners
+    assert item is not None
+    assert second is not None
+    assert rms(item, second) == 0
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (5, 7), (3, 2000), (480, 640), (481, 643, 3)])

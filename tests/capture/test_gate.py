@@ -106,18 +106,19 @@ def test_a_cut_board_is_to_be_moved_from_that_border(view: str, squares: float) 
     column, or two.
     """
     pixels = picture(view)
-    whole = look(pixels)
-    assert whole.corners is not None
+    full = look(pixels)
+    assert full.corners is not None
     low, high = (
-        whole.corners.min(0) + squares * whole.square,
-        whole.corners.max(0) - squares * whole.square,
+        full.corners.min(0) + squares * full.square,
+        full.corners.max(0) - squares * full.square,
     )
-    left, top, right, bottom = (int(v) for v in (*low, *high))
+    x_min, y_min = low.astype(int)
+    x_max, y_max = high.astype(int)
     cuts = {
-        "left": pixels[:, left:],
-        "top": pixels[top:],
-        "right": pixels[:, :right],
-        "bottom": pixels[:bottom],
+        "left": pixels[:, x_min:],
+        "top": pixels[y_min:],
+        "right": pixels[:, :x_max],
+        "bottom": pixels[:y_max],
     }
     for side, cut in cuts.items():
         assert (
@@ -186,15 +187,15 @@ def test_motion_between_frames_asks_to_hold_still(view: str) -> None:
 @each_view
 def test_a_turn_about_the_boards_middle_is_motion(view: str) -> None:
     pixels = picture(view)
-    before = look(pixels, 0.9)
-    assert before.corners is not None
-    x, y = before.corners.mean(0)
+    previous = look(pixels, 0.9)
+    assert previous.corners is not None
+    x, y = previous.corners.mean(0)
     turn = cv2.getRotationMatrix2D(
-        (float(x), float(y)), float(np.degrees(3 / np.ptp(before.corners, axis=0).min() * 2)), 1
+        (float(x), float(y)), float(np.degrees(3 / np.ptp(previous.corners, axis=0).min() * 2)), 1
     )
     assert (
         judge_frame(
-            look(np.asarray(cv2.warpAffine(pixels, turn, pixels.shape[::-1]))), before, ()
+            look(np.asarray(cv2.warpAffine(pixels, turn, pixels.shape[::-1]))), previous, ()
         ).sentence
         == MOVING
     )
@@ -235,12 +236,12 @@ def test_a_sharp_scene_does_not_excuse_a_soft_board(view: str) -> None:
 def test_a_view_that_the_session_has_is_not_new(view: str) -> None:
     pixels = picture(view)
     finder, frame = Finder(BOARD), Frame(pixels, 0, 1.0)
-    kept = finder.refine(frame, finder.look(frame))
-    assert kept is not None
+    refined = finder.refine(frame, finder.look(frame))
+    assert refined is not None
     square = look(pixels).square
     near, far = moved(pixels, 0.4 * square, 0.3 * square), moved(pixels, 0.9 * square, 0.7 * square)
-    assert judge_frame(look(near), look(near, 0.9), [kept]).sentence == KNOWN_VIEW
-    assert judge_frame(look(far), look(far, 0.9), [kept]).sentence == GOOD_VIEW
+    assert judge_frame(look(near), look(near, 0.9), [refined]).sentence == KNOWN_VIEW
+    assert judge_frame(look(far), look(far, 0.9), [refined]).sentence == GOOD_VIEW
     assert "move the board elsewhere" in KNOWN_VIEW
 
 
@@ -291,10 +292,10 @@ SPOILED: tuple[tuple[str, LiveDetection, str], ...] = (
 
 
 @pytest.mark.parametrize(
-    ("now", "expected"), [case[1:] for case in SPOILED], ids=[case[0] for case in SPOILED]
+    ("detection", "expected"), [case[1:] for case in SPOILED], ids=[case[0] for case in SPOILED]
 )
-def test_what_is_spoiled_is_what_is_said(now: LiveDetection, expected: str) -> None:
-    verdict = judge_frame(now, BEFORE, ())
+def test_what_is_spoiled_is_what_is_said(detection: LiveDetection, expected: str) -> None:
+    verdict = judge_frame(detection, BEFORE, ())
     assert not verdict.keep
     assert verdict.sentence == expected
 
@@ -304,39 +305,41 @@ def test_nothing_spoiled() -> None:
 
 
 @pytest.mark.parametrize(
-    "before", [None, replace(BEFORE, corners=None), seen(time_s=1.0), seen(time_s=-5.0)]
+    "previous", [None, replace(BEFORE, corners=None), seen(time_s=1.0), seen(time_s=-5.0)]
 )
-def test_without_a_frame_just_before_the_board_may_be_moving(before: LiveDetection | None) -> None:
-    verdict = judge_frame(seen(), before, ())
+def test_without_a_frame_just_before_the_board_may_be_moving(
+    previous: LiveDetection | None,
+) -> None:
+    verdict = judge_frame(seen(), previous, ())
     assert not verdict.keep
     assert verdict.sentence == HOLD_STILL
 
 
 def test_a_photograph_by_itself_is_judged_without_the_one_before() -> None:
-    for before in (None, seen(x=300.0, time_s=0.9)):
-        assert judge_frame(seen(), before, (), isolated=True).keep
+    for previous in (None, seen(x=300.0, time_s=0.9)):
+        assert judge_frame(seen(), previous, (), isolated=True).keep
         assert (
-            judge_frame(replace(seen(), blur=Blur(0.7, 2.1)), before, (), isolated=True).sentence
+            judge_frame(replace(seen(), blur=Blur(0.7, 2.1)), previous, (), isolated=True).sentence
             == MOTION_BLUR
         )
 
 
 @pytest.mark.parametrize(
-    "other", [seen(tilt=0.5), seen(distance=0.9), seen(x=900.0)], ids=["tilted", "farther", "aside"]
+    "view", [seen(tilt=0.5), seen(distance=0.9), seen(x=900.0)], ids=["tilted", "farther", "aside"]
 )
-def test_what_adds_to_the_session(other: LiveDetection) -> None:
-    assert other.corners is not None
-    assert judge_frame(seen(), BEFORE, [other.corners]).keep
+def test_what_adds_to_the_session(view: LiveDetection) -> None:
+    assert view.corners is not None
+    assert judge_frame(seen(), BEFORE, [view.corners]).keep
 
 
 @pytest.mark.parametrize(
-    "other",
+    "view",
     [seen(), seen(tilt=0.05), seen(distance=0.62), seen(x=830.0)],
     ids=["same", "tilted", "farther", "aside"],
 )
-def test_what_does_not(other: LiveDetection) -> None:
-    assert other.corners is not None
-    verdict = judge_frame(seen(), BEFORE, [seen(x=1000.0).corners, other.corners])  # type: ignore[list-item]
+def test_what_does_not(view: LiveDetection) -> None:
+    assert view.corners is not None
+    verdict = judge_frame(seen(), BEFORE, [seen(x=1000.0).corners, view.corners])  # type: ignore[list-item]
     assert not verdict.keep
     assert verdict.sentence == KNOWN_VIEW
 
@@ -351,14 +354,16 @@ def test_a_corner_whose_window_is_cut(side: str) -> None:
         "top": (0, 9 - low[1]),
         "bottom": (0, 1222 - high[1]),
     }[side]
-    now, before = (replace(seen(time_s=time_s), corners=corners() + shift) for time_s in (1.0, 0.9))
+    detection = replace(seen(time_s=1.0), corners=corners() + shift)
+    previous = replace(seen(time_s=0.9), corners=corners() + shift)
     assert (
-        judge_frame(now, before, ()).sentence
+        judge_frame(detection, previous, ()).sentence
         == f"The board is cut off at the {side}: move it away from the picture's {side} border."
     )
     inner = {"left": (2, 0), "right": (-2, 0), "top": (0, 2), "bottom": (0, -2)}[side]
-    now, before = (replace(each, corners=each.corners + inner) for each in (now, before))  # type: ignore[operator]
-    assert judge_frame(now, before, ()).keep
+    detection = replace(detection, corners=corners() + shift + inner)
+    previous = replace(previous, corners=corners() + shift + inner)
+    assert judge_frame(detection, previous, ()).keep
 
 
 def test_the_registry_holds_the_checks_that_are_promised() -> None:

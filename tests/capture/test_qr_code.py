@@ -73,10 +73,10 @@ def test_serving_a_phone_shows_the_code_of_the_printed_address(tmp_path: Path) -
         os.close(theirs)
         assert process.stdout
         address = process.stdout.readline().strip()
-        said = ""
-        while "Ctrl-C ends it." not in said:
-            said += os.read(ours, 1 << 16).decode(errors="replace")
+        text = ""
+        while "Ctrl-C ends it." not in text:
+            text += os.read(ours, 1 << 16).decode(errors="replace")
         process.terminate()
     os.close(ours)
-    lines = [line for line in re.split(r"\r?\n", said) if line.startswith(INK)]
+    lines = [line for line in re.split(r"\r?\n", text) if line.startswith(INK)]
     assert cv2.QRCodeDetector().detectAndDecode(seen(lines))[0] == address

@@ -60,11 +60,11 @@ def test_without_the_reader_pictures_grow_old(recorded: Path) -> None:
 
 def test_a_recording_waits_for_its_reader(recorded: Path) -> None:
     with Reader(FolderSource(recorded, None)) as reader:
-        seen = []
+        frames_seen = []
         for frame in reader:
             time.sleep(0.002)
-            seen.append(frame.sequence)
-    assert seen == list(range(60))
+            frames_seen.append(frame.sequence)
+    assert frames_seen == list(range(60))
     assert reader.skipped == reader.lost == 0
 
 
@@ -111,13 +111,13 @@ def test_who_waits_for_a_camera_to_open_is_told_so(
 ) -> None:
     class Slow(FolderSource):
         def __enter__(self) -> Self:
-            assert said.wait(60), "nothing was said"
+            assert reported.wait(60), "nothing was said"
             return super().__enter__()
 
-    said = threading.Event()
+    reported = threading.Event()
     monkeypatch.setattr("capture.reader.OPENING_S", 0.1)
     write_recording(tmp_path, noise(1, 64, 48))
-    with Reader(Slow(tmp_path, None), lambda _: said.set()) as reader:
+    with Reader(Slow(tmp_path, None), lambda _: reported.set()) as reader:
         assert len(list(reader)) == 1
 
 

@@ -30,7 +30,7 @@ def photographs(*names: str) -> list[Frame]:
 def test_a_press_takes_the_next_board_but_no_recorded_picture_twice(tmp_path: Path) -> None:
     shutter, finder = ShutterButton(), make_finder(BOARD)
     shutter.automatic = False
-    kept: list[np.ndarray] = []
+    recorded: list[np.ndarray] = []
     with Recorder(tmp_path, BOARD) as recorder:
         for names, taken in (
             (("blank", "0000.jpg"), "0000.jpg"),
@@ -39,7 +39,9 @@ def test_a_press_takes_the_next_board_but_no_recorded_picture_twice(tmp_path: Pa
         ):
             shutter.press()
             steps = list(
-                record(photographs(*names), finder, recorder, RecordingPlan(None), kept, shutter)
+                record(
+                    photographs(*names), finder, recorder, RecordingPlan(None), recorded, shutter
+                )
             )
             assert [step.frame.name for step in steps if step.picture] == [taken] * bool(taken)
 
@@ -48,10 +50,8 @@ def test_what_was_set_aside_is_not_taken_again_from_a_folder(tmp_path: Path) -> 
     """A camera's frames have no name: there the person wants a better picture of that view."""
     finder = make_finder(BOARD)
     with Recorder(tmp_path, BOARD) as recorder:
-        (taken,) = (
-            step.picture
-            for step in record(photographs("0000.jpg"), finder, recorder, RecordingPlan(None), [])
-        )
+        (step,) = record(photographs("0000.jpg"), finder, recorder, RecordingPlan(None), [])
+        taken = step.picture
         assert taken
         drop_picture(tmp_path, taken.name)
         shutter = ShutterButton()

@@ -97,10 +97,10 @@ def test_every_example_is_understood_and_opens_nothing(scheme: Scheme) -> None:
 
 @pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)
 def test_every_backend_says_what_there_is(scheme: Scheme) -> None:
-    found = scheme.backend().inventory()
-    assert found.missing == "" or found.missing.endswith(".")
-    assert not (found.missing and found.cameras)
-    for camera in found.cameras:
+    result = scheme.backend().inventory()
+    assert result.missing == "" or result.missing.endswith(".")
+    assert not (result.missing and result.cameras)
+    for camera in result.cameras:
         assert camera.source.startswith(f"{scheme.name}:")
         open_source(camera.source)
 
@@ -109,11 +109,11 @@ def test_a_recorded_session_is_given_again_with_times_and_state(tmp_path: Path) 
     pictures = noise(5)
     write_recording(tmp_path, pictures, 0.05, "2.5")
     for speed, seconds in (("", 0.2), ("?speed=4", 0.05)):
-        begun = time.monotonic()
+        start_s = time.monotonic()
         with open_source(f"folder:{tmp_path}{speed}") as source:
             assert source.live
             frames = list(source)
-        assert seconds < time.monotonic() - begun < seconds + 0.3
+        assert seconds < time.monotonic() - start_s < seconds + 0.3
         assert all(
             np.array_equal(frame.pixels, picture)
             for frame, picture in zip(frames, pictures, strict=True)
@@ -121,7 +121,7 @@ def test_a_recorded_session_is_given_again_with_times_and_state(tmp_path: Path) 
         assert np.allclose(
             np.diff([frame.time_s for frame in frames]), 0.05
         )  # else a fast replay would be a board in fast motion
-        assert begun <= frames[0].time_s <= time.monotonic()
+        assert start_s <= frames[0].time_s <= time.monotonic()
     assert [frame.sequence for frame in frames] == [0, 1, 2, 3, 4]
     assert [frame.metadata for frame in frames] == [{"gain": 2.5}] * 5
     assert frames[3].name == "0003.png"
@@ -129,11 +129,11 @@ def test_a_recorded_session_is_given_again_with_times_and_state(tmp_path: Path) 
 
 def test_a_recording_as_fast_as_it_is_read_keeps_its_times(tmp_path: Path) -> None:
     write_recording(tmp_path, noise(3), 5.0)
-    begun = time.monotonic()
+    start_s = time.monotonic()
     with open_source(f"folder:{tmp_path}?speed=max") as source:
         assert not source.live
         frames = list(source)
-    assert time.monotonic() - begun < 2
+    assert time.monotonic() - start_s < 2
     assert np.allclose(np.diff([frame.time_s for frame in frames]), 5.0)
 
 

@@ -51,9 +51,9 @@ async def until(pilot: Pilot[None], holds: Callable[[], bool]) -> None:
     """Wait until a condition holds. It is checked again after a twentieth of the time waited so
     far, because a process that fits needs the processor more.
     """
-    begun = time.monotonic()
+    start_s = time.monotonic()
     while not holds():
-        waited = time.monotonic() - begun
+        waited = time.monotonic() - start_s
         assert waited < HANGS_S, f"it never came:\n{shown(pilot)}"
         await pilot.pause(min(0.02 + waited / 20, 0.2))
     await pilot.pause()

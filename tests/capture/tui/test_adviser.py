@@ -11,7 +11,7 @@ from tests.capture.tui.test_session import FIXTURE
 
 
 @pytest.mark.parametrize(
-    ("like", "said"),
+    ("like", "sentence"),
     [
         (
             "clean",
@@ -24,14 +24,14 @@ from tests.capture.tui.test_session import FIXTURE
     ],
 )
 def test_before_the_first_view_it_is_said_what_of_the_lens_is_missing(
-    tmp_path: Path, like: str, said: str
+    tmp_path: Path, like: str, sentence: str
 ) -> None:
     adviser = Adviser(
         Task(tmp_path, "", read_setup(FIXTURE.parent / like / "session.yaml"), bare=False),
         (820, 616),
     )
     assert len(list(adviser.improve([]))) == 1
-    assert adviser.remark.endswith(said)
+    assert adviser.remark.endswith(sentence)
     adviser.close()
 
 

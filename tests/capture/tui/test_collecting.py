@@ -123,9 +123,9 @@ async def _pressed(session: Path) -> None:
         await pilot.press("space", "space")
         await pilot.pause(0.2)
         await see(pilot, "no more pictures. Press f to fit, o to look through it again")
-        before = pilot.app.screen.query_one(Picture).updates
+        updates = pilot.app.screen.query_one(Picture).updates
         await pilot.press("o")
-        await until(pilot, lambda: pilot.app.screen.query_one(Picture).updates >= before + 2)
+        await until(pilot, lambda: pilot.app.screen.query_one(Picture).updates >= updates + 2)
         await see(pilot, "no more pictures. Press f to fit, o to look through it again")
         assert "2 views" in shown(pilot)
 

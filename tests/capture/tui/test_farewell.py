@@ -38,10 +38,10 @@ def test_what_it_says_to_type_goes_from_a_calibration_to_straight_pictures(tmp_p
     assert where == f"The calibration is in {session / 'calibration'}"
     assert main(export.split()[2:]) == 0
     maps = sorted((session / "export").iterdir())
-    *told, undistort = farewell_lines(session, session / "calibration" / "calibration.yaml", maps)
-    assert told == [where, *(f"Exported {path}" for path in maps)]
+    *lines, undistort = farewell_lines(session, session / "calibration" / "calibration.yaml", maps)
+    assert lines == [where, *(f"Exported {path}" for path in maps)]
     assert list(farewell_lines(session, None, [])) == [
-        *told,
+        *lines,
         undistort,
     ], "of a session that is opened another day"
     assert main(undistort.split()[2:]) == 0
@@ -63,11 +63,11 @@ def test_of_a_doubtful_calibration_the_report_comes_next(tmp_path: Path) -> None
 
 def test_of_a_refit_that_was_cut_short_it_says_whose_the_calibration_is(tmp_path: Path) -> None:
     shown = tmp_path / "calibration" / "calibration.yaml"
-    first, *rest = farewell_lines(tmp_path, shown, [], was_cancelled=True)
+    first, *remainder = farewell_lines(tmp_path, shown, [], was_cancelled=True)
     assert first == (
         "The last fit was ended before it had a result: the calibration is still the previous one."
     )
-    assert rest == list(farewell_lines(tmp_path, shown, []))
+    assert remainder == list(farewell_lines(tmp_path, shown, []))
     assert not any(
         "of before" in line
         for line in farewell_lines(tmp_path / "without one", None, [], was_cancelled=True)

@@ -64,11 +64,11 @@ async def _unplugged(session: Path, camera: Path) -> None:
         await pilot.press("ctrl+s")
         await see(pilot, "It is tried again every 3 s.")
         assert "no cameras available" in shown(pilot)
-        before = pilot.app.screen.query_one(Picture).updates
-        assert before > 0
+        updates = pilot.app.screen.query_one(Picture).updates
+        assert updates > 0
         (camera / "script").write_text(" ".join("012" * 20) + " hang")
         await see(pilot, "No board in view")
-        assert pilot.app.screen.query_one(Picture).updates > before
+        assert pilot.app.screen.query_one(Picture).updates > updates
 
 
 def test_a_slow_camera_is_said_to_be_waited_for(tmp_path: Path) -> None:

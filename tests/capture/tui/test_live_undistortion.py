@@ -50,20 +50,20 @@ def bend(corners: NDArray[np.float64]) -> float:
     row or column.
     """
     grid = corners.reshape(9, 9, 2)
-    apart = []
+    differences = []
     for line in [*grid, *grid.transpose(1, 0, 2)]:
         ahead = (line[-1] - line[0]) / np.linalg.norm(line[-1] - line[0])
-        apart.append(
+        differences.append(
             np.abs(np.cross(np.append(ahead, 0), np.pad(line - line[0], ((0, 0), (0, 1))))[:, 2])
         )
-    return float(np.sqrt(np.mean(np.square(apart))))
+    return float(np.sqrt(np.mean(np.square(differences))))
 
 
 def test_points_go_where_the_undistorter_sends_them_and_rows_become_straight(
     session: Path, straight: LiveUndistortion
 ) -> None:
     undistorter = Undistorter(Calibration.load(session / "calibration"), DEPTH)
-    finder, before, after = make_finder(BOARD), [], []
+    finder, bent, straightened = make_finder(BOARD), [], []
     for picture in pictures(session):
         corners = finder.look(Frame(picture, 0, 0.0)).corners
         assert corners is not None
@@ -71,18 +71,18 @@ def test_points_go_where_the_undistorter_sends_them_and_rows_become_straight(
         assert (
             np.abs(moved - undistorter.undistort_points(corners)).max() < 0.2
         )  # px: bilinear between nodes 13 px apart
-        before.append(bend(corners))
-        after.append(bend(moved))
-    assert np.mean(after) < 0.3
-    assert np.mean(before) > 3 * np.mean(after)  # the control
+        bent.append(bend(corners))
+        straightened.append(bend(moved))
+    assert np.mean(straightened) < 0.3
+    assert np.mean(bent) > 3 * np.mean(straightened)  # the control
 
 
 def test_points_that_are_not_seen_or_outside_stay_away(straight: LiveUndistortion) -> None:
-    there = straight.points(
+    mapped = straight.points(
         np.array([[410.0, 308.0], [np.nan, np.nan], [-40.0, 10.0], [10.0, 700.0]])
     )
-    assert np.isfinite(there[0]).all()
-    assert np.isnan(there[1:]).all()
+    assert np.isfinite(mapped[0]).all()
+    assert np.isnan(mapped[1:]).all()
 
 
 def test_the_picture_is_the_undistorters(session: Path, straight: LiveUndistortion) -> None:
@@ -90,19 +90,19 @@ def test_the_picture_is_the_undistorters(session: Path, straight: LiveUndistorti
     undistorted.
     """
     picture = pictures(session)[0]
-    seen = straight.preview(Preview.of(picture, sharp=True)).image
+    undistorted = straight.preview(Preview.of(picture, sharp=True)).image
     wanted = cv2.resize(
         Undistorter(Calibration.load(session / "calibration"), DEPTH).undistort(picture),
-        seen.shape[::-1],
+        undistorted.shape[::-1],
         interpolation=cv2.INTER_AREA,
     )
-    assert seen.shape == (616, 820)
-    apart = np.abs(seen.astype(float) - np.asarray(wanted, float))
+    assert undistorted.shape == (616, 820)
+    differences = np.abs(undistorted.astype(float) - np.asarray(wanted, float))
     untouched = np.abs(
         Preview.of(picture, sharp=True).image.astype(float) - np.asarray(wanted, float)
     )
-    assert np.mean(apart) < 1.5
-    assert np.mean(apart) < np.mean(untouched) / 3  # the control
+    assert np.mean(differences) < 1.5
+    assert np.mean(differences) < np.mean(untouched) / 3  # the control
 
 
 def test_lines_run_along_the_board_or_else_across_the_picture(
@@ -143,7 +143,7 @@ async def _asked(session: Path) -> None:
         screen = pilot.app.screen
         assert isinstance(screen, CollectScreen)
         assert screen._preview is not None
-        before = screen._preview.image.copy()
+        bent = screen._preview.image.copy()
         await pilot.press("u")
         await see(pilot, "depth in metres")
         await write(pilot, "-1")
@@ -152,11 +152,11 @@ async def _asked(session: Path) -> None:
         await write(pilot, "0.5")
         await pilot.press("ctrl+s")
         await see(pilot, "Undistorted for 0.5 m")
-        assert np.abs(screen._preview.image.astype(float) - before).mean() > 1
+        assert np.abs(screen._preview.image.astype(float) - bent).mean() > 1
         await see(pilot, LINE_MARK)
         await pilot.press("u")
         await pilot.pause()
-        assert (screen._preview.image == before).all()
+        assert (screen._preview.image == bent).all()
         await pilot.press("ctrl+o")
         await see(pilot, "The error fell from")
         await pilot.press("escape")

@@ -106,13 +106,13 @@ async def _from_nothing(address: str, folder: Path) -> None:
         await phone.see("Touch Fit to fit")
         await phone.see("Enough")
         maps = json.loads(str(await phone.evaluate(MAPS)))
-        assert [(one["name"], one["size"]) for one in maps] == [
+        assert [(entry["name"], entry["size"]) for entry in maps] == [
             ("image", [12, 9]),
             ("glass", [12, 9]),
             ("depth", [3, 1]),
         ]
-        assert [one["said"].split(" % ")[1] for one in maps] == ["sure", "enough", "sure"]
-        assert all(one["colours"] > 1 for one in maps[:2]), "covered and not"
+        assert [entry["said"].split(" % ")[1] for entry in maps] == ["sure", "enough", "sure"]
+        assert all(entry["colours"] > 1 for entry in maps[:2]), "covered and not"
         await _keep(phone, "4-through-cover")
         await phone.evaluate(
             "document.querySelector('[data-name=depth]').scrollIntoView({block: 'end'})"
@@ -197,7 +197,7 @@ async def _ghost(address: str, folder: Path) -> None:
             f"({TERMINAL}).includes('[WITHOUT COVER]') && ({TERMINAL}).includes('auto ON')"
         )
         await _keep(phone, "terminal")
-        await phone.tap("document.getElementById('to-thumb')", least=18)
+        await phone.tap("document.getElementById('to-thumb')", minimum=18)
         await phone.see("auto ON")
         assert phone.complaints == []
 

@@ -48,15 +48,15 @@ class Page:
                         self.terminal += message.data
                     continue
                 assert message.type is WSMsgType.TEXT, message
-                kind, said = json.loads(message.data)
+                kind, text = json.loads(message.data)
                 if kind != "phone":
                     continue
-                if "tone" in said:
-                    self.tones.append(said["tone"])
-                elif "marks" in said:
-                    self.frames.append(said)
+                if "tone" in text:
+                    self.tones.append(text["tone"])
+                elif "marks" in text:
+                    self.frames.append(text)
                 else:
-                    self.screen = said
+                    self.screen = text
 
     async def see(self, words: str) -> None:
         await self.hear(

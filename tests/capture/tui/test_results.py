@@ -174,40 +174,40 @@ async def _report(session: Path) -> None:
     async with results(session) as pilot:
         await pilot.press("r")
         await see(pilot, "The report is s/calibration/report.html")
-        said = " ".join(shown(pilot).split())
+        text = " ".join(shown(pilot).split())
         assert (
             "To be trusted where it has corners. Press r for the report, x to export maps, e to"
-            " look for what the model lacks." in said
+            " look for what the model lacks." in text
         )
 
 
 def test_a_report_that_is_there_is_said_to_be_written_anew(
     session: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked = Event()
+    started = Event()
 
     def slow(_: Sequence[str]) -> CommandResult:
-        assert asked.wait(60)
+        assert started.wait(60)
         return CommandResult(0, "s/calibration/report.html\n", "", ())
 
     monkeypatch.setattr("capture.tui.results.calib", slow)
     monkeypatch.chdir(session)
-    drive(_anew(session, asked))
+    drive(_anew(session, started))
 
 
-async def _anew(session: Path, asked: Event) -> None:
+async def _anew(session: Path, started: Event) -> None:
     async with results(session) as pilot:
         await pilot.press("r")
         await see(pilot, "The report is being written, which takes some seconds.")
-        asked.set()
+        started.set()
         await see(pilot, "The report is s/calibration/report.html")
-        asked.clear()
+        started.clear()
         report = Path(str(RESULT["calibration"])).parent / "report.html"
         report.parent.mkdir(parents=True)
         report.touch()
         await pilot.press("r")
         await see(pilot, "The report is being written anew, in place of the one that is there")
-        asked.set()
+        started.set()
         await see(pilot, "The report is s/calibration/report.html")
 
 
@@ -351,12 +351,12 @@ def test_beside_what_a_diagnosis_found_no_same_numbers_stand(
     with.
     """
     stages = list(RESULT["stages"])  # type: ignore[call-overload]
-    before = {**RESULT, "stages": stages[:-1] if of_an_effect else stages}
-    drive(_compare(session, before, of_an_effect))
+    previous_result = {**RESULT, "stages": stages[:-1] if of_an_effect else stages}
+    drive(_compare(session, previous_result, of_an_effect))
 
 
-async def _compare(session: Path, before: dict[str, object], alone: bool) -> None:
+async def _compare(session: Path, previous_result: dict[str, object], alone: bool) -> None:
     async with running(session) as pilot:
-        pilot.app.push_screen(ResultsScreen(session, RESULT, before))
+        pilot.app.push_screen(ResultsScreen(session, RESULT, previous_result))
         await see(pilot, "x to export maps")
         assert ("on board before" not in shown(pilot)) == alone

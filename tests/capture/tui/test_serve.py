@@ -115,11 +115,11 @@ def test_without_the_token_nothing_is_served(open_to_all: Served, path: str) -> 
 
 
 def test_the_token_opens_page_and_websocket_and_is_printed_once(open_to_all: Served) -> None:
-    found = re.fullmatch(
+    result = re.fullmatch(
         rf"http://([\w.-]+):{open_to_all.port}/\?token=([\w-]{{32}})", open_to_all.address
     )
-    assert found
-    host, token = found.groups()
+    assert result
+    host, token = result.groups()
     assert host != "0.0.0.0"
     with socket.create_connection((host, open_to_all.port), timeout=20):
         pass  # what is printed can be opened
@@ -226,12 +226,12 @@ def test_odd_requests_are_answered_and_no_news(open_to_all: Served) -> None:
 
 def apps_of(server: int) -> list[int]:
     """Return the processes that a server has started."""
-    found = []
+    result = []
     for stat in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError, ValueError):
             if int(stat.read_text().rpartition(")")[2].split()[1]) == server:
-                found.append(int(stat.parent.name))
-    return found
+                result.append(int(stat.parent.name))
+    return result
 
 
 def opened(served: Served) -> socket.socket:
@@ -258,12 +258,12 @@ def test_a_second_window_ends_the_first_and_a_killed_server_ends_both(local: Ser
     (app,) = apps_of(local.process.pid)
     with first, opened(local):
         wait_for(lambda: app not in apps_of(local.process.pid))
-        (other,) = apps_of(local.process.pid)
+        (second,) = apps_of(local.process.pid)
         local.process.kill()
         wait_for(
             lambda: (
-                not Path(f"/proc/{other}").exists()
-                or " Z " in Path(f"/proc/{other}/stat").read_text()
+                not Path(f"/proc/{second}").exists()
+                or " Z " in Path(f"/proc/{second}/stat").read_text()
             )
         )
 

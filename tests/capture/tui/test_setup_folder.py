@@ -144,17 +144,21 @@ def test_views_without_the_cover_can_be_taken_anew(tmp_path: Path, brief: Path) 
 
 
 async def _anew(session: Path, source: str) -> None:
-    there = {picture.name: picture.read_bytes() for picture in list_images(session / "bare")}
+    pictures_before = {
+        picture.name: picture.read_bytes() for picture in list_images(session / "bare")
+    }
     async with running(session, source) as pilot:
-        await see(pilot, f"continued, {len(there)} views without cover")
+        await see(pilot, f"continued, {len(pictures_before)} views without cover")
         pilot.app.screen.query_one("#phase", Select).value = "anew"
-        await see(pilot, f"record now without the cover, anew ({len(there)} go to bare-aside/)")
+        await see(
+            pilot, f"record now without the cover, anew ({len(pictures_before)} go to bare-aside/)"
+        )
         await pilot.press("ctrl+s")
         await see(pilot, "[WITHOUT COVER]")
         await see(pilot, "The source has no more pictures")
         assert {
             picture.name: picture.read_bytes() for picture in list_images(session / "bare-aside")
-        } == there
+        } == pictures_before
         taken = len(list_images(session / "bare"))
         assert taken
         await pilot.press("escape")

@@ -189,7 +189,7 @@ async def collect_charuco(pilot: Pilot[None], session: Path) -> None:
     )
     assert screen._corners is not None
     pose = np.array([0.0, -0.5, 0.0, 0.15, 0.0, 0.25])
-    outside = make_hint(
+    hint = make_hint(
         pose,
         seen_bare(board, camera, pose),
         [KeptView(screen._corners)],
@@ -198,7 +198,7 @@ async def collect_charuco(pilot: Pilot[None], session: Path) -> None:
         Reach.of(board, camera),
     )
     screen.plan = replace(screen.plan, source=CAMERA)
-    screen.post_message(CollectScreen.AdviceReady(1, outside, PROGRESS))
+    screen.post_message(CollectScreen.AdviceReady(1, hint, PROGRESS))
     await see(pilot, "over the right edge (a part outside)")
     await see(pilot, "The maps would be 0.31 px")
 
@@ -372,7 +372,7 @@ async def _compare(story: Story, size: tuple[int, int]) -> None:
     source = "" if story in NEW else "folder:camera"
     async with running(Path("session"), source, size) as pilot:
         await story(pilot, Path("session"))
-        seen = shown(pilot) + "\n"
+        text = shown(pilot) + "\n"
         if folder := os.environ.get("REFRACAL_PICTURES"):
             (Path(folder) / f"{story.__name__}-{size[0]}.svg").write_text(
                 pilot.app.export_screenshot()
@@ -380,5 +380,5 @@ async def _compare(story: Story, size: tuple[int, int]) -> None:
     file = FOLDER / f"{story.__name__}-{size[0]}x{size[1]}.txt"
     if os.environ.get("REFRACAL_SNAPSHOTS") == "write":
         FOLDER.mkdir(exist_ok=True)
-        file.write_text(seen)
-    assert seen == file.read_text()
+        file.write_text(text)
+    assert text == file.read_text()

@@ -54,9 +54,9 @@ class Tmux:
         return self._do("capture-pane", "-p", "-J", "-S", "-")
 
     def see(self, words: str) -> None:
-        begun = time.monotonic()
+        start_s = time.monotonic()
         while words not in " ".join(self.shown().split()):
-            assert time.monotonic() - begun < HANGS_S, f"{words!r} never came:\n{self.shown()}"
+            assert time.monotonic() - start_s < HANGS_S, f"{words!r} never came:\n{self.shown()}"
             time.sleep(0.2)
 
     def hang_up(self) -> None:

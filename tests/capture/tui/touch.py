@@ -37,9 +37,9 @@ WORDS = 'document.getElementById("thumb").hidden ? "" : document.getElementById(
 class Telephone(Browser):
     async def see(self, words: str) -> None:
         """Wait until the page shows these words."""
-        begun = time.monotonic()
+        start_s = time.monotonic()
         while words not in " ".join((await self.words()).split()):
-            assert time.monotonic() - begun < HANGS_S, (
+            assert time.monotonic() - start_s < HANGS_S, (
                 f"{words!r} never came:\n{await self.words()}"
             )
             await asyncio.sleep(0.1)
@@ -49,24 +49,28 @@ class Telephone(Browser):
 
     async def until(self, holds: str) -> None:
         """Wait until this script returns true."""
-        begun = time.monotonic()
+        start_s = time.monotonic()
         while not await self.evaluate(holds):
-            assert time.monotonic() - begun < HANGS_S, f"{holds} never came:\n{await self.words()}"
+            assert time.monotonic() - start_s < HANGS_S, (
+                f"{holds} never came:\n{await self.words()}"
+            )
             await asyncio.sleep(0.1)
 
     async def let_go(self) -> None:
         """Close the keyboard, as its own key does."""
         await self.evaluate("document.activeElement.blur()")
 
-    async def tap(self, what: str, least: float = LEAST) -> None:
+    async def tap(self, what: str, minimum: float = LEAST) -> None:
         """Touch the element that this script finds, once it can be touched; it is at least
         `minimum` points wide and high.
         """
-        begun = time.monotonic()
+        start_s = time.monotonic()
         while (place := await self.evaluate_json(PLACE % what)) is None:
-            assert time.monotonic() - begun < 60, f"nothing to touch: {what}\n{await self.words()}"
+            assert time.monotonic() - start_s < 60, (
+                f"nothing to touch: {what}\n{await self.words()}"
+            )
             await asyncio.sleep(0.1)
-        assert min(place["width"], place["height"]) >= least, (
+        assert min(place["width"], place["height"]) >= minimum, (
             f"{what} is smaller than a finger: {place}"
         )
         touched = [{"x": place["x"], "y": place["y"]}]
@@ -84,9 +88,9 @@ class Telephone(Browser):
         again.
         """
         field = f"document.getElementById({json.dumps(f'field-{label}')})"
-        begun = time.monotonic()
+        start_s = time.monotonic()
         while not await self.evaluate(f"document.activeElement === {field}"):
-            assert time.monotonic() - begun < 60, f"{label} takes no letters"
+            assert time.monotonic() - start_s < 60, f"{label} takes no letters"
             await self.tap(field)
             await asyncio.sleep(0.1)
         await self.do("Input.insertText", text=text)
@@ -95,15 +99,15 @@ class Telephone(Browser):
         """Open a choice, and take the option that begins with this text."""
         choice = f"document.getElementById({json.dumps(f'choice-{label}')})"
         await self.tap(choice)
-        inside = f"[...{choice}.parentElement.querySelectorAll('li button')]"
+        options = f"[...{choice}.parentElement.querySelectorAll('li button')]"
         await self.tap(
-            f"{inside}.find((each) => each.textContent.startsWith({json.dumps(option)}))"
+            f"{options}.find((each) => each.textContent.startsWith({json.dumps(option)}))"
         )
 
     async def evaluate_json(self, script: str) -> dict[str, float] | None:
-        said = await self.evaluate(f"JSON.stringify({script.strip()})")
-        found: dict[str, float] | None = json.loads(said)
-        return found
+        text = await self.evaluate(f"JSON.stringify({script.strip()})")
+        result: dict[str, float] | None = json.loads(text)
+        return result
 
 
 @asynccontextmanager
